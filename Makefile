@@ -1,0 +1,65 @@
+# Every target sets up what it needs: a virtual environment with the pinned versions of the lock files.
+# uv is used where it is on the PATH, pip otherwise; python3-venv is not needed.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+UV := $(shell command -v uv 2>/dev/null)
+
+.PHONY: run test check bench figures lock clean
+
+run: $(VENV)/.runtime
+	$(BIN)/laisn fly T5
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+check: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/.dev
+	$(BIN)/python -m experiments.benchmarks
+
+figures: $(VENV)/.runtime
+	$(BIN)/python -m experiments.gallery
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "laisn-sim needs Python 3.11 or newer, $(PYTHON) is $$($(PYTHON) --version 2>&1); try: make PYTHON=python3.11"; exit 2; }
+ifdef UV
+	$(UV) venv --quiet --allow-existing --python $(PYTHON) $(VENV)
+else
+	$(PYTHON) -m venv --without-pip $(VENV)
+	@$(PYTHON) -m pip --version >/dev/null 2>&1 || \
+	  { rm -rf $(VENV); echo "neither uv nor pip is installed; on Debian: apt-get install python3-pip"; exit 2; }
+endif
+
+# $(1): lock file. The editable install builds with the pinned backend, so nothing unpinned is fetched.
+ifdef UV
+install = $(UV) pip install --quiet --python $(BIN)/python --require-hashes -r $(1) && \
+  $(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .
+else
+install = $(PYTHON) -m pip --python $(BIN)/python install --quiet --require-hashes -r $(1) && \
+  $(PYTHON) -m pip --python $(BIN)/python install --quiet --no-deps --no-build-isolation -e .
+endif
+
+$(VENV)/.runtime: requirements.lock pyproject.toml | $(BIN)/python
+	@echo "setting up $(VENV) (once; downloads about 250 MB)"
+	$(call install,requirements.lock)
+	@touch $@
+
+$(VENV)/.dev: requirements-dev.lock pyproject.toml | $(BIN)/python
+	@echo "setting up $(VENV) for development (once; downloads about 400 MB)"
+	$(call install,requirements-dev.lock)
+	@touch $@ $(VENV)/.runtime
+
+# Pins the newest versions that pyproject.toml allows; needs uv.
+LOCK := uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
+lock:
+	$(LOCK) --extra build pyproject.toml -o requirements.lock
+	$(LOCK) --extra build --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+
+clean:
+	rm -rf $(VENV) out dist build .pytest_cache .mypy_cache .ruff_cache

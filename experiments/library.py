@@ -1,0 +1,75 @@
+"""The built-in scenarios, and how a user's scenario is found."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from sim.scenario import Scenario
+from sim.scenario_file import ScenarioError, override, read, validate
+
+FOLDER = Path(__file__).parent / "scenarios"
+ROUTES = tuple(f"T{i}" for i in range(2, 10))
+
+_DESCRIPTIONS = {
+    "T2": "straight astern of the leader for the whole mission",
+    "T3": "abeam to port, gentle turns",
+    "T4": "far abeam, gentle turns",
+    "T5": "astern, with one excursion at the leader's turn",
+    "T6": "on the quarter, many small turns",
+    "T7": "zigzag across the leader's wake",
+    "T8": "zigzag, with a burst to 3 m/s close to the leader",
+    "T9": "wide zigzag far astern",
+}
+
+
+def _built_in(name: str) -> Mapping[str, Any] | None:
+    if name in ROUTES:
+        return {"name": name, "followers": [{"route": name}]}
+    path = FOLDER / f"{name}.toml"
+    return read(path) if path.is_file() else None
+
+
+def names() -> tuple[str, ...]:
+    """All built-in scenarios."""
+    return (*ROUTES, *sorted(path.stem for path in FOLDER.glob("*.toml")))
+
+
+def load(source: str, assignments: Iterable[str]) -> Scenario:
+    """A built-in scenario or a TOML file, with overrides applied.
+
+    Args:
+        source: built-in name, or path of a TOML file.
+        assignments: `key=value` overrides.
+
+    Raises:
+        ScenarioError: there is no such scenario, or it is not valid.
+    """
+    table = _built_in(source)
+    if table is None:
+        path = Path(source)
+        if path.suffix != ".toml" and not path.exists():
+            raise ScenarioError(f"unknown scenario {source!r}; available: {', '.join(names())}, or a TOML file")
+        table = read(path)
+        table.setdefault("name", path.stem)
+    given = list(assignments)
+    return validate(override(table, given), " ".join([source, *(f"--set {a}" for a in given)]))
+
+
+def check_routes(scenario: Scenario) -> None:
+    """Raise ValueError naming vehicle and waypoint if a route cannot be flown."""
+    from sim.fleet import routes_of
+
+    routes_of(scenario)
+
+
+def show() -> None:
+    """Print the built-in scenarios with a line each."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("scenario", "what happens", box=None, pad_edge=False)
+    for name in names():
+        path = FOLDER / f"{name}.toml"
+        about = _DESCRIPTIONS.get(name) or path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
+        table.add_row(name, about)
+    Console().print(table)

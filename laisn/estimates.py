@@ -1,0 +1,72 @@
+"""What a navigator concludes: the kinds of fix, and the record of a mission."""
+
+from dataclasses import dataclass, fields
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class FixKind(IntEnum):
+    """How a message was turned into a position."""
+
+    TWO_POINTS = 0
+    """Two intersections; the one nearest to the prediction was taken."""
+    TANGENT = 1
+    """One intersection."""
+    ASTERN = 2
+    """No intersection, or two closer than T: snapped onto the leader's axis."""
+    FUSED = 3
+    """Weighted mean of several pairs (LAISN-3(2))."""
+    GATED = 4
+    """Rejected by the gross-error gate."""
+    SINGULAR = 5
+    """The filter was already exact (S singular): the update was skipped."""
+    LOST = 6
+    """Ranges were missing, so that no fix could be made."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimates:
+    """The estimates of one follower in one mission: n steps (k = 1 … n) and f fixes.
+
+    A message gives one fix, or three with LAISN-3(1).
+    """
+
+    state: Floats
+    """State after step k, shape (n, 4): x, y [m], vx, vy [m/s]."""
+    covariance: Floats
+    """Its covariance, shape (n, 4, 4)."""
+    fix_step: Ints
+    """Step k of each fix, shape (f,)."""
+    fix_position: Floats
+    """Position z of each fix, shape (f, 2), [m]; NaN where none could be made."""
+    fix_sigma: Floats
+    """Confidence parameter σp, shape (f,), [m]."""
+    fix_kind: Ints
+    """`FixKind`, shape (f,)."""
+    innovation: Floats
+    """Position innovation z − H x̂ before the update, shape (f, 2), [m]."""
+    innovation_covariance: Floats
+    """S of the position update, shape (f, 2, 2), [m²]."""
+
+    def __post_init__(self) -> None:
+        n, f = self.state.shape[0], self.fix_step.size
+        expected = {
+            "state": (n, 4),
+            "covariance": (n, 4, 4),
+            "fix_step": (f,),
+            "fix_position": (f, 2),
+            "fix_sigma": (f,),
+            "fix_kind": (f,),
+            "innovation": (f, 2),
+            "innovation_covariance": (f, 2, 2),
+        }
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value.shape != expected[field.name]:
+                raise ValueError(f"Estimates.{field.name} has shape {value.shape}, expected {expected[field.name]}")
+            value.flags.writeable = False

@@ -1,0 +1,115 @@
+"""All that a follower hears and senses. A navigator sees nothing else."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class LeaderMessage(NamedTuple):
+    """What the leader broadcasts with a ping (paper, Section 2.2); NaN where it does not broadcast a quantity."""
+
+    timestamp: float
+    """Time of emission on the leader's clock [s]."""
+    east: float
+    """Position of the leader's body origin [m]."""
+    north: float
+    heading: float
+    """Measured heading θ [rad]."""
+    speed: float
+    """Measured speed [m/s]."""
+    depth: float
+    """Measured depth of the leader's depth sensor, which sits at its body origin [m]."""
+    pitch: float = np.nan
+    """Measured pitch, positive nose up [rad]."""
+    roll: float = np.nan
+    """Measured roll, positive starboard down [rad]."""
+    heading_sigma: float = np.nan
+    """Standard deviation that the leader gives for its heading [rad]."""
+
+
+class Ranges(NamedTuple):
+    """Slant ranges [m] to the rear, front and middle transmitter; NaN where nothing was received."""
+
+    rear: float
+    front: float
+    middle: float
+
+
+class OwnMotion(NamedTuple):
+    """The follower's own measurements at one filter step."""
+
+    speed: float
+    """Speed log, along the hull [m/s]."""
+    heading: float
+    """Compass θ [rad]."""
+    depth: float
+    """Depth from the pressure sensor [m]."""
+
+
+class Reception(NamedTuple):
+    """A leader message and the ranges measured on its pings."""
+
+    message: LeaderMessage
+    ranges: Ranges
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurements:
+    """Everything one follower measured in a mission: n filter steps (k = 1 … n) and m messages.
+
+    Raises ValueError if shapes disagree or `message_step` is not increasing within 1 … n.
+    """
+
+    dt: float
+    """Filter step Δt [s]."""
+    speed: Floats
+    """Speed log, shape (n,), [m/s]; element k − 1 belongs to step k."""
+    heading: Floats
+    """Compass, shape (n,), [rad]."""
+    depth: Floats
+    """Pressure sensor, shape (n,), [m]."""
+    message_step: Ints
+    """Step k at which a message is available, shape (m,), increasing."""
+    message: Floats
+    """Rows of `LeaderMessage` in the order of its fields, shape (m, 9)."""
+    ranges: Floats
+    """Rows of `Ranges`: slant ranges, shape (m, 3), [m]."""
+
+    def __post_init__(self) -> None:
+        n, m = self.speed.size, self.message_step.size
+        expected = {
+            "speed": (n,),
+            "heading": (n,),
+            "depth": (n,),
+            "message_step": (m,),
+            "message": (m, len(LeaderMessage._fields)),
+            "ranges": (m, len(Ranges._fields)),
+        }
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"Measurements.{name} has shape {getattr(self, name).shape}, expected {shape}")
+        if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
+            raise ValueError(f"Measurements.message_step must increase within 1 … {n}")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    def steps(self) -> Iterator[tuple[OwnMotion, Reception | None]]:
+        """Own motion and, where a message arrived, its reception: one pair a step, k = 1 … n."""
+        arrival = dict(zip(self.message_step.tolist(), range(self.message_step.size), strict=True))
+        own = zip(self.speed.tolist(), self.heading.tolist(), self.depth.tolist(), strict=True)
+        for k, motion in enumerate(own, start=1):
+            i = arrival.get(k)
+            reception = (
+                None
+                if i is None
+                else Reception(LeaderMessage(*self.message[i].tolist()), Ranges(*self.ranges[i].tolist()))
+            )
+            yield OwnMotion(*motion), reception

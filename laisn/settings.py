@@ -1,0 +1,76 @@
+"""What a navigator believes and how it decides: every constant of the paper, with the paper's value as default."""
+
+from dataclasses import dataclass, fields
+from typing import Literal, get_args
+
+import numpy as np
+
+Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main"]
+GateRule = Literal["off", "v-max", "v-measured"]
+SideRule = Literal["behind", "predicted"]
+
+VARIANTS: tuple[Variant, ...] = get_args(Variant)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationSettings:
+    """Settings of one navigator (paper, Section 3.1, unless another source is named).
+
+    Raises ValueError naming the field if a value is out of its range.
+    """
+
+    variant: Variant = "laisn-2"
+    dt: float = 0.1
+    """Filter step Δt [s]."""
+    baseline: float = 2.0
+    """L, distance between rear and front transmitter [m]."""
+    middle_offset: float = 0.1
+    """H_T, sideways offset of the middle transmitter, to port [m]."""
+    hydrophone_height: float = 0.0
+    """Height of the follower's hydrophone above its depth sensor when level [m]."""
+    threshold: float = 0.1
+    """T: two intersections closer than this count as one, on the leader's axis [m]."""
+    beta: float = 0.1
+    """β: σp = β / sep [m²]."""
+    sigma_floor: float = 0.0
+    """Smallest σp that the filter is given [m]; the paper has none."""
+    alpha: float = 8.0
+    """α: process noise from manoeuvres [m/s²]."""
+    sigma_a0: float = 60.0
+    """σa0: process noise in steady motion [m/s²]."""
+    sigma_speed: float = 0.2
+    """σV of the speed update [m/s]."""
+    sigma_heading: float = float(np.deg2rad(2.0))
+    """σθ of the speed update [rad]."""
+    position_sigma0: float = 0.0
+    """p_pos_std of the start [m]."""
+    velocity_sigma0: float = 0.0
+    """p_vel_std of the start [m/s]."""
+    leader_speed_max: float = 3.0
+    """v_max of the leader in γv [m/s]."""
+    follower_speed_max: float = 3.0
+    """v_max of the follower in γv and in the gate [m/s]."""
+    gate: GateRule = "v-max"
+    """Gross-error gate (Section 2.4): travel since the last accepted fix at top or at measured speed, or none."""
+    side_rule: SideRule = "behind"
+    """Where a fix without two clear intersections goes: always behind (the paper), or to the predicted end."""
+    use_attitude: bool = False
+    """Place the transmitters by the broadcast pitch and roll instead of assuming a level leader (not in the paper)."""
+    expected_pitch: float = 0.0
+    """Pitch that a level-leader follower must expect; adds Δz sin(…) to σp in squares [rad] (not in the paper)."""
+
+    def __post_init__(self) -> None:
+        choices = {"variant": VARIANTS, "gate": get_args(GateRule), "side_rule": get_args(SideRule)}
+        for name, allowed in choices.items():
+            value = getattr(self, name)
+            if value not in allowed:
+                raise ValueError(f"{name} is {value!r}; available: {', '.join(allowed)}")
+        positive = {"dt", "baseline", "leader_speed_max", "follower_speed_max"}
+        signed = {"hydrophone_height", "middle_offset"}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, float) or field.name in signed:
+                continue
+            if not np.isfinite(value) or value < 0 or (field.name in positive and value == 0):
+                bound = "positive" if field.name in positive else "zero or more"
+                raise ValueError(f"{field.name} is {value}, expected a finite number, {bound}")

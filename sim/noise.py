@@ -1,0 +1,182 @@
+"""Counter-based random numbers: any draw from (seed, run, stream, step), alone and in any order.
+
+A draw is a function of its address, so results depend neither on blocks, threads nor order, a single flight can take
+exactly the noise of run k of a campaign, and a new sensor on a new stream leaves the noise of all others as it was.
+
+The generator is Philox4x32-10 (Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011):
+counter (step, run, stream, 0), key the 64-bit seed. Its four 32-bit words give two normals or up to four uniforms.
+"""
+
+import math
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled, inlined
+from laisn.elementary import fma, from_bits, integer, log, sin_cos_quarter, turned
+
+Floats = npt.NDArray[np.float64]
+
+LEADER_STREAMS = 128
+"""Streams from here on belong to the leader and are the same for all followers."""
+STREAMS = 256
+"""Room for streams of one follower; follower f uses numbers f STREAMS + stream."""
+
+_U = np.uint64
+_MULTIPLIER_0 = _U(0xD2511F53)
+_MULTIPLIER_1 = _U(0xCD9E8D57)
+_WEYL_0 = _U(0x9E3779B9)
+_WEYL_1 = _U(0xBB67AE85)
+_WORD = _U(0xFFFFFFFF)
+_HALF = _U(32)
+_ONE = _U(0x3FF0000000000000)  # bits of 1.0
+_UPPER_SHIFT = _U(20)
+_LOWER_SHIFT = _U(12)
+_HALF_PI = math.pi / 2
+_WORD_UNIT = 2.0**-32
+
+
+class Stream(IntEnum):
+    """What a draw is for. A number never changes its meaning: results of a seed would change with it."""
+
+    OWN_MOTION = 0
+    """Normals at every step: speed log, compass."""
+    DEPTH = 1
+    """Normal at every step: the follower's pressure sensor."""
+    RANGE_UNIFORM = 2
+    """Uniforms at a reception: rear, front, middle transmitter."""
+    RANGE_SCALE = 3
+    """Normal at a reception: ψ, shared by the transmitters."""
+    ECHO = 4
+    """Uniforms and normals at a reception: multipath."""
+    LOSS = 5
+    """Uniforms at a reception: lost messages and ranges."""
+    LEADER_MOTION = LEADER_STREAMS
+    """Normals at an emission: the leader's speed log, compass."""
+    LEADER_DEPTH = LEADER_STREAMS + 1
+    """Normal at an emission: the leader's pressure sensor."""
+    LEADER_ATTITUDE = LEADER_STREAMS + 2
+    """Normals at an emission: the leader's pitch, roll."""
+
+    def number(self, follower: int = 0) -> int:
+        """Number of the stream for a follower (0, 1, …); the leader's streams have one for all."""
+        return int(self) if self >= LEADER_STREAMS else int(self) + STREAMS * follower
+
+
+@inlined
+def _round(
+    c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, k0: np.uint64, k1: np.uint64
+) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    p0 = c0 * _MULTIPLIER_0
+    p1 = c2 * _MULTIPLIER_1
+    return (p1 >> _HALF) ^ c1 ^ k0, p1 & _WORD, (p0 >> _HALF) ^ c3 ^ k1, p0 & _WORD
+
+
+@inlined
+def _two_rounds(
+    c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, k0: np.uint64, k1: np.uint64
+) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    d0, d1, d2, d3 = _round(c0, c1, c2, c3, k0, k1)
+    return _round(d0, d1, d2, d3, (k0 + _WEYL_0) & _WORD, (k1 + _WEYL_1) & _WORD)
+
+
+@inlined
+def philox(
+    c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, k0: np.uint64, k1: np.uint64
+) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    """Four random 32-bit words (held in 64 bits) of a counter of four and a key of two. Compiled code only."""
+    # Written out: a loop over the rounds would not be vectorised over lanes.
+    c0, c1, c2, c3 = _two_rounds(c0, c1, c2, c3, k0, k1)
+    k0, k1 = (k0 + _U(2) * _WEYL_0) & _WORD, (k1 + _U(2) * _WEYL_1) & _WORD
+    c0, c1, c2, c3 = _two_rounds(c0, c1, c2, c3, k0, k1)
+    k0, k1 = (k0 + _U(2) * _WEYL_0) & _WORD, (k1 + _U(2) * _WEYL_1) & _WORD
+    c0, c1, c2, c3 = _two_rounds(c0, c1, c2, c3, k0, k1)
+    k0, k1 = (k0 + _U(2) * _WEYL_0) & _WORD, (k1 + _U(2) * _WEYL_1) & _WORD
+    c0, c1, c2, c3 = _two_rounds(c0, c1, c2, c3, k0, k1)
+    k0, k1 = (k0 + _U(2) * _WEYL_0) & _WORD, (k1 + _U(2) * _WEYL_1) & _WORD
+    return _two_rounds(c0, c1, c2, c3, k0, k1)
+
+
+@inlined
+def words(
+    seed: np.uint64, run: np.uint64, stream: np.uint64, step: np.uint64
+) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    """Four random words of an address. Compiled code only."""
+    return philox(step, run, stream, _U(0), seed & _WORD, seed >> _HALF)
+
+
+@inlined
+def _one_to_two(upper: np.uint64, lower: np.uint64) -> float:
+    """Uniform in [1, 2) on a grid of 2⁻⁵²."""
+    return from_bits((upper << _UPPER_SHIFT) | (lower >> _LOWER_SHIFT) | _ONE)
+
+
+@inlined
+def two_normals(w0: np.uint64, w1: np.uint64, w2: np.uint64, w3: np.uint64) -> tuple[float, float]:
+    """Two independent standard normals of four random words (Box & Muller, 1958). Compiled code only."""
+    radius = math.sqrt(-2.0 * log(2.0 - _one_to_two(w0, w1)))
+    # The angle within a quarter turn takes the upper bits; the two lowest, which it leaves, choose the quarter.
+    s, c = sin_cos_quarter((_one_to_two(w2, w3) - 1.5) * _HALF_PI)
+    s, c = turned(s, c, w3)
+    return radius * c, radius * s
+
+
+@inlined
+def uniform(word: np.uint64) -> float:
+    """Uniform in (0, 1) of a random word: the middle of one of 2³² cells. Compiled code only."""
+    return fma(integer(word), _WORD_UNIT, 0.5 * _WORD_UNIT)
+
+
+@compiled
+def _fill_normals(seed: np.uint64, run: np.uint64, stream: np.uint64, steps: npt.NDArray[np.uint64]) -> Floats:
+    draws = np.empty((steps.size, 2))
+    for i in range(steps.size):
+        w0, w1, w2, w3 = words(seed, run, stream, steps[i])
+        draws[i, 0], draws[i, 1] = two_normals(w0, w1, w2, w3)
+    return draws
+
+
+@compiled
+def _fill_uniforms(seed: np.uint64, run: np.uint64, stream: np.uint64, steps: npt.NDArray[np.uint64]) -> Floats:
+    draws = np.empty((steps.size, 4))
+    for i in range(steps.size):
+        w0, w1, w2, w3 = words(seed, run, stream, steps[i])
+        draws[i, 0], draws[i, 1], draws[i, 2], draws[i, 3] = uniform(w0), uniform(w1), uniform(w2), uniform(w3)
+    return draws
+
+
+def _address(
+    seed: int, run: int, stream: int, steps: npt.ArrayLike
+) -> tuple[np.uint64, np.uint64, np.uint64, npt.NDArray[np.uint64]]:
+    """Checked address of an array of draws."""
+    for name, value, bits in (("seed", seed, 64), ("run", run, 32), ("stream", stream, 32)):
+        if not 0 <= value < 2**bits:
+            raise ValueError(f"{name} is {value}, expected 0 … 2^{bits} − 1")
+    numbers = np.atleast_1d(np.asarray(steps, dtype=np.int64))
+    if numbers.size and not (numbers.min() >= 0 and numbers.max() < 2**32):
+        raise ValueError(f"steps are {numbers.min()} … {numbers.max()}, expected 0 … 2^32 − 1")
+    return _U(seed), _U(run), _U(stream), numbers.astype(np.uint64)
+
+
+def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
+    """Standard normals, two for each step.
+
+    Args:
+        seed: of the whole study, below 2⁶⁴.
+        run: of the campaign, below 2³².
+        stream: `Stream.number(follower)`.
+        steps: filter steps k, shape (m,), below 2³².
+
+    Returns:
+        Shape (m, 2): independent over both columns, steps, streams, runs and seeds.
+
+    Raises:
+        ValueError: a part of the address is out of its range.
+    """
+    return _fill_normals(*_address(seed, run, stream, steps))
+
+
+def uniforms(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
+    """Uniforms in (0, 1), four for each step, shape (m, 4); arguments and errors as in `normals`."""
+    return _fill_uniforms(*_address(seed, run, stream, steps))

@@ -1,0 +1,177 @@
+"""The water: a current that shears with depth, and waves that ride on it.
+
+Velocity of the water at depth −z and time t: u = U(z) + Σ waves, U(z) = (speed + shear z) along one compass
+direction. A wave's phase moves with the surface current, so its frequency at a fixed place is ω + k·U(0). Above the
+still surface the waves' velocity stays what it is at z = 0, as linear theory knows no water there.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled
+from sim.vectors import Matrix, Vector
+from sim.waves import Waves
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ocean:
+    """Current, waves, density and depth of a sea. Raises ValueError if a value is not finite or not possible."""
+
+    current_speed_m_s: float = 0.0
+    """At the surface."""
+    current_direction_rad: float = 0.0
+    """Compass direction that the current runs towards."""
+    current_shear_1_s: float = 0.0
+    """Loss of speed per metre of depth."""
+    density_kg_m3: float = 1026.0
+    floor_depth_m: float = 40.0
+    waves: Waves = field(default_factory=Waves.none)
+
+    def __post_init__(self) -> None:
+        for name in ("current_speed_m_s", "current_direction_rad", "current_shear_1_s"):
+            if not np.isfinite(getattr(self, name)):
+                raise ValueError(f"Ocean.{name}={getattr(self, name)} must be finite")
+        for name in ("density_kg_m3", "floor_depth_m"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"Ocean.{name}={getattr(self, name)} must be positive and finite")
+
+    @classmethod
+    def calm(cls) -> "Ocean":
+        """No current, no waves."""
+        return cls()
+
+    @property
+    def current_parameters(self) -> Floats:
+        """What the compiled functions take: surface velocity, its change with z, floor depth; shape (5,)."""
+        towards = np.array([np.sin(self.current_direction_rad), np.cos(self.current_direction_rad)])
+        return np.concatenate(
+            [self.current_speed_m_s * towards, self.current_shear_1_s * towards, [self.floor_depth_m]]
+        )
+
+    @property
+    def wave_parameters(self) -> Floats:
+        """What the compiled functions take: amplitude, kx, ky, ω, ω at a fixed place, phase; shape (n, 6)."""
+        w = self.waves
+        fixed = w.omega_rad_s + w.wavenumber_1_m @ self.current_parameters[:2]
+        return np.column_stack([w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad])
+
+    def elevation(self, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
+        """Height of the surface above z = 0; x and y broadcast to the shape of the answer, [m], [s]."""
+        x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+        waves = self.wave_parameters
+        height = [elevation_at(px, py, time, waves) for px, py in zip(x.ravel(), y.ravel(), strict=True)]
+        return np.array(height, dtype=np.float64).reshape(x.shape)
+
+    def velocity(self, position: Floats, time: float) -> Floats:
+        """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
+        out = np.empty_like(position)
+        water_velocity(position, time, self.current_parameters, self.wave_parameters, out)
+        return out
+
+    def acceleration(self, position: Floats, time: float) -> Floats:
+        """Acceleration Du/Dt of the water particles at points of shape (n, 3), [m]; likewise, [m/s²]."""
+        current, waves = self.current_parameters, self.wave_parameters
+        rows = []
+        for p in position:
+            point = (float(p[0]), float(p[1]), float(p[2]))
+            u = flow(point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), time, current, waves)[0]
+            # along its own path, a particle's change of velocity is its acceleration
+            rows.append(flow(point, u, (1.0, 0.0, 0.0), time, current, waves)[1])
+        return np.array(rows, dtype=np.float64).reshape(position.shape)
+
+
+@compiled
+def elevation_at(x: float, y: float, time: float, waves: Floats) -> float:
+    """Height of the surface above z = 0 at one place [m]; `waves` as of `Ocean.wave_parameters`."""
+    height = 0.0
+    for i in range(waves.shape[0]):
+        a, kx, ky, _, omega, phase = waves[i]
+        height += a * np.cos(kx * x + ky * y - omega * time + phase)
+    return height
+
+
+@compiled
+def flow(
+    position: Vector, velocity: Vector, axis: Vector, time: float, current: Floats, waves: Floats
+) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
+    """The water at a point that moves with `velocity`, all in the world.
+
+    Args:
+        position: of the point [m].
+        velocity: of the point [m/s].
+        axis: unit vector of a hull.
+        time: [s].
+        current: as of `Ocean.current_parameters`.
+        waves: as of `Ocean.wave_parameters`.
+
+    Returns:
+        velocity u of the water [m/s]; its rate of change as met along the point's path [m/s²]; its gradient, rows
+        u, columns x [1/s]; the rate, along the path, of the gradient taken along `axis` [1/s²]; the gradient along
+        `axis` of the particles' (linear) acceleration [1/s²].
+    """
+    x, y, z = position
+    vx, vy, vz = velocity
+    ax, ay, az = axis
+    sx, sy, depth = current[2], current[3], current[4]
+    ux, uy, uz = current[0] + sx * z, current[1] + sy * z, 0.0
+    dx, dy, dz = sx * vz, sy * vz, 0.0
+    gxx = gxy = gyy = gxz = gyz = gzz = 0.0
+    bx = by = bz = 0.0
+    cx = cy = cz = 0.0
+    below = max(min(z, 0.0), -depth)
+    for i in range(waves.shape[0]):
+        a, kx, ky, omega, omega_fixed, phase = waves[i]
+        k = np.sqrt(kx * kx + ky * ky)
+        ex, ey = kx / k, ky / k
+        theta = kx * x + ky * y - omega_fixed * time + phase
+        sin, cos = np.sin(theta), np.cos(theta)
+        # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
+        mirror = np.exp(-2.0 * k * (below + depth))
+        scale = a * omega * np.exp(k * below) / (1.0 - np.exp(-2.0 * k * depth))
+        c, s = scale * (1.0 + mirror), scale * (1.0 - mirror)
+        along, rate, rise = ax * ex + ay * ey, kx * vx + ky * vy - omega_fixed, k * vz
+
+        ux += c * cos * ex
+        uy += c * cos * ey
+        uz += s * sin
+        change = -c * sin * rate + s * cos * rise
+        dx += change * ex
+        dy += change * ey
+        dz += s * cos * rate + c * sin * rise
+
+        # potential flow: the gradient is symmetric and has no trace
+        gh, gz = -k * c * sin, k * s * cos
+        gxx += gh * ex * ex
+        gxy += gh * ex * ey
+        gyy += gh * ey * ey
+        gxz += gz * ex
+        gyz += gz * ey
+        gzz -= gh
+
+        # along the axis, the gradient is k (−c sin θ·along + s cos θ·az) horizontally and k (s cos θ·along +
+        # c sin θ·az) vertically; −p and −q are their derivatives with θ, −k q and k p those with z
+        p = k * (c * cos * along + s * sin * az)
+        q = k * (s * sin * along - c * cos * az)
+        bh = -p * rate - q * rise
+        bx += bh * ex
+        by += bh * ey
+        bz += p * rise - q * rate
+        cx += omega * p * ex
+        cy += omega * p * ey
+        cz += omega * q
+    gradient = ((gxx, gxy, gxz + sx), (gxy, gyy, gyz + sy), (gxz, gyz, gzz))
+    return (ux, uy, uz), (dx, dy, dz), gradient, (bx, by, bz), (cx, cy, cz)
+
+
+@compiled
+def water_velocity(position: Floats, time: float, current: Floats, waves: Floats, out: Floats) -> None:
+    """Write the velocity of the water at points of shape (n, 3) to `out`, likewise; parameters as of `flow`."""
+    for i in range(position.shape[0]):
+        point = (position[i, 0], position[i, 1], position[i, 2])
+        u = flow(point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), time, current, waves)[0]
+        for j in range(3):
+            out[i, j] = u[j]

@@ -1,0 +1,143 @@
+"""The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. It speaks of vehicles, not of qpos."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from sim import attitude, hydrodynamics
+from sim.ocean import Ocean, water_velocity
+from sim.vehicle import THRUSTERS, VehicleSetup, coefficients, compose, resolve
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class PlantError(RuntimeError):
+    """A simulation that cannot go on: which vehicle, when, and its last good state.
+
+    Attributes:
+        vehicle: name of the vehicle; "" if MuJoCo warned without naming one.
+        time: of the physics step at fault [s].
+        last_pose: position and quaternion of all vehicles when `Plant.step` was last entered, shape (v, 7).
+        last_twist: their velocities then, shape (v, 6).
+    """
+
+    def __init__(self, message: str, vehicle: str, time: float, last_pose: Floats, last_twist: Floats) -> None:
+        super().__init__(message)
+        self.vehicle = vehicle
+        self.time = time
+        self.last_pose = last_pose
+        self.last_twist = last_twist
+
+
+class Plant:
+    """Owns the compiled model and its state.
+
+    Attributes:
+        names: of the vehicles, shape (v,).
+        pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state.
+        twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6); a view.
+        thrust: of the thrusters as they are, in the order of `sim.vehicle.THRUSTERS`, shape (v, 5), [N]; a view.
+        thrust_limits: lowest and highest command, shape (v, 5, 2), [N].
+        site_names: "vehicle/site" of all sites, shape (s,).
+        site_vehicle: index of the vehicle that carries a site, shape (s,).
+        site_offset: of the sites in their vehicle's body frame, shape (s, 3), [m].
+        site_positions: of the sites in the world, shape (s, 3), [m]; a view, up to date after `step`.
+        model, data: MuJoCo's own, for rendering and for tests.
+    """
+
+    def __init__(self, setups: Sequence[VehicleSetup], ocean: Ocean, dt: float = 0.02) -> None:
+        """Compose and compile the model, vehicles as `setups` place them.
+
+        Raises:
+            ValueError: dt is not positive, or the setups or the models' coefficients are at fault.
+        """
+        if not 0 < dt < np.inf:
+            raise ValueError(f"dt={dt} must be positive")
+        spec = compose(setups, ocean.floor_depth_m)
+        spec.option.timestep = dt
+        self.ocean = ocean
+        self.dt = dt
+        self.names = tuple(s.name for s in setups)
+        self.model = model = spec.compile()
+        self.data = data = mujoco.MjData(model)
+        self._coefficients = coefficients(model, self.names, ocean.density_kg_m3)
+        self._current = ocean.current_parameters
+        self._waves = ocean.wave_parameters
+
+        n = len(setups)
+        vehicles = [resolve(model, name) for name in self.names]
+        actuators = [v.actuators for v in vehicles]
+        if [v.qpos for v in vehicles] != list(range(0, 7 * n, 7)) or sum(actuators, ()) != tuple(range(5 * n)):
+            raise ValueError(f"the state of the model is not {n} free bodies with {len(THRUSTERS)} thrusters each")
+        self.pose: Floats = data.qpos.reshape(n, 7)
+        self.twist: Floats = data.qvel.reshape(n, 6)
+        self.thrust: Floats = data.act.reshape(n, len(THRUSTERS))
+        self.thrust_limits: Floats = model.actuator_ctrlrange.reshape(n, len(THRUSTERS), 2).copy()
+        self._command: Floats = data.ctrl.reshape(n, len(THRUSTERS))
+        self._applied: Floats = data.qfrc_applied.reshape(n, 6)
+        self._row_address: Ints = model.M_rowadr.astype(np.int64).reshape(n, 6)
+        self._mass: Floats = data.M
+        self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
+
+        self.site_names = tuple(model.site(i).name for i in range(model.nsite))
+        bodies = [v.body for v in vehicles]
+        self.site_vehicle: Ints = np.array([bodies.index(b) for b in model.site_bodyid], dtype=np.int64)
+        self.site_offset: Floats = model.site_pos.copy()
+        self.site_positions: Floats = data.site_xpos
+
+        for i, setup in enumerate(setups):
+            forward = attitude.rotate(self.pose[i, 3:], np.array([1.0, 0.0, 0.0]))
+            self.twist[i, :3] = setup.speed_m_s * forward
+        mujoco.mj_forward(model, data)
+
+    @property
+    def time(self) -> float:
+        """[s]."""
+        return float(self.data.time)
+
+    def water_velocity(self) -> Floats:
+        """Of the water at the vehicles' origins, in the world, shape (v, 3), [m/s]."""
+        out = np.empty((len(self.names), 3))
+        water_velocity(self.pose[:, :3], self.time, self._current, self._waves, out)
+        return out
+
+    def step(self, command: Floats, n_substeps: int = 1) -> None:
+        """Advance by `n_substeps` physics steps under constant commands.
+
+        Args:
+            command: thrust asked of each thruster, shape (v, 5), [N]; limited to `thrust_limits`.
+            n_substeps: number of steps of `dt`.
+
+        Raises:
+            ValueError: the command has the wrong shape.
+            PlantError: the state or a command is not finite, or MuJoCo warns.
+        """
+        if command.shape != self._command.shape:
+            raise ValueError(f"command has shape {command.shape}, expected {self._command.shape}")
+        model, data = self.model, self.data
+        self._last_pose[:] = self.pose
+        self._last_twist[:] = self.twist
+        self._command[:] = command
+        step1, factor, step2 = mujoco.mj_step1, mujoco.mj_factorM, mujoco.mj_step2
+        for _ in range(n_substeps):
+            step1(model, data)
+            bad = hydrodynamics.apply(
+                self._coefficients,
+                self.pose,
+                self.twist,
+                data.time,
+                self._current,
+                self._waves,
+                self._row_address,
+                self._mass,
+                self._applied,
+            )
+            if bad >= 0:
+                self._fail(f"the state of {self.names[bad]} is not finite", self.names[bad])
+            factor(model, data)
+            step2(model, data)
+        mujoco.mj_kinematics(model, data)
+        self._check()

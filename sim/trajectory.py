@@ -1,0 +1,169 @@
+"""Truth on a time grid: how the vehicles moved."""
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from sim import attitude
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """Poses and velocities of v vehicles at n instants on a uniform grid; vehicle 0 is the leader.
+
+    Raises ValueError if shapes disagree or the time grid is not uniform.
+    """
+
+    names: tuple[str, ...]
+    """Vehicle names, the leader first, shape (v,)."""
+    time: Floats
+    """Shape (n,), uniform, [s]."""
+    position: Floats
+    """Body origins in the world, shape (n, v, 3), [m]."""
+    quaternion: Floats
+    """Body to world, (w, x, y, z), shape (n, v, 4)."""
+    velocity: Floats
+    """Of the body origins, in the world, shape (n, v, 3), [m/s]."""
+    angular_velocity: Floats
+    """In the body frame, shape (n, v, 3), [rad/s]."""
+    water_velocity: Floats
+    """Of the water at the body origins, in the world, shape (n, v, 3), [m/s]."""
+    thrust: Floats
+    """Of the five thrusters (main, lateral bow, lateral stern, vertical bow, vertical stern), shape (n, v, 5), [N]."""
+    site_names: tuple[str, ...]
+    """Sites as "vehicle/site", shape (s,)."""
+    site_vehicle: Ints
+    """Index of the vehicle that carries the site, shape (s,)."""
+    site_offset: Floats
+    """Position of the site in its vehicle's body frame, shape (s, 3), [m]."""
+
+    def __post_init__(self) -> None:
+        n, v, s = self.time.size, len(self.names), len(self.site_names)
+        expected = {
+            "time": (n,),
+            "position": (n, v, 3),
+            "quaternion": (n, v, 4),
+            "velocity": (n, v, 3),
+            "angular_velocity": (n, v, 3),
+            "water_velocity": (n, v, 3),
+            "thrust": (n, v, 5),
+            "site_vehicle": (s,),
+            "site_offset": (s, 3),
+        }
+        for name, shape in expected.items():
+            value = getattr(self, name)
+            if value.shape != shape:
+                raise ValueError(f"Trajectory.{name} has shape {value.shape}, expected {shape}")
+            value.flags.writeable = False
+        steps = np.diff(self.time)
+        if n < 2 or steps.min() <= 0 or np.ptp(steps) > 1e-9:
+            raise ValueError("Trajectory.time must be a uniform grid of at least two increasing instants")
+
+    @property
+    def dt(self) -> float:
+        """Spacing of the grid [s]."""
+        return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
+
+    def vehicle(self, name: str) -> int:
+        """Index of a vehicle; ValueError listing the vehicles if there is none of that name."""
+        if name not in self.names:
+            raise ValueError(f"unknown vehicle {name!r}; available: {', '.join(self.names)}")
+        return self.names.index(name)
+
+    def site(self, name: str) -> int:
+        """Index of a site "vehicle/site"; ValueError listing the sites if there is none of that name."""
+        if name not in self.site_names:
+            raise ValueError(f"unknown site {name!r}; available: {', '.join(self.site_names)}")
+        return self.site_names.index(name)
+
+    @cached_property
+    def heading(self) -> Floats:
+        """Compass heading, clockwise from north in [0, 2π), shape (n, v), [rad]."""
+        return attitude.heading(self.quaternion)
+
+    @cached_property
+    def pitch(self) -> Floats:
+        """Positive nose up, shape (n, v), [rad]."""
+        return attitude.pitch(self.quaternion)
+
+    @cached_property
+    def roll(self) -> Floats:
+        """Positive starboard down, shape (n, v), [rad]."""
+        return attitude.roll(self.quaternion)
+
+    @property
+    def depth(self) -> Floats:
+        """Of the body origins, shape (n, v), [m]."""
+        return -self.position[..., 2]
+
+    @cached_property
+    def forward_speed(self) -> Floats:
+        """Through the water, along the hull: what a speed log measures, shape (n, v), [m/s]."""
+        forward = attitude.rotate(self.quaternion, np.array([1.0, 0.0, 0.0]))
+        return np.asarray(np.einsum("nvi,nvi->nv", forward, self.velocity - self.water_velocity))
+
+    @cached_property
+    def site_position(self) -> Floats:
+        """All sites in the world, shape (n, s, 3), [m]."""
+        carried = attitude.rotate(self.quaternion[:, self.site_vehicle], self.site_offset)
+        return self.position[:, self.site_vehicle] + carried
+
+    def at(self, time: npt.ArrayLike) -> tuple[Floats, Floats]:
+        """Poses between grid points: positions by cubic Hermite, attitudes by spherical interpolation.
+
+        Args:
+            time: instants within the grid, shape (m,), [s].
+
+        Returns:
+            Positions, shape (m, v, 3), [m], and quaternions, shape (m, v, 4).
+
+        Raises:
+            ValueError: an instant lies outside the grid.
+        """
+        instants = np.atleast_1d(np.asarray(time, dtype=np.float64))
+        start, end = self.time[0], self.time[-1]
+        if instants.min() < start - 1e-9 or instants.max() > end + 1e-9:
+            raise ValueError(f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s")
+        place = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
+        i = np.minimum(place.astype(np.int64), self.time.size - 2)
+        u = (place - i)[:, None, None]
+        p0, p1 = self.position[i], self.position[i + 1]
+        m0, m1 = self.velocity[i] * self.dt, self.velocity[i + 1] * self.dt
+        position = (
+            (2 * u**3 - 3 * u**2 + 1) * p0
+            + (u**3 - 2 * u**2 + u) * m0
+            + (3 * u**2 - 2 * u**3) * p1
+            + (u**3 - u**2) * m1
+        )
+        return position, attitude.slerp(self.quaternion[i], self.quaternion[i + 1], u[..., 0])
+
+    def site_at(self, name: str, time: npt.ArrayLike) -> Floats:
+        """One site between grid points, shape (m, 3), [m]; `time` as in `at`."""
+        s = self.site(name)
+        position, quaternion = self.at(time)
+        v = self.site_vehicle[s]
+        return position[:, v] + attitude.rotate(quaternion[:, v], self.site_offset[s])
+
+    def save(self, path: Path) -> None:
+        """Write all arrays as an uncompressed `.npz` without pickles."""
+        with path.open("wb") as file:
+            np.savez(file, allow_pickle=False, **{f.name: np.asarray(getattr(self, f.name)) for f in fields(self)})
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read what `save` wrote; ValueError if arrays are missing."""
+        with np.load(path, allow_pickle=False) as data:
+            missing = [f.name for f in fields(cls) if f.name not in data]
+            if missing:
+                raise ValueError(f"{path} is no trajectory: it lacks {', '.join(missing)}")
+            values = {f.name: data[f.name] for f in fields(cls)}
+        for name in ("names", "site_names"):
+            values[name] = tuple(values[name].tolist())
+        return cls(**values)

@@ -1,0 +1,142 @@
+"""Linear (Airy) wave components: regular waves and an irregular JONSWAP sea.
+
+Source of the formulas: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990, Section 2.2 (Airy waves) and
+DNV-RP-C205, 2010, Section 3.5.5 (JONSWAP).
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+GRAVITY = 9.81
+"""As in models/ocean.xml; there it pulls on bodies, here on the surface [m/s²]."""
+
+
+def wavenumber(omega: npt.ArrayLike, depth_m: float) -> Floats:
+    """Solve ω² = g k tanh(k h) for k [1/m] by Newton's method; ω > 0 [rad/s], h [m]."""
+    omega = np.asarray(omega, dtype=np.float64)
+    k0h = omega**2 * depth_m / GRAVITY
+    # start of Guo (2002), within 0.75 % everywhere, so that a few steps reach machine precision
+    kh = k0h * (1.0 - np.exp(-(k0h**1.25))) ** -0.4
+    for _ in range(6):
+        tanh = np.tanh(kh)
+        kh = kh - (kh * tanh - k0h) / (tanh + kh * (1.0 - tanh**2))
+    return np.asarray(kh / depth_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Waves:
+    """Components η = Σ a cos(k·x − ω t + φ), ω being what someone drifting with the current sees.
+
+    Raises ValueError if the shapes disagree or a value is not finite.
+    """
+
+    amplitude_m: Floats
+    """Shape (n,)."""
+    wavenumber_1_m: Floats
+    """Towards where the wave runs, east and north, shape (n, 2)."""
+    omega_rad_s: Floats
+    """Shape (n,)."""
+    phase_rad: Floats
+    """Shape (n,)."""
+
+    def __post_init__(self) -> None:
+        n = self.amplitude_m.size
+        shapes = {"amplitude_m": (n,), "wavenumber_1_m": (n, 2), "omega_rad_s": (n,), "phase_rad": (n,)}
+        for name, shape in shapes.items():
+            value = getattr(self, name)
+            if value.shape != shape:
+                raise ValueError(f"Waves.{name} has shape {value.shape}, expected {shape}")
+            if not np.isfinite(value).all():
+                raise ValueError(f"Waves.{name} holds values that are not finite")
+            value.flags.writeable = False
+
+    @classmethod
+    def none(cls) -> Self:
+        """A flat sea."""
+        empty = np.zeros(0)
+        return cls(amplitude_m=empty, wavenumber_1_m=np.zeros((0, 2)), omega_rad_s=empty, phase_rad=empty)
+
+    @classmethod
+    def regular(
+        cls,
+        *,
+        height_m: float,
+        period_s: float,
+        direction_rad: float = 0.0,
+        phase_rad: float = 0.0,
+        floor_depth_m: float = 1000.0,
+    ) -> Self:
+        """One component; height crest to trough, `direction_rad` is the compass direction it runs towards.
+
+        Raises:
+            ValueError: period or depth is not positive, the height negative, or the wave steeper than breaking.
+        """
+        _require_positive(period_s=period_s, floor_depth_m=floor_depth_m)
+        omega = np.array([2 * np.pi / period_s])
+        k = wavenumber(omega, floor_depth_m)
+        if not 0 <= height_m <= 0.142 * np.tanh(k[0] * floor_depth_m) * 2 * np.pi / k[0]:
+            raise ValueError(
+                f"height_m={height_m} with period_s={period_s} is negative or steeper than a breaking wave "
+                "(0.142 tanh(k h) wavelengths, Miche 1944)"
+            )
+        towards = np.array([[np.sin(direction_rad), np.cos(direction_rad)]])
+        return cls(
+            amplitude_m=np.array([height_m / 2]),
+            wavenumber_1_m=k[:, None] * towards,
+            omega_rad_s=omega,
+            phase_rad=np.array([float(phase_rad)]),
+        )
+
+    @classmethod
+    def jonswap(
+        cls,
+        rng: np.random.Generator,
+        *,
+        significant_height_m: float,
+        peak_period_s: float,
+        direction_rad: float = 0.0,
+        spread_rad: float = 0.0,
+        floor_depth_m: float = 1000.0,
+        peakedness: float = 3.3,
+        n_components: int = 48,
+    ) -> Self:
+        """An irregular sea: JONSWAP spectrum, phases and places within the frequency bins drawn from `rng`.
+
+        The amplitudes are scaled so that 4 √(Σ a²/2) is the significant height exactly. `spread_rad` is the
+        standard deviation of the components' directions (0: long-crested).
+
+        Raises:
+            ValueError: a height is negative, a period, a depth or the number of components not positive.
+        """
+        _require_positive(peak_period_s=peak_period_s, floor_depth_m=floor_depth_m, n_components=n_components)
+        if significant_height_m < 0 or spread_rad < 0:
+            raise ValueError(f"{significant_height_m=} and {spread_rad=} must not be negative")
+        peak = 2 * np.pi / peak_period_s
+        # 98.5 % of the variance of the spectrum lies between these frequencies
+        edges = peak * np.linspace(0.6, 3.0, n_components + 1)
+        omega = rng.uniform(edges[:-1], edges[1:])
+        width = np.where(omega <= peak, 0.07, 0.09)
+        bell = np.exp(-((omega / peak - 1) ** 2) / (2 * width**2))
+        density = omega**-5.0 * np.exp(-1.25 * (peak / omega) ** 4) * peakedness**bell
+        amplitude = np.sqrt(2 * density * np.diff(edges))
+        amplitude *= significant_height_m / (4 * np.sqrt(np.sum(amplitude**2) / 2))
+        phase = rng.uniform(0.0, 2 * np.pi, n_components)
+        direction = direction_rad + spread_rad * rng.standard_normal(n_components)
+        towards = np.stack([np.sin(direction), np.cos(direction)], axis=1)
+        return cls(
+            amplitude_m=amplitude,
+            wavenumber_1_m=wavenumber(omega, floor_depth_m)[:, None] * towards,
+            omega_rad_s=omega,
+            phase_rad=phase,
+        )
+
+
+def _require_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not value > 0:
+            raise ValueError(f"{name}={value} must be positive")
