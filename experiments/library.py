@@ -57,7 +57,7 @@ def load(source: str, assignments: Iterable[str]) -> Scenario:
 
 def check_routes(scenario: Scenario) -> None:
     """Raise ValueError naming vehicle and waypoint if a route cannot be flown."""
-    from sim.fleet import routes_of
+    from sim.assembly import routes_of
 
     routes_of(scenario)
 

@@ -62,6 +62,13 @@ def inlined(function: Function) -> Function:
     return cast(Function, numba.njit(inline="always", error_model="numpy")(function))
 
 
+def compiled_lanes(function: Function) -> Function:
+    """Compile a pass over lanes: fused multiply-adds are allowed, NaN keeps its meaning, threads run side by side."""
+    return cast(
+        Function, numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"}, nogil=True)(function)
+    )
+
+
 compiled_parallel = partial(
     numba.njit, cache=True, error_model="numpy", parallel=True, fastmath={"contract", "nsz"}, nogil=True
 )

@@ -141,3 +141,20 @@ class Plant:
             step2(model, data)
         mujoco.mj_kinematics(model, data)
         self._check()
+
+    def _check(self) -> None:
+        """Raise if the state is not finite or MuJoCo has counted a warning."""
+        bad = ~(np.isfinite(self.pose).all(axis=1) & np.isfinite(self.twist).all(axis=1))
+        if bad.any():
+            name = self.names[int(bad.argmax())]
+            self._fail(f"the state of {name} is not finite", name)
+        counts = self.data.warning.number
+        if counts.any():
+            kind = mujoco.mjtWarning(int(counts.argmax())).name
+            self._fail(f"MuJoCo warns: {kind}", "")
+
+    def _fail(self, what: str, vehicle: str) -> None:
+        message = f"t = {self.time:.3f} s: {what}; last good pose and twist by vehicle:"
+        for name, pose, twist in zip(self.names, self._last_pose, self._last_twist, strict=True):
+            message += f"\n  {name}: {np.array2string(pose, precision=4)} {np.array2string(twist, precision=4)}"
+        raise PlantError(message, vehicle, self.time, self._last_pose.copy(), self._last_twist.copy())

@@ -15,6 +15,8 @@ CONTROL_STEP_S = 0.1
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Angle = Annotated[float, Field(ge=-360, le=360)]
+Chance = Annotated[float, Field(ge=0, le=1)]
+SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 TimedPoint = tuple[float, float, float]
 TimedDepth = tuple[float, NonNegative]
@@ -153,13 +155,54 @@ class Sensors(Section):
 
 
 class Acoustics(Section):
-    """True errors of the ranges (paper, Eq. 28)."""
+    """True errors of the ranges (paper, Eq. 28), and what sound really does (not in the paper, off by default)."""
 
     range_tau_m: tuple[NonNegative, NonNegative, NonNegative] = Field(
         (0.01, 0.01, 0.01), description="τ: uniform error of rear, front and middle transmitter"
     )
     range_scale_mean_m: float = Field(0.1, description="μD: mean of the error that all transmitters share")
     range_scale_sigma_m: NonNegative = Field(0.05, description="σD: its standard deviation")
+    travel_time: bool = Field(False, description="sites move while the sound is under way; else it takes no time")
+    ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
+        0.0, description="rear, front and middle transmitter ping this long after each other; 0: at once"
+    )
+    sound_speed_m_s: SoundSpeed = Field(1500.0, description="speed of sound, and what the follower believes of it")
+    sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(
+        0.0, description="what the follower believes in addition"
+    )
+    sound_speed_profile: tuple[tuple[NonNegative, SoundSpeed], ...] = Field(
+        (), description="[[depth_m, speed_m_s], …], linear between; the true speed of sound instead of sound_speed_m_s"
+    )
+    clock_offset_s: Annotated[float, Field(ge=-1, le=1)] = Field(
+        0.0, description="the follower's clock less the leader's, at the start"
+    )
+    clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = Field(
+        0.0, description="how much faster the follower's clock runs"
+    )
+    surface_echo_chance: Chance = Field(0.0, description="of each ping, that the surface echo is taken for it")
+    bottom_echo_chance: Chance = Field(0.0, description="of each ping, that the bottom echo is taken for it")
+    loss_chance: Chance = Field(0.0, description="of each message, that it is lost, outside bursts of loss")
+    burst_chance: Chance = Field(0.0, description="of each message, that a burst of loss begins")
+    burst_mean_messages: Annotated[float, Field(ge=1, le=10000)] = Field(5.0, description="mean length of a burst")
+    burst_loss_chance: Chance = Field(1.0, description="of each message within a burst, that it is lost")
+    max_range_m: NonNegative = Field(0.0, description="pings from farther away are not heard; 0: no limit")
+
+    @field_validator("sound_speed_profile")
+    @classmethod
+    def _depths_increase(cls, points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        for number, (before, after) in enumerate(pairwise(points), start=2):
+            if after[0] <= before[0]:
+                raise ValueError(f"point {number} at {after[0]:g} m is not deeper than the one before")
+        return points
+
+    @model_validator(mode="after")
+    def _chances_add_up(self) -> Self:
+        if self.surface_echo_chance + self.bottom_echo_chance > 1:
+            raise ValueError(
+                f"surface_echo_chance = {self.surface_echo_chance:g} and bottom_echo_chance = "
+                f"{self.bottom_echo_chance:g} add up to more than 1"
+            )
+        return self
 
 
 class Navigation(Section):

@@ -1,0 +1,113 @@
+"""Where a block of runs keeps its numbers: rows of `LANES` doubles in one flat array, a lane for each run.
+
+Passes over a block address `block[ROW + lane]`. Rows are constants of one array, so that a compiler sees that they do
+not overlap, and turns each pass into vector instructions.
+"""
+
+from itertools import count
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled_lanes
+from laisn.settings import VARIANTS, NavigationSettings
+
+Floats = npt.NDArray[np.float64]
+
+LANES = 64
+"""Runs of a block."""
+
+_row = count(0, LANES)
+
+# State and covariance: P are position, V velocity terms, C those between (CXY of x and vy).
+X, Y, VX, VY = (next(_row) for _ in range(4))
+PXX, PXY, PYY, CXX, CXY, CYX, CYY, VXX, VXY, VYY = (next(_row) for _ in range(10))
+# Memory of the last accepted position and of the last measurements.
+ACCEPTED_X, ACCEPTED_Y, ACCEPTED_STEP = (next(_row) for _ in range(3))
+LAST_SPEED, LAST_HEADING, LAST_LEADER_SPEED, LAST_LEADER_HEADING = (next(_row) for _ in range(4))
+# Own measurements of a step, and what follows from them; γ are those of the vehicle that changed most.
+SPEED, HEADING, DEPTH, SIN, COS, GAMMA_V, GAMMA_THETA = (next(_row) for _ in range(7))
+# A message and the ranges measured on it.
+EAST, NORTH, LEADER_HEADING, LEADER_SPEED, LEADER_DEPTH, PITCH, ROLL = (next(_row) for _ in range(7))
+R1, R2, R3 = (next(_row) for _ in range(3))
+# Transmitters and horizontal ranges (NaN where nothing was received).
+X1, Y1, X2, Y2, X3, Y3, D1, D2, D3 = (next(_row) for _ in range(9))
+# The fix of each pair of transmitters: position, σp and number N of intersections (−1: no pair), separation.
+ZX12, ZY12, SIGMA12, N12, SEP12 = (next(_row) for _ in range(5))
+ZX13, ZY13, SIGMA13, N13, SEP13 = (next(_row) for _ in range(5))
+ZX23, ZY23, SIGMA23, N23, SEP23 = (next(_row) for _ in range(5))
+# The fix that is used: position, σp and kind; and how far it was from the prediction, in units of its variance.
+ZX, ZY, SIGMA, KIND, NIS = (next(_row) for _ in range(5))
+SIZE = next(_row)
+"""Numbers of a block."""
+
+OUTPUTS = (X, Y, VX, VY)
+
+TWO, THREE_1, THREE_2, BEST, MAIN = range(5)
+GATE_OFF, GATE_MAX, GATE_MEASURED = range(3)
+
+
+class Tuning(NamedTuple):
+    """`NavigationSettings` as compiled code takes them; fields of the same name mean the same."""
+
+    variant: int
+    gate: int
+    predicted_side: bool
+    use_attitude: bool
+    dt: float
+    baseline: float
+    middle_offset: float
+    hydrophone_height: float
+    threshold: float
+    beta: float
+    sigma_floor: float
+    alpha: float
+    sigma_a0: float
+    speed_variance: float
+    heading_variance: float
+    position_variance0: float
+    velocity_variance0: float
+    leader_speed_max: float
+    follower_speed_max: float
+    sine_of_pitch: float
+
+
+def tuning(settings: NavigationSettings) -> Tuning:
+    """Settings as compiled code takes them."""
+    return Tuning(
+        variant=VARIANTS.index(settings.variant),
+        gate=("off", "v-max", "v-measured").index(settings.gate),
+        predicted_side=settings.side_rule == "predicted",
+        use_attitude=settings.use_attitude,
+        dt=settings.dt,
+        baseline=settings.baseline,
+        middle_offset=settings.middle_offset,
+        hydrophone_height=settings.hydrophone_height,
+        threshold=settings.threshold,
+        beta=settings.beta,
+        sigma_floor=settings.sigma_floor,
+        alpha=settings.alpha,
+        sigma_a0=settings.sigma_a0,
+        speed_variance=settings.sigma_speed**2,
+        heading_variance=settings.sigma_heading**2,
+        position_variance0=settings.position_sigma0**2,
+        velocity_variance0=settings.velocity_sigma0**2,
+        leader_speed_max=settings.leader_speed_max,
+        follower_speed_max=settings.follower_speed_max,
+        sine_of_pitch=float(np.sin(settings.expected_pitch)),
+    )
+
+
+@compiled_lanes
+def new_block(start: Floats, t: Tuning) -> Floats:
+    """A block before its first step: every lane at the start (x, y, vx, vy), with nothing measured yet."""
+    block = np.zeros(SIZE)
+    for lane in range(LANES):
+        block[X + lane], block[Y + lane], block[VX + lane], block[VY + lane] = start
+        block[PXX + lane] = block[PYY + lane] = t.position_variance0
+        block[VXX + lane] = block[VYY + lane] = t.velocity_variance0
+        block[ACCEPTED_X + lane], block[ACCEPTED_Y + lane] = start[0], start[1]
+        block[LAST_SPEED + lane] = block[LAST_HEADING + lane] = np.nan
+        block[LAST_LEADER_SPEED + lane] = block[LAST_LEADER_HEADING + lane] = np.nan
+    return block

@@ -1,0 +1,105 @@
+"""A scenario made into sea, routes and vehicles."""
+
+import numpy as np
+
+from sim import missions, scenario
+from sim.missions import DepthProfile, Route
+from sim.ocean import Ocean
+from sim.vehicle import VehicleSetup
+from sim.waves import Waves
+
+_WAVES_KEY = 0x5EA
+"""Keeps the sea's random numbers apart from all others that come from the same seed."""
+
+
+def ocean_of(mission: scenario.Scenario) -> Ocean:
+    """The sea; its waves depend on the seed and not on the run.
+
+    Raises:
+        ValueError: the waves would break.
+    """
+    water, waves = mission.ocean, mission.ocean.waves
+    direction = float(np.deg2rad(waves.direction_deg))
+    components = Waves.none()
+    if waves.kind == "regular":
+        components = Waves.regular(
+            height_m=waves.height_m,
+            period_s=waves.period_s,
+            direction_rad=direction,
+            floor_depth_m=water.floor_depth_m,
+        )
+    elif waves.kind == "jonswap":
+        components = Waves.jonswap(
+            np.random.default_rng([_WAVES_KEY, mission.seed]),
+            significant_height_m=waves.height_m,
+            peak_period_s=waves.period_s,
+            direction_rad=direction,
+            spread_rad=float(np.deg2rad(waves.spreading_deg)),
+            floor_depth_m=water.floor_depth_m,
+            peakedness=waves.peak_enhancement,
+            n_components=waves.components,
+        )
+    return Ocean(
+        current_speed_m_s=water.current_speed_m_s,
+        current_direction_rad=float(np.deg2rad(water.current_direction_deg)),
+        current_shear_1_s=water.current_shear_per_s,
+        density_kg_m3=water.density_kg_m3,
+        floor_depth_m=water.floor_depth_m,
+        waves=components,
+    )
+
+
+def _depth_of(vehicle: scenario.Vehicle) -> DepthProfile:
+    if vehicle.depth_profile:
+        return DepthProfile.through(vehicle.depth_profile)
+    if vehicle.saw_tooth_amplitude_m > 0:
+        return DepthProfile.saw_tooth(vehicle.depth_m, vehicle.saw_tooth_amplitude_m, vehicle.saw_tooth_period_s)
+    return DepthProfile.constant(vehicle.depth_m)
+
+
+def _route_of(vehicle: scenario.Vehicle, name: str) -> Route:
+    if vehicle.waypoints:
+        return Route.timed(name, vehicle.waypoints, _depth_of(vehicle))
+    assert vehicle.route is not None  # the scenario's validation
+    return missions.route(vehicle.route, _depth_of(vehicle))
+
+
+def vehicle_names(mission: scenario.Scenario) -> tuple[str, ...]:
+    """All vehicles, the leader first."""
+    return ("leader", *(f.name for f in mission.followers))
+
+
+def routes_of(mission: scenario.Scenario) -> tuple[Route, ...]:
+    """Routes of all vehicles, the leader's first.
+
+    Raises:
+        ValueError: a route is unknown or asks for more than the vehicle can do; names vehicle and waypoint.
+    """
+    vehicles = (mission.leader, *mission.followers)
+    return tuple(_route_of(v, n) for v, n in zip(vehicles, vehicle_names(mission), strict=True))
+
+
+def setups_of(mission: scenario.Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:
+    """All vehicles at the start of their routes."""
+    setups = []
+    for i, (vehicle, name, route) in enumerate(
+        zip((mission.leader, *mission.followers), vehicle_names(mission), routes, strict=True)
+    ):
+        east, north = (float(c) for c in route.waypoint[0])
+        first_leg = route.waypoint[1] - route.waypoint[0]
+        heading = route.start_heading
+        setups.append(
+            VehicleSetup(
+                name=name,
+                model="leader" if i == 0 else "follower",
+                position_m=(east, north, -float(route.depth.depth[0])),
+                heading_rad=float(np.arctan2(*first_leg)) if heading is None else heading,
+                speed_m_s=route.start_speed,
+                excess_buoyancy_n=vehicle.excess_buoyancy_n,
+                cg_offset_x_m=vehicle.cg_offset_x_m,
+                cg_offset_z_m=vehicle.cg_offset_z_m,
+                baseline_m=mission.leader.baseline_m if i == 0 else None,
+                middle_offset_m=mission.leader.middle_offset_m if i == 0 else None,
+            )
+        )
+    return tuple(setups)

@@ -1,0 +1,242 @@
+"""What sensors and ranges add to the truth (paper, Eqs. 26–28): one formula each, for flights and campaigns alike."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled, inlined
+from laisn.elementary import fma
+from laisn.messages import LeaderMessage, Measurements
+from sim.noise import Stream, normals, uniforms
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorErrors:
+    """True errors of all sensors, with the paper's values as defaults. No navigator sees them.
+
+    Raises ValueError naming the field if a value is not finite, or a standard deviation negative.
+    """
+
+    speed_bias: float = 0.2
+    """μV of the follower's speed log [m/s]."""
+    speed_sigma: float = 0.2
+    """σV [m/s]."""
+    heading_bias: float = float(np.deg2rad(5.0))
+    """μθ of the follower's compass [rad]."""
+    heading_sigma: float = float(np.deg2rad(2.0))
+    """σθ [rad]."""
+    depth_sigma: float = 0.0
+    """Of the follower's pressure sensor [m]."""
+    leader_speed_bias: float = 0.0
+    """Of the speed that the leader broadcasts [m/s]."""
+    leader_speed_sigma: float = 0.0
+    leader_heading_bias: float = 0.0
+    """μθ of the heading that the leader broadcasts (0, 2.5° or 5° in the paper) [rad]."""
+    leader_heading_sigma: float = 0.0
+    leader_depth_sigma: float = 0.0
+    """Of the depth that the leader broadcasts [m]."""
+    leader_pitch_sigma: float = 0.0
+    """Of the attitude that the leader broadcasts [rad]."""
+    leader_roll_sigma: float = 0.0
+    range_tau: tuple[float, float, float] = (0.01, 0.01, 0.01)
+    """τ: width of the uniform error of the range to the rear, front and middle transmitter [m]."""
+    range_scale_mean: float = 0.1
+    """μD of ψ, the error that the transmitters share in proportion to their ranges [m]."""
+    range_scale_sigma: float = 0.05
+    """σD of ψ [m]."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            values = np.atleast_1d(np.asarray(getattr(self, field.name), dtype=np.float64))
+            spread = field.name.endswith("sigma") or field.name == "range_tau"
+            if not np.all(np.isfinite(values)) or (spread and values.min() < 0):
+                bound = "finite numbers, zero or more" if spread else "a finite number"
+                raise ValueError(f"{field.name} is {getattr(self, field.name)}, expected {bound}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionTruth:
+    """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages.
+
+    Raises ValueError if shapes disagree or `message_step` is not increasing within 1 … n.
+    """
+
+    dt: float
+    """Filter step Δt [s]."""
+    start: Floats
+    """Known start (step 0) of the hydrophone: x, y [m] and velocity [m/s], shape (4,)."""
+    speed: Floats
+    """Of the follower through the water, along its hull, shape (n,), [m/s]."""
+    heading: Floats
+    """Of the follower, shape (n,), [rad]."""
+    depth: Floats
+    """Of the follower's depth sensor, shape (n,), [m]."""
+    hydrophone: Floats
+    """Horizontal position that is estimated, shape (n, 2), [m]."""
+    leader_position: Floats
+    """Of the leader's body origin, shape (n, 2), [m]."""
+    leader_heading: Floats
+    """Shape (n,), [rad]."""
+    message_step: Ints
+    """Step k at which a message is available, shape (m,), increasing."""
+    emission_step: Ints
+    """Step at which the leader sent it, shape (m,): address of the leader's noise, which all followers share."""
+    timestamp: Floats
+    """Emission on the leader's clock, shape (m,), [s]."""
+    sent_position: Floats
+    """Leader's body origin at emission: east, north and depth, shape (m, 3), [m]."""
+    sent_heading: Floats
+    """Leader's heading at emission, shape (m,), [rad]."""
+    sent_speed: Floats
+    """Leader's speed at emission, shape (m,), [m/s]."""
+    sent_attitude: Floats
+    """Leader's pitch and roll at emission, shape (m, 2), [rad]; NaN if they are not broadcast."""
+    slant_range: Floats
+    """To the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
+
+    def __post_init__(self) -> None:
+        n, m = self.speed.size, self.message_step.size
+        expected = {"start": (4,), "hydrophone": (n, 2), "leader_position": (n, 2), "slant_range": (m, 3)}
+        expected |= dict.fromkeys(("speed", "heading", "depth", "leader_heading"), (n,))
+        expected |= dict.fromkeys(("message_step", "emission_step", "timestamp", "sent_heading", "sent_speed"), (m,))
+        expected |= {"sent_position": (m, 3), "sent_attitude": (m, 2)}
+        for name, shape in expected.items():
+            value = getattr(self, name)
+            if value.shape != shape:
+                raise ValueError(f"MissionTruth.{name} has shape {value.shape}, expected {shape}")
+            value.flags.writeable = False
+        if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
+            raise ValueError(f"MissionTruth.message_step must increase within 1 … {n}")
+
+
+@inlined
+def speed_reading(true: float, bias: float, sigma: float, normal: float) -> float:
+    """Speed log, never negative (paper, Eq. 26). Compiled code only."""
+    reading = fma(sigma, normal, true + bias)
+    return reading if reading > 0.0 else 0.0
+
+
+@inlined
+def heading_reading(true: float, bias: float, sigma: float, normal: float) -> float:
+    """Compass: the random part adds to the bias, whatever its sign (paper, Eq. 27). Compiled code only."""
+    return fma(sigma, abs(normal), true + bias)
+
+
+@inlined
+def plain_reading(true: float, sigma: float, normal: float) -> float:
+    """Unbiased normal error: pressure sensor, inclinometer. Compiled code only."""
+    return fma(sigma, normal, true)
+
+
+@inlined
+def longest(rear: float, front: float, middle: float) -> float:
+    """Longest range that is received; NaN counts as none. Compiled code only."""
+    far = rear if rear > 0.0 else 0.0
+    far = front if front > far else far
+    return middle if middle > far else far
+
+
+@inlined
+def range_reading(true: float, far: float, tau: float, uniform: float, psi: float) -> float:
+    """Range of which `far` is the longest of the message (paper, Eq. 28). Compiled code only."""
+    return fma(psi, true / (far if far > 0.0 else 1.0), fma(tau, uniform, true))
+
+
+@compiled
+def _own(truth: Floats, normals: Floats, biases: Floats, sigmas: Floats) -> Floats:
+    """Columns speed, heading and depth read from columns of truth and of normals."""
+    read = np.empty_like(truth)
+    for k in range(truth.shape[0]):
+        read[k, 0] = speed_reading(truth[k, 0], biases[0], sigmas[0], normals[k, 0])
+        read[k, 1] = heading_reading(truth[k, 1], biases[1], sigmas[1], normals[k, 1])
+        read[k, 2] = plain_reading(truth[k, 2], sigmas[2], normals[k, 2])
+    return read
+
+
+@compiled
+def _ranges(truth: Floats, uniforms: Floats, normal: Floats, tau: Floats, scale: Floats) -> Floats:
+    """Ranges read from true ones, shape (m, 3); `scale` is (μD, σD)."""
+    read = np.empty_like(truth)
+    for i in range(truth.shape[0]):
+        far = longest(truth[i, 0], truth[i, 1], truth[i, 2])
+        psi = plain_reading(scale[0], scale[1], normal[i])
+        for j in range(3):
+            read[i, j] = range_reading(truth[i, j], far, tau[j], uniforms[i, j], psi)
+    return read
+
+
+@compiled
+def _attitude(truth: Floats, normals: Floats, sigmas: Floats) -> Floats:
+    """Pitch and roll read from true ones, shape (m, 2)."""
+    read = np.empty_like(truth)
+    for i in range(truth.shape[0]):
+        for j in range(2):
+            read[i, j] = plain_reading(truth[i, j], sigmas[j], normals[i, j])
+    return read
+
+
+def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0) -> Measurements:
+    """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
+
+    Args:
+        truth: of the mission.
+        errors: of the sensors.
+        seed: key of all random numbers.
+        run: of the campaign, 0, 1, …
+        follower: index of the follower; followers share the leader's errors and nothing else.
+
+    Returns:
+        The measurements, without the leader's statement about its heading.
+
+    Raises:
+        ValueError: seed or run is out of range.
+    """
+
+    def drawn(stream: Stream, steps: Ints) -> Floats:
+        return normals(seed, run, stream.number(follower), steps)
+
+    k, received, sent = np.arange(1, truth.speed.size + 1), truth.message_step, truth.emission_step
+    own = _own(
+        np.column_stack([truth.speed, truth.heading, truth.depth]),
+        np.column_stack([drawn(Stream.OWN_MOTION, k), drawn(Stream.DEPTH, k)[:, 0]]),
+        np.array([errors.speed_bias, errors.heading_bias]),
+        np.array([errors.speed_sigma, errors.heading_sigma, errors.depth_sigma]),
+    )
+    leader = _own(
+        np.column_stack([truth.sent_speed, truth.sent_heading, truth.sent_position[:, 2]]),
+        np.column_stack([drawn(Stream.LEADER_MOTION, sent), drawn(Stream.LEADER_DEPTH, sent)[:, 0]]),
+        np.array([errors.leader_speed_bias, errors.leader_heading_bias]),
+        np.array([errors.leader_speed_sigma, errors.leader_heading_sigma, errors.leader_depth_sigma]),
+    )
+    attitude_sigma = np.array([errors.leader_pitch_sigma, errors.leader_roll_sigma])
+    columns = {
+        "timestamp": truth.timestamp,
+        "east": truth.sent_position[:, 0],
+        "north": truth.sent_position[:, 1],
+        "speed": leader[:, 0],
+        "heading": leader[:, 1],
+        "depth": leader[:, 2],
+    }
+    attitude = _attitude(truth.sent_attitude, drawn(Stream.LEADER_ATTITUDE, sent), attitude_sigma)
+    columns |= {"pitch": attitude[:, 0], "roll": attitude[:, 1]}
+    unknown = np.full(received.size, np.nan)
+    ranges = _ranges(
+        truth.slant_range,
+        uniforms(seed, run, Stream.RANGE_UNIFORM.number(follower), received),
+        drawn(Stream.RANGE_SCALE, received)[:, 0],
+        np.array(errors.range_tau),
+        np.array([errors.range_scale_mean, errors.range_scale_sigma]),
+    )
+    return Measurements(
+        dt=truth.dt,
+        speed=own[:, 0].copy(),
+        heading=own[:, 1].copy(),
+        depth=own[:, 2].copy(),
+        message_step=received,
+        message=np.column_stack([columns.get(name, unknown) for name in LeaderMessage._fields]),
+        ranges=ranges,
+    )

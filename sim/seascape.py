@@ -1,0 +1,118 @@
+"""What the film shows of the sea: floor and surface as height fields that travel with the camera, fog, light.
+
+Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.ocean.Ocean.elevation`) with ripples
+of a few centimetres on top, so that a calm sea still shimmers; the relief of the floor lies below the simulated depth.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from sim.vehicle import VehicleSetup, compose
+
+Floats = npt.NDArray[np.float64]
+
+WATER = (0.035, 0.26, 0.36)
+"""Colour of fog, background and far floor alike, so that no band remains at the horizon."""
+
+_CELLS = 80
+_TILE_M = 24.0
+_RELIEF_M = 3.0
+_CREST_M = 25.0
+
+
+def relief(x: Floats, y: Floats) -> Floats:
+    """Height of the sea floor above its deepest point, as a share of the relief, in [0, 1]; x and y broadcast, [m]."""
+    # incommensurate waves of 15–90 m: hills that never repeat within sight
+    terms = (
+        (0.071, 0.023, 0.0, 1.0),
+        (-0.031, 0.083, 1.3, 0.9),
+        (0.113, -0.137, 2.1, 0.5),
+        (0.211, 0.171, 0.4, 0.3),
+        (-0.293, 0.247, 4.0, 0.2),
+        (0.391, -0.083, 5.1, 0.15),
+    )
+    height = sum(a * np.sin(kx * x + ky * y + phase) for kx, ky, phase, a in terms)
+    total = sum(a for *_, a in terms)
+    return np.asarray(0.5 + 0.5 * height / total)
+
+
+def _tile(size: int, wavelength: float, seed: int) -> Floats:
+    """Periodic noise around one wavelength (a share of the tile), zero mean, unit variance, shape (size, size)."""
+    spectrum = np.fft.rfft2(np.random.default_rng(seed).standard_normal((size, size)))
+    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size, 1 / size), np.fft.rfftfreq(size, 1 / size), indexing="ij"))
+    noise = np.fft.irfft2(spectrum * np.exp(-2.0 * (frequency * wavelength - 1.0) ** 2), s=(size, size))
+    return np.asarray((noise - noise.mean()) / noise.std())
+
+
+def _network(size: int, wavelength: float, seed: int) -> Floats:
+    """Bright curved lines, as light focused by ripples draws them, in [0, 1]."""
+    return np.asarray(np.exp(-4.0 * np.abs(_tile(size, wavelength, seed))))
+
+
+def _pixels(shade: Floats, dark: Sequence[float], bright: Sequence[float]) -> bytes:
+    shade = np.clip(shade, 0.0, 1.0)[..., None]
+    colour = (1 - shade) * np.asarray(dark) + shade * np.asarray(bright)
+    return (255 * colour).round().astype(np.uint8).tobytes()
+
+
+def _add_texture(spec: Any, name: str, pixels: bytes, size: int) -> None:
+    texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=size, height=size, nchannel=3)
+    texture.data = pixels
+
+
+def build(names: Sequence[str], floor_depth_m: float, width_px: int, height_px: int, samples: int) -> Any:
+    """A model to look at: vehicles (the leader first), sea floor and surface.
+
+    Args:
+        names: of the vehicles, the leader first.
+        floor_depth_m: depth of the sea floor.
+        width_px: of the frames, at most.
+        height_px: of the frames, at most.
+        samples: of the anti-aliasing; 0 for none.
+
+    Returns:
+        The compiled MjModel.
+    """
+    hulls = ["leader"] + ["follower"] * (len(names) - 1)
+    spec = compose(
+        [VehicleSetup(name=n, model=h, position_m=(0, 0, -5)) for n, h in zip(names, hulls, strict=True)], floor_depth_m
+    )
+    for flat in ("floor", "surface"):
+        spec.delete(spec.geom(flat))
+    size = 256
+    sand = 0.5 + 0.10 * _tile(size, 0.02, 1) + 0.10 * _tile(size, 0.15, 2) + 0.35 * (_network(size, 0.09, 3) - 0.3)
+    _add_texture(spec, "seabed", _pixels(sand, (0.20, 0.25, 0.22), (0.70, 0.72, 0.58)), size)
+    sheen = 0.30 + 0.55 * _network(size, 0.10, 4) * (0.6 + 0.4 * _network(size, 0.25, 5)) + 0.08 * _tile(size, 0.4, 6)
+    _add_texture(spec, "sea", _pixels(sheen, (0.10, 0.42, 0.52), (0.85, 1.0, 1.0)), size)
+    for name, z, quaternion, span, emission in (
+        ("seabed", -floor_depth_m - _RELIEF_M, (1, 0, 0, 0), _RELIEF_M, 0.0),
+        # upside down: a height field shows only its upper face, and this one is seen from below
+        ("sea", _CREST_M / 2, (0, 1, 0, 0), _CREST_M, 0.45),
+    ):
+        material = spec.add_material(
+            name=f"{name}_look", emission=emission, specular=0.0, shininess=0.0, texuniform=True
+        )
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+        material.texrepeat = [1 / _TILE_M, 1 / _TILE_M]
+        spec.add_hfield(name=name, nrow=_CELLS, ncol=_CELLS, size=[200, 200, span, 0.001], userdata=np.zeros(_CELLS**2))
+        spec.worldbody.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_HFIELD,
+            hfieldname=name,
+            material=f"{name}_look",
+            pos=[0, 0, z],
+            quat=quaternion,
+            contype=0,
+            conaffinity=0,
+        )
+    visual = spec.visual
+    visual.quality.offsamples = samples
+    visual.global_.offwidth, visual.global_.offheight = width_px, height_px
+    visual.rgba.fog = [*WATER, 1.0]
+    sky = spec.texture("water")
+    sky.rgb1, sky.rgb2 = WATER, WATER
+    return spec.compile()

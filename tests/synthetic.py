@@ -1,0 +1,178 @@
+"""A flight made of formulas: circular routes, plausible measurements and estimates, without physics or a navigator."""
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.estimates import Estimates, FixKind
+from laisn.messages import LeaderMessage, Measurements
+from sim import attitude
+from sim.flight import Flight
+from sim.scenario import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing
+from sim.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+
+LEADER_RADIUS_M = 60.0
+LANE_M = 9.0
+"""Followers circle on wider lanes, so far apart [m]."""
+LAG_RAD = 0.35
+"""Angle on the circle by which a follower trails the leader."""
+SITES = {
+    "leader": {
+        "tx_rear": (-1.0, 0.0, 0.0),
+        "tx_front": (1.0, 0.0, 0.0),
+        "tx_middle": (0.0, 0.1, 0.0),
+        "depth_sensor": (0.0, 0.0, 0.0),
+    },
+    "follower": {"hydrophone": (0.0, 0.0, 0.1), "depth_sensor": (0.0, 0.0, 0.0)},
+}
+"""Body positions of the sites, as in the vehicle models [m]."""
+
+
+def make_scenario(
+    duration: float = 30.0,
+    n_followers: int = 1,
+    *,
+    filter_step: float = 0.1,
+    message_interval: float = 1.0,
+    seed: int = 1,
+) -> Scenario:
+    """One follower is named "follower"; several "follower1", "follower2" …, each a metre deeper than the one before."""
+    names = ["follower"] if n_followers == 1 else [f"follower{i + 1}" for i in range(n_followers)]
+    return Scenario(
+        name="synthetic",
+        seed=seed,
+        duration_s=duration,
+        timing=Timing(filter_step_s=filter_step, message_interval_s=message_interval),
+        leader=Leader(depth_m=8.0),
+        followers=tuple(Follower(name=name, route="T5", depth_m=10.0 + i) for i, name in enumerate(names)),
+        acoustics=Acoustics(),
+    )
+
+
+def make_trajectory(scenario: Scenario) -> Trajectory:
+    """The leader turns left from the origin on a circle at 1 m/s, eastwards first; followers trail it outside."""
+    names = ("leader", *(f.name for f in scenario.followers))
+    n = round(scenario.duration_s / CONTROL_STEP_S) + 1
+    time = CONTROL_STEP_S * np.arange(n, dtype=np.float64)
+    lane = np.arange(len(names))
+    radius = LEADER_RADIUS_M + LANE_M * lane
+    rate = 1.0 / LEADER_RADIUS_M
+    angle = rate * time[:, None] - LAG_RAD * (lane > 0)
+    depth = np.array([scenario.leader.depth_m, *(f.depth_m for f in scenario.followers)])
+    wobble = 0.4 * time[:, None] + lane
+    pitch, roll = np.deg2rad(3.0) * np.sin(wobble), np.deg2rad(2.0) * np.cos(0.7 * wobble)
+    position = np.stack(
+        [radius * np.sin(angle), LEADER_RADIUS_M - radius * np.cos(angle), -depth + 0.1 * np.cos(wobble)], axis=-1
+    )
+    velocity = np.stack([radius * rate * np.cos(angle), radius * rate * np.sin(angle), -0.04 * np.sin(wobble)], axis=-1)
+    turning = np.stack(
+        [np.zeros_like(pitch), -0.4 * np.deg2rad(3.0) * np.cos(wobble), np.full_like(pitch, rate)], axis=-1
+    )
+    thrust = np.stack([20 + np.sin(wobble), *(0.5 * np.sin(wobble + i) for i in range(4))], axis=-1)
+    sites = [
+        (f"{name}/{site}", v, offset)
+        for v, name in enumerate(names)
+        for site, offset in SITES["leader" if v == 0 else "follower"].items()
+    ]
+    return Trajectory(
+        names=names,
+        time=time,
+        position=position,
+        quaternion=attitude.from_euler(np.pi / 2 - angle, pitch, roll),
+        velocity=velocity,
+        angular_velocity=turning,
+        water_velocity=np.broadcast_to([0.10, -0.05, 0.0], position.shape).copy(),
+        thrust=thrust,
+        site_names=tuple(name for name, _, _ in sites),
+        site_vehicle=np.array([v for _, v, _ in sites]),
+        site_offset=np.array([offset for _, _, offset in sites]),
+    )
+
+
+def make_measurements(scenario: Scenario, trajectory: Trajectory, follower: int) -> Measurements:
+    """Noisy speed, heading, depth and ranges; pitch and roll are not broadcast, and every 13th front range is lost."""
+    random = np.random.default_rng([scenario.seed, follower, 0])
+    stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
+    n, v = scenario.filter_steps, follower + 1
+    own = stride * np.arange(1, n + 1)
+    step = scenario.message_every * np.arange(1, n // scenario.message_every + 1)
+    ping = stride * step
+    m = step.size
+    hydrophone = trajectory.site(f"{trajectory.names[v]}/hydrophone")
+    transmitters = [trajectory.site(f"leader/{site}") for site in ("tx_rear", "tx_front", "tx_middle")]
+    separation = trajectory.site_position[ping][:, transmitters] - trajectory.site_position[ping][:, [hydrophone]]
+    ranges = np.linalg.norm(separation, axis=-1) + random.uniform(0, 0.01, (m, 3))
+    ranges[12::13, 1] = np.nan
+    message = np.full((m, len(LeaderMessage._fields)), np.nan)
+    message[:, :6] = np.column_stack(
+        [
+            trajectory.time[ping],
+            trajectory.position[ping, 0, :2],
+            trajectory.heading[ping, 0],
+            trajectory.forward_speed[ping, 0],
+            trajectory.depth[ping, 0],
+        ]
+    )
+    return Measurements(
+        dt=scenario.timing.filter_step_s,
+        speed=trajectory.forward_speed[own, v] + random.normal(0.2, 0.2, n),
+        heading=trajectory.heading[own, v] + np.deg2rad(5.0) + np.abs(random.normal(0, np.deg2rad(2.0), n)),
+        depth=trajectory.depth[own, v] + random.normal(0, 0.02, n),
+        message_step=step,
+        message=message,
+        ranges=ranges,
+    )
+
+
+def make_estimates(scenario: Scenario, trajectory: Trajectory, measurements: Measurements, follower: int) -> Estimates:
+    """Truth plus a drift of 0.2 m/s that every fix removes; all kinds of fix occur, most of them from two points."""
+    random = np.random.default_rng([scenario.seed, follower, 1])
+    stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
+    n, v, step = measurements.speed.size, follower + 1, measurements.message_step
+    f = step.size
+    index = stride * np.arange(1, n + 1)
+    truth = trajectory.site_position[index, trajectory.site(f"{trajectory.names[v]}/hydrophone"), :2]
+    age = measurements.dt * (np.arange(1, n + 1) % scenario.message_every)
+    state = np.column_stack(
+        [truth + 0.2 * age[:, None] * [0.6, -0.8] + random.normal(0, 0.05, (n, 2)), trajectory.velocity[index, v, :2]]
+    )
+    spread = np.array([[0.3, 0.1, 0.0, 0.0], [0.0, 0.2, 0.0, 0.0], [0.1, 0.0, 0.2, 0.0], [0.0, 0.1, 0.0, 0.2]])
+    covariance = (0.1 + age)[:, None, None] * (spread @ spread.T)
+    kind = np.full(f, FixKind.TWO_POINTS, dtype=np.int64)
+    for every, rare in enumerate((FixKind.ASTERN, FixKind.GATED, FixKind.SINGULAR, FixKind.FUSED, FixKind.TANGENT)):
+        kind[4 + 2 * every :: 17] = rare
+    kind[np.isnan(measurements.ranges).any(axis=1)] = FixKind.LOST
+    innovation = random.normal(0, 0.2, (f, 2))
+    sigma = random.uniform(0.05, 0.15, f)
+    for lost in (innovation, sigma):
+        lost[kind == FixKind.LOST] = np.nan
+    position = state[step - 1, :2] + innovation
+    return Estimates(
+        state=state,
+        covariance=covariance,
+        fix_step=step.copy(),
+        fix_position=position,
+        fix_sigma=sigma,
+        fix_kind=kind,
+        innovation=innovation,
+        innovation_covariance=covariance[step - 1, :2, :2] + sigma[:, None, None] ** 2 * np.eye(2),
+    )
+
+
+def make_flight(
+    duration: float = 30.0,
+    n_followers: int = 1,
+    *,
+    filter_step: float = 0.1,
+    message_interval: float = 1.0,
+    seed: int = 1,
+) -> Flight:
+    """A whole flight of `duration` [s]; the same arguments give the same arrays."""
+    scenario = make_scenario(
+        duration, n_followers, filter_step=filter_step, message_interval=message_interval, seed=seed
+    )
+    trajectory = make_trajectory(scenario)
+    measurements = tuple(make_measurements(scenario, trajectory, i) for i in range(n_followers))
+    estimates = tuple(make_estimates(scenario, trajectory, measurements[i], i) for i in range(n_followers))
+    return Flight(scenario=scenario, trajectory=trajectory, measurements=measurements, estimates=estimates)

@@ -1,0 +1,89 @@
+"""Trajectory: interpolation, sites, files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim import attitude
+from sim.trajectory import Trajectory
+
+RADIUS, RATE = 20.0, 0.05
+
+
+def circle(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Closed form of a vehicle that circles at constant pitch: position, velocity, quaternion."""
+    angle = RATE * time
+    position = np.stack([RADIUS * np.sin(angle), RADIUS * np.cos(angle), -5 + 0.1 * time], axis=-1)
+    velocity = np.stack([RADIUS * RATE * np.cos(angle), -RADIUS * RATE * np.sin(angle), 0.1 + 0 * time], axis=-1)
+    return position, velocity, attitude.from_euler(np.pi / 2 + angle, pitch=0.1)
+
+
+@pytest.fixture
+def trajectory() -> Trajectory:
+    time = np.arange(301) * 0.1
+    position, velocity, quaternion = circle(time)
+    shift = np.array([0.0, 50.0, 0.0])
+    n = time.size
+    return Trajectory(
+        names=("leader", "follower"),
+        time=time,
+        position=np.stack([position, position + shift], axis=1),
+        quaternion=np.stack([quaternion, quaternion], axis=1),
+        velocity=np.stack([velocity, velocity], axis=1),
+        angular_velocity=np.zeros((n, 2, 3)),
+        water_velocity=np.zeros((n, 2, 3)),
+        thrust=np.zeros((n, 2, 5)),
+        site_names=("leader/tx_front", "follower/hydrophone"),
+        site_vehicle=np.array([0, 1]),
+        site_offset=np.array([[1.0, 0, 0], [0, 0, 0.1]]),
+    )
+
+
+def test_between_grid_points_the_closed_form_comes_out(trajectory: Trajectory) -> None:
+    instants = np.array([0.0, 0.033, 7.777, 29.99, 30.0])
+    position, quaternion = trajectory.at(instants)
+    expected, _, attitude_there = circle(instants)
+    # cubic Hermite: error ≤ h⁴/384 · max|p⁗| = 0.1⁴/384 · R ω⁴ ≈ 3e-11 m
+    np.testing.assert_allclose(position[:, 0], expected, atol=5e-11)
+    # a turn at a constant rate and pitch is not one rotation axis through the nose, hence not exact
+    np.testing.assert_allclose(np.abs(np.einsum("ni,ni->n", quaternion[:, 0], attitude_there)), 1.0, atol=1e-12)
+
+
+def test_sites_are_carried_by_the_hull(trajectory: Trajectory) -> None:
+    front = trajectory.site_position[0, trajectory.site("leader/tx_front")]
+    np.testing.assert_allclose(front, [np.cos(0.1), RADIUS, -5 + np.sin(0.1)], atol=1e-12)
+    np.testing.assert_allclose(
+        trajectory.site_at("leader/tx_front", [12.3])[0], trajectory.site_position[123, 0], atol=1e-9
+    )
+
+
+def test_speed_log_measures_along_the_hull_through_the_water(trajectory: Trajectory) -> None:
+    along = RADIUS * RATE * np.cos(0.1) + 0.1 * np.sin(0.1)
+    np.testing.assert_allclose(trajectory.forward_speed, along, atol=1e-12)
+
+
+def test_saved_and_loaded_is_the_same_to_the_bit(trajectory: Trajectory, tmp_path: Path) -> None:
+    trajectory.save(tmp_path / "t.npz")
+    loaded = Trajectory.load(tmp_path / "t.npz")
+    assert loaded.names == trajectory.names
+    assert loaded.site_names == trajectory.site_names
+    for name in ("time", "position", "quaternion", "velocity", "thrust", "site_offset", "site_vehicle"):
+        assert np.array_equal(getattr(loaded, name), getattr(trajectory, name))
+
+
+def test_outside_the_grid_and_unknown_names_are_refused(trajectory: Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="outside 0 … 30 s"):
+        trajectory.at(31.0)
+    with pytest.raises(ValueError, match="available: leader, follower"):
+        trajectory.vehicle("boat")
+    with pytest.raises(ValueError, match="available: leader/tx_front"):
+        trajectory.site("leader/keel")
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    with pytest.raises(ValueError, match="no trajectory"):
+        Trajectory.load(tmp_path / "other.npz")
+
+
+def test_arrays_cannot_be_changed(trajectory: Trajectory) -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        trajectory.position[0, 0, 0] = 1.0
