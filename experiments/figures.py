@@ -6,9 +6,9 @@ A figure is one small panel; pages lay panels side by side, so that nothing shri
 
 import io
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -48,7 +48,7 @@ SERIES = (
 """Told apart with the common kinds of colour blindness; in dark mode the page lightens them."""
 COLOURS = (INK, FRAME, GRID, MUTED, *SERIES)
 
-_STYLE = {
+_STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "laisn-sim",
     "font.size": 8.5,
@@ -100,16 +100,17 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
     n = y.size
     if n <= points:
         return x, y
-    # NaN (nothing to draw) must not win over a number, but a gap wider than a stretch must stay one.
-    edges = np.linspace(0, n, points // 2 + 1).astype(np.int64)
-    keep = {0, n - 1}
-    for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        stretch = y[start:stop]
-        if np.all(np.isnan(stretch)):
-            keep.add(start)
-        else:
-            keep.update((start + int(np.nanargmin(stretch)), start + int(np.nanargmax(stretch))))
-    index = np.array(sorted(keep))
+    stretches = points // 2
+    length = -(-n // stretches)
+    table = np.full(stretches * length, np.nan)
+    table[:n] = y
+    table = table.reshape(stretches, length)
+    missing = np.isnan(table)
+    # NaN (nothing to draw) does not win over a number, but a stretch without numbers stays a gap.
+    lowest, highest = np.where(missing, np.inf, table), np.where(missing, -np.inf, table)
+    start = np.arange(stretches) * length
+    kept = np.concatenate([[0, n - 1], start + lowest.argmin(axis=1), start + highest.argmax(axis=1)])
+    index = np.unique(np.minimum(kept, n - 1))
     return x[index], y[index]
 
 
@@ -139,10 +140,16 @@ def panel(
     """
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH, height))
-        axes: Axes = figure.add_axes((0.115, 0.44 / height, 0.865, 1 - 0.72 / height))
+        axes: Axes = figure.add_axes((0.135, 0.44 / height, 0.845, 1 - 0.72 / height))
         for line in lines:
             x, y = (line.x, line.y) if equal or line.marker else decimate(line.x, line.y)
-            style = {"linestyle": "none", "marker": line.marker, "markersize": 2.4, "markeredgewidth": 0}
+            edge = 0.7 if line.marker == "|" else 0.0
+            style = {
+                "linestyle": "none",
+                "marker": line.marker,
+                "markersize": 5.0 if line.marker == "|" else 2.4,
+                "markeredgewidth": edge,
+            }
             drawn = style if line.marker else {"linestyle": line.dash, "linewidth": line.width}
             axes.plot(x, y, color=line.colour.placeholder, **drawn)  # type: ignore[arg-type]
         if equal:
@@ -154,6 +161,35 @@ def panel(
         if title:
             axes.set_title(title, loc="left", fontsize=8.5, fontweight="bold", pad=5)
     return figure
+
+
+def timeline(marks: Sequence[Line], rows: Sequence[str], title: str = "") -> Figure:
+    """A panel with a named row for each line of marks; x in seconds.
+
+    Args:
+        marks: one line for each row, its y being the number of the row from 0.
+        rows: names, from below.
+        title: set above the panel.
+    """
+    figure = panel(
+        marks,
+        x_label="time [s]",
+        y_label="",
+        title=title,
+        height=1.1 + 0.2 * len(rows),
+        y_limits=(-0.6, len(rows) - 0.4),
+    )
+    axes = figure.axes[0]
+    left, bottom, width, height = axes.get_position().bounds
+    axes.set_position((left + 0.05, bottom, width - 0.05, height))
+    axes.set_yticks(range(len(rows)), rows)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(visible=False, axis="y")
+    return figure
+
+
+def _escape(text: str) -> str:
+    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
 
 
 def svg(figure: Figure, name: str, label: str = "") -> str:
@@ -182,22 +218,14 @@ def svg(figure: Figure, name: str, label: str = "") -> str:
     text = re.sub(r' id="([^"]*)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", text)
     text = re.sub(r"(url\(|href=\")#", rf"\g<1>#{name}-", text)
     text = re.sub(r"(\.\d\d)\d+", r"\1", text)
-    text = re.sub(r"font: (?:(bold|700) )?([\d.]+)px [^;\"]*", _font, text)
+    text = re.sub(r"font-family: [^;\"]*;? ?", "", text)
+    text = text.replace("font-weight: 700", "font-weight: 600")
     for colour in COLOURS:
         text = text.replace(colour.placeholder, f"var({colour.variable}, {colour.light})")
     box = re.search(r'viewBox="([^"]*)"', text)
     head = f'<svg viewBox="{box[1] if box else ""}" role="img" aria-label="{_escape(label)}">'
     text = re.sub(r"^<svg.*?>", lambda _: head, text, flags=re.DOTALL)
     return re.sub(r"\s*\n\s*", "\n", text).strip()
-
-
-def _font(match: re.Match[str]) -> str:
-    weight = "; font-weight: 600" if match[1] else ""
-    return f"font-size: {match[2]}px{weight}"
-
-
-def _escape(text: str) -> str:
-    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
 
 
 def scaled_bearing(bearing: Floats) -> Floats:

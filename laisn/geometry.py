@@ -21,7 +21,7 @@ with σp = 0 should leave nothing. A second update with σp = 0 would divide one
 class Intersections(NamedTuple):
     """Where two circles meet; NaN for points that do not exist."""
 
-    count: int
+    n_points: int
     """N: 0, 1 or 2."""
     separation: float
     """Distance between two intersections [m]; 0 where there are fewer."""
@@ -34,7 +34,7 @@ class Intersections(NamedTuple):
 @compiled
 def wrap_angle(angle: float) -> float:
     """Angle brought into [−π, π] [rad]; both ends stand for the same direction."""
-    return angle - 2.0 * np.pi * np.rint(angle / (2.0 * np.pi))
+    return float(angle - 2.0 * np.pi * np.rint(angle / (2.0 * np.pi)))
 
 
 @compiled
@@ -46,7 +46,7 @@ def angle_between(a: float, b: float) -> float:
 @compiled
 def compass(east: float, north: float) -> float:
     """Compass direction of a vector, clockwise from north, in [0, 2π) [rad]."""
-    return np.arctan2(east, north) % (2.0 * np.pi)
+    return float(np.arctan2(east, north) % (2.0 * np.pi))
 
 
 @compiled
@@ -55,7 +55,7 @@ def bearing(heading: float, east: float, north: float) -> float:
 
     In [0, 2π) [rad]: 0 is dead ahead, π/2 to starboard, π astern.
     """
-    return compass(east, north) - heading - 2.0 * np.pi * np.floor((compass(east, north) - heading) / (2.0 * np.pi))
+    return float((compass(east, north) - heading) % (2.0 * np.pi))
 
 
 @compiled
@@ -99,7 +99,7 @@ def horizontal_range(slant_range: float, depth_difference: float) -> float:
     squared = slant_range * slant_range - depth_difference * depth_difference
     if squared < 0.0:
         return 0.0
-    return np.sqrt(squared)
+    return float(np.sqrt(squared))
 
 
 @compiled

@@ -31,18 +31,19 @@ SPEED, HEADING, DEPTH, SIN, COS, GAMMA_V, GAMMA_THETA = (next(_row) for _ in ran
 # A message and the ranges measured on it.
 EAST, NORTH, LEADER_HEADING, LEADER_SPEED, LEADER_DEPTH, PITCH, ROLL = (next(_row) for _ in range(7))
 R1, R2, R3 = (next(_row) for _ in range(3))
-# Transmitters and horizontal ranges (NaN where nothing was received).
-X1, Y1, X2, Y2, X3, Y3, D1, D2, D3 = (next(_row) for _ in range(9))
-# The fix of each pair of transmitters: position, σp and number N of intersections (−1: no pair), separation.
-ZX12, ZY12, SIGMA12, N12, SEP12 = (next(_row) for _ in range(5))
-ZX13, ZY13, SIGMA13, N13, SEP13 = (next(_row) for _ in range(5))
-ZX23, ZY23, SIGMA23, N23, SEP23 = (next(_row) for _ in range(5))
-# The fix that is used: position, σp and kind; and how far it was from the prediction, in units of its variance.
-ZX, ZY, SIGMA, KIND, NIS = (next(_row) for _ in range(5))
+# Transmitters, the horizontal ranges to them (NaN where nothing was received), and the leader's depth below one's own.
+X1, Y1, D1, X2, Y2, D2, X3, Y3, D3, DZ = (next(_row) for _ in range(10))
+LEADER_SIN, LEADER_COS = (next(_row) for _ in range(2))
+# The fix of each pair of transmitters and the fix chosen of them: position, σp, kind, separation of two intersections
+# (−1 for fewer), and squared distance from the prediction in units of S (NaN where no update was made).
+ZX12, ZY12, SIGMA12, KIND12, SEP12, NIS12 = (next(_row) for _ in range(6))
+ZX13, ZY13, SIGMA13, KIND13, SEP13, NIS13 = (next(_row) for _ in range(6))
+ZX23, ZY23, SIGMA23, KIND23, SEP23, NIS23 = (next(_row) for _ in range(6))
+ZX, ZY, SIGMA, KIND, SEP, NIS = (next(_row) for _ in range(6))
+# 1 where an update of this message passed the gate.
+ANSWERED = next(_row)
 SIZE = next(_row)
 """Numbers of a block."""
-
-OUTPUTS = (X, Y, VX, VY)
 
 TWO, THREE_1, THREE_2, BEST, MAIN = range(5)
 GATE_OFF, GATE_MAX, GATE_MEASURED = range(3)

@@ -11,6 +11,7 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
+from laisn.compiled import compiled, inlined
 from sim import noise
 from sim.scenario import Acoustics
 from sim.sound import SoundSpeed
@@ -64,7 +65,22 @@ def possible_paths(acoustics: Acoustics) -> tuple[Path, ...]:
     return tuple(path for path, chance in zip(Path, chances, strict=True) if chance > 0)
 
 
-def locked_path(seed: int, run: int, follower: int, emission_step: Ints, acoustics: Acoustics) -> Ints:
+@inlined
+def path_taken(uniform: float, surface_chance: float, bottom_chance: float) -> int:
+    """`Path` that a draw in (0, 1) stands for. Compiled code only."""
+    return 1 if uniform < surface_chance else (2 if uniform < surface_chance + bottom_chance else 0)
+
+
+@compiled
+def _paths_taken(draw: Floats, surface_chance: float, bottom_chance: float) -> Ints:
+    path = np.empty((draw.shape[0], 3), dtype=np.int64)
+    for i in range(draw.shape[0]):
+        for j in range(3):
+            path[i, j] = path_taken(draw[i, j], surface_chance, bottom_chance)
+    return path
+
+
+def locked_path(seed: int, run: int, follower: int, emission_step: Ints, chances: tuple[float, float]) -> Ints:
     """`Path` that the receiver locks to, for each message and transmitter on its own, shape (m, 3).
 
     Args:
@@ -72,9 +88,6 @@ def locked_path(seed: int, run: int, follower: int, emission_step: Ints, acousti
         run: of the campaign.
         follower: 0, 1, …
         emission_step: filter step at which each message was sent, shape (m,).
-        acoustics: the chances of an echo.
+        chances: of a surface and of a bottom echo.
     """
-    draw = noise.uniforms(seed, run, noise.Stream.ECHO.number(follower), emission_step)[:, :3]
-    surface, bottom = acoustics.surface_echo_chance, acoustics.bottom_echo_chance
-    bounced = np.where(draw < surface + bottom, int(Path.BOTTOM), int(Path.DIRECT))
-    return np.where(draw < surface, int(Path.SURFACE), bounced)
+    return _paths_taken(noise.uniforms(seed, run, noise.Stream.ECHO.number(follower), emission_step), *chances)

@@ -8,6 +8,9 @@ import numpy.typing as npt
 from laisn.compiled import compiled, inlined
 from laisn.elementary import fma
 from laisn.messages import LeaderMessage, Measurements
+from sim.echo import locked_path
+from sim.loss import NO_LOSS, Channel
+from sim.loss import received as received_messages
 from sim.noise import Stream, normals, uniforms
 
 Floats = npt.NDArray[np.float64]
@@ -48,6 +51,10 @@ class SensorErrors:
     """μD of ψ, the error that the transmitters share in proportion to their ranges [m]."""
     range_scale_sigma: float = 0.05
     """σD of ψ [m]."""
+    echo_chance: tuple[float, float] = (0.0, 0.0)
+    """Of each ping, that its surface or its bottom echo is taken for it."""
+    channel: Channel = NO_LOSS
+    """How messages are lost: none of their pings is heard."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -56,6 +63,14 @@ class SensorErrors:
             if not np.all(np.isfinite(values)) or (spread and values.min() < 0):
                 bound = "finite numbers, zero or more" if spread else "a finite number"
                 raise ValueError(f"{field.name} is {getattr(self, field.name)}, expected {bound}")
+        chances = (*self.echo_chance, sum(self.echo_chance), *self.channel.chances)
+        if min(chances) < 0.0 or max(chances) > 1.0 or self.channel.burst_mean_messages < 1.0:
+            raise ValueError(f"echo_chance {self.echo_chance} or {self.channel}: a chance is 0 … 1, a burst 1 or more")
+
+    @property
+    def echoes(self) -> bool:
+        """Whether echoes are ever taken for pings."""
+        return sum(self.echo_chance) > 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +112,8 @@ class MissionTruth:
     """Leader's pitch and roll at emission, shape (m, 2), [rad]; NaN if they are not broadcast."""
     slant_range: Floats
     """To the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
+    echo_range: Floats | None = None
+    """The same by way of the surface and of the bottom, shape (2, m, 3), [m]; None if echoes are not modelled."""
 
     def __post_init__(self) -> None:
         n, m = self.speed.size, self.message_step.size
@@ -104,6 +121,8 @@ class MissionTruth:
         expected |= dict.fromkeys(("speed", "heading", "depth", "leader_heading"), (n,))
         expected |= dict.fromkeys(("message_step", "emission_step", "timestamp", "sent_heading", "sent_speed"), (m,))
         expected |= {"sent_position": (m, 3), "sent_attitude": (m, 2)}
+        if self.echo_range is not None:
+            expected["echo_range"] = (2, m, 3)
         for name, shape in expected.items():
             value = getattr(self, name)
             if value.shape != shape:
@@ -179,6 +198,16 @@ def _attitude(truth: Floats, normals: Floats, sigmas: Floats) -> Floats:
     return read
 
 
+def _heard_ranges(truth: MissionTruth, errors: SensorErrors, address: tuple[int, int, int]) -> Floats:
+    """True range of the path that each ping is heard on, shape (m, 3); `address` is seed, run and follower."""
+    if not errors.echoes:
+        return truth.slant_range
+    echoes = truth.echo_range
+    surface, bottom = (np.full_like(truth.slant_range, np.nan),) * 2 if echoes is None else echoes
+    path = locked_path(*address, truth.emission_step, errors.echo_chance)
+    return np.choose(path, [truth.slant_range, surface, bottom])
+
+
 def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0) -> Measurements:
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
@@ -225,12 +254,14 @@ def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, f
     columns |= {"pitch": attitude[:, 0], "roll": attitude[:, 1]}
     unknown = np.full(received.size, np.nan)
     ranges = _ranges(
-        truth.slant_range,
+        _heard_ranges(truth, errors, (seed, run, follower)),
         uniforms(seed, run, Stream.RANGE_UNIFORM.number(follower), received),
         drawn(Stream.RANGE_SCALE, received)[:, 0],
         np.array(errors.range_tau),
         np.array([errors.range_scale_mean, errors.range_scale_sigma]),
     )
+    if errors.channel.loses:
+        ranges[~received_messages(seed, run, follower, sent, errors.channel)] = np.nan
     return Measurements(
         dt=truth.dt,
         speed=own[:, 0].copy(),

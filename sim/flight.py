@@ -1,17 +1,33 @@
 """A mission that was flown: scenario, truth, measurements and estimates together."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
+from laisn.settings import NavigationSettings
+from sim.errors import measure
 from sim.scenario import CONTROL_STEP_S, Scenario
+from sim.sensors import errors_of, observe
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
+
+
+class Navigating(Protocol):
+    """Whatever turns a follower's measurements into estimates."""
+
+    def run(self, measurements: Measurements) -> Estimates:
+        """Estimates of a whole mission."""
+
+
+NavigatorFactory = Callable[[NavigationSettings, Floats], Navigating]
+"""Makes the navigator of one follower from its settings and its known start [x, y, vx, vy]."""
 
 
 class Outcome(Enum):
@@ -61,4 +77,63 @@ class Flight:
         This is the point that the follower estimates.
         """
         name = self.trajectory.names[follower + 1]
-        return self.trajectory.site_position[self.step_index(), self.trajectory.site(f"{name}/hydrophone")]
+        site = self.trajectory.site(f"{name}/hydrophone")
+        return np.asarray(self.trajectory.site_position[self.step_index(), site])
+
+
+def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> NavigationSettings:
+    """What a follower is told before the mission: the scenario's settings, and where its hydrophone sits."""
+    name = trajectory.names[follower + 1]
+    hydrophone, depth_sensor = (trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor"))
+    height = trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[depth_sensor, 2]
+    told = scenario.navigation
+    return NavigationSettings(
+        variant=told.variant,
+        dt=scenario.timing.filter_step_s,
+        baseline=scenario.leader.baseline_m,
+        middle_offset=scenario.leader.middle_offset_m,
+        hydrophone_height=float(height),
+        threshold=told.threshold_m,
+        beta=told.beta_m2,
+        sigma_floor=told.sigma_floor_m,
+        alpha=told.alpha_m_s2,
+        sigma_a0=told.sigma_a0_m_s2,
+        sigma_speed=told.sigma_speed_m_s,
+        sigma_heading=float(np.deg2rad(told.sigma_heading_deg)),
+        position_sigma0=told.position_sigma0_m,
+        velocity_sigma0=told.velocity_sigma0_m_s,
+        leader_speed_max=told.leader_speed_max_m_s,
+        follower_speed_max=told.follower_speed_max_m_s,
+        gate=told.gate,
+        side_rule=told.side_rule,
+        use_attitude=told.use_attitude,
+        expected_pitch=float(np.deg2rad(told.expected_pitch_deg)),
+    )
+
+
+def navigate(
+    scenario: Scenario, trajectory: Trajectory, navigator: NavigatorFactory, outcome: Outcome = Outcome.COMPLETED
+) -> Flight:
+    """Sense a trajectory with the scenario's noise, and let every follower navigate on what it senses.
+
+    Args:
+        scenario: seed, run, errors and settings.
+        trajectory: its truth, or the part of it that was flown.
+        navigator: makes one navigator for each follower.
+        outcome: of the motion.
+    """
+    errors = errors_of(scenario)
+    measurements, estimates = [], []
+    for follower in range(len(scenario.followers)):
+        truth = observe(trajectory, scenario, follower)
+        heard = measure(truth, errors, seed=scenario.seed, run=scenario.run, follower=follower)
+        settings = navigation_settings(scenario, trajectory, follower)
+        measurements.append(heard)
+        estimates.append(navigator(settings, truth.start).run(heard))
+    return Flight(
+        scenario=scenario,
+        trajectory=trajectory,
+        measurements=tuple(measurements),
+        estimates=tuple(estimates),
+        outcome=outcome,
+    )

@@ -21,34 +21,8 @@ from sim.vectors import Matrix, Vector, cross, minus, plus, rotation, scaled, ti
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-MAX_STRIPS = 32
-
-NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
-    "added_mass": ((6, 6), "kg, kg m, kg m²"),
-    "munk_factor": ((), "-"),
-    "linear_damping": ((6,), "N s/m, N m s"),
-    "linear_damping_fade": ((6,), "s/m"),
-    "quadratic_damping": ((6,), "N s²/m², N m s²"),
-    "buoyancy": ((), "N"),
-    "displaced_inertia": ((), "kg m²"),
-    "hull_radius": ((), "m"),
-    "hull_lift": ((4,), "m², -, 1/rad, -"),
-    "hull_lift_planes": ((2,), "-"),
-    "cross_flow_drag": ((2,), "-"),
-    "strip_x": ((MAX_STRIPS,), "m"),
-    "strip_area": ((MAX_STRIPS,), "m²"),
-    "fin_x": ((), "m"),
-    "fin_area": ((2,), "m²"),
-    "fin_lift_slope": ((), "1/rad"),
-}
-"""Coefficients of a vehicle as its MJCF gives them: shape and unit. Strips may be fewer than their array holds."""
-
-COEFFICIENTS = np.dtype(
-    [(name, np.float64, shape) for name, (shape, _) in NUMERICS.items()]
-    + [("n_strips", np.int64), ("gravity", np.float64), ("density", np.float64)],
-    align=True,
-)
-"""One record per vehicle: the numerics of its MJCF, and the world's gravity [m/s²] and density [kg/m³]."""
+LOST = 1e3
+"""A speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed, though numbers are finite yet."""
 
 
 @compiled
@@ -131,9 +105,10 @@ def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Drag of the hull's sections across the flow, strip by strip (Fossen 2021, Section 6.4.3).
 
     With both coefficients C equal, a strip of side area A feels −½ρ A C |U| U of its own cross-flow U; unequal ones
-    scale each axis by the root of its coefficient, which keeps the force against the motion.
+    scale each axis by the cube root of its coefficient, which gives C |U| U along either axis alone and takes
+    energy out in between.
     """
-    root_y, root_z = np.sqrt(c.cross_flow_drag[0]), np.sqrt(c.cross_flow_drag[1])
+    root_y, root_z = c.cross_flow_drag[0] ** (1 / 3), c.cross_flow_drag[1] ** (1 / 3)
     fy = fz = my = mz = 0.0
     for i in range(c.n_strips):
         x = c.strip_x[i]
@@ -191,7 +166,7 @@ def wrench(
     """All that the water does to one vehicle, but for added mass times acceleration.
 
     Args:
-        c: record of COEFFICIENTS.
+        c: record of `sim.coefficients.RECORD`.
         pose: position [m] and quaternion, shape (7,).
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], shape (6,).
         time: [s].
@@ -215,9 +190,7 @@ def wrench(
     along = times(gradient, axis)
     turning = times(to_body, cross(axis, along))
     w = minus(spin, turning)
-    turning_rate = plus(
-        cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate)))
-    )
+    turning_rate = plus(cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate))))
 
     force, moment = kirchhoff(c.added_mass, c.munk_factor, v, w, spin)
     for part in (damping(c, v, w), cross_flow(c, v, w), fin_lift(c, v, w)):
@@ -274,6 +247,16 @@ def _add_to_inertia(mass: Floats, added: Floats, share: float, r: Matrix, row_ad
 
 
 @compiled
+def beyond(values: Floats, bound: float) -> int:
+    """First row of a matrix with a value that is NaN or whose size is not below `bound`; -1 if there is none."""
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            if not abs(values[i, j]) < bound:
+                return i
+    return -1
+
+
+@compiled
 def apply(
     coefficients: Any,
     pose: Floats,
@@ -288,7 +271,7 @@ def apply(
     """Give every vehicle its wrench and its added mass, between `mj_step1` and `mj_factorM`.
 
     Args:
-        coefficients: records of COEFFICIENTS, shape (v,).
+        coefficients: records of `sim.coefficients.RECORD`, shape (v,).
         pose: position and quaternion, shape (v, 7).
         twist: velocity in the world, angular velocity in the body, shape (v, 6).
         time: [s].
@@ -299,9 +282,11 @@ def apply(
         applied: MuJoCo's `qfrc_applied`, which is overwritten, shape (v, 6).
 
     Returns:
-        The index of the first vehicle whose state or wrench is not finite, -1 if there is none.
+        The index of the first vehicle that is lost (its state or wrench is not finite, or beyond LOST), -1 if none.
     """
     for i in range(pose.shape[0]):
+        if beyond(twist[i : i + 1], LOST) == 0:
+            return i
         c = coefficients[i]
         force, moment, share = wrench(c, pose[i], twist[i], time, current, waves)
         total = 0.0

@@ -13,6 +13,8 @@ Floats = npt.NDArray[np.float64]
 
 START_SPEED = 1.0
 """Speed at which missions begin [m/s] (paper, Section 3.1)."""
+LEADER_L = ((0.0, 0.0), (500.0, 0.0), (500.0, 500.0))
+"""500 m east, then 500 m north (paper, Section 3); east and north [m]."""
 LEADER_DEPTH = 8.0
 FOLLOWER_DEPTH = 10.0
 
@@ -162,11 +164,6 @@ class Route:
         return self.leg_length / np.diff(self.time)
 
 
-def _leader() -> Route:
-    """500 m east, then 500 m north, at 1 m/s (paper, Section 3)."""
-    return Route.at_speed("L", [[0.0, 0.0], [500.0, 0.0], [500.0, 500.0]], START_SPEED, LEADER_DEPTH)
-
-
 @cache
 def _followers() -> dict[str, list[list[float]]]:
     text = (resources.files("sim") / "data" / "followers_T2_T9.json").read_text(encoding="utf-8")
@@ -192,8 +189,7 @@ def route(name: str, depth: float | DepthProfile | None = None) -> Route:
         ValueError: there is no such route.
     """
     if name == "L":
-        leader = _leader()
-        return leader if depth is None else Route.at_speed("L", leader.waypoint, START_SPEED, depth)
+        return Route.at_speed("L", LEADER_L, START_SPEED, LEADER_DEPTH if depth is None else depth)
     if name not in _followers():
         first, *_, last = _followers()
         raise ValueError(f"unknown route {name!r}; available: {first} … {last}, L")

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled, inlined
-from laisn.elementary import fma, from_bits, integer, log, sin_cos_quarter, turned
+from laisn.elementary import fma, from_bits, integer, log, sin_cos_quarter, to_bits, turned
 
 Floats = npt.NDArray[np.float64]
 
@@ -113,12 +113,18 @@ def _one_to_two(upper: np.uint64, lower: np.uint64) -> float:
 
 
 @inlined
-def two_normals(w0: np.uint64, w1: np.uint64, w2: np.uint64, w3: np.uint64) -> tuple[float, float]:
-    """Two independent standard normals of four random words (Box & Muller, 1958). Compiled code only."""
-    radius = math.sqrt(-2.0 * log(2.0 - _one_to_two(w0, w1)))
-    # The angle within a quarter turn takes the upper bits; the two lowest, which it leaves, choose the quarter.
-    s, c = sin_cos_quarter((_one_to_two(w2, w3) - 1.5) * _HALF_PI)
-    s, c = turned(s, c, w3)
+def two_units(w0: np.uint64, w1: np.uint64, w2: np.uint64, w3: np.uint64) -> tuple[float, float]:
+    """Two uniforms in [1, 2) of four random words. Compiled code only."""
+    return _one_to_two(w0, w1), _one_to_two(w2, w3)
+
+
+@inlined
+def two_normals(first: float, second: float) -> tuple[float, float]:
+    """Two independent standard normals of two uniforms in [1, 2) (Box & Muller, 1958). Compiled code only."""
+    radius = math.sqrt(-2.0 * log(2.0 - first))
+    # The angle within a quarter turn is uniform whatever its two lowest bits are; these choose the quarter.
+    s, c = sin_cos_quarter((second - 1.5) * _HALF_PI)
+    s, c = turned(s, c, to_bits(second))
     return radius * c, radius * s
 
 
@@ -133,7 +139,8 @@ def _fill_normals(seed: np.uint64, run: np.uint64, stream: np.uint64, steps: npt
     draws = np.empty((steps.size, 2))
     for i in range(steps.size):
         w0, w1, w2, w3 = words(seed, run, stream, steps[i])
-        draws[i, 0], draws[i, 1] = two_normals(w0, w1, w2, w3)
+        first, second = two_units(w0, w1, w2, w3)
+        draws[i, 0], draws[i, 1] = two_normals(first, second)
     return draws
 
 

@@ -12,14 +12,17 @@ import numpy.typing as npt
 
 from laisn.compiled import compiled
 from sim.vectors import Matrix, Vector
-from sim.waves import Waves
+from sim.waves import FLOOR_DEPTH_M, Waves
 
 Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ocean:
-    """Current, waves, density and depth of a sea. Raises ValueError if a value is not finite or not possible."""
+    """Current, waves, density and depth of a sea.
+
+    Raises ValueError if a value is not finite or not possible, or the waves belong to another depth.
+    """
 
     current_speed_m_s: float = 0.0
     """At the surface."""
@@ -28,7 +31,7 @@ class Ocean:
     current_shear_1_s: float = 0.0
     """Loss of speed per metre of depth."""
     density_kg_m3: float = 1026.0
-    floor_depth_m: float = 40.0
+    floor_depth_m: float = FLOOR_DEPTH_M
     waves: Waves = field(default_factory=Waves.none)
 
     def __post_init__(self) -> None:
@@ -38,6 +41,11 @@ class Ocean:
         for name in ("density_kg_m3", "floor_depth_m"):
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"Ocean.{name}={getattr(self, name)} must be positive and finite")
+        if self.waves.amplitude_m.size and self.waves.floor_depth_m != self.floor_depth_m:
+            raise ValueError(
+                f"the waves were made for a floor at {self.waves.floor_depth_m:g} m, Ocean.floor_depth_m is "
+                f"{self.floor_depth_m:g} m"
+            )
 
     @classmethod
     def calm(cls) -> "Ocean":
@@ -62,9 +70,7 @@ class Ocean:
     def elevation(self, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
         """Height of the surface above z = 0; x and y broadcast to the shape of the answer, [m], [s]."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
-        waves = self.wave_parameters
-        height = [elevation_at(px, py, time, waves) for px, py in zip(x.ravel(), y.ravel(), strict=True)]
-        return np.array(height, dtype=np.float64).reshape(x.shape)
+        return _elevations(x.ravel(), y.ravel(), time, self.wave_parameters).reshape(x.shape)
 
     def velocity(self, position: Floats, time: float) -> Floats:
         """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
@@ -74,14 +80,7 @@ class Ocean:
 
     def acceleration(self, position: Floats, time: float) -> Floats:
         """Acceleration Du/Dt of the water particles at points of shape (n, 3), [m]; likewise, [m/s²]."""
-        current, waves = self.current_parameters, self.wave_parameters
-        rows = []
-        for p in position:
-            point = (float(p[0]), float(p[1]), float(p[2]))
-            u = flow(point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), time, current, waves)[0]
-            # along its own path, a particle's change of velocity is its acceleration
-            rows.append(flow(point, u, (1.0, 0.0, 0.0), time, current, waves)[1])
-        return np.array(rows, dtype=np.float64).reshape(position.shape)
+        return _accelerations(position, time, self.current_parameters, self.wave_parameters)
 
 
 @compiled
@@ -175,3 +174,25 @@ def water_velocity(position: Floats, time: float, current: Floats, waves: Floats
         u = flow(point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), time, current, waves)[0]
         for j in range(3):
             out[i, j] = u[j]
+
+
+@compiled
+def _elevations(x: Floats, y: Floats, time: float, waves: Floats) -> Floats:
+    out = np.empty(x.size)
+    for i in range(x.size):
+        out[i] = elevation_at(x[i], y[i], time, waves)
+    return out
+
+
+@compiled
+def _accelerations(position: Floats, time: float, current: Floats, waves: Floats) -> Floats:
+    out = np.empty(position.shape)
+    ahead = (1.0, 0.0, 0.0)
+    for i in range(position.shape[0]):
+        point = (position[i, 0], position[i, 1], position[i, 2])
+        u = flow(point, (0.0, 0.0, 0.0), ahead, time, current, waves)[0]
+        # along its own path, a particle's change of velocity is its acceleration
+        change = flow(point, u, ahead, time, current, waves)[1]
+        for j in range(3):
+            out[i, j] = change[j]
+    return out

@@ -1,14 +1,15 @@
 """The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. It speaks of vehicles, not of qpos."""
 
 from collections.abc import Sequence
+from typing import NoReturn
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sim import attitude, hydrodynamics
+from sim import attitude, coefficients, hydrodynamics
 from sim.ocean import Ocean, water_velocity
-from sim.vehicle import THRUSTERS, VehicleSetup, coefficients, compose, resolve
+from sim.vehicle import THRUSTERS, VehicleSetup, compose, resolve
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -20,7 +21,7 @@ class PlantError(RuntimeError):
     Attributes:
         vehicle: name of the vehicle; "" if MuJoCo warned without naming one.
         time: of the physics step at fault [s].
-        last_pose: position and quaternion of all vehicles when `Plant.step` was last entered, shape (v, 7).
+        last_pose: position and quaternion of all vehicles after the last good `Plant.step`, shape (v, 7).
         last_twist: their velocities then, shape (v, 6).
     """
 
@@ -63,7 +64,7 @@ class Plant:
         self.names = tuple(s.name for s in setups)
         self.model = model = spec.compile()
         self.data = data = mujoco.MjData(model)
-        self._coefficients = coefficients(model, self.names, ocean.density_kg_m3)
+        self._coefficients = coefficients.read(model, self.names, ocean.density_kg_m3)
         self._current = ocean.current_parameters
         self._waves = ocean.wave_parameters
 
@@ -80,7 +81,6 @@ class Plant:
         self._applied: Floats = data.qfrc_applied.reshape(n, 6)
         self._row_address: Ints = model.M_rowadr.astype(np.int64).reshape(n, 6)
         self._mass: Floats = data.M
-        self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
 
         self.site_names = tuple(model.site(i).name for i in range(model.nsite))
         bodies = [v.body for v in vehicles]
@@ -92,6 +92,7 @@ class Plant:
             forward = attitude.rotate(self.pose[i, 3:], np.array([1.0, 0.0, 0.0]))
             self.twist[i, :3] = setup.speed_m_s * forward
         mujoco.mj_forward(model, data)
+        self._last_pose, self._last_twist = self.pose.copy(), self.twist.copy()
 
     @property
     def time(self) -> float:
@@ -113,13 +114,15 @@ class Plant:
 
         Raises:
             ValueError: the command has the wrong shape.
-            PlantError: the state or a command is not finite, or MuJoCo warns.
+            PlantError: the state or a command is not finite, a vehicle is faster than any can be, or MuJoCo warns.
         """
         if command.shape != self._command.shape:
             raise ValueError(f"command has shape {command.shape}, expected {self._command.shape}")
         model, data = self.model, self.data
-        self._last_pose[:] = self.pose
-        self._last_twist[:] = self.twist
+        self._check_state()
+        bad = hydrodynamics.beyond(command, np.inf)
+        if bad >= 0:
+            self._fail(f"the command of {self.names[bad]} is not finite", self.names[bad])
         self._command[:] = command
         step1, factor, step2 = mujoco.mj_step1, mujoco.mj_factorM, mujoco.mj_step2
         for _ in range(n_substeps):
@@ -136,24 +139,22 @@ class Plant:
                 self._applied,
             )
             if bad >= 0:
-                self._fail(f"the state of {self.names[bad]} is not finite", self.names[bad])
+                self._fail(f"the state of {self.names[bad]} is lost", self.names[bad])
             factor(model, data)
             step2(model, data)
         mujoco.mj_kinematics(model, data)
-        self._check()
+        self._check_state()
+        if data.warning.number.any():
+            self._fail(f"MuJoCo warns: {mujoco.mjtWarning(int(data.warning.number.argmax())).name}", "")
+        self._last_pose[:] = self.pose
+        self._last_twist[:] = self.twist
 
-    def _check(self) -> None:
-        """Raise if the state is not finite or MuJoCo has counted a warning."""
-        bad = ~(np.isfinite(self.pose).all(axis=1) & np.isfinite(self.twist).all(axis=1))
-        if bad.any():
-            name = self.names[int(bad.argmax())]
-            self._fail(f"the state of {name} is not finite", name)
-        counts = self.data.warning.number
-        if counts.any():
-            kind = mujoco.mjtWarning(int(counts.argmax())).name
-            self._fail(f"MuJoCo warns: {kind}", "")
+    def _check_state(self) -> None:
+        bad = max(hydrodynamics.beyond(self.pose, np.inf), hydrodynamics.beyond(self.twist, hydrodynamics.LOST))
+        if bad >= 0:
+            self._fail(f"the state of {self.names[bad]} is lost", self.names[bad])
 
-    def _fail(self, what: str, vehicle: str) -> None:
+    def _fail(self, what: str, vehicle: str) -> NoReturn:
         message = f"t = {self.time:.3f} s: {what}; last good pose and twist by vehicle:"
         for name, pose, twist in zip(self.names, self._last_pose, self._last_twist, strict=True):
             message += f"\n  {name}: {np.array2string(pose, precision=4)} {np.array2string(twist, precision=4)}"

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from sim.ocean import Ocean
 from sim.vehicle import VehicleSetup, compose
 
 Floats = npt.NDArray[np.float64]
@@ -22,6 +23,15 @@ _CELLS = 80
 _TILE_M = 24.0
 _RELIEF_M = 3.0
 _CREST_M = 25.0
+_RIPPLES = np.array(
+    [
+        # amplitude [m], kx, ky [1/m], ω [rad/s of film], phase
+        (0.035, 0.33, 0.12, 1.5, 0.0),
+        (0.030, -0.21, 0.31, 1.3, 2.0),
+        (0.025, 0.17, -0.38, 1.7, 4.0),
+    ]
+)
+"""Looks only: they keep a calm sea from being a mirror."""
 
 
 def relief(x: Floats, y: Floats) -> Floats:
@@ -116,3 +126,67 @@ def build(names: Sequence[str], floor_depth_m: float, width_px: int, height_px: 
     sky = spec.texture("water")
     sky.rgb1, sky.rgb2 = WATER, WATER
     return spec.compile()
+
+
+class Sea:
+    """The moving height fields of a model made by `build`.
+
+    Args:
+        model: the compiled model.
+        ocean: whose waves are shown.
+    """
+
+    def __init__(self, model: Any, ocean: Ocean) -> None:
+        self._model = model
+        self._geom = {n: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("seabed", "sea")}
+        self._field = {n: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_HFIELD, n) for n in ("seabed", "sea")}
+        self._waves = ocean.wave_parameters
+        self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
+        self._shown_floor: tuple[float, float, float] | None = None
+
+    def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
+        """East and north of the height fields' points about `centre`, [m], each of shape (_CELLS,)."""
+        # whole tiles keep the texture, and whole cells of the floor its shape, in place
+        x, y = _TILE_M * np.round(np.asarray(centre[:2]) / _TILE_M)
+        offset = np.linspace(-reach, reach, _CELLS)
+        return x + offset, y + offset
+
+    def elevation(self, x: Floats, y: Floats, time: float, film_time: float) -> Floats:
+        """Height of the drawn surface over the grid x by y, shape (len(y), len(x)), [m].
+
+        The simulated sea, less the waves too short for the grid, with ripples that run in film time.
+        """
+        cell = float(x[1] - x[0])
+        long = self._steepness * cell < 2.0
+        swell = _sum_of_waves(self._waves[long][:, [0, 1, 2, 4, 5]], x, y, time)
+        return np.asarray(swell + _sum_of_waves(_RIPPLES, x, y, film_time))
+
+    def show(self, centre: Floats, reach: float, time: float, film_time: float, context: Any) -> None:
+        """Bring floor and surface to where the camera looks, as they are at `time`, and hand them to the renderer."""
+        model = self._model
+        x, y = self.grid(centre, reach)
+        middle = np.array([x.mean(), y.mean()])
+        place = (middle[0], middle[1], reach)
+        shapes = {"sea": 0.5 - self.elevation(x, y, time, film_time)[::-1] / _CREST_M}
+        if place != self._shown_floor:
+            shapes["seabed"] = relief(x[None, :], y[:, None])
+            self._shown_floor = place
+        for name, share in shapes.items():
+            field = self._field[name]
+            first = model.hfield_adr[field]
+            model.hfield_data[first : first + share.size] = share.ravel()
+            model.hfield_size[field, :2] = reach
+            model.geom_pos[self._geom[name], :2] = middle
+            mujoco.mjr_uploadHField(model, context, field)
+
+    def show_surface(self, visible: bool) -> None:
+        """Whether the surface is drawn."""
+        self._model.geom_rgba[self._geom["sea"], 3] = float(visible)
+
+
+def _sum_of_waves(waves: Floats, x: Floats, y: Floats, time: float) -> Floats:
+    """Σ a cos(kx x + ky y − ω t + φ) over the grid x by y; rows (a, kx, ky, ω, φ); shape (len(y), len(x))."""
+    amplitude, kx, ky, omega, phase = waves.T
+    along_x = amplitude * np.exp(1j * (np.outer(x, kx) + phase - omega * time))
+    along_y = np.exp(1j * np.outer(y, ky))
+    return np.asarray((along_y @ along_x.T).real)

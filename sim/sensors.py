@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from sim.acoustics import TRANSMITTERS as TRANSMITTERS
+from sim.acoustics import propagate
+from sim.echo import Path
 from sim.errors import MissionTruth, SensorErrors
+from sim.loss import Channel
 from sim.scenario import CONTROL_STEP_S, Scenario
 from sim.trajectory import Trajectory
-
-TRANSMITTERS = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")
-"""Sites of P1, P2 and P3."""
 
 
 def errors_of(scenario: Scenario) -> SensorErrors:
@@ -27,13 +28,21 @@ def errors_of(scenario: Scenario) -> SensorErrors:
         range_tau=acoustics.range_tau_m,
         range_scale_mean=acoustics.range_scale_mean_m,
         range_scale_sigma=acoustics.range_scale_sigma_m,
+        echo_chance=(acoustics.surface_echo_chance, acoustics.bottom_echo_chance),
+        channel=Channel(
+            acoustics.loss_chance,
+            acoustics.burst_chance,
+            acoustics.burst_mean_messages,
+            acoustics.burst_loss_chance,
+        ),
     )
 
 
 def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> MissionTruth:
     """What the sensors of one follower see of a trajectory, without errors.
 
-    Ranges are distances between the transmitter sites and the hydrophone site at the instant of the ping.
+    Ranges come from `sim.acoustics`: with the paper's settings they are distances between the transmitter sites and the
+    hydrophone site at the instant of the ping.
 
     Args:
         trajectory: of the scenario, on the control grid.
@@ -52,10 +61,10 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     v, name = follower + 1, trajectory.names[follower + 1]
     hydrophone = trajectory.site_position[:, trajectory.site(f"{name}/hydrophone")]
     depth_sensor = trajectory.site_position[:, trajectory.site(f"{name}/depth_sensor")]
-    # integers count messages: an accumulated time would drop some
-    steps = np.arange(scenario.message_every, n + 1, scenario.message_every)
-    sent = steps * stride
-    transmitters = trajectory.site_position[sent][:, [trajectory.site(t) for t in TRANSMITTERS]]
+    sound = propagate(trajectory, scenario, follower)
+    sent = sound.emission_step * stride
+    limit = scenario.acoustics.max_range_m or np.inf
+    heard = np.where(sound.length[:, :, [Path.DIRECT]] <= limit, sound.range, np.nan)
     attitude = np.stack([trajectory.pitch[sent, 0], trajectory.roll[sent, 0]], axis=1)
     if not scenario.leader.broadcast_attitude:
         attitude = np.full_like(attitude, np.nan)
@@ -69,12 +78,13 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
         hydrophone=hydrophone[grid, :2],
         leader_position=leader[grid, :2],
         leader_heading=trajectory.heading[grid, 0],
-        message_step=steps,
-        emission_step=steps,
-        timestamp=np.asarray(steps * dt, dtype=np.float64),
+        message_step=sound.message_step,
+        emission_step=sound.emission_step,
+        timestamp=np.asarray(sound.emission_step * dt, dtype=np.float64),
         sent_position=np.column_stack([leader[sent, :2], -leader[sent, 2]]),
         sent_heading=trajectory.heading[sent, 0],
         sent_speed=trajectory.forward_speed[sent, 0],
         sent_attitude=attitude,
-        slant_range=np.linalg.norm(transmitters - hydrophone[sent][:, None], axis=2),
+        slant_range=heard[:, :, Path.DIRECT].copy(),
+        echo_range=np.stack([heard[:, :, path] for path in (Path.SURFACE, Path.BOTTOM)]),
     )

@@ -55,7 +55,7 @@ class SoundSpeed:
 
     def at(self, depth: npt.ArrayLike) -> Floats:
         """Speed at depths of any shape, [m/s]."""
-        return np.asarray(np.interp(depth, self.depth, self.speed))
+        return np.asarray(np.interp(np.asarray(depth, dtype=np.float64), self.depth, self.speed))
 
     @cached_property
     def _crossing(self) -> Floats:
@@ -66,7 +66,7 @@ class SoundSpeed:
         return np.concatenate([[0.0], np.cumsum(np.diff(self.depth) / self.speed[:-1] * factor)])
 
     def vertical_time(self, depth: npt.ArrayLike) -> Floats:
-        """Time of a vertical ray from the first depth of the profile to depths of any shape (before it: negative), [s]."""
+        """Time of a vertical ray from the first depth of the profile down to depths of any shape, [s]."""
         depth = np.asarray(depth, dtype=np.float64)
         i = np.clip(np.searchsorted(self.depth, depth, side="right") - 1, 0, self.depth.size - 1)
         step = depth - self.depth[i]

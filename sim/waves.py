@@ -16,6 +16,10 @@ GRAVITY = 9.81
 """As in models/ocean.xml; there it pulls on bodies, here on the surface [m/s²]."""
 
 
+FLOOR_DEPTH_M = 40.0
+"""Of a sea that is not told otherwise [m]."""
+
+
 def wavenumber(omega: npt.ArrayLike, depth_m: float) -> Floats:
     """Solve ω² = g k tanh(k h) for k [1/m] by Newton's method; ω > 0 [rad/s], h [m]."""
     omega = np.asarray(omega, dtype=np.float64)
@@ -43,6 +47,8 @@ class Waves:
     """Shape (n,)."""
     phase_rad: Floats
     """Shape (n,)."""
+    floor_depth_m: float = FLOOR_DEPTH_M
+    """Depth for which the wavenumbers hold; an `Ocean` asks for its own."""
 
     def __post_init__(self) -> None:
         n = self.amplitude_m.size
@@ -69,7 +75,7 @@ class Waves:
         period_s: float,
         direction_rad: float = 0.0,
         phase_rad: float = 0.0,
-        floor_depth_m: float = 1000.0,
+        floor_depth_m: float = FLOOR_DEPTH_M,
     ) -> Self:
         """One component; height crest to trough, `direction_rad` is the compass direction it runs towards.
 
@@ -90,6 +96,7 @@ class Waves:
             wavenumber_1_m=k[:, None] * towards,
             omega_rad_s=omega,
             phase_rad=np.array([float(phase_rad)]),
+            floor_depth_m=floor_depth_m,
         )
 
     @classmethod
@@ -101,7 +108,7 @@ class Waves:
         peak_period_s: float,
         direction_rad: float = 0.0,
         spread_rad: float = 0.0,
-        floor_depth_m: float = 1000.0,
+        floor_depth_m: float = FLOOR_DEPTH_M,
         peakedness: float = 3.3,
         n_components: int = 48,
     ) -> Self:
@@ -117,7 +124,7 @@ class Waves:
         if significant_height_m < 0 or spread_rad < 0:
             raise ValueError(f"{significant_height_m=} and {spread_rad=} must not be negative")
         peak = 2 * np.pi / peak_period_s
-        # 98.5 % of the variance of the spectrum lies between these frequencies
+        # 99 % of the variance of the spectrum lies between these frequencies
         edges = peak * np.linspace(0.6, 3.0, n_components + 1)
         omega = rng.uniform(edges[:-1], edges[1:])
         width = np.where(omega <= peak, 0.07, 0.09)
@@ -133,6 +140,7 @@ class Waves:
             wavenumber_1_m=wavenumber(omega, floor_depth_m)[:, None] * towards,
             omega_rad_s=omega,
             phase_rad=phase,
+            floor_depth_m=floor_depth_m,
         )
 
 

@@ -1,0 +1,108 @@
+"""What makes the leader pitch in the study, and the scenarios that follow: each can be flown alone with `laisn fly`."""
+
+from dataclasses import dataclass
+
+from experiments.library import ROUTES, load
+from sim.scenario import Scenario
+
+OFFSETS_M = (0.0, 2.0, 5.0, 10.0)
+"""Depth of the follower below the leader's mean depth."""
+SEED = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """One physical cause of pitch."""
+
+    key: str
+    label: str
+    cause: str
+    """trim, dive or waves."""
+    leader_depth_m: float = 8.0
+    assignments: tuple[str, ...] = ()
+    """What the cause changes in a scenario."""
+
+
+def _trim(force: float) -> Condition:
+    return Condition(
+        key=f"trim-{force:g}N",
+        label=f"{force:g} N of excess buoyancy, held by trim",
+        cause="trim",
+        assignments=(f"leader.excess_buoyancy_n={force}",),
+    )
+
+
+def _dive(amplitude: float) -> Condition:
+    return Condition(
+        key=f"dive-{amplitude:g}m",
+        label=f"saw-tooth of ±{amplitude:g} m in 120 s",
+        cause="dive",
+        assignments=(f"leader.saw_tooth_amplitude_m={amplitude}", "leader.saw_tooth_period_s=120.0"),
+    )
+
+
+SEAS_DEG = {"head": 270.0, "beam": 0.0, "following": 90.0}
+"""Where waves run to, named for the leader's first leg, eastwards; on its second leg, northwards, head and following
+seas come from abeam, and a beam sea follows."""
+
+
+def _waves(height: float, sea: str, depth: float) -> Condition:
+    # steepness of a young wind sea: 0.5 m at 4 s, 1 m at 5 s
+    period = 5.0 if height >= 1.0 else 4.0
+    return Condition(
+        key=f"waves-{height:g}m-{sea}-{depth:g}m",
+        label=f"Hs {height:g} m, {sea} sea, leader at {depth:g} m",
+        cause="waves",
+        leader_depth_m=depth,
+        assignments=(
+            "ocean.waves.kind=jonswap",
+            f"ocean.waves.height_m={height}",
+            f"ocean.waves.period_s={period}",
+            f"ocean.waves.direction_deg={SEAS_DEG[sea]}",
+        ),
+    )
+
+
+CALM = Condition(key="calm", label="calm sea, neutral leader", cause="none")
+CONDITIONS = (
+    *(_trim(force) for force in (4.0, 8.0, 12.0)),
+    *(_dive(amplitude) for amplitude in (2.0, 4.0)),
+    *(_waves(h, sea, depth) for h in (0.3, 0.5, 1.0) for sea in SEAS_DEG for depth in (2.0, 5.0)),
+)
+QUICK_CONDITIONS = (_trim(12.0), _dive(4.0), _waves(0.5, "following", 2.0))
+
+
+def _assignments(condition: Condition, offset: float) -> list[str]:
+    """What differs from the built-in scenario of a route."""
+    return [
+        f"leader.depth_m={condition.leader_depth_m}",
+        *condition.assignments,
+        f"followers.0.depth_m={condition.leader_depth_m + offset}",
+        "leader.broadcast_attitude=true",
+        f"seed={SEED}",
+    ]
+
+
+def scenario(condition: Condition, route: str, offset: float, duration: float = 1000.0) -> Scenario:
+    """One follower on a route, `offset` metres below the leader."""
+    return load(route, [*_assignments(condition, offset), f"duration_s={duration}"])
+
+
+def command(condition: Condition, route: str, offset: float, run: int = 0, variant: str = "laisn-2") -> str:
+    """The command line that flies the same alone, with the noise of a run."""
+    chosen = [f"navigation.variant={variant}"] if variant != "laisn-2" else []
+    settings = " ".join(f"--set {a}" for a in [*_assignments(condition, offset), *chosen])
+    return f"laisn fly {route} {settings} --run {run}"
+
+
+def fleet(
+    condition: Condition, routes: tuple[str, ...] = ROUTES, offsets: tuple[float, ...] = OFFSETS_M,
+    duration: float = 1000.0,
+) -> Scenario:  # fmt: skip
+    """All routes at all offsets behind one leader; followers in the order of routes, then offsets."""
+    alone = [scenario(condition, route, offset, duration) for route in routes for offset in offsets]
+    followers = [
+        one.followers[0].model_copy(update={"name": f"{route}-{offset:g}m"})
+        for one, (route, offset) in zip(alone, [(r, o) for r in routes for o in offsets], strict=True)
+    ]
+    return Scenario.model_validate({**dict(alone[0]), "name": condition.key, "followers": tuple(followers)})

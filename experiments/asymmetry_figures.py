@@ -1,0 +1,193 @@
+"""Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Ellipse
+from matplotlib.ticker import FixedLocator
+
+from experiments.figures import FRAME, INK, MUTED, SERIES, Colour, Line, panel
+from sim import attitude
+from sim.tilt import leveled
+from sim.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+
+LEVEL, REAL, AWARE = SERIES[2], SERIES[1], SERIES[0]
+"""Colours of the level leader, the real one, and of a follower that knows the leader's attitude."""
+ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+_ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
+"""Blue below half a metre, orange to brown above; the last for 4 m and more."""
+HULL_LENGTH_M, HULL_HEIGHT_M = 2.0, 0.25
+
+
+def _axes(figure: Figure) -> Axes:
+    return figure.axes[0]
+
+
+def _note(axes: Axes, text: str, at: tuple[float, float], colour: Colour = INK, **style: object) -> None:
+    axes.annotate(text, at, color=colour.placeholder, fontsize=7.5, **style)  # type: ignore[arg-type]
+
+
+class Message:
+    """One message in the leader's own axes: forward, port and up of the level hull, from its origin, [m]."""
+
+    def __init__(self, trajectory: Trajectory, step: int, follower: int = 0) -> None:
+        """Take recorded point `step` of a trajectory."""
+        level = leveled(trajectory)
+        name = trajectory.names[follower + 1]
+        sites = [trajectory.site(f"leader/{site}") for site in ("tx_rear", "tx_front", "tx_middle")]
+        origin, own = trajectory.position[step, 0], level.quaternion[step, 0] * np.array([1.0, -1.0, -1.0, -1.0])
+        self.pitch = float(trajectory.pitch[step, 0])
+        self.transmitter: Floats = attitude.rotate(own, trajectory.site_position[step, sites] - origin)
+        self.assumed: Floats = attitude.rotate(own, level.site_position[step, sites] - origin)
+        hydrophone = trajectory.site_position[step, trajectory.site(f"{name}/hydrophone")]
+        self.hydrophone: Floats = attitude.rotate(own, hydrophone - origin)
+
+    @property
+    def used_range(self) -> Floats:
+        """Horizontal ranges that a noiseless follower computes, shape (3,), [m]."""
+        slant = np.linalg.norm(self.transmitter - self.hydrophone, axis=1)
+        return np.asarray(np.sqrt(np.maximum(slant**2 - self.hydrophone[2] ** 2, 0.0)))
+
+    @property
+    def fix(self) -> Floats:
+        """Where the circles about the assumed rear and front transmitter meet, forward and port, shape (2,), [m]."""
+        rear, front = self.assumed[0, 0], self.assumed[1, 0]
+        used = self.used_range
+        along = float((used[0] ** 2 - used[1] ** 2) / (2 * (front - rear)))
+        aside = np.sqrt(max(used[0] ** 2 - (along - rear) ** 2, 0.0))
+        return np.array([along, np.copysign(aside, self.hydrophone[1])])
+
+
+def message_side(message: Message) -> Figure:
+    """Side view to scale: the pitched hull, its rays, and where the follower believes the transmitters are."""
+    figure = panel(
+        [], x_label="forward of the leader [m]", y_label="up [m]", title="Side view, to scale", equal=True, height=3.0
+    )
+    axes, hydrophone = _axes(figure), message.hydrophone
+    axes.add_patch(
+        Ellipse(
+            (0, 0), HULL_LENGTH_M, HULL_HEIGHT_M, angle=np.rad2deg(message.pitch), facecolor=MUTED.placeholder,
+            edgecolor=FRAME.placeholder, linewidth=0.6, alpha=0.6,
+        )
+    )  # fmt: skip
+    for i, name in ((0, "rear"), (1, "front")):
+        true, assumed = message.transmitter[i], message.assumed[i]
+        axes.plot(*zip(true[[0, 2]], hydrophone[[0, 2]], strict=True), color=REAL.placeholder, linewidth=0.9)
+        axes.plot(
+            *zip(assumed[[0, 2]], hydrophone[[0, 2]], strict=True), color=LEVEL.placeholder, linewidth=0.9,
+            linestyle=(0, (4, 3)),
+        )  # fmt: skip
+        axes.plot(*true[[0, 2]], marker="o", markersize=3.5, color=REAL.placeholder)
+        axes.plot(*assumed[[0, 2]], marker="o", markersize=3.5, markerfacecolor="none", color=LEVEL.placeholder)
+        rise = true[2] - assumed[2]
+        _note(axes, f"{name}: {100 * rise:+.0f} cm", (true[0], max(true[2], 0.0) + 0.35),
+              ha="right" if i == 0 else "left")  # fmt: skip
+    axes.plot(*hydrophone[[0, 2]], marker="s", markersize=4, color=INK.placeholder)
+    _note(axes, "hydrophone", (hydrophone[0], hydrophone[2] - 0.9), ha="center")
+    axes.set_ylim(hydrophone[2] - 1.4, 1.6)
+    return figure
+
+
+def message_top(message: Message) -> Figure:
+    """View from above, to scale: the circles that the follower draws, and where they meet."""
+    figure = panel(
+        [],
+        x_label="forward of the leader [m]",
+        y_label="port [m]",
+        title="From above, to scale",
+        equal=True,
+        height=3.0,
+    )
+    axes, hydrophone, fix = _axes(figure), message.hydrophone, message.fix
+    for i in (0, 1):
+        axes.add_patch(
+            Circle(
+                tuple(message.assumed[i, :2]), float(message.used_range[i]), fill=False, linewidth=0.8,
+                edgecolor=REAL.placeholder, alpha=0.8,
+            )
+        )  # fmt: skip
+    reach = float(np.hypot(*hydrophone[:2]))
+    axes.add_patch(Circle((0, 0), reach, fill=False, linewidth=0.7, linestyle=(0, (2, 3)), edgecolor=FRAME.placeholder))
+    axes.add_patch(
+        Ellipse((0, 0), HULL_LENGTH_M, HULL_HEIGHT_M, facecolor=MUTED.placeholder, edgecolor=FRAME.placeholder,
+                linewidth=0.6)
+    )  # fmt: skip
+    axes.plot(*hydrophone[:2], marker="s", markersize=4, color=LEVEL.placeholder)
+    axes.plot(*fix, marker="X", markersize=5, color=REAL.placeholder)
+    away = np.sign(hydrophone[1])
+    _note(axes, "truth", (hydrophone[0] + 0.5, hydrophone[1]), LEVEL, va="center")
+    error = float(np.hypot(*(fix - hydrophone[:2])))
+    _note(axes, f"fix, {error:.2f} m off", (fix[0] - 0.5, fix[1]), REAL, ha="right", va="center")
+    low, high = sorted((-2.0 * away, hydrophone[1] + 2.5 * away))
+    axes.set_ylim(low, high)
+    axes.set_xlim(min(hydrophone[0], -1) - 6, max(hydrophone[0], 1) + 5)
+    return figure
+
+
+def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Figure:
+    """Position error over bearing and range.
+
+    Args:
+        bearing_deg: shape (b,).
+        range_m: shape (r,).
+        error: shape (r, b), [m].
+        title: of the panel.
+    """
+    figure = panel([], x_label="bearing B of the follower [°]", y_label="range [m]", title=title, height=2.6)
+    axes = _axes(figure)
+    colours = ListedColormap(_ERROR_COLOURS)
+    norm = BoundaryNorm(ERROR_LEVELS_M, len(_ERROR_COLOURS), extend="max")
+    closed = np.concatenate([error, error[:, :1]], axis=1)
+    axes.contourf(
+        np.append(bearing_deg, bearing_deg[0] + 360.0), range_m, closed, levels=ERROR_LEVELS_M, cmap=colours, norm=norm,
+        extend="max",
+    )  # fmt: skip
+    axes.set_yscale("log")
+    axes.set_xlim(0, 360)
+    axes.set_ylim(float(range_m[0]), float(range_m[-1]))
+    axes.yaxis.set_major_locator(FixedLocator([5, 10, 20, 50, 100]))
+    axes.yaxis.set_minor_locator(FixedLocator([]))
+    axes.set_yticklabels(["5", "10", "20", "50", "100"])
+    axes.xaxis.set_major_locator(FixedLocator(range(0, 361, 45)))
+    axes.grid(visible=False)
+    left, bottom, _, height = axes.get_position().bounds
+    axes.set_position((left, bottom, 0.72, height))
+    key = figure.add_axes((left + 0.75, bottom, 0.03, height))
+    count = len(_ERROR_COLOURS)
+    key.pcolormesh([0, 1], np.arange(count + 1), np.arange(count)[:, None], cmap=colours, vmin=0, vmax=count - 1)
+    key.set_xticks([])
+    key.yaxis.tick_right()
+    key.set_yticks(range(count), [f"{level:g}" for level in ERROR_LEVELS_M])
+    key.set_title("[m]", fontsize=8, loc="left", pad=5, color=INK.placeholder)
+    key.tick_params(length=0, labelcolor=INK.placeholder, labelsize=8)
+    for spine in key.spines.values():
+        spine.set_visible(False)
+    return figure
+
+
+def over_pitch(pitch_deg: Floats, curves: Sequence[tuple[str, Floats, Floats, Colour]], title: str) -> Figure:
+    """Error over pitch: closed form as a line, the engine's numbers as marks.
+
+    Args:
+        pitch_deg: shape (p,).
+        curves: name, closed form and measured error, shape (p,) each, [m], and colour.
+        title: of the panel.
+    """
+    lines = []
+    for _, closed_form, measured, colour in curves:
+        lines.append(Line(x=pitch_deg, y=closed_form, colour=colour))
+        lines.append(Line(x=pitch_deg, y=measured, colour=colour, marker="o"))
+    figure = panel(lines, x_label="pitch of the leader [°]", y_label="position error [m]", title=title)
+    axes = _axes(figure)
+    axes.margins(x=0.03)
+    axes.set_xlim(float(pitch_deg[0]), float(pitch_deg[-1]) * 1.22)
+    for name, closed_form, _, colour in curves:
+        last = np.flatnonzero(np.isfinite(closed_form))[-1]
+        _note(axes, f" {name}", (float(pitch_deg[last]), float(closed_form[last])), colour, va="center")
+    return figure

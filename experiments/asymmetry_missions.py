@@ -1,0 +1,202 @@
+"""The pitch study on missions: one leader, thirty-two followers, and what each cause and each remedy is worth.
+
+A condition is flown once, with all followers in the water at the same time. Each of them then navigates 60 times with
+the same noise behind the leader as it moved (real) and behind one that kept level, and with every remedy. What differs
+between two arms of a condition is therefore the pitch, or the remedy, and nothing else.
+"""
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sim.motion import move
+
+from experiments.asymmetry_conditions import OFFSETS_M, SEED, Condition, fleet, scenario
+from experiments.cells import Cell, CellResult
+from experiments.library import ROUTES
+from experiments.montecarlo import simulate
+from laisn.settings import NavigationSettings, Variant
+from sim.errors import MissionTruth, SensorErrors
+from sim.flight import navigation_settings
+from sim.sensors import errors_of, observe
+from sim.tilt import leveled
+from sim.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+
+_SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
+"""Sites that sensing needs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm:
+    """One way to fly a condition."""
+
+    key: str
+    label: str
+    level: bool = False
+    """The leader's transmitters are where a level leader has them."""
+    use_attitude: bool = False
+    """The leader broadcasts pitch and roll, and the follower places the transmitters by them."""
+    attitude_sigma_deg: float = 0.0
+    """Error of the broadcast attitude."""
+    expect_pitch: bool = False
+    """The follower inflates σp by the root mean square pitch of the mission."""
+
+
+LEVEL = Arm(key="level", label="level leader", level=True)
+REAL = Arm(key="real", label="real leader")
+ARMS = (
+    LEVEL,
+    REAL,
+    Arm(key="attitude-0", label="attitude broadcast, exact", use_attitude=True),
+    Arm(key="attitude-0.5", label="attitude broadcast, 0.5°", use_attitude=True, attitude_sigma_deg=0.5),
+    Arm(key="attitude-2", label="attitude broadcast, 2°", use_attitude=True, attitude_sigma_deg=2.0),
+    Arm(key="expected", label="σp inflated by the expected pitch", expect_pitch=True),
+)
+ARM = {arm.key: arm for arm in ARMS}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """How much of the study is flown."""
+
+    routes: tuple[str, ...] = ROUTES
+    offsets_m: tuple[float, ...] = OFFSETS_M
+    variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-1", "laisn-3-2")
+    arms: tuple[str, ...] = tuple(ARM)
+    runs: int = 60
+    duration_s: float = 1000.0
+
+
+QUICK = Plan(routes=("T3", "T8"), offsets_m=(0.0, 5.0, 10.0), variants=("laisn-2",), runs=20, duration_s=200.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """Result of one arm on one mission; errors are E_P and E_B of the paper over all steps and runs."""
+
+    condition: str
+    cause: str
+    route: str
+    depth_offset_m: float
+    variant: str
+    arm: str
+    runs: int
+    mean_m: float
+    std_m: float
+    p95_m: float
+    max_m: float
+    mean_bearing_deg: float
+    captured: int
+    gated: int
+    pitch_rms_deg: float
+    """Of the leader."""
+    pitch_max_deg: float
+    range_mean_m: float
+    depth_offset_rms_m: float
+    """True root mean square of Δz."""
+
+
+def pair(trajectory: Trajectory, follower: int) -> Trajectory:
+    """Leader and one follower out of a fleet, with the sites that sensing needs."""
+    vehicles = np.array([0, follower + 1])
+    kept = [
+        i
+        for i, name in enumerate(trajectory.site_names)
+        if trajectory.site_vehicle[i] in vehicles and name.rpartition("/")[2] in _SITES
+    ]
+    per_vehicle = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
+    return replace(
+        trajectory,
+        names=tuple(trajectory.names[v] for v in vehicles),
+        **{name: getattr(trajectory, name)[:, vehicles].copy() for name in per_vehicle},
+        site_names=tuple(trajectory.site_names[i] for i in kept),
+        site_vehicle=(trajectory.site_vehicle[kept] > 0).astype(np.int64),
+        site_offset=trajectory.site_offset[kept].copy(),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensed:
+    """What one follower's sensors see behind the real leader and behind a level one."""
+
+    real: MissionTruth
+    level: MissionTruth
+    settings: NavigationSettings
+    facts: dict[str, float]
+    """Pitch and geometry of the mission: fields of `Row`."""
+
+
+def sense(both: Trajectory, condition: Condition, route: str, offset: float, duration: float) -> Sensed:
+    """Observe a pair of vehicles twice."""
+    one = scenario(condition, route, offset, duration)
+    apart = both.position[:, 1] - both.position[:, 0]
+    pitch = np.rad2deg(both.pitch[:, 0])
+    return Sensed(
+        real=observe(both, one),
+        level=observe(leveled(both), one),
+        settings=navigation_settings(one, both, 0),
+        facts={
+            "pitch_rms_deg": float(np.sqrt(np.mean(pitch**2))),
+            "pitch_max_deg": float(np.abs(pitch).max()),
+            "range_mean_m": float(np.hypot(*apart[:, :2].T).mean()),
+            "depth_offset_rms_m": float(np.sqrt(np.mean(apart[:, 2] ** 2))),
+        },
+    )
+
+
+def _cell(sensed: Sensed, one_errors: SensorErrors, arm: Arm, variant: Variant, runs: int) -> Cell:
+    sigma = float(np.deg2rad(arm.attitude_sigma_deg))
+    expected = float(np.deg2rad(sensed.facts["pitch_rms_deg"])) if arm.expect_pitch else 0.0
+    return Cell(
+        truth=sensed.level if arm.level else sensed.real,
+        errors=replace(one_errors, leader_pitch_sigma=sigma, leader_roll_sigma=sigma),
+        settings=replace(
+            sensed.settings, variant=variant, use_attitude=arm.use_attitude, expected_pitch=expected
+        ),
+        seed=SEED,
+        runs=range(runs),
+    )  # fmt: skip
+
+
+def row_of(result: CellResult, **others: Any) -> Row:
+    """A row of the table of results; `others` are the fields that no result holds."""
+    return Row(
+        **others,
+        runs=result.runs,
+        mean_m=result.position.mean,
+        std_m=result.position.std,
+        p95_m=result.position.percentiles[2],
+        max_m=result.position.max,
+        mean_bearing_deg=float(np.rad2deg(result.bearing.mean)),
+        captured=result.captured,
+        gated=result.gated,
+    )
+
+
+def fly_condition(condition: Condition, plan: Plan) -> list[Row]:
+    """Fly one condition, and navigate every follower behind it in every arm and variant."""
+    trajectory = move(fleet(condition, plan.routes, plan.offsets_m, plan.duration_s))
+    rows = []
+    missions = [(route, offset) for route in plan.routes for offset in plan.offsets_m]
+    for follower, (route, offset) in enumerate(missions):
+        sensed = sense(pair(trajectory, follower), condition, route, offset, plan.duration_s)
+        errors = errors_of(scenario(condition, route, offset, plan.duration_s))
+        for arm in plan.arms:
+            for variant in plan.variants:
+                result = simulate(_cell(sensed, errors, ARM[arm], variant, plan.runs))
+                rows.append(
+                    row_of(
+                        result, **sensed.facts, condition=condition.key, cause=condition.cause, route=route,
+                        depth_offset_m=offset, variant=variant, arm=arm,
+                    )
+                )  # fmt: skip
+    return rows
+
+
+def as_columns(rows: list[Row]) -> dict[str, list[Any]]:
+    """Rows as columns of a table."""
+    records = [asdict(r) for r in rows]
+    return {name: [record[name] for record in records] for name in records[0]}

@@ -1,0 +1,106 @@
+"""The paper's range errors read as pitch: which τ of Eq. 28 does the same harm.
+
+Stage 4 of the paper gives one transmitter a larger uniform error, τ_rear U(0, 1), and names a leader out of trim as a
+reason. Here both are flown over the same routes: a level leader with τ_rear raised, and a leader pitched by a constant
+angle with τ left at 0.01 m. Two that raise the mean position error by the same amount are equivalent.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from sim.motion import move
+
+from experiments.asymmetry_conditions import CALM, SEED, fleet, scenario
+from experiments.asymmetry_missions import Plan, pair
+from experiments.cells import Cell
+from experiments.montecarlo import simulate
+from laisn.settings import Variant
+from sim.flight import navigation_settings
+from sim.sensors import errors_of, observe
+from sim.tilt import leveled, tilted
+
+Floats = npt.NDArray[np.float64]
+
+TAU_M = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1.6)
+"""τ of the rear transmitter; the first is the paper's usual one, 0.03 and 0.06 are those of its Stage 4."""
+PITCH_DEG = (0.0, -1.0, -2.0, -3.0, -5.0, -7.5, -10.0, -15.0)
+"""Nose down, as excess buoyancy makes a leader swim; astern, where most followers are, the lever arm and foreshortening
+then add up."""
+OFFSETS_M = (2.0, 5.0, 10.0)
+INTERVALS_S = (1.0, 5.0)
+"""Message intervals of the paper's Stages 1 and 4."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """Mean position error of a route over one quantity."""
+
+    route: str
+    variant: str
+    interval_s: float
+    depth_offset_m: float
+    """NaN for τ, which does not depend on it."""
+    value: tuple[float, ...]
+    """τ_rear [m], or pitch [°]."""
+    mean_m: tuple[float, ...]
+
+    @property
+    def excess(self) -> Floats:
+        """Mean error above that of the first value, [m]."""
+        return np.asarray(self.mean_m) - self.mean_m[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curves:
+    """All curves of the study."""
+
+    tau: tuple[Curve, ...]
+    pitch: tuple[Curve, ...]
+
+    def tau_of(self, route: str, variant: str, interval_s: float = 1.0) -> Curve:
+        """The curve over τ of a route; StopIteration if it was not flown."""
+        return next(c for c in self.tau if (c.route, c.variant, c.interval_s) == (route, variant, interval_s))
+
+
+def equivalent(excess: float, curve: Curve) -> float:
+    """Size of the value at which a curve has that excess; NaN below zero and beyond the curve's end.
+
+    Between the flown values the excess counts as linear; where noise makes a curve dip, its largest value so far.
+    """
+    grown = np.maximum.accumulate(curve.excess)
+    if not 0.0 <= excess <= grown[-1]:
+        return float("nan")
+    return float(np.interp(excess, grown, np.abs(curve.value)))
+
+
+def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2")) -> Curves:
+    """Fly all routes of a plan in a calm sea, over τ and over pitch."""
+    offsets = tuple(o for o in OFFSETS_M if o in plan.offsets_m)
+    trajectory = move(fleet(CALM, plan.routes, offsets, plan.duration_s))
+    tau, pitch = [], []
+    missions = [(route, offset) for route in plan.routes for offset in offsets]
+    for follower, (route, offset) in enumerate(missions):
+        level = leveled(pair(trajectory, follower))
+        for interval in INTERVALS_S:
+            one = scenario(CALM, route, offset, plan.duration_s)
+            one = one.model_copy(update={"timing": one.timing.model_copy(update={"message_interval_s": interval})})
+            errors, settings = errors_of(one), navigation_settings(one, level, 0)
+            truths = [observe(tilted(level, np.deg2rad(degrees)), one) for degrees in PITCH_DEG]
+            for variant in variants:
+                cell = Cell(
+                    truth=truths[0], errors=errors, settings=replace(settings, variant=variant), seed=SEED,
+                    runs=range(plan.runs),
+                )  # fmt: skip
+                key = {"route": route, "variant": variant, "interval_s": interval}
+                means = tuple(simulate(replace(cell, truth=truth)).position.mean for truth in truths)
+                pitch.append(Curve(**key, depth_offset_m=offset, value=PITCH_DEG, mean_m=means))  # type: ignore[arg-type]
+                if offset == offsets[0]:
+                    others = errors.range_tau[1:]
+                    means = tuple(
+                        simulate(replace(cell, errors=replace(errors, range_tau=(t, *others)))).position.mean
+                        for t in TAU_M
+                    )
+                    tau.append(Curve(**key, depth_offset_m=float("nan"), value=TAU_M, mean_m=means))  # type: ignore[arg-type]
+    return Curves(tau=tuple(tau), pitch=tuple(pitch))

@@ -1,0 +1,173 @@
+"""Fly one scenario and write its evidence: log, film, report, numbers, and the scenario that repeats it."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from experiments.doctor import GRAPHICS_HINT, versions
+from laisn import metrics
+from laisn.navigator import Navigator
+from sim.flight import Flight, Outcome, navigate
+from sim.motion import Diverged, move
+from sim.scenario import Scenario
+from sim.scenario_file import dumps
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass
+class Stopwatch:
+    """Seconds that each phase took."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = time.perf_counter() - start
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file that appears under its name only when it is whole."""
+    temporary = path.with_name(path.name + ".part")
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
+    """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
+    steps = flight.step_index()
+    leader = flight.trajectory.position[steps, 0, :2]
+    result = []
+    for i, estimates in enumerate(flight.estimates):
+        position, truth = estimates.state[:, :2], flight.hydrophone(i)[:, :2]
+        result.append(
+            (
+                metrics.position_errors(position, truth),
+                metrics.bearing_errors(position, truth, leader),
+            )
+        )
+    return result
+
+
+def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, Any]:
+    """What `summary.json` holds: the same for the same scenario and version, whatever the machine."""
+    pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
+    names = flight.trajectory.names[1:]
+    return {
+        "scenario": flight.scenario.name,
+        "seed": flight.scenario.seed,
+        "run": flight.scenario.run,
+        "outcome": flight.outcome.value,
+        "flown_s": float(flight.trajectory.time[-1]),
+        "variant": flight.scenario.navigation.variant,
+        **asdict(pooled),
+        "followers": {
+            name: asdict(metrics.summarise(*errors[i])) | {"fixes": metrics.fix_counts(flight.estimates[i])}
+            for i, name in enumerate(names)
+        },
+        "versions": versions(),
+    }
+
+
+def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> tuple[Flight, dict[str, float]]:
+    """Fly a scenario with the navigator of this project.
+
+    Returns:
+        The flight, and the seconds that simulation and navigation took. If the simulation leaves finite numbers, the
+        flight holds what was flown before, and its outcome says so.
+    """
+    watch = Stopwatch()
+    outcome = Outcome.COMPLETED
+    with watch.phase("simulate_s"):
+        try:
+            trajectory = move(scenario, progress)
+        except Diverged as error:
+            trajectory, outcome = error.trajectory, Outcome.DIVERGED
+    with watch.phase("navigate_s"):
+        flight = navigate(scenario, trajectory, Navigator, outcome)
+    watch.seconds["real_time_factor"] = float(trajectory.time[-1]) / watch.seconds["simulate_s"]
+    return flight, watch.seconds
+
+
+def _show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
+    table = Table("follower", "E_P max", "mean", "σ", "E_B max", "mean", "σ", box=None, pad_edge=False)
+    for name, row in summary["followers"].items():
+        metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
+        degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
+        table.add_row(name, *metres, *degrees)
+    console.print(table)
+    if flight.outcome is not Outcome.COMPLETED:
+        console.print(f"[red]{flight.outcome.value}[/] (at {summary['flown_s']:g} s)")
+
+
+def fly_and_write(scenario: Scenario, out: Path | None, *, with_video: bool) -> Path:
+    """Fly a scenario, show what happens, and write every result into a folder.
+
+    Args:
+        scenario: to fly.
+        out: folder; None: out/NAME.
+        with_video: render the film too.
+
+    Returns:
+        The folder.
+
+    Raises:
+        OSError: the folder cannot be written; nothing half-written is left under a final name.
+    """
+    from experiments.report import flight_report
+    from sim import graphics, log, render
+
+    folder = out or Path("out") / scenario.name
+    folder.mkdir(parents=True, exist_ok=True)
+    console = Console()
+    watch = Stopwatch()
+    columns = (TextColumn("{task.description:<9}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=not console.is_terminal) as bars:
+
+        @contextmanager
+        def phase(name: str) -> Iterator[Callable[[float], None]]:
+            task = bars.add_task(name, total=1.0)
+            with watch.phase(f"{name}_s"):
+                yield lambda done: bars.update(task, completed=done)
+            bars.update(task, completed=1.0)
+
+        with phase("simulate") as update:
+            flight, seconds = fly(scenario, update)
+        errors = position_and_bearing_errors(flight)
+        summary = summarise(flight, errors)
+        summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+        with phase("log"):
+            log.write(flight, folder / "flight.mcap", summary=summary_text, errors=errors)
+        film: Path | None = None
+        if with_video and any(backend.works for backend in graphics.probe()):
+            with phase("video") as update:
+                film = folder / "flight.mp4"
+                render.render(flight, film, errors=errors, video=scenario.video, progress=update)
+        with phase("report"):
+            flight_report(flight, errors, summary, folder / "report.html", film)
+    write_whole(folder / "summary.json", summary_text)
+    write_whole(folder / "scenario.toml", dumps(scenario))
+    write_whole(folder / "timing.json", json.dumps(watch.seconds | seconds, indent=2) + "\n")
+    _show(console, flight, summary)
+    if with_video and film is None:
+        console.print(f"no film: this machine lacks OpenGL; {GRAPHICS_HINT}")
+    console.print(f"results in {folder}")
+    return folder

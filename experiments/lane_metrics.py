@@ -1,0 +1,144 @@
+"""Errors of a block of runs, summed up where they arise: `laisn.metrics` for lanes, in memory that does not grow."""
+
+import math
+from itertools import count
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn import lane_rows as row
+from laisn.compiled import compiled_lanes, inlined
+from laisn.elementary import half_turn_angle, to_bits
+from laisn.estimates import FixKind
+from laisn.geometry import SINGULAR_VARIANCE
+from laisn.lane_rows import LANES
+from laisn.metrics import CAPTURE_ERROR
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+_LOST = int(FixKind.LOST)
+
+_row = count(0, LANES)
+SUM_P, SQUARES_P, MAX_P, SUM_B, SQUARES_B, MAX_B = (next(_row) for _ in range(6))
+SUM_NEES, COUNT_NEES, SUM_NIS, COUNT_NIS = (next(_row) for _ in range(4))
+# Steps that the estimate has been on the wrong side without a break, and the most of them.
+ASTRAY, LONGEST_ASTRAY = (next(_row) for _ in range(2))
+KINDS = next(_row)
+SIZE = KINDS + len(FixKind) * LANES
+"""Numbers of a tally."""
+
+# Histograms have 2⁷ bins an octave: percentiles read from them are right to a share of 2⁻⁷, wherever they lie.
+_BINS_PER_OCTAVE_BITS = 7
+_BITS_SHIFT = np.uint64(52 - _BINS_PER_OCTAVE_BITS)
+_OCTAVES = 20
+LOWEST_P = 2.0**-10
+"""Position errors below this share one bin [m]."""
+LOWEST_B = 2.0**-18
+"""Bearing errors below this share one bin [rad]."""
+BINS = (_OCTAVES << _BINS_PER_OCTAVE_BITS) + 2
+_FIRST_P = (1023 - 10 << _BINS_PER_OCTAVE_BITS) - 1
+_FIRST_B = (1023 - 18 << _BINS_PER_OCTAVE_BITS) - 1
+
+
+def bin_edges(lowest: float) -> Floats:
+    """Edges of a histogram's bins, shape (BINS + 1,); the last bin takes all that is larger."""
+    shares = 1.0 + np.arange(1 << _BINS_PER_OCTAVE_BITS) / (1 << _BINS_PER_OCTAVE_BITS)
+    edges = (lowest * 2.0 ** np.arange(_OCTAVES)[:, None] * shares).ravel()
+    top = lowest * 2.0**_OCTAVES
+    return np.concatenate([[0.0], edges, [top, np.inf]])
+
+
+@inlined
+def _bin(value: float, first: int) -> np.int64:
+    number = np.int64(to_bits(value) >> _BITS_SHIFT) - first
+    number = number if number > 0 else np.int64(0)
+    return number if number < BINS - 1 else np.int64(BINS - 1)
+
+
+@compiled_lanes
+def tally_step(
+    block: Floats, tally: Floats, bins: Ints, hydrophone: tuple[float, float], leader: tuple[float, float, float]
+) -> None:
+    """Add the errors of a step.
+
+    Args:
+        block: of estimates.
+        tally: its sums.
+        bins: receives the histogram bins of position and bearing error, two rows.
+        hydrophone: true x, y [m].
+        leader: true x, y [m] and heading [rad].
+    """
+    x, y = hydrophone
+    leader_x, leader_y, leader_heading = leader
+    true_x, true_y = x - leader_x, y - leader_y
+    # The sign of the cross product with the leader's axis tells the side.
+    axis_x, axis_y = math.sin(leader_heading), math.cos(leader_heading)
+    true_side = axis_x * true_y - axis_y * true_x
+    for lane in range(LANES):
+        ex, ey = block[row.X + lane] - x, block[row.Y + lane] - y
+        squared = ex * ex + ey * ey
+        error = math.sqrt(squared)
+        from_x, from_y = block[row.X + lane] - leader_x, block[row.Y + lane] - leader_y
+        bearing = half_turn_angle(true_x * from_y - true_y * from_x, true_x * from_x + true_y * from_y)
+        tally[SUM_P + lane] += error
+        tally[SQUARES_P + lane] += squared
+        tally[MAX_P + lane] = error if error > tally[MAX_P + lane] else tally[MAX_P + lane]
+        tally[SUM_B + lane] += bearing
+        tally[SQUARES_B + lane] += bearing * bearing
+        tally[MAX_B + lane] = bearing if bearing > tally[MAX_B + lane] else tally[MAX_B + lane]
+        bins[lane] = _bin(error, _FIRST_P)
+        bins[LANES + lane] = _bin(bearing, _FIRST_B)
+
+        side = (axis_x * from_y - axis_y * from_x) * true_side
+        astray = tally[ASTRAY + lane] + 1.0 if error > CAPTURE_ERROR and side < 0.0 else 0.0
+        tally[ASTRAY + lane] = astray
+        longest = tally[LONGEST_ASTRAY + lane]
+        tally[LONGEST_ASTRAY + lane] = astray if astray > longest else longest
+
+        pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
+        known = 0.5 * (pxx + pyy) >= SINGULAR_VARIANCE
+        per_det = 1.0 / (pxx * pyy - pxy * pxy if known else 1.0)
+        nees = (pyy * ex * ex - 2.0 * pxy * ex * ey + pxx * ey * ey) * per_det
+        tally[SUM_NEES + lane] += nees if known else 0.0
+        tally[COUNT_NEES + lane] += 1.0 if known else 0.0
+
+
+@compiled_lanes
+def tally_fixes(block: Floats, tally: Floats, fixes: tuple[int, int, int]) -> None:
+    """Add the fixes of a message, whose rows begin at `fixes` (−1: none).
+
+    A pair of which nothing was received is no fix; a message without any fix counts as one LOST.
+    """
+    for lane in range(LANES):
+        heard = False
+        for fix in fixes:
+            if fix >= 0:
+                kind, nis = int(block[fix + 3 * LANES + lane]), block[fix + 5 * LANES + lane]
+                if kind != _LOST:
+                    heard = True
+                    tally[KINDS + kind * LANES + lane] += 1.0
+                if nis == nis:
+                    tally[SUM_NIS + lane] += nis
+                    tally[COUNT_NIS + lane] += 1.0
+        if not heard:
+            tally[KINDS + _LOST * LANES + lane] += 1.0
+
+
+@compiled_lanes
+def fill_histograms(bins: Ints, histograms: Ints, lanes: int) -> None:
+    """Count the errors of a step in the first `lanes` lanes; histograms of position and bearing, shape (2, BINS)."""
+    for lane in range(lanes):
+        histograms[0, bins[lane]] += 1
+        histograms[1, bins[LANES + lane]] += 1
+
+
+def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> float:
+    """Value below which a share of the counted ones lie, by linear interpolation within a bin; `largest` at most."""
+    total = np.cumsum(histogram)
+    wanted = share * total[-1]
+    i = int(np.searchsorted(total, wanted))
+    edges = bin_edges(lowest)
+    lower, upper = edges[i], min(edges[i + 1], largest)
+    inside = (wanted - (total[i] - histogram[i])) / histogram[i]
+    return float(min(lower + inside * (upper - lower), largest))

@@ -1,0 +1,193 @@
+"""Measurements of a block of runs, made where they are used: `sim.errors.measure` for lanes, with the same bits."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn import lane_rows as row
+from laisn.compiled import compiled_lanes
+from laisn.lane_rows import LANES
+from sim.errors import (
+    MissionTruth,
+    SensorErrors,
+    heading_reading,
+    longest,
+    plain_reading,
+    range_reading,
+    speed_reading,
+)
+from sim.noise import Stream, two_normals, two_units, uniform, words
+
+Floats = npt.NDArray[np.float64]
+
+# Rows of draws.
+_FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
+
+
+class Errors(NamedTuple):
+    """`SensorErrors` as compiled code takes them; the same fields."""
+
+    speed_bias: float
+    speed_sigma: float
+    heading_bias: float
+    heading_sigma: float
+    depth_sigma: float
+    leader_speed_bias: float
+    leader_speed_sigma: float
+    leader_heading_bias: float
+    leader_heading_sigma: float
+    leader_depth_sigma: float
+    leader_pitch_sigma: float
+    leader_roll_sigma: float
+    range_tau: tuple[float, float, float]
+    range_scale_mean: float
+    range_scale_sigma: float
+
+
+class Address(NamedTuple):
+    """Where the noise of a block is found: seed, first run, and the number of each stream."""
+
+    seed: np.uint64
+    first_run: np.uint64
+    own_motion: np.uint64
+    depth: np.uint64
+    range_uniform: np.uint64
+    range_scale: np.uint64
+    leader_motion: np.uint64
+    leader_depth: np.uint64
+    leader_attitude: np.uint64
+
+
+def sent_rows(truth: MissionTruth) -> Floats:
+    """True content of the messages and true ranges to them, in the order of a block's rows from EAST to R3."""
+    position = truth.sent_position
+    return np.column_stack(
+        [position[:, :2], truth.sent_heading, truth.sent_speed, position[:, 2], truth.sent_attitude, truth.slant_range]
+    )
+
+
+def compiled_errors(errors: SensorErrors) -> Errors:
+    """Sensor errors as compiled code takes them."""
+    return Errors(*(getattr(errors, name) for name in Errors._fields))
+
+
+def address(seed: int, first_run: int, follower: int) -> Address:
+    """Address of the noise of a block of one follower; ValueError if seed or run is out of range."""
+    if not 0 <= seed < 2**64:
+        raise ValueError(f"seed is {seed}, expected 0 … 2^64 − 1")
+    if not 0 <= first_run < 2**32 - LANES:
+        raise ValueError(f"run is {first_run}, expected 0 … 2^32 − {LANES + 1}")
+    streams = (np.uint64(Stream[name.upper()].number(follower)) for name in Address._fields[2:])
+    return Address(np.uint64(seed), np.uint64(first_run), *streams)
+
+
+class Noise(NamedTuple):
+    """Draws of a block, and where they come from."""
+
+    draws: Floats
+    """Three rows of uniforms, or two of normals."""
+    address: Address
+
+
+@compiled_lanes
+def new_noise(address: Address) -> Noise:
+    """Room for the draws of a block."""
+    return Noise(np.zeros(3 * LANES), address)
+
+
+@compiled_lanes
+def _draw_uniforms(noise: Noise, stream: np.uint64, step: int) -> None:
+    """Three uniforms in (0, 1) for each lane."""
+    draws, address = noise
+    for lane in range(LANES):
+        w0, w1, w2, _ = words(address.seed, address.first_run + np.uint64(lane), stream, np.uint64(step))
+        draws[_FIRST + lane], draws[_SECOND + lane], draws[_THIRD + lane] = uniform(w0), uniform(w1), uniform(w2)
+
+
+@compiled_lanes
+def _draw_normals(noise: Noise, stream: np.uint64, step: int) -> None:
+    """Two normals for each lane."""
+    draws, address = noise
+    for lane in range(LANES):
+        w0, w1, w2, w3 = words(address.seed, address.first_run + np.uint64(lane), stream, np.uint64(step))
+        draws[_FIRST + lane], draws[_SECOND + lane] = two_units(w0, w1, w2, w3)
+    for lane in range(LANES):
+        draws[_FIRST + lane], draws[_SECOND + lane] = two_normals(draws[_FIRST + lane], draws[_SECOND + lane])
+
+
+@compiled_lanes
+def _draw_if(needed: bool, noise: Noise, stream: np.uint64, step: int) -> None:
+    """As `_draw_normals`; zeros where the errors have no use for normals, which reads the same."""
+    if needed:
+        _draw_normals(noise, stream, step)
+    else:
+        noise.draws[:] = 0.0
+
+
+@compiled_lanes
+def sense_own(block: Floats, noise: Noise, errors: Errors, speed: float, heading: float, k: int) -> None:
+    """Read speed log and compass at step k."""
+    draws = noise.draws
+    _draw_normals(noise, noise.address.own_motion, k)
+    for lane in range(LANES):
+        block[row.SPEED + lane] = speed_reading(speed, errors.speed_bias, errors.speed_sigma, draws[_FIRST + lane])
+        block[row.HEADING + lane] = heading_reading(
+            heading, errors.heading_bias, errors.heading_sigma, draws[_SECOND + lane]
+        )
+
+
+@compiled_lanes
+def sense_message(
+    block: Floats, noise: Noise, errors: Errors, sent: Floats, depth: float, steps: tuple[int, int]
+) -> None:
+    """Receive a message, measure its ranges and read one's depth.
+
+    Args:
+        block: its rows DEPTH and EAST … R3 are filled.
+        noise: of the block.
+        errors: of the sensors.
+        sent: a row of `sent_rows`.
+        depth: true depth of the follower's sensor [m].
+        steps: of reception and of emission.
+    """
+    draws, address = noise
+    east, north, heading, speed, leader_depth, pitch, roll, rear, front, middle = (
+        sent[0], sent[1], sent[2], sent[3], sent[4], sent[5], sent[6], sent[7], sent[8], sent[9]
+    )  # fmt: skip
+    received, emitted = steps
+    _draw_if(errors.depth_sigma > 0.0, noise, address.depth, received)
+    for lane in range(LANES):
+        block[row.DEPTH + lane] = plain_reading(depth, errors.depth_sigma, draws[_FIRST + lane])
+        block[row.EAST + lane], block[row.NORTH + lane] = east, north
+    _draw_if(
+        errors.leader_speed_sigma > 0.0 or errors.leader_heading_sigma > 0.0, noise, address.leader_motion, emitted
+    )
+    for lane in range(LANES):
+        block[row.LEADER_SPEED + lane] = speed_reading(
+            speed, errors.leader_speed_bias, errors.leader_speed_sigma, draws[_FIRST + lane]
+        )
+        block[row.LEADER_HEADING + lane] = heading_reading(
+            heading, errors.leader_heading_bias, errors.leader_heading_sigma, draws[_SECOND + lane]
+        )
+    _draw_if(errors.leader_depth_sigma > 0.0, noise, address.leader_depth, emitted)
+    for lane in range(LANES):
+        block[row.LEADER_DEPTH + lane] = plain_reading(leader_depth, errors.leader_depth_sigma, draws[_FIRST + lane])
+    tilting = errors.leader_pitch_sigma > 0.0 or errors.leader_roll_sigma > 0.0
+    _draw_if(tilting, noise, address.leader_attitude, emitted)
+    for lane in range(LANES):
+        block[row.PITCH + lane] = plain_reading(pitch, errors.leader_pitch_sigma, draws[_FIRST + lane])
+        block[row.ROLL + lane] = plain_reading(roll, errors.leader_roll_sigma, draws[_SECOND + lane])
+    _draw_normals(noise, address.range_scale, received)
+    for lane in range(LANES):
+        psi = plain_reading(errors.range_scale_mean, errors.range_scale_sigma, draws[_FIRST + lane])
+        # Kept in the row of the first range until the uniforms are drawn.
+        block[row.R1 + lane] = psi
+    _draw_uniforms(noise, address.range_uniform, received)
+    far = longest(rear, front, middle)
+    tau_rear, tau_front, tau_middle = errors.range_tau
+    for lane in range(LANES):
+        psi = block[row.R1 + lane]
+        block[row.R1 + lane] = range_reading(rear, far, tau_rear, draws[_FIRST + lane], psi)
+        block[row.R2 + lane] = range_reading(front, far, tau_front, draws[_SECOND + lane], psi)
+        block[row.R3 + lane] = range_reading(middle, far, tau_middle, draws[_THIRD + lane], psi)

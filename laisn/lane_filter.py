@@ -1,0 +1,231 @@
+"""Kalman filter and gate for a block of runs side by side: `filter.py` and `gate.py` for lanes.
+
+Covariances are kept as 2×2 blocks, and updates are written without cancellation: after a measurement with covariance R,
+P S⁻¹ R stands for P − P S⁻¹ P. That equals the Joseph form up to rounding.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn import lane_rows as row
+from laisn.compiled import compiled_lanes, inlined
+from laisn.elementary import sin_cos
+from laisn.estimates import FixKind
+from laisn.geometry import SINGULAR_VARIANCE
+from laisn.lane_rows import LANES, Tuning
+
+Floats = npt.NDArray[np.float64]
+
+_GATED = float(FixKind.GATED)
+_SINGULAR = float(FixKind.SINGULAR)
+_LOST = float(FixKind.LOST)
+
+_TURN = 2.0 * math.pi
+_PER_TURN = 1.0 / _TURN
+_PER_PI = 1.0 / math.pi
+_ROUNDING = 1.5 * 2.0**52
+"""Added and subtracted, it rounds to the nearest integer."""
+
+
+@inlined
+def _turn_share(before: float, now: float) -> float:
+    """Smallest angle between two headings as a share of π; 0 if the first is NaN (γθ, paper Section 2.1)."""
+    change = now - before
+    turns = (change * _PER_TURN + _ROUNDING) - _ROUNDING
+    share = abs(change - turns * _TURN) * _PER_PI
+    return share if share > 0.0 else 0.0
+
+
+@inlined
+def _speed_share(before: float, now: float, per_speed_max: float) -> float:
+    """Change of speed as a share of the top speed; 0 if the first is NaN (γv, paper Section 2.1)."""
+    share = abs(now - before) * per_speed_max
+    return share if share > 0.0 else 0.0
+
+
+@compiled_lanes
+def own_motion(block: Floats, t: Tuning) -> None:
+    """Take a step's own measurements: their γ, and the direction of motion."""
+    per_speed_max = 1.0 / t.follower_speed_max
+    for lane in range(LANES):
+        speed, heading = block[row.SPEED + lane], block[row.HEADING + lane]
+        block[row.GAMMA_V + lane] = _speed_share(block[row.LAST_SPEED + lane], speed, per_speed_max)
+        block[row.GAMMA_THETA + lane] = _turn_share(block[row.LAST_HEADING + lane], heading)
+        block[row.LAST_SPEED + lane], block[row.LAST_HEADING + lane] = speed, heading
+        block[row.SIN + lane], block[row.COS + lane] = sin_cos(heading)
+
+
+@compiled_lanes
+def leader_motion(block: Floats, t: Tuning) -> None:
+    """Take a message's speed and heading: γ becomes that of the vehicle that changed most."""
+    per_speed_max = 1.0 / t.leader_speed_max
+    for lane in range(LANES):
+        speed, heading = block[row.LEADER_SPEED + lane], block[row.LEADER_HEADING + lane]
+        of_speed = _speed_share(block[row.LAST_LEADER_SPEED + lane], speed, per_speed_max)
+        of_heading = _turn_share(block[row.LAST_LEADER_HEADING + lane], heading)
+        own_speed, own_heading = block[row.GAMMA_V + lane], block[row.GAMMA_THETA + lane]
+        block[row.GAMMA_V + lane] = of_speed if of_speed > own_speed else own_speed
+        block[row.GAMMA_THETA + lane] = of_heading if of_heading > own_heading else own_heading
+        block[row.LAST_LEADER_SPEED + lane], block[row.LAST_LEADER_HEADING + lane] = speed, heading
+
+
+@compiled_lanes
+def predict(block: Floats, t: Tuning) -> None:
+    """Constant velocity, with process noise that grows with manoeuvres (paper, Section 2.1)."""
+    dt = t.dt
+    for lane in range(LANES):
+        sigma_a = t.alpha * (block[row.GAMMA_V + lane] + block[row.GAMMA_THETA + lane]) + t.sigma_a0
+        q = sigma_a * sigma_a * (dt * dt)
+        q_mixed, q_position = q * (0.5 * dt), q * (0.25 * dt * dt)
+        cxx, cxy, cyx, cyy = (
+            block[row.CXX + lane],
+            block[row.CXY + lane],
+            block[row.CYX + lane],
+            block[row.CYY + lane],
+        )
+        vxx, vxy, vyy = block[row.VXX + lane] * dt, block[row.VXY + lane] * dt, block[row.VYY + lane] * dt
+        block[row.X + lane] += dt * block[row.VX + lane]
+        block[row.Y + lane] += dt * block[row.VY + lane]
+        block[row.PXX + lane] += dt * (2.0 * cxx + vxx) + q_position
+        block[row.PXY + lane] += dt * (cxy + cyx + vxy)
+        block[row.PYY + lane] += dt * (2.0 * cyy + vyy) + q_position
+        block[row.CXX + lane] = cxx + vxx + q_mixed
+        block[row.CXY + lane] = cxy + vxy
+        block[row.CYX + lane] = cyx + vxy
+        block[row.CYY + lane] = cyy + vyy + q_mixed
+        block[row.VXX + lane] += q
+        block[row.VYY + lane] += q
+
+
+@compiled_lanes
+def speed_update(block: Floats, t: Tuning) -> None:
+    """Velocity from speed log and compass (paper, Section 2.1)."""
+    for lane in range(LANES):
+        speed, s, c = block[row.SPEED + lane], block[row.SIN + lane], block[row.COS + lane]
+        along, across = t.speed_variance, t.heading_variance * (speed * speed)
+        rxx, rxy, ryy = s * s * along + c * c * across, s * c * (along - across), c * c * along + s * s * across
+        vxx, vxy, vyy = block[row.VXX + lane], block[row.VXY + lane], block[row.VYY + lane]
+        cxx, cxy, cyx, cyy = (
+            block[row.CXX + lane],
+            block[row.CXY + lane],
+            block[row.CYX + lane],
+            block[row.CYY + lane],
+        )
+        sxx, sxy, syy = vxx + rxx, vxy + rxy, vyy + ryy
+        per_det = 1.0 / (sxx * syy - sxy * sxy)
+        ixx, ixy, iyy = syy * per_det, -sxy * per_det, sxx * per_det
+        # Gains: row by state, column by component of the measurement.
+        k_xx, k_xy = cxx * ixx + cxy * ixy, cxx * ixy + cxy * iyy
+        k_yx, k_yy = cyx * ixx + cyy * ixy, cyx * ixy + cyy * iyy
+        k_ux, k_uy = vxx * ixx + vxy * ixy, vxx * ixy + vxy * iyy
+        k_wx, k_wy = vxy * ixx + vyy * ixy, vxy * ixy + vyy * iyy
+        ex, ey = speed * s - block[row.VX + lane], speed * c - block[row.VY + lane]
+        block[row.X + lane] += k_xx * ex + k_xy * ey
+        block[row.Y + lane] += k_yx * ex + k_yy * ey
+        block[row.VX + lane] += k_ux * ex + k_uy * ey
+        block[row.VY + lane] += k_wx * ex + k_wy * ey
+        block[row.PXX + lane] -= k_xx * cxx + k_xy * cxy
+        block[row.PXY + lane] -= k_xx * cyx + k_xy * cyy
+        block[row.PYY + lane] -= k_yx * cyx + k_yy * cyy
+        block[row.CXX + lane] = k_xx * rxx + k_xy * rxy
+        block[row.CXY + lane] = k_xx * rxy + k_xy * ryy
+        block[row.CYX + lane] = k_yx * rxx + k_yy * rxy
+        block[row.CYY + lane] = k_yx * rxy + k_yy * ryy
+        block[row.VXX + lane] = k_ux * rxx + k_uy * rxy
+        block[row.VXY + lane] = k_ux * rxy + k_uy * ryy
+        block[row.VYY + lane] = k_wx * rxy + k_wy * ryy
+
+
+@inlined
+def _update(block: Floats, t: Tuning, k: int, fix: int) -> None:
+    """Gate the fix whose rows start at `fix`, and update the state with it (paper, Sections 2.1 and 2.4).
+
+    Its kind becomes GATED or SINGULAR where the update is skipped.
+    """
+    measured = t.gate == row.GATE_MEASURED
+    for lane in range(LANES):
+        zx, zy, kind = block[fix + lane], block[fix + LANES + lane], block[fix + 3 * LANES + lane]
+        vertical = block[row.DZ + lane] * t.sine_of_pitch
+        sigma = block[fix + 2 * LANES + lane]
+        sigma = t.sigma_floor if sigma < t.sigma_floor else sigma
+        r = sigma * sigma + vertical * vertical
+
+        top = block[row.SPEED + lane] if measured else t.follower_speed_max
+        bound = top * ((k - block[row.ACCEPTED_STEP + lane]) * t.dt)
+        gx, gy = zx - block[row.ACCEPTED_X + lane], zy - block[row.ACCEPTED_Y + lane]
+        gated = math.sqrt(gx * gx + gy * gy) > bound and t.gate != row.GATE_OFF
+
+        pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
+        cxx, cxy, cyx, cyy = (
+            block[row.CXX + lane],
+            block[row.CXY + lane],
+            block[row.CYX + lane],
+            block[row.CYY + lane],
+        )
+        sxx, syy = pxx + r, pyy + r
+        singular = 0.5 * (sxx + syy) < SINGULAR_VARIANCE
+        lost = kind == _LOST
+        kind = kind if lost else (_GATED if gated else (_SINGULAR if singular else kind))
+        used = not (lost or gated or singular)
+        block[fix + 3 * LANES + lane] = kind
+        block[row.ANSWERED + lane] = 1.0 if not (lost or gated) else block[row.ANSWERED + lane]
+
+        per_det = 1.0 / (sxx * syy - pxy * pxy)
+        ixx, ixy, iyy = syy * per_det, -pxy * per_det, sxx * per_det
+        ex, ey = zx - block[row.X + lane], zy - block[row.Y + lane]
+        fx, fy = ixx * ex + ixy * ey, ixy * ex + iyy * ey
+        block[fix + 5 * LANES + lane] = ex * fx + ey * fy if used else np.nan
+        block[row.X + lane] += pxx * fx + pxy * fy if used else 0.0
+        block[row.Y + lane] += pxy * fx + pyy * fy if used else 0.0
+        block[row.VX + lane] += cxx * fx + cyx * fy if used else 0.0
+        block[row.VY + lane] += cxy * fx + cyy * fy if used else 0.0
+        # S⁻¹ C; the velocity's covariance loses Cᵀ S⁻¹ C.
+        nxx, nxy = ixx * cxx + ixy * cyx, ixx * cxy + ixy * cyy
+        nyx, nyy = ixy * cxx + iyy * cyx, ixy * cxy + iyy * cyy
+        block[row.PXX + lane] = r * (ixx * pxx + ixy * pxy) if used else pxx
+        block[row.PXY + lane] = r * (ixx * pxy + ixy * pyy) if used else pxy
+        block[row.PYY + lane] = r * (ixy * pxy + iyy * pyy) if used else pyy
+        block[row.CXX + lane] = r * nxx if used else cxx
+        block[row.CXY + lane] = r * nxy if used else cxy
+        block[row.CYX + lane] = r * nyx if used else cyx
+        block[row.CYY + lane] = r * nyy if used else cyy
+        block[row.VXX + lane] -= cxx * nxx + cyx * nyx if used else 0.0
+        block[row.VXY + lane] -= cxx * nxy + cyx * nyy if used else 0.0
+        block[row.VYY + lane] -= cxy * nxy + cyy * nyy if used else 0.0
+
+
+@compiled_lanes
+def update_rear_front(block: Floats, t: Tuning, k: int) -> None:
+    """Position update with the fix of the pair (1, 2)."""
+    _update(block, t, k, row.ZX12)
+
+
+@compiled_lanes
+def update_rear_middle(block: Floats, t: Tuning, k: int) -> None:
+    """Position update with the fix of the pair (1, 3)."""
+    _update(block, t, k, row.ZX13)
+
+
+@compiled_lanes
+def update_front_middle(block: Floats, t: Tuning, k: int) -> None:
+    """Position update with the fix of the pair (2, 3)."""
+    _update(block, t, k, row.ZX23)
+
+
+@compiled_lanes
+def update_chosen(block: Floats, t: Tuning, k: int) -> None:
+    """Position update with the fix chosen of several pairs."""
+    _update(block, t, k, row.ZX)
+
+
+@compiled_lanes
+def remember_accepted(block: Floats, k: int) -> None:
+    """Where a message was accepted, its position and step are what the gate measures from."""
+    for lane in range(LANES):
+        answered = block[row.ANSWERED + lane] > 0.0
+        block[row.ACCEPTED_X + lane] = block[row.X + lane] if answered else block[row.ACCEPTED_X + lane]
+        block[row.ACCEPTED_Y + lane] = block[row.Y + lane] if answered else block[row.ACCEPTED_Y + lane]
+        block[row.ACCEPTED_STEP + lane] = float(k) if answered else block[row.ACCEPTED_STEP + lane]
+        block[row.ANSWERED + lane] = 0.0

@@ -1,0 +1,150 @@
+"""LAISN for a block of runs side by side: what `navigator.py` does for one follower, compiled for campaigns and swarms.
+
+One step is a series of short passes over the lanes of a block (`lane_rows.py`), which vectorise.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn import lane_filter, lane_fix
+from laisn import lane_rows as row
+from laisn.compiled import compiled_lanes
+from laisn.lane_rows import LANES, Tuning
+from laisn.messages import LeaderMessage, Measurements
+from laisn.settings import NavigationSettings
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+_BROADCAST = [LeaderMessage._fields.index(n) for n in ("east", "north", "heading", "speed", "depth", "pitch", "roll")]
+
+
+@compiled_lanes
+def position_update(block: Floats, t: Tuning, k: int) -> None:
+    """Position from the message of step k, by the variant (paper, Sections 2.2 and 2.3)."""
+    lane_fix.place_transmitters(block, t)
+    lane_fix.fix_rear_front(block, t)
+    if t.variant == row.TWO:
+        lane_filter.update_rear_front(block, t, k)
+    elif t.variant == row.THREE_1:
+        lane_filter.update_rear_front(block, t, k)
+        lane_fix.fix_rear_middle(block, t)
+        lane_filter.update_rear_middle(block, t, k)
+        lane_fix.fix_front_middle(block, t)
+        lane_filter.update_front_middle(block, t, k)
+    else:
+        lane_fix.fix_rear_middle(block, t)
+        lane_fix.fix_front_middle(block, t)
+        if t.variant == row.THREE_2:
+            lane_fix.fuse(block)
+        elif t.variant == row.BEST:
+            lane_fix.choose_best_baseline(block)
+        else:
+            lane_fix.choose_main_baseline(block)
+        lane_filter.update_chosen(block, t, k)
+    lane_filter.remember_accepted(block, k)
+
+
+@compiled_lanes
+def advance(block: Floats, t: Tuning, k: int, received: bool) -> None:
+    """Step k: predict, position if a message is received, speed. Rows of measurements must be filled."""
+    lane_filter.own_motion(block, t)
+    if received:
+        lane_filter.leader_motion(block, t)
+    lane_filter.predict(block, t)
+    if received:
+        position_update(block, t, k)
+    lane_filter.speed_update(block, t)
+
+
+@compiled_lanes
+def fix_rows(variant: int) -> tuple[int, int, int]:
+    """Rows where the fixes of a message begin; −1 for fixes that the variant does not make."""
+    if variant == row.THREE_1:
+        return row.ZX12, row.ZX13, row.ZX23
+    return (row.ZX12 if variant == row.TWO else row.ZX), -1, -1
+
+
+class LaneEstimates(NamedTuple):
+    """Estimates of R runs: n steps, m messages with f fixes each (3 with LAISN-3(1), else 1)."""
+
+    state: Floats
+    """State after step k, shape (n, 4, R): x, y [m], vx, vy [m/s]."""
+    fix_kind: Ints
+    """`FixKind`, shape (m, f, R)."""
+
+
+@compiled_lanes
+def run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning) -> tuple[Floats, Ints]:
+    """Filter the explicit measurements of a block.
+
+    Args:
+        own: speed, heading and depth of each step, shape (n, 3, LANES).
+        message_step: shape (m,).
+        messages: values of the rows from EAST to R3 for each message, shape (m, 10, LANES).
+        start: known start, shape (4,).
+        t: settings.
+
+    Returns:
+        States, shape (n, 4, LANES), and kinds of fix, shape (m, f, LANES).
+    """
+    n, m = own.shape[0], message_step.size
+    fixes = fix_rows(t.variant)
+    made = 3 if t.variant == row.THREE_1 else 1
+    state = np.empty((n, 4 * LANES))
+    kinds = np.empty((m, made, LANES), dtype=np.int64)
+    own_rows, message_rows = own.reshape(n, 3 * LANES), messages.reshape(m, 10 * LANES)
+    block = row.new_block(start, t)
+    i = 0
+    for k in range(1, n + 1):
+        block[row.SPEED : row.SPEED + 3 * LANES] = own_rows[k - 1]
+        received = i < m and message_step[i] == k
+        if received:
+            block[row.EAST : row.EAST + 10 * LANES] = message_rows[i]
+        advance(block, t, k, received)
+        state[k - 1] = block[row.X : row.X + 4 * LANES]
+        if received:
+            for j in range(made):
+                for lane in range(LANES):
+                    kinds[i, j, lane] = int(block[fixes[j] + 3 * LANES + lane])
+            i += 1
+    return state.reshape(n, 4, LANES), kinds
+
+
+def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: NavigationSettings) -> LaneEstimates:
+    """Estimate R missions that received their messages at the same steps.
+
+    Args:
+        measurements: of each mission, R of them.
+        start: known start x, y [m], vx, vy [m/s], shape (4,).
+        settings: of the navigators.
+
+    Returns:
+        States and kinds of fix.
+
+    Raises:
+        ValueError: missions differ in their steps, the settings' dt is not theirs, or an own measurement or the
+            leader's pose is not finite.
+    """
+    first = measurements[0]
+    for number, mission in enumerate(measurements):
+        if abs(mission.dt - settings.dt) > 1e-9:
+            raise ValueError(f"mission {number} has steps of {mission.dt:g} s, the settings {settings.dt:g} s")
+        if mission.speed.size != first.speed.size or not np.array_equal(mission.message_step, first.message_step):
+            raise ValueError(f"mission {number} has other steps or other message steps than mission 0")
+        sensed = (mission.speed, mission.heading, mission.depth, mission.message[:, :6])
+        if not all(np.all(np.isfinite(values)) for values in sensed):
+            raise ValueError(f"mission {number}: an own measurement or the leader's pose is not finite")
+    begin, t = np.asarray(start, dtype=np.float64), row.tuning(settings)
+    estimates = []
+    for number in range(0, len(measurements), LANES):
+        # Lanes beyond the last mission repeat it, and are cut off again.
+        missions = [measurements[min(number + lane, len(measurements) - 1)] for lane in range(LANES)]
+        own = np.stack([np.column_stack([m.speed, m.heading, m.depth]) for m in missions], axis=-1)
+        messages = np.stack([np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in missions], axis=-1)
+        estimates.append(run_block(own, first.message_step, messages, begin, t))
+    state, kinds = (np.concatenate(parts, axis=-1)[..., : len(measurements)] for parts in zip(*estimates, strict=True))
+    return LaneEstimates(state, kinds)

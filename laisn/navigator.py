@@ -1,0 +1,172 @@
+"""One follower, online, step by step: the readable specification of LAISN. It could run on a vehicle as it is."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn import POSITION, fix
+from laisn.estimates import Estimates, FixKind
+from laisn.filter import Filter
+from laisn.fix import Circles, Fix
+from laisn.gate import Gate
+from laisn.geometry import angle_between
+from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
+from laisn.settings import NavigationSettings
+
+Floats = npt.NDArray[np.float64]
+
+_UNKNOWN = np.full(2, np.nan), np.full((2, 2), np.nan)
+
+
+class FixRecord(NamedTuple):
+    """What became of one fix."""
+
+    step: int
+    position: tuple[float, float]
+    sigma: float
+    kind: FixKind
+    innovation: Floats
+    """Shape (2,), [m]."""
+    innovation_covariance: Floats
+    """Shape (2, 2), [m²]."""
+
+
+class Navigator:
+    """LAISN on one follower: predict, position update if a message arrived, speed update (paper, Section 2.1)."""
+
+    def __init__(self, settings: NavigationSettings, start: Floats) -> None:
+        """Start at a known state.
+
+        Args:
+            settings: variant and constants.
+            start: hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,).
+
+        Raises:
+            ValueError: the start is not four finite numbers.
+        """
+        start = np.asarray(start, dtype=np.float64)
+        if start.shape != (4,) or not np.all(np.isfinite(start)):
+            raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
+        self.settings = settings
+        sigma0 = np.repeat([settings.position_sigma0, settings.velocity_sigma0], 2)
+        self._filter = Filter(settings.dt, start, sigma0)
+        self._gate = Gate(settings, (float(start[0]), float(start[1])))
+        self._step = 0
+        self._own: OwnMotion | None = None
+        self._message: LeaderMessage | None = None
+
+    @property
+    def state(self) -> Floats:
+        """x, y, vx, vy after the last step, shape (4,)."""
+        return self._filter.state
+
+    @property
+    def covariance(self) -> Floats:
+        """Of the state, shape (4, 4)."""
+        return self._filter.covariance
+
+    def step(self, own: OwnMotion, reception: Reception | None = None) -> list[FixRecord]:
+        """Advance by one filter step.
+
+        Args:
+            own: measured at the end of the step.
+            reception: message and ranges, if one arrived in the step.
+
+        Returns:
+            What became of the fixes: none without a message, one with it, up to three with LAISN-3(1).
+
+        Raises:
+            ValueError: an own measurement or the leader's pose is not finite.
+        """
+        self._step += 1
+        if not np.all(np.isfinite(own)):
+            raise ValueError(f"step {self._step}: own motion {own} is not finite")
+        if reception is not None and not np.all(np.isfinite(reception.message[:6])):
+            raise ValueError(f"step {self._step}: leader message {reception.message} is not finite")
+        self._filter.predict(self._acceleration(own, reception))
+        records = [] if reception is None else self._update_position(own, reception)
+        settings = self.settings
+        self._filter.update_speed(own.speed, own.heading, settings.sigma_speed, settings.sigma_heading)
+        self._own = own
+        return records
+
+    def run(self, measurements: Measurements) -> Estimates:
+        """Estimates of a whole mission, step by step; the same to the bit as `step` in a loop.
+
+        Raises:
+            ValueError: the measurements have another filter step than the settings.
+        """
+        if abs(measurements.dt - self.settings.dt) > 1e-9:
+            raise ValueError(f"measurements every {measurements.dt:g} s, but the filter steps {self.settings.dt:g} s")
+        n = measurements.speed.size
+        state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
+        records: list[FixRecord] = []
+        for i, (own, reception) in enumerate(measurements.steps()):
+            records += self.step(own, reception)
+            state[i], covariance[i] = self._filter.state, self._filter.covariance
+        f = len(records)
+        return Estimates(
+            state=state,
+            covariance=covariance,
+            fix_step=np.array([r.step for r in records], dtype=np.int64),
+            fix_position=np.array([r.position for r in records], dtype=np.float64).reshape(f, 2),
+            fix_sigma=np.array([r.sigma for r in records], dtype=np.float64),
+            fix_kind=np.array([r.kind for r in records], dtype=np.int64),
+            innovation=np.array([r.innovation for r in records], dtype=np.float64).reshape(f, 2),
+            innovation_covariance=np.array([r.innovation_covariance for r in records], dtype=np.float64).reshape(
+                f, 2, 2
+            ),
+        )
+
+    def _acceleration(self, own: OwnMotion, reception: Reception | None) -> float:
+        """σa = α (γv + γθ) + σa0 (paper, Section 2.1) [m/s²].
+
+        The leader's changes are those from message to message, in the step in which the later one arrives.
+        """
+        settings = self.settings
+        speed_change = turn = 0.0
+        if self._own is not None:
+            speed_change = abs(own.speed - self._own.speed) / settings.follower_speed_max
+            turn = angle_between(own.heading, self._own.heading) / np.pi
+        if reception is not None:
+            message = reception.message
+            if self._message is not None:
+                of_leader = abs(message.speed - self._message.speed) / settings.leader_speed_max
+                speed_change = max(speed_change, of_leader)
+                turn = max(turn, angle_between(message.heading, self._message.heading) / np.pi)
+            self._message = message
+        return settings.alpha * (speed_change + turn) + settings.sigma_a0
+
+    def _position(self) -> tuple[float, float]:
+        x, y = self._filter.state[POSITION].tolist()
+        return x, y
+
+    def _update_position(self, own: OwnMotion, reception: Reception) -> list[FixRecord]:
+        settings = self.settings
+        heard = fix.circles(reception.message, reception.ranges, own.depth, settings)
+        if settings.variant != "laisn-3-1":
+            found = [fix.SINGLE[settings.variant](heard, self._position(), settings)]
+            records = [self._use(f, heard, own) for f in found]
+        else:
+            # LAISN-3(1): one update after the other, the state carried along (paper, Section 2.3.1)
+            records = []
+            for pair in fix.PAIRS:
+                one = fix.pair_fix(pair, heard, self._position(), settings)
+                if one is not None:
+                    records.append(self._use(one.fix, heard, own))
+            records = records or [self._use(fix.LOST, heard, own)]
+        if any(record.kind not in (FixKind.GATED, FixKind.LOST) for record in records):
+            self._gate.accept(self._position(), self._step)
+        return records
+
+    def _use(self, found: Fix, heard: Circles, own: OwnMotion) -> FixRecord:
+        """Gate a fix and update the filter with it."""
+        if found.kind is FixKind.LOST:
+            return FixRecord(self._step, found.position, found.sigma, found.kind, *_UNKNOWN)
+        sigma = fix.effective_sigma(found, heard, self.settings)
+        if not self._gate.passes(found.position, self._step, own.speed):
+            return FixRecord(self._step, found.position, sigma, FixKind.GATED, *_UNKNOWN)
+        innovation = self._filter.update_position(found.position, sigma)
+        kind = found.kind if innovation.applied else FixKind.SINGULAR
+        return FixRecord(self._step, found.position, sigma, kind, innovation.residual, innovation.covariance)

@@ -1,0 +1,222 @@
+"""Cameras of the film: where they stand and what they look at, as pure functions of time."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
+
+from sim import attitude
+from sim.footage import Footage, Moment
+
+Floats = npt.NDArray[np.float64]
+
+CAMERAS = {
+    "chase": "behind the follower, looking towards the leader; inset: the leader close by",
+    "pip": "from above, both vehicles in one picture; insets: leader and follower close by",
+    "top": "from above, all vehicles in one picture, north up",
+    "side": "from the side at their depth, between surface and floor; inset: the follower close by",
+    "follower": "what the follower would see, along its hull; inset: the leader close by",
+    "leader": "the leader close by; inset: the follower close by",
+    "orbit": "around all vehicles, once in forty seconds of film",
+}
+"""Names of the cameras and what they show."""
+
+_SMOOTHING_S = 0.8
+"""Standard deviation of the smoothing of a camera's swing, in seconds of film."""
+_NEAR_M = 0.15
+_CLEARANCE_M = 1.2
+_FREE = (0.26, 0.79, 0.04)
+"""Left, right and upper edge of what the panels leave free, as shares of the frame."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """A camera without roll unless `up` says so. Raises ValueError if it stands on its target."""
+
+    position: Floats
+    """Shape (3,), [m]."""
+    target: Floats
+    """Shape (3,), [m]."""
+    up: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    fovy_deg: float = 45.0
+    """Vertical field of view."""
+
+    def __post_init__(self) -> None:
+        if not np.linalg.norm(self.target - self.position) > 0:
+            raise ValueError(f"a camera at {self.position} cannot look at itself")
+
+    @cached_property
+    def axes(self) -> Floats:
+        """Unit vectors right, up and forward in the world, shape (3, 3), by rows."""
+        forward = self.target - self.position
+        forward = forward / np.linalg.norm(forward)
+        right = np.cross(forward, self.up)
+        right = right / np.linalg.norm(right)
+        return np.stack([right, np.cross(right, forward), forward])
+
+    def project(self, points: Floats, width: int, height: int) -> tuple[Floats, Floats]:
+        """Where points of shape (n, 3) appear: pixels from the top left, shape (n, 2), and distance ahead (n,), [m].
+
+        Points beside or behind the camera get a distance below `_NEAR_M` and pixels without meaning.
+        """
+        local = (np.atleast_2d(points) - self.position) @ self.axes.T
+        ahead = local[:, 2]
+        focal = height / 2 / np.tan(np.radians(self.fovy_deg) / 2)
+        scale = focal / np.maximum(ahead, 1e-9)
+        return np.stack([width / 2 + scale * local[:, 0], height / 2 - scale * local[:, 1]], axis=1), ahead
+
+    def line(self, points: Floats, width: int, height: int) -> list[tuple[Floats, Floats, Floats]]:
+        """A polyline of shape (n, 3) as the stretches of it before the camera, cut at the lens.
+
+        Returns:
+            Pixels, shape (m, 2), distances ahead, shape (m,), [m], and places along the line, shape (m,), in [0, 1].
+        """
+        depth = (points - self.position) @ self.axes[2]
+        before = depth >= _NEAR_M
+        place = np.linspace(0.0, 1.0, len(points))
+        crossing = np.flatnonzero(before[1:] != before[:-1])
+        if crossing.size:
+            share = (_NEAR_M - depth[crossing]) / (depth[crossing + 1] - depth[crossing])
+            cut = points[crossing] + share[:, None] * (points[crossing + 1] - points[crossing])
+            points = np.insert(points, crossing + 1, cut, axis=0)
+            place = np.insert(place, crossing + 1, place[crossing] + share * (place[crossing + 1] - place[crossing]))
+            before = np.insert(before, crossing + 1, True)
+        pixels, ahead = self.project(points, width, height)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], before, [False]]).astype(np.int8)))
+        runs = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
+        return [(pixels[r], ahead[r], place[r]) for r in runs]
+
+
+class Shot(NamedTuple):
+    """One frame's cameras and how far they see."""
+
+    view: View
+    insets: tuple[tuple[View, int], ...]
+    """Pictures in the picture: camera, and the vehicle that it shows."""
+    fog: tuple[float, float]
+    """Where fog begins and where it hides everything [m]."""
+    surface: bool
+    """Whether the sea's surface is drawn; seen from above, it would hide everything."""
+
+
+class Director:
+    """Places a named camera at any instant of the footage.
+
+    Args:
+        footage: what is filmed.
+        follower: index of the follower that cameras keep to.
+        aspect: width by height of the frame.
+    """
+
+    def __init__(self, footage: Footage, follower: int, aspect: float) -> None:
+        self._aspect = aspect
+        self._vehicle = follower + 1
+        truth = footage.flight.trajectory
+        self._floor = -footage.flight.scenario.ocean.floor_depth_m
+        every = max(1, round(0.05 * footage.speed_up / truth.dt))
+        self._time = truth.time[::every]
+        sigma = _SMOOTHING_S * footage.speed_up / (truth.dt * every)
+
+        def smooth(values: Floats) -> Floats:
+            return np.asarray(gaussian_filter1d(values, sigma, axis=0, mode="nearest"))
+
+        position = truth.position[::every]
+        self._separation = smooth(position[:, 0] - position[:, self._vehicle])
+        low, high = position.min(axis=1), position.max(axis=1)
+        self._centre = (low + high) / 2
+        self._half = smooth((high - low) / 2)
+        heading = np.unwrap(truth.heading[::every], axis=0)
+        self._heading = smooth(heading)
+        error = np.nan_to_num(footage.position_error[follower])
+        steps = footage.start + footage.flight.measurements[0].dt * np.arange(1, error.size + 1)
+        self._error = smooth(np.interp(self._time, steps, error))
+
+    def _now(self, values: Floats, time: float) -> Floats:
+        place = np.interp(time, self._time, np.arange(self._time.size))
+        i = min(int(place), self._time.size - 2) if self._time.size > 1 else 0
+        j = min(i + 1, self._time.size - 1)
+        u = place - i
+        return np.asarray((1 - u) * values[i] + u * values[j])
+
+    def _in_water(self, position: Floats) -> Floats:
+        """The camera, kept between surface and floor."""
+        z = np.clip(position[2], self._floor + _CLEARANCE_M, -_CLEARANCE_M)
+        return np.array([position[0], position[1], z])
+
+    def _towards_leader(self, time: float) -> Floats:
+        flat = self._now(self._separation, time) * [1.0, 1.0, 0.0]
+        length = np.linalg.norm(flat)
+        return flat / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
+
+    def _close(self, moment: Moment, vehicle: int, distance: float = 3.4) -> View:
+        """A vehicle from its quarter, turning with its heading."""
+        heading = float(self._now(self._heading, moment.time)[vehicle])
+        side = np.array([np.sin(heading + 2.2), np.cos(heading + 2.2), 0.28])
+        at = moment.position[vehicle]
+        return View(position=self._in_water(at + distance * side), target=at, fovy_deg=40.0)
+
+    def _span(self, time: float) -> tuple[Floats, Floats]:
+        return self._now(self._centre, time), self._now(self._half, time)
+
+    def _top(self, moment: Moment, bottom: float) -> tuple[View, tuple[float, float]]:
+        """From above, vehicles within the part of the frame that panels leave free, down to the share `bottom`."""
+        left, right, top = _FREE
+        centre, half = self._span(moment.time)
+        across, down = (right - left) * self._aspect, bottom - top
+        frame = max(1.25 * 2 * half[0] / across, 1.25 * 2 * half[1] / down, 14.0) + 3.0
+        aside = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
+        target = centre + frame * aside * [self._aspect, 1.0, 0.0]
+        height = frame / 2 / np.tan(np.radians(45.0) / 2)
+        view = View(position=target + [0.0, 0.0, height], target=target, up=np.array([0.0, 1.0, 0.0]))
+        return view, (height - 5.0, height + max(50.0, 0.6 * height))
+
+    def shot(self, camera: str, moment: Moment) -> Shot:
+        """The camera `camera` of CAMERAS at a moment.
+
+        Raises:
+            ValueError: there is no such camera; the message lists those that exist.
+        """
+        follower, leader = self._vehicle, 0
+        close_leader = (self._close(moment, leader), leader)
+        close_follower = (self._close(moment, follower, 2.9), follower)
+        near_fog = (3.0, 150.0)
+        at = moment.position[follower]
+        if camera == "chase":
+            ahead = self._towards_leader(moment.time)
+            side = np.array([ahead[1], -ahead[0], 0.0])
+            # far enough back to keep the estimate in the picture
+            back = 6.2 + 1.1 * min(float(self._now(self._error, moment.time)), 12.0)
+            eye = self._in_water(at - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back])
+            view = View(position=eye, target=at + 9.0 * ahead - 0.6 * side + [0, 0, 0.2])
+            return Shot(view, (close_leader,), near_fog, True)
+        if camera in ("top", "pip"):
+            view, fog = self._top(moment, 0.66 if camera == "pip" else 0.95)
+            return Shot(view, (close_follower, close_leader) if camera == "pip" else (), fog, False)
+        if camera == "follower":
+            eye = at + attitude.rotate(moment.quaternion[follower], np.array([-1.1, 0.0, 0.55]))
+            target = at + attitude.rotate(moment.quaternion[follower], np.array([6.0, 0.0, 0.0]))
+            up = attitude.rotate(moment.quaternion[follower], np.array([0.0, 0.0, 1.0]))
+            return Shot(View(position=eye, target=target, up=up, fovy_deg=55.0), (close_leader,), near_fog, True)
+        if camera == "leader":
+            return Shot(self._close(moment, leader, 4.6), (close_follower,), near_fog, True)
+        if camera not in CAMERAS:
+            raise ValueError(f"unknown camera {camera!r}; available: {', '.join(CAMERAS)}")
+        centre, half = self._span(moment.time)
+        if camera == "side":
+            ahead = self._towards_leader(moment.time)
+            across = np.array([ahead[1], -ahead[0], 0.0])
+            width = np.hypot(half[0], half[1])
+            distance = max(1.55 * width / np.tan(np.radians(40.0) / 2) / self._aspect, 6.0)
+            # panels stand on the left
+            aside = -0.16 * distance * ahead
+            eye = self._in_water(centre + distance * across)
+            view = View(position=eye + aside, target=centre + aside, fovy_deg=40.0)
+            return Shot(view, (close_follower,), (0.3 * distance, max(150.0, 2.2 * distance)), True)
+        angle = 2 * np.pi * moment.film_time / 40.0
+        distance = max(1.7 * np.hypot(half[0], half[1]), 6.0) + 6.0
+        around = distance * np.array([np.cos(angle), np.sin(angle), 0.10])
+        view = View(position=self._in_water(centre + around), target=centre, fovy_deg=50.0)
+        return Shot(view, (), (0.2 * distance, max(150.0, 2.4 * distance)), True)

@@ -1,0 +1,158 @@
+"""The child process of a film: renders its share of the frames and encodes them in closed groups of pictures."""
+
+import os
+import pickle
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import numpy.typing as npt
+
+from sim.assembly import ocean_of
+from sim.cameras import Director
+from sim.flight import Flight
+from sim.footage import Footage
+from sim.overlay import Overlay
+from sim.scenario import Video
+from sim.scene import Stage
+
+Floats = npt.NDArray[np.float64]
+Bytes = npt.NDArray[np.uint8]
+
+GROUP = 30
+"""Frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by whichever child."""
+
+_X264 = {
+    "preset": "superfast",
+    "crf": "20",
+    "bf": "0",
+    "g": str(GROUP),
+    # children are the parallelism; headers with every IDR frame let a reader start there
+    "threads": "1",
+    "x264-params": f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}",
+}
+_BT709 = 1
+_LIMITED = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What all children of one film have in common."""
+
+    flight: Flight
+    errors: Sequence[tuple[Floats, Floats]]
+    video: Video
+    follower: int
+    workers: int
+    samples: int
+    """Of the anti-aliasing, 0 for none."""
+
+    @property
+    def times(self) -> Floats:
+        """Mission time of each frame, shape (frames,), [s]."""
+        time, video = self.flight.trajectory.time, self.video
+        frames = max(1, round(float(time[-1] - time[0]) / video.speed_up * video.frame_rate_hz))
+        return np.asarray(time[0] + np.arange(frames) * video.speed_up / video.frame_rate_hz)
+
+    @property
+    def groups(self) -> int:
+        """Number of groups of pictures."""
+        return -(-self.times.size // GROUP)
+
+
+class Studio:
+    """Stage, cameras and overlay of one film, put together; a context manager through its stage.
+
+    Args:
+        job: the film.
+        stage: the open stage.
+    """
+
+    def __init__(self, job: Job, stage: Stage) -> None:
+        video = job.video
+        size = (video.width_px, video.height_px)
+        self._footage = Footage(job.flight, job.errors, video.speed_up)
+        self._director = Director(self._footage, job.follower, size[0] / size[1])
+        film_s = job.times.size / video.frame_rate_hz
+        self._overlay = Overlay(self._footage, job.follower, size, film_s)
+        self._stage, self._camera = stage, video.camera
+
+    def frame(self, time: float, title: bool = True) -> Bytes:
+        """The frame at `time` [s] of the mission, top row first, shape (height, width, 4); reused at every call."""
+        moment = self._footage.at(time)
+        shot = self._director.shot(self._camera, moment)
+        picture = self._stage.picture(moment, shot, self._overlay.inset_boxes(len(shot.insets)))
+        self._overlay.canvas.load(picture)
+        self._overlay.draw(moment, shot, title)
+        return self._overlay.canvas.pixels
+
+
+def open_stage(job: Job) -> Stage:
+    """The stage for a job, in this process."""
+    size = (job.video.width_px, job.video.height_px)
+    return Stage(job.flight.trajectory.names, ocean_of(job.flight.scenario), size, job.samples)
+
+
+def encoder(video: Video) -> Any:
+    """An H.264 encoder for one group of pictures: Annex B, no B-frames, a packet for each frame."""
+    codec = av.CodecContext.create("libx264", "w")
+    codec.width, codec.height, codec.pix_fmt = video.width_px, video.height_px, "yuv420p"
+    codec.time_base = Fraction(1, video.frame_rate_hz)
+    codec.framerate = Fraction(video.frame_rate_hz)
+    codec.colorspace = codec.color_primaries = codec.color_trc = _BT709
+    codec.color_range = _LIMITED
+    codec.options = _X264
+    return codec
+
+
+def encode(frames: Iterator[Bytes], video: Video) -> Iterator[bytes]:
+    """Access units of one group of pictures, in Annex B form, one for each frame."""
+    codec = encoder(video)
+    for number, pixels in enumerate(frames):
+        picture = av.VideoFrame.from_ndarray(pixels, format="rgba").reformat(
+            format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"
+        )
+        picture.pts, picture.time_base = number, codec.time_base
+        yield from (bytes(packet) for packet in codec.encode(picture))
+    yield from (bytes(packet) for packet in codec.encode(None))
+
+
+def group_file(folder: Path, group: int) -> Path:
+    """Where the access units of a group of pictures lie."""
+    return folder / f"{group:06d}.units"
+
+
+def main(folder: Path, worker: int) -> None:
+    """Render and encode the groups worker, worker + workers … of the job in `folder`, with a byte to stdout a frame."""
+    job: Job = pickle.loads((folder / "job").read_bytes())
+    times = job.times
+
+    def frames(studio: Studio, group: int) -> Iterator[Bytes]:
+        for time in times[group * GROUP : (group + 1) * GROUP]:
+            yield studio.frame(float(time))
+            # a parent that is gone ends the child here
+            os.write(sys.stdout.fileno(), b".")
+
+    with open_stage(job) as stage:
+        studio = Studio(job, stage)
+        for group in range(worker, job.groups, job.workers):
+            units = list(encode(frames(studio, group), job.video))
+            # the name appears when the content is whole
+            part = folder / f"{worker}.part"
+            part.write_bytes(pickle.dumps(units))
+            part.replace(group_file(folder, group))
+
+
+def main_still(folder: Path, time: float) -> None:
+    """Render one frame of the job in `folder` into its file "still.png"."""
+    from PIL import Image
+
+    job: Job = pickle.loads((folder / "job").read_bytes())
+    with open_stage(job) as stage:
+        pixels = Studio(job, stage).frame(time, title=False)
+        Image.fromarray(pixels).convert("RGB").save(folder / "still.png")

@@ -1,0 +1,181 @@
+"""What a film shows of a flight at any instant: a pure function of time, so that frames may be made in any order."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.estimates import FixKind
+from sim import attitude
+from sim.flight import Flight
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
+
+_AFTERGLOW_S = 0.45
+"""Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
+_TRAIL_POINT_S = 0.1
+"""Spacing of the points of a trail, in seconds of film."""
+_SPIN_RAD_S_N = 1.6
+"""Turning rate of a drawn propeller, in film time, for one √N of thrust; slow enough for the eye."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moment:
+    """Everything one frame shows; v vehicles, f followers. Angles in [rad]."""
+
+    time: float
+    """Of the mission [s]."""
+    film_time: float
+    """Since the film began [s]."""
+    position: Floats
+    """Shape (v, 3), [m]."""
+    quaternion: Floats
+    """Shape (v, 4)."""
+    heading: Floats
+    """Shape (v,)."""
+    pitch: Floats
+    """Shape (v,)."""
+    speed: Floats
+    """Through the water, shape (v,), [m/s]."""
+    thrust: Floats
+    """Shape (v, 5), [N]."""
+    spin: Floats
+    """Angle of the drawn propellers, shape (v,)."""
+    transmitter: Floats
+    """Shape (3, 3), [m]."""
+    hydrophone: Floats
+    """Shape (f, 3), [m]."""
+    estimate: Floats
+    """Estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar."""
+    covariance: Floats
+    """Of the estimated position, shape (f, 2, 2), [m²]."""
+    ray: Floats
+    """Strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)."""
+    ranges: Floats
+    """Last slant ranges measured, shape (f, 3), [m]; NaN if none."""
+    fix_kind: tuple[FixKind | None, ...]
+    """What became of the last message, per follower."""
+    position_error: Floats
+    """E_P, shape (f,), [m]; NaN before the first step."""
+    bearing_error: Floats
+    """E_B, shape (f,); NaN before the first step."""
+
+
+class Footage:
+    """A flight, ready to be filmed.
+
+    Args:
+        flight: the mission.
+        errors: E_P [m] and E_B [rad] of each follower at steps k = 1 … n, each of shape (n,).
+        speed_up: seconds of mission in a second of film.
+
+    Raises:
+        ValueError: the errors do not fit the flight.
+    """
+
+    def __init__(self, flight: Flight, errors: Sequence[tuple[Floats, Floats]], speed_up: float) -> None:
+        n = flight.measurements[0].speed.size
+        if len(errors) != len(flight.measurements) or any(e.shape != (n,) for pair in errors for e in pair):
+            raise ValueError(
+                f"a film of {len(flight.measurements)} followers and {n} steps needs a pair of errors for each "
+                f"follower, of shape ({n},); got shapes {[tuple(e.shape for e in pair) for pair in errors]}"
+            )
+        self.flight = flight
+        self.speed_up = speed_up
+        self.position_error = np.stack([e for e, _ in errors])
+        self.bearing_error = np.stack([e for _, e in errors])
+        truth = flight.trajectory
+        self.start, self.end = float(truth.time[0]), float(truth.time[-1])
+        self._dt = flight.measurements[0].dt
+        names = truth.names
+        self._transmitters = [truth.site(f"{names[0]}/{t}") for t in TRANSMITTERS]
+        self._hydrophones = [truth.site(f"{name}/hydrophone") for name in names[1:]]
+        main = truth.thrust[..., 0]
+        rate = _SPIN_RAD_S_N * np.sign(main) * np.sqrt(np.abs(main))
+        self._spin = np.cumsum(rate, axis=0) * truth.dt / speed_up
+        self._trail_every = max(1, round(_TRAIL_POINT_S * speed_up / truth.dt))
+
+    def at(self, time: float) -> Moment:
+        """The moment `time` [s] of the mission.
+
+        Raises:
+            ValueError: the time lies outside the mission.
+        """
+        truth = self.flight.trajectory
+        positions, quaternions = truth.at(time)
+        position, quaternion = positions[0], quaternions[0]
+        sites = position[truth.site_vehicle] + attitude.rotate(quaternion[truth.site_vehicle], truth.site_offset)
+        place = (time - self.start) / truth.dt
+        i = min(round(place), truth.time.size - 1)
+        k = int((time - self.start) / self._dt + 1e-9)
+        followers = range(len(self._hydrophones))
+        hydrophone = sites[self._hydrophones]
+        ray, ranges, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
+        before = k == 0
+        return Moment(
+            time=time,
+            film_time=(time - self.start) / self.speed_up,
+            position=position,
+            quaternion=quaternion,
+            heading=attitude.heading(quaternion),
+            pitch=attitude.pitch(quaternion),
+            speed=truth.forward_speed[i],
+            thrust=truth.thrust[i],
+            spin=np.array([np.interp(place, np.arange(s.size), s) for s in self._spin.T]),
+            transmitter=sites[self._transmitters],
+            hydrophone=hydrophone,
+            estimate=np.stack([self._estimate(f, time, float(hydrophone[f, 2])) for f in followers]),
+            covariance=np.stack([self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]),
+            ray=np.stack(ray),
+            ranges=np.stack(ranges),
+            fix_kind=kinds,
+            position_error=np.full(len(followers), np.nan) if before else self.position_error[:, k - 1],
+            bearing_error=np.full(len(followers), np.nan) if before else self.bearing_error[:, k - 1],
+        )
+
+    def _estimate(self, follower: int, time: float, z: float) -> Floats:
+        """Estimated position, carried on by the estimated velocity from the last step to `time`."""
+        state = self.flight.estimates[follower].state
+        k = min(max(int((time - self.start) / self._dt + 1e-9), 1), state.shape[0])
+        x, y, vx, vy = state[k - 1]
+        late = time - self.start - k * self._dt
+        return np.array([x + vx * late, y + vy * late, z])
+
+    def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, FixKind | None]:
+        heard = self.flight.measurements[follower]
+        last = int(np.searchsorted(heard.message_step, k, side="right")) - 1
+        if last < 0:
+            return np.zeros(3), np.full(3, np.nan), None
+        step = int(heard.message_step[last])
+        age = (time - self.start - step * self._dt) / self.speed_up
+        ranges = heard.ranges[last]
+        fixes = self.flight.estimates[follower]
+        made = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
+        kind = FixKind(int(fixes.fix_kind[made])) if made >= 0 else None
+        return np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)), ranges, kind
+
+    def _trail_grid(self, time: float, film_seconds: float) -> Ints:
+        """Grid indices of a trail; they stay put while time goes on, or the trail would seem to crawl."""
+        every = self._trail_every
+        now = int((time - self.start) / self.flight.trajectory.dt)
+        first = max(0, int(now - film_seconds * self.speed_up / self.flight.trajectory.dt))
+        return np.arange(-(-first // every) * every, now + 1, every, dtype=np.int64)
+
+    def trail(self, vehicle: int, time: float, film_seconds: float) -> Floats:
+        """Where a vehicle's body origin was in the last `film_seconds` of film, oldest first, shape (p, 3), [m]."""
+        truth = self.flight.trajectory
+        past = truth.position[self._trail_grid(time, film_seconds), vehicle]
+        return np.concatenate([past, truth.at(time)[0][0, [vehicle]]])
+
+    def estimate_trail(self, follower: int, time: float, film_seconds: float) -> Floats:
+        """Where a follower believed to be, likewise, shape (p, 3), [m]."""
+        truth = self.flight.trajectory
+        grid = self._trail_grid(time, film_seconds)
+        depth = truth.position[grid, follower + 1, 2]
+        past = [self._estimate(follower, float(truth.time[g]), float(z)) for g, z in zip(grid, depth, strict=True)]
+        now = self._estimate(follower, time, float(truth.at(time)[0][0, follower + 1, 2]))
+        return np.array([*past, now])

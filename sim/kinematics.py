@@ -1,0 +1,200 @@
+"""The paper's point motion: turns at 10°/s, changes of speed at 0.2 m/s² (Section 3). Analytic, exact at any instant.
+
+A route becomes a plan of segments on which acceleration and turn rate are constant and one of them is zero:
+
+    turn out of the last corner │ ramp to the leg's speed │ constant speed │ half of the next turn …
+
+Corners are cut by the arc that touches both legs; its middle is the arrival at the waypoint, at the waypoint's time.
+The leg's speed follows from that in closed form. The same plan is the reference that `sim.guidance` follows, so that
+the paper's motion and the physical one differ by the physics alone.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sim import attitude
+from sim.missions import Route
+from sim.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+TURN_RATE = float(np.deg2rad(10.0))
+"""Turn rate in every turn [rad/s] (paper, Section 3)."""
+ACCELERATION = 0.2
+"""Rate of every change of speed [m/s²] (paper, Section 3)."""
+SPEED_MAX = 3.0
+"""Top speed of a follower [m/s] (paper, Section 3)."""
+SPEED_MIN = 0.1
+"""A leg that asks for less is refused: a hull without way cannot be steered along it [m/s]."""
+SHARPEST_FLY_BY = float(np.deg2rad(120.0))
+"""Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far before it."""
+
+
+class Limits(NamedTuple):
+    """What a vehicle can do; the paper's values by default."""
+
+    turn_rate: float = TURN_RATE
+    acceleration: float = ACCELERATION
+    speed_max: float = SPEED_MAX
+
+
+class Motion(NamedTuple):
+    """Motion on a time grid, each of shape (n,)."""
+
+    east: Floats
+    north: Floats
+    course: Floats
+    """Compass direction of motion, continuous (not wrapped) [rad]."""
+    speed: Floats
+    turn_rate: Floats
+    """Clockwise [rad/s]."""
+    acceleration: Floats
+    """Of the speed [m/s²]."""
+
+
+class Plan(NamedTuple):
+    """Segments of constant acceleration and turn rate, each array of shape (m,); the last one has no end."""
+
+    start: Floats
+    """Time at which the segment begins [s]."""
+    east: Floats
+    north: Floats
+    course: Floats
+    speed: Floats
+    turn_rate: Floats
+    acceleration: Floats
+
+    def at(self, time: Floats) -> Motion:
+        """Motion at instants of shape (n,), not negative, [s]."""
+        i = np.searchsorted(self.start, time, side="right") - 1
+        dt = time - self.start[i]
+        course = self.course[i] + self.turn_rate[i] * dt
+        speed = self.speed[i] + self.acceleration[i] * dt
+        # on an arc the chord points along the mean course and is sin(half)/half of the arc long
+        half = 0.5 * self.turn_rate[i] * dt
+        chord = 0.5 * (self.speed[i] + speed) * dt * np.sinc(half / np.pi)
+        return Motion(
+            east=self.east[i] + chord * np.sin(self.course[i] + half),
+            north=self.north[i] + chord * np.cos(self.course[i] + half),
+            course=course,
+            speed=speed,
+            turn_rate=self.turn_rate[i],
+            acceleration=self.acceleration[i],
+        )
+
+
+class _Planner:
+    """Appends segments and keeps the pose at the end of the last one."""
+
+    def __init__(self, east: float, north: float, course: float, speed: float) -> None:
+        self.rows: list[tuple[float, ...]] = []
+        self.time, self.east, self.north, self.course, self.speed = 0.0, east, north, course, speed
+
+    def go(self, duration: float, turn_rate: float = 0.0, acceleration: float = 0.0) -> None:
+        """One more segment; one of no duration is left out."""
+        if duration <= 0:
+            return
+        row = (self.time, self.east, self.north, self.course, self.speed, turn_rate, acceleration)
+        self.rows.append(row)
+        end = Plan(*(np.array([value]) for value in row)).at(np.array([self.time + duration]))
+        self.time += duration
+        self.east, self.north, self.course, self.speed = (float(value[0]) for value in end[:4])
+
+
+def _wrap(angle: float) -> float:
+    """Into [−π, π)."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _turn_towards(planner: _Planner, east: float, north: float, radius: float) -> float | None:
+    """Signed turn [rad] after which the vehicle heads for a point; None if the point lies within the turning circle.
+
+    The straight line from the circle to the point touches the circle. Clockwise is positive.
+    """
+    dx, dy = east - planner.east, north - planner.north
+    side = 1.0 if _wrap(np.arctan2(dx, dy) - planner.course) >= 0 else -1.0
+    # the circle's centre lies abeam; seen from there the point is at distance d and bearing b
+    cx, cy = dx - side * radius * np.cos(planner.course), dy + side * radius * np.sin(planner.course)
+    d = float(np.hypot(cx, cy))
+    if d <= radius:
+        return None
+    turn = side * (np.arctan2(cx, cy) - planner.course) + np.arcsin(radius / d)
+    return side * float(turn % (2 * np.pi)) if abs(_wrap(turn)) > 1e-12 else 0.0
+
+
+def _leg_speed(distance: float, time: float, speed: float, acceleration: float) -> float:
+    """Speed v that, reached from `speed` by a ramp, covers `distance` in `time`; NaN if no ramp is short enough.
+
+    distance = v time ∓ (v − speed)² / (2 acceleration): the ramp up loses, the ramp down gains.
+    """
+    missing = distance - speed * time
+    root = time * time - 2.0 * abs(missing) / acceleration
+    if time <= 0 or root < 0:
+        return float("nan")
+    return speed + float(np.copysign(acceleration * (time - np.sqrt(root)), missing))
+
+
+def plan(route: Route, limits: Limits | None = None) -> Plan:
+    """The motion along a route, on time at every waypoint.
+
+    Raises:
+        ValueError: the vehicle cannot fly the route; names the route, the waypoint (counted from 1), what it requires
+            and the limit.
+    """
+    limits = limits or Limits()
+    legs = np.diff(route.waypoint, axis=0)
+    course = np.arctan2(legs[:, 0], legs[:, 1])
+    start = course[0] if route.start_heading is None else route.start_heading
+    planner = _Planner(*route.waypoint[0], float(start), route.start_speed)
+    turn: float | None = 0.0
+    if abs(_wrap(course[0] - start)) > 1e-12:
+        turn = _turn_towards(planner, *route.waypoint[1], radius=route.start_speed / limits.turn_rate)
+    for k in range(1, route.time.size):
+        where = f"route {route.name!r}, waypoint {k + 1}"
+        target, mean_speed = route.waypoint[k], route.leg_speed[k - 1]
+        if mean_speed > limits.speed_max * (1 + 1e-9):
+            raise ValueError(f"{where}: {mean_speed:.3g} m/s required, the limit is {limits.speed_max:.3g} m/s")
+        if turn is None:
+            raise ValueError(
+                f"{where}: it lies within the turning circle of {planner.speed / limits.turn_rate:.3g} m radius "
+                f"that begins at waypoint {k}"
+            )
+        planner.go(abs(turn) / limits.turn_rate, turn_rate=np.copysign(limits.turn_rate, turn))
+        dx, dy = target[0] - planner.east, target[1] - planner.north
+        straight = float(dx * np.sin(planner.course) + dy * np.cos(planner.course))
+        corner = _wrap(course[k] - planner.course) if k < course.size else 0.0
+        cut = abs(corner) if abs(corner) <= SHARPEST_FLY_BY else 0.0
+        # along the arc to its middle the way is shorter than to the corner by speed × saved
+        saved = (np.tan(cut / 2) - cut / 2) / limits.turn_rate
+        left = route.time[k] - planner.time
+        speed = _leg_speed(straight, left + saved, planner.speed, limits.acceleration)
+        if np.isnan(speed) or speed > limits.speed_max * (1 + 1e-9):
+            asked = f"{max(straight, 0) / left:.3g} m/s on average" if left > 0 else "no time for the turn before it"
+            raise ValueError(
+                f"{where}: {asked} after {planner.speed:.3g} m/s; out of reach with {limits.acceleration:.3g} m/s² "
+                f"and at most {limits.speed_max:.3g} m/s"
+            )
+        if speed < SPEED_MIN:
+            raise ValueError(f"{where}: {speed:.3g} m/s required, the least that can be steered is {SPEED_MIN} m/s")
+        ramp = abs(speed - planner.speed) / limits.acceleration
+        before_turn = straight - speed * np.tan(cut / 2) / limits.turn_rate
+        cruise = (before_turn - 0.5 * (planner.speed + speed) * ramp) / speed
+        if cruise < -1e-9:
+            raise ValueError(
+                f"{where}: a leg of {route.leg_length[k - 1]:.3g} m is {-cruise * speed:.3g} m too short for a turn of "
+                f"{np.rad2deg(cut):.0f}° at {speed:.3g} m/s (radius {speed / limits.turn_rate:.3g} m)"
+            )
+        planner.go(ramp, acceleration=np.copysign(limits.acceleration, speed - planner.speed))
+        planner.speed = speed
+        planner.go(cruise)
+        turn = corner
+        if cut:
+            planner.go(0.5 * cut / limits.turn_rate, turn_rate=np.copysign(limits.turn_rate, corner))
+            turn = 0.5 * corner
+        elif corner:
+            turn = _turn_towards(planner, *route.waypoint[k + 1], radius=speed / limits.turn_rate)
+    planner.rows.append((planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0))
+    return Plan(*np.array(planner.rows).T)

@@ -1,0 +1,199 @@
+"""A flight written as an MCAP log that Foxglove and Rerun draw; `sim.log_reader` reads it back to the bit."""
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from mcap.well_known import MessageEncoding
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import register_schema
+
+from sim import scenario_file
+from sim.flight import Flight
+from sim.log_channels import Channel, Errors, channels
+from sim.log_clock import Clock, timestamp
+from sim.log_events import Event
+from sim.log_file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path, rescuable
+
+BLOCK_NS = 60 * 10**9
+"""Time that is serialised at once: bounds the memory [ns]."""
+PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-schemas-protobuf")
+CONVENTIONS = {
+    "world": "x east, y north, z up [m]; depth = -z",
+    "body": "x forward, y port, z up; origin at the centre of buoyancy",
+    "units": "SI and radians, but latitude and longitude in degrees",
+    "heading": "compass: clockwise from north",
+    "pitch": "positive nose up",
+    "roll": "positive starboard down",
+    "quaternion": "body to world; Foxglove stores x, y, z, w",
+    "angular_velocity": "in the body frame",
+    "pose": "the truth",
+    "estimate": "what the follower believes: its hydrophone's position, with measured depth and heading",
+    "time": "log, publish and message time: scenario epoch plus mission time",
+}
+
+
+@dataclass(frozen=True)
+class LogStatistics:
+    """What was written."""
+
+    path: Path
+    messages: int
+    size: int
+    """Of the file [bytes]."""
+
+
+def _json(value: object) -> bytes:
+    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False).encode()
+
+
+def _vehicles(flight: Flight) -> bytes:
+    """Names and sites, which `/tf` holds in part only; JSON keeps float64 to the bit."""
+    t = flight.trajectory
+    sites = zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True)
+    table = [{"name": name, "vehicle": vehicle, "offset": offset} for name, vehicle, offset in sites]
+    return _json({"names": t.names, "sites": table})
+
+
+def _frames(video: Iterable[tuple[float, bytes]], clock: Clock) -> Iterator[tuple[int, bytes]]:
+    """Frames as serialised messages with their times [ns]."""
+    last = -1
+    for time_s, data in video:
+        at = int(clock.ns(time_s))
+        if at < last:
+            raise ValueError(f"video frames must be in order of time; {time_s:g} s comes too late")
+        last = at
+        frame = CompressedVideo(timestamp=timestamp(at), frame_id="camera", data=data, format="h264")
+        yield at, frame.SerializeToString()
+
+
+def _blocks(all_channels: Sequence[Channel], ids: Sequence[int]) -> Iterator[tuple[int, list[tuple[int, int, bytes]]]]:
+    """End of each block of time, and its messages (time, channel, data) in order of time."""
+    filled = [(channel, id_) for channel, id_ in zip(all_channels, ids, strict=True) if channel.time_ns.size]
+    start = min(int(channel.time_ns[0]) for channel, _ in filled)
+    end = max(int(channel.time_ns[-1]) for channel, _ in filled)
+    for begin in range(start, end + 1, BLOCK_NS):
+        messages: list[tuple[int, int, bytes]] = []
+        for channel, id_ in filled:
+            first, stop = np.searchsorted(channel.time_ns, [begin, begin + BLOCK_NS]).tolist()
+            times = channel.time_ns[first:stop].tolist()
+            messages += zip(times, [id_] * len(times), channel.rows(first, stop), strict=True)
+        # stable, so that equal times keep the order of channels and of messages within one
+        messages.sort(key=lambda message: message[0])
+        yield begin + BLOCK_NS, messages
+
+
+def _write(
+    stream: IO[bytes],
+    flight: Flight,
+    all_channels: Sequence[Channel],
+    summary: str,
+    frames: Iterator[tuple[int, bytes]],
+) -> int:
+    """Write the whole log and return the number of messages; what describes the flight stands before its messages."""
+    writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
+    writer.start(profile="")
+    epoch_ns = Clock(flight.scenario.epoch).epoch_ns
+    texts = [
+        (SCENARIO, "application/toml", scenario_file.dumps(flight.scenario).encode()),
+        (VEHICLES, "application/json", _vehicles(flight)),
+        (SUMMARY, "application/json", summary.encode()),
+        (VERSIONS, "application/json", _json({package: version(package) for package in PACKAGES})),
+    ]
+    for name, media_type, data in texts:
+        writer.add_attachment(create_time=epoch_ns, log_time=epoch_ns, name=name, media_type=media_type, data=data)
+    writer.add_metadata("conventions", CONVENTIONS)
+    facts = {
+        "outcome": flight.outcome.name,
+        "filter_step_s": repr(flight.measurements[0].dt),
+        "seed": str(flight.scenario.seed),
+        "run": str(flight.scenario.run),
+    }
+    writer.add_metadata("laisn", facts)
+    schemas: dict[str, int] = {}
+
+    def register(topic: str, message_class: Any) -> int:
+        name = message_class.DESCRIPTOR.full_name
+        if name not in schemas:
+            schemas[name] = register_schema(writer, message_class)
+        return int(writer.register_channel(topic, MessageEncoding.Protobuf, schemas[name]))
+
+    ids = [register(channel.topic, channel.message_class) for channel in all_channels]
+    count, camera = 0, 0
+    frame = next(frames, None)
+    if frame is not None:
+        camera = register("/camera", CompressedVideo)
+    for end, messages in _blocks(all_channels, ids):
+        while frame is not None and frame[0] < end:
+            messages.append((frame[0], camera, frame[1]))
+            frame = next(frames, None)
+        messages.sort(key=lambda message: message[0])
+        for at, channel, data in messages:
+            writer.add_message(channel, at, data, at)
+        count += len(messages)
+    while frame is not None:
+        writer.add_message(camera, frame[0], frame[1], frame[0])
+        count += 1
+        frame = next(frames, None)
+    writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
+    return count
+
+
+def write(
+    flight: Flight,
+    path: Path,
+    *,
+    summary: str = "{}",
+    errors: Sequence[Errors] = (),
+    events: Iterable[Event] = (),
+    video: Iterable[tuple[float, bytes]] = (),
+) -> LogStatistics:
+    """Write a flight; the same arguments give the same bytes.
+
+    The file grows under `partial_path(path)` and gets its name when it is whole. If writing fails, what can be
+    rescued with `sim.recovery` stays there, and nothing else.
+
+    Args:
+        path: the log; an existing one is replaced.
+        summary: JSON text, attached as it is.
+        errors: E_P [m] and E_B [rad] of each follower, shapes (n,), or nothing.
+        events: lines for `/log` besides those about fixes.
+        video: times since the start [s] and H.264 access units (Annex B, no B-frames, parameter sets with every key
+            frame), in order of time.
+
+    Raises:
+        LogError: the file cannot be written.
+        ValueError: errors or video do not fit the flight, or its epoch no log.
+    """
+    all_channels = channels(flight, errors, events)
+    frames = _frames(video, Clock(flight.scenario.epoch))
+    partial = partial_path(path)
+    try:
+        with partial.open("wb") as stream:
+            count = _write(stream, flight, all_channels, summary, frames)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(partial, path)
+    except OSError as error:
+        kept = _tidy(partial)
+        raise LogError(f"{path}: cannot be written: {error.strerror or error}{kept}") from error
+    except BaseException:
+        _tidy(partial)
+        raise
+    return LogStatistics(path=path, messages=count, size=path.stat().st_size)
+
+
+def _tidy(partial: Path) -> str:
+    """Remove a partial log unless it can be rescued; says what to do with it then."""
+    if rescuable(partial):
+        return f"; what was written is kept: laisn log recover {partial}"
+    with suppress(OSError):
+        partial.unlink()
+    return ""

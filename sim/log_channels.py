@@ -1,0 +1,260 @@
+"""A flight as channels of timed messages, serialised on demand."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+
+from sim import attitude
+from sim.flight import Flight
+from sim.geodesy import geodetic
+from sim.log_clock import Clock, timestamp
+from sim.log_events import Event, chronicle
+from sim.log_scene import BELIEF, TRUTH, draw_acoustics, draw_vehicles
+from sim.log_schema import (
+    ERROR,
+    FILTER_STATE,
+    FIX,
+    OWN_MOTION,
+    RECEPTION,
+    STAMP,
+    VEHICLE_STATE,
+    ScalarSchema,
+    Template,
+    slot,
+)
+from sim.scenario import CONTROL_STEP_S
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Errors = tuple[Floats, Floats]
+"""E_P [m] and E_B [rad] of a follower at filter steps k = 1 … n, shapes (n,)."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Messages of one topic, in order of time."""
+
+    topic: str
+    message_class: Any
+    """Protobuf class of its messages."""
+    time_ns: Ints
+    """Since 1970, shape (n,), [ns]."""
+    rows: Callable[[int, int], list[bytes]]
+    """Serialised messages from one index up to another."""
+
+
+def _numeric(
+    topic: str, message_class: Any, template: Template, time_ns: Ints, values: Callable[[slice], npt.NDArray[Any]]
+) -> Channel:
+    def rows(start: int, stop: int) -> list[bytes]:
+        part = slice(start, stop)
+        return template.rows(time_ns[part], values(part))
+
+    return Channel(topic, message_class, time_ns, rows)
+
+
+def _scalars(topic: str, schema: ScalarSchema, time_ns: Ints, values: Callable[[slice], npt.NDArray[Any]]) -> Channel:
+    return _numeric(topic, schema.message_class, schema.template(), time_ns, values)
+
+
+def _slot_pose(first: int) -> Any:
+    """A pose whose slots take x, y, z and then the quaternion (w, x, y, z)."""
+    x, y, z, qw, qx, qy, qz = (slot(first + k) for k in range(7))
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def _transforms(flight: Flight, clock: Clock) -> Channel:
+    """World to vehicles, and vehicles to transmitters and hydrophones."""
+    t = flight.trajectory
+    message = FrameTransforms()
+    for v, name in enumerate(t.names):
+        place = _slot_pose(7 * v)
+        message.transforms.append(
+            FrameTransform(
+                timestamp=STAMP,
+                parent_frame_id="world",
+                child_frame_id=name,
+                translation=place.position,
+                rotation=place.orientation,
+            )
+        )
+    for name, v, offset in zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True):
+        if name.rpartition("/")[2].startswith(("tx_", "hydrophone")):
+            x, y, z = offset
+            message.transforms.append(
+                FrameTransform(
+                    timestamp=STAMP,
+                    parent_frame_id=t.names[v],
+                    child_frame_id=name,
+                    translation=Vector3(x=x, y=y, z=z),
+                    rotation=Quaternion(w=1.0),
+                )
+            )
+
+    def values(part: slice) -> Floats:
+        return np.concatenate([t.position[part], t.quaternion[part]], axis=2).reshape(-1, 7 * len(t.names))
+
+    return _numeric("/tf", FrameTransforms, Template(message, 7 * len(t.names)), clock.ns(t.time), values)
+
+
+def _poses(topic: str, time_ns: Ints, values: Callable[[slice], Floats]) -> Channel:
+    message = PoseInFrame(timestamp=STAMP, frame_id="world", pose=_slot_pose(0))
+    return _numeric(topic, PoseInFrame, Template(message, 7), time_ns, values)
+
+
+def _locations(topic: str, time_ns: Ints, place: Floats, covariance: Floats | None = None) -> Channel:
+    """Latitude, longitude and height, shape (n, 3); horizontal covariances, shape (n, 2, 2), make it an estimate."""
+    n = time_ns.size
+    message = LocationFix(timestamp=STAMP, frame_id="world", latitude=slot(0), longitude=slot(1), altitude=slot(2))
+    # Rerun 0.41 writes invalid points for a fix without a colour
+    message.color.CopyFrom(TRUTH if covariance is None else BELIEF)
+    whole = np.zeros((n, 3, 3))
+    if covariance is not None:
+        whole[:, :2, :2] = covariance
+        message.position_covariance_type = LocationFix.KNOWN
+    message.position_covariance.extend(slot(3 + k) for k in range(9))
+    values = np.column_stack([place, whole.reshape(n, 9)])
+    return _numeric(topic, LocationFix, Template(message, 12), time_ns, lambda part: values[part])
+
+
+def _vehicle(flight: Flight, clock: Clock, v: int) -> list[Channel]:
+    t, scenario = flight.trajectory, flight.scenario
+    name, time_ns = t.names[v], clock.ns(t.time)
+    second = round(1.0 / CONTROL_STEP_S)
+
+    def state(part: slice) -> Floats:
+        derived = [x[part, v] for x in (t.depth, t.heading, t.pitch, t.roll, t.forward_speed)]
+        vectors = (t.velocity, t.angular_velocity, t.water_velocity, t.thrust)
+        return np.column_stack([t.time[part], *(x[part, v] for x in vectors), *derived])
+
+    return [
+        _poses(f"/{name}/pose", time_ns, lambda part: np.hstack([t.position[part, v], t.quaternion[part, v]])),
+        _scalars(f"/{name}/state", VEHICLE_STATE, time_ns, state),
+        _locations(
+            f"/{name}/fix",
+            time_ns[::second],
+            geodetic(t.position[::second, v], scenario.origin_latitude_deg, scenario.origin_longitude_deg),
+        ),
+    ]
+
+
+def _follower(flight: Flight, clock: Clock, f: int) -> list[Channel]:
+    m, e, scenario = flight.measurements[f], flight.estimates[f], flight.scenario
+    name, n = flight.trajectory.names[f + 1], m.speed.size
+    time_ns = clock.ns(m.dt * np.arange(1, n + 1))
+    believed = np.column_stack([e.state[:, :2], -m.depth])
+    second = max(1, round(1.0 / m.dt))
+    each = slice(second - 1, None, second)
+    place = geodetic(believed[each], scenario.origin_latitude_deg, scenario.origin_longitude_deg)
+
+    def belief(part: slice) -> Floats:
+        return np.hstack([believed[part], attitude.from_euler(m.heading[part])])
+
+    def fix(part: slice) -> Floats:
+        numbers = (e.fix_position, e.fix_sigma, e.innovation, e.innovation_covariance.reshape(-1, 4))
+        return np.column_stack([*(x[part] for x in numbers), e.fix_kind[part].view(np.float64)])
+
+    return [
+        _scalars(
+            f"/{name}/motion",
+            OWN_MOTION,
+            time_ns,
+            lambda part: np.column_stack([m.speed[part], m.heading[part], m.depth[part]]),
+        ),
+        _scalars(
+            f"/{name}/reception",
+            RECEPTION,
+            time_ns[m.message_step - 1],
+            lambda part: np.hstack([m.message[part], m.ranges[part]]),
+        ),
+        _scalars(
+            f"/{name}/filter",
+            FILTER_STATE,
+            time_ns,
+            lambda part: np.hstack([e.state[part], e.covariance[part].reshape(-1, 16)]),
+        ),
+        _scalars(f"/{name}/innovation", FIX, time_ns[e.fix_step - 1], fix),
+        _poses(f"/{name}/estimate", time_ns, belief),
+        _locations(f"/{name}/estimate/fix", time_ns[each], place, e.covariance[each, :2, :2]),
+    ]
+
+
+def _error(flight: Flight, clock: Clock, f: int, errors: Errors) -> Channel:
+    m, name = flight.measurements[f], flight.trajectory.names[f + 1]
+    n = m.speed.size
+    if any(error.shape != (n,) for error in errors):
+        raise ValueError(f"errors of {name} have shapes {[e.shape for e in errors]}, expected ({n},) twice")
+    values = np.column_stack(errors)
+    return _scalars(f"/{name}/error", ERROR, clock.ns(m.dt * np.arange(1, n + 1)), lambda part: values[part])
+
+
+def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
+    lines = chronicle(flight, events)
+    time_ns = clock.ns([line.time_s for line in lines])
+
+    def rows(start: int, stop: int) -> list[bytes]:
+        messages = []
+        for line, at in zip(lines[start:stop], time_ns[start:stop].tolist(), strict=True):
+            level = Log.Level.Value(line.level.upper())
+            message = Log(timestamp=timestamp(at), level=level, message=line.text, name=line.source)
+            messages.append(message.SerializeToString())
+        return messages
+
+    return Channel("/log", Log, time_ns, rows)
+
+
+def _scene(flight: Flight, clock: Clock) -> list[Channel]:
+    t = flight.trajectory
+    seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
+    heard: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
+    vehicles, acoustics = draw_vehicles(flight, seconds), draw_acoustics(flight, heard)
+    vehicle_ns, acoustic_ns = clock.ns(t.time[seconds]), clock.ns(heard * flight.measurements[0].dt)
+    return [
+        Channel(
+            "/scene/vehicles",
+            SceneUpdate,
+            vehicle_ns,
+            lambda start, stop: [vehicles(i, int(vehicle_ns[i])) for i in range(start, stop)],
+        ),
+        Channel(
+            "/scene/acoustics",
+            SceneUpdate,
+            acoustic_ns,
+            lambda start, stop: [acoustics(i, int(acoustic_ns[i])) for i in range(start, stop)],
+        ),
+    ]
+
+
+def channels(flight: Flight, errors: Sequence[Errors], events: Iterable[Event]) -> list[Channel]:
+    """All channels of a flight but the video.
+
+    Args:
+        errors: for each follower; or none at all, and there are no error channels.
+        events: lines for `/log` besides those about fixes.
+
+    Raises:
+        ValueError: errors of another length than the estimates, or an epoch before 1970.
+    """
+    clock = Clock(flight.scenario.epoch)
+    followers = range(len(flight.measurements))
+    if errors and len(errors) != len(followers):
+        raise ValueError(f"errors of {len(errors)} followers given, the flight has {len(followers)}")
+    result = [_transforms(flight, clock)]
+    for v in range(len(flight.trajectory.names)):
+        result += _vehicle(flight, clock, v)
+    for f in followers:
+        result += _follower(flight, clock, f)
+    result += [_error(flight, clock, f, histories) for f, histories in enumerate(errors)]
+    return [*result, *_scene(flight, clock), _events(flight, clock, events)]

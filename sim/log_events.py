@@ -1,0 +1,43 @@
+"""Lines of `/log`: what became of every fix, what the caller adds, and how the mission ended."""
+
+from collections.abc import Iterable
+from typing import Literal, NamedTuple
+
+from laisn.estimates import FixKind
+from sim.flight import Flight, Outcome
+
+Level = Literal["debug", "info", "warning", "error"]
+
+FIX_LINES: dict[FixKind, tuple[Level, str]] = {
+    FixKind.TWO_POINTS: ("debug", "fix: the nearer of two intersections"),
+    FixKind.TANGENT: ("debug", "fix: one intersection"),
+    FixKind.FUSED: ("debug", "fix: weighted mean of pairs"),
+    FixKind.ASTERN: ("info", "fix: no two clear intersections, snapped onto the leader's axis"),
+    FixKind.SINGULAR: ("info", "fix skipped: the filter was already exact"),
+    FixKind.GATED: ("warning", "fix rejected by the gross-error gate"),
+    FixKind.LOST: ("warning", "no fix: ranges are missing"),
+}
+"""Level and text for every kind of fix."""
+
+
+class Event(NamedTuple):
+    """A line that the flight itself does not tell, such as a mirror capture."""
+
+    time_s: float
+    """Since the start of the mission [s]."""
+    level: Level
+    text: str
+    source: str = "laisn"
+    """Name that the line stands under, such as a vehicle."""
+
+
+def chronicle(flight: Flight, events: Iterable[Event]) -> list[Event]:
+    """All lines in order of time; the outcome comes last."""
+    lines = list(events)
+    for name, m, e in zip(flight.trajectory.names[1:], flight.measurements, flight.estimates, strict=True):
+        for step, kind in zip(e.fix_step.tolist(), e.fix_kind.tolist(), strict=True):
+            level, text = FIX_LINES[FixKind(kind)]
+            lines.append(Event(step * m.dt, level, text, name))
+    level = "info" if flight.outcome is Outcome.COMPLETED else "error"
+    lines.append(Event(float(flight.trajectory.time[-1]), level, flight.outcome.value))
+    return sorted(lines, key=lambda line: line.time_s)

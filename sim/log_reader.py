@@ -1,0 +1,257 @@
+"""Logs read back: the flight to the bit, or the measurements alone, from the simulator or from a real vehicle."""
+
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from mcap.reader import make_reader
+
+from laisn.estimates import Estimates
+from laisn.messages import Measurements
+from sim import scenario_file
+from sim.flight import Flight, Outcome
+from sim.log_file import SCENARIO, VEHICLES, Contents, LogError, Messages, check, contents, faults, has_field, require
+from sim.log_schema import (
+    ANGULAR_VELOCITY,
+    COVARIANCE,
+    INNOVATION,
+    INNOVATION_COVARIANCE,
+    LEADER_MESSAGE,
+    OWN_MOTION,
+    RANGES,
+    STATE_NAMES,
+    THRUST,
+    VELOCITY,
+    WATER_VELOCITY,
+)
+from sim.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+POSE = tuple(f"pose.position.{axis}" for axis in "xyz") + tuple(f"pose.orientation.{axis}" for axis in "wxyz")
+DISPENSABLE = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
+"""Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
+
+
+@dataclass(frozen=True)
+class ChannelInfo:
+    """A channel of a log."""
+
+    topic: str
+    schema: str
+    messages: int
+
+
+@dataclass(frozen=True)
+class LogInfo:
+    """What `laisn log info` tells."""
+
+    path: Path
+    size: int
+    """Of the file [bytes]."""
+    start: datetime
+    """Log time of the first message."""
+    duration_s: float
+    channels: tuple[ChannelInfo, ...]
+    attachments: dict[str, int]
+    """Sizes by name [bytes]."""
+    metadata: dict[str, dict[str, str]]
+
+
+def info(path: Path) -> LogInfo:
+    """Describe any MCAP log with a summary section.
+
+    Raises:
+        LogError: it cannot be read, is damaged, or no MCAP file.
+    """
+    check(path)
+    with faults(path), path.open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        if summary is None or summary.statistics is None:
+            raise LogError(f"{path}: holds no statistics; laisn log recover writes them")
+        statistics = summary.statistics
+        channels = [
+            ChannelInfo(
+                topic=channel.topic,
+                schema=summary.schemas[channel.schema_id].name if channel.schema_id in summary.schemas else "",
+                messages=statistics.channel_message_counts.get(id_, 0),
+            )
+            for id_, channel in summary.channels.items()
+        ]
+        metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
+        start_ns, end_ns = statistics.message_start_time, statistics.message_end_time
+        return LogInfo(
+            path=path,
+            size=path.stat().st_size,
+            start=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=start_ns // 1000),
+            duration_s=(end_ns - start_ns) / 1e9,
+            channels=tuple(sorted(channels, key=lambda channel: channel.topic)),
+            attachments={index.name: index.data_size for index in summary.attachment_indexes},
+            metadata=metadata,
+        )
+
+
+def _steps(path: Path, topic: str, messages: Messages, steps_ns: Ints) -> Ints:
+    """Filter step at which each message is available: the first at or after its time."""
+    step = np.searchsorted(steps_ns, np.array(messages.time_ns, dtype=np.int64)).astype(np.int64) + 1
+    if step.size and step[-1] > steps_ns.size:
+        raise LogError(f"{path}: {topic} goes on after the last filter step")
+    return step
+
+
+def _filter_step(path: Path, log: Contents, topic: str, time_ns: Ints) -> float:
+    """Δt as written, or from the times of the follower's own measurements, which must keep it."""
+    written = log.metadata.get("laisn", {}).get("filter_step_s")
+    if written is None and time_ns.size < 2:
+        raise LogError(
+            f"{path}: {topic} holds {time_ns.size} messages; at least two are needed to know the filter step"
+        )
+    dt = float(written) if written is not None else round(float(np.median(np.diff(time_ns)))) / 1e9
+    if not dt > 0:
+        raise LogError(f"{path}: {topic} has a filter step of {dt:g} s")
+    late = np.abs((time_ns - time_ns[:1]) / 1e9 - dt * np.arange(time_ns.size)) > dt / 2
+    if late.any():
+        at = (int(time_ns[int(np.argmax(late))]) - int(time_ns[0])) / 1e9
+        raise LogError(
+            f"{path}: {topic} must come every {dt:g} s without gaps, as the filter steps do; it leaves that grid "
+            f"{at:g} s after its start"
+        )
+    return dt
+
+
+def _measurements(path: Path, log: Contents, follower: str) -> tuple[Measurements, Ints]:
+    """Measurements and the times of the filter steps, shape (n,), [ns]."""
+    topic = f"/{follower}/motion"
+    motion = require(path, log, topic, OWN_MOTION.fields)
+    heard = f"/{follower}/reception"
+    needed = [name for name in (*LEADER_MESSAGE, *RANGES) if name not in DISPENSABLE]
+    reception = require(path, log, heard, needed)
+    with faults(path):
+        time_ns = np.array(motion.time_ns, dtype=np.int64)
+        dt = _filter_step(path, log, topic, time_ns)
+        speed, heading, depth = motion.columns(OWN_MOTION.fields).T.copy()
+        step = _steps(path, heard, reception, time_ns)
+        if np.any(np.diff(step) < 1):
+            raise LogError(f"{path}: {heard} holds several messages within one filter step of {dt:g} s")
+        descriptor = reception.descriptor()
+
+        def columns(names: Sequence[str]) -> Floats:
+            there = [name for name in names if has_field(descriptor, name)]
+            values = np.full((step.size, len(names)), np.nan)
+            values[:, [names.index(name) for name in there]] = reception.columns(there)
+            return values
+
+        measurements = Measurements(
+            dt=dt,
+            speed=speed,
+            heading=heading,
+            depth=depth,
+            message_step=step,
+            message=columns(LEADER_MESSAGE),
+            ranges=columns(RANGES),
+        )
+    return measurements, time_ns
+
+
+def read_measurements(path: Path, follower: str = "follower") -> Measurements:
+    """What one follower heard and sensed, from any log with the channels `/NAME/motion` and `/NAME/reception`.
+
+    A message belongs to the first filter step at or after its log time. Filter steps are the messages of
+    `/NAME/motion`; their spacing is Δt.
+
+    Raises:
+        LogError: the log is damaged, lacks a channel or a field, or its filter steps have gaps.
+    """
+    log = contents(path, lambda topic: topic.startswith(f"/{follower}/") or topic.endswith("/motion"))
+    return _measurements(path, log, follower)[0]
+
+
+def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Estimates:
+    filtered = require(path, log, f"/{follower}/filter", (*STATE_NAMES, *COVARIANCE))
+    topic = f"/{follower}/innovation"
+    fixed = require(path, log, topic, ("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE, "kind"))
+    with faults(path):
+        if filtered.time_ns != steps_ns.tolist():
+            raise LogError(f"{path}: /{follower}/filter and /{follower}/motion are not at the same times")
+        values = filtered.columns((*STATE_NAMES, *COVARIANCE))
+        fixes = fixed.columns(("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE))
+        return Estimates(
+            state=values[:, :4].copy(),
+            covariance=values[:, 4:].reshape(-1, 4, 4).copy(),
+            fix_step=_steps(path, topic, fixed, steps_ns),
+            fix_position=fixes[:, :2].copy(),
+            fix_sigma=fixes[:, 2].copy(),
+            fix_kind=fixed.integers("kind"),
+            innovation=fixes[:, 3:5].copy(),
+            innovation_covariance=fixes[:, 5:].reshape(-1, 2, 2).copy(),
+        )
+
+
+def _trajectory(path: Path, log: Contents) -> Trajectory:
+    table = json.loads(log.attachments[VEHICLES])
+    groups = (VELOCITY, ANGULAR_VELOCITY, WATER_VELOCITY, THRUST)
+    names = ("time", *VELOCITY, *ANGULAR_VELOCITY, *WATER_VELOCITY, *THRUST)
+    poses, states = [], []
+    for vehicle in table["names"]:
+        pose = require(path, log, f"/{vehicle}/pose", POSE)
+        state = require(path, log, f"/{vehicle}/state", names)
+        poses.append(pose.columns(POSE))
+        states.append(state.columns(names))
+        if not pose.time_ns == state.time_ns == log.topics[f"/{table['names'][0]}/pose"].time_ns:
+            raise LogError(f"{path}: the channels of {vehicle} are not at the times of the leader's")
+    whole_pose, whole_state = np.stack(poses, axis=1), np.stack(states, axis=1)
+    ends = np.cumsum([1, *(len(group) for group in groups)])
+    velocity, turning, water, thrust = (whole_state[..., a:b].copy() for a, b in itertools.pairwise(ends))
+    return Trajectory(
+        names=tuple(table["names"]),
+        time=whole_state[:, 0, 0].copy(),
+        position=whole_pose[..., :3].copy(),
+        quaternion=whole_pose[..., 3:].copy(),
+        velocity=velocity,
+        angular_velocity=turning,
+        water_velocity=water,
+        thrust=thrust,
+        site_names=tuple(site["name"] for site in table["sites"]),
+        site_vehicle=np.array([site["vehicle"] for site in table["sites"]], dtype=np.int64),
+        site_offset=np.array([site["offset"] for site in table["sites"]], dtype=np.float64).reshape(-1, 3),
+    )
+
+
+def read(path: Path) -> Flight:
+    """The flight that `sim.log.write` wrote, equal to the bit.
+
+    Raises:
+        LogError: the log is damaged, or was not written by the simulator; the text names what is missing.
+    """
+    suffixes = ("/pose", "/state", "/motion", "/reception", "/filter", "/innovation")
+    log = contents(path, lambda topic: topic.endswith(suffixes))
+    missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
+    missing += [] if "laisn" in log.metadata else ["metadata laisn"]
+    if missing:
+        raise LogError(
+            f"{path}: holds no whole flight: it lacks {', '.join(missing)}. Measurements alone can be replayed; "
+            f"channels: {', '.join(sorted(log.topics)) or 'none'}"
+        )
+    with faults(path):
+        text = log.attachments[SCENARIO].decode()
+        scenario = scenario_file.validate(scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}")
+        trajectory = _trajectory(path, log)
+        measured = [_measurements(path, log, name) for name in trajectory.names[1:]]
+        estimates = [
+            _estimates(path, log, name, steps_ns)
+            for name, (_, steps_ns) in zip(trajectory.names[1:], measured, strict=True)
+        ]
+        return Flight(
+            scenario=scenario,
+            trajectory=trajectory,
+            measurements=tuple(measurements for measurements, _ in measured),
+            estimates=tuple(estimates),
+            outcome=Outcome[log.metadata["laisn"]["outcome"]],
+        )

@@ -1,0 +1,163 @@
+"""What Foxglove draws in three dimensions: hulls, trails and uncertainty at 1 Hz, rays and ranges at each ping."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.duration_pb2 import Duration
+
+from laisn.estimates import FixKind
+from laisn.messages import Ranges
+from sim.flight import Flight
+from sim.log_clock import timestamp
+from sim.log_hull import cylinder, hull, pose
+
+Floats = npt.NDArray[np.float64]
+Draw = Callable[[int, int], bytes]
+"""Serialises the SceneUpdate of one instant: index on its own time grid, and time since 1970 [ns]."""
+
+TRAIL_S = 100
+"""Length of the trails [s], a point every second."""
+CONFIDENCE = float(np.sqrt(-2.0 * np.log(0.05)))
+"""Half axes of the 95 % ellipse in standard deviations: the quantile of a Rayleigh distribution."""
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+DISC_M = 0.02
+"""Thickness of range discs and of the ellipse [m]."""
+
+TRUTH = Color(r=0.95, g=0.62, b=0.08, a=0.9)
+BELIEF = Color(r=0.85, g=0.15, b=0.75, a=0.9)
+UNCERTAINTY = Color(r=0.85, g=0.15, b=0.75, a=0.35)
+RAY = Color(r=0.20, g=0.75, b=0.95, a=0.9)
+RANGE = Color(r=0.20, g=0.75, b=0.95, a=0.05)
+ACCEPTED = Color(r=0.15, g=0.80, b=0.25, a=1.0)
+REFUSED = Color(r=0.90, g=0.15, b=0.10, a=1.0)
+
+
+def _line(kind: Any, color: Any, points: bytes) -> Any:
+    """A line two pixels wide; `points` are serialised (`_points`)."""
+    line = LinePrimitive(type=kind, thickness=2.0, scale_invariant=True, color=color)
+    line.MergeFromString(points)
+    return line
+
+
+def _points(position: Floats) -> bytes:
+    """Points of a line, shape (n, 3), serialised: n times 29 bytes, so that trails are slices."""
+    block = np.empty((len(position), 29), dtype=np.uint8)
+    sample = LinePrimitive(points=[Point3(x=1.0, y=1.0, z=1.0)])
+    block[:] = np.frombuffer(sample.SerializeToString(), dtype=np.uint8)
+    for axis in range(3):
+        start = 3 + 9 * axis
+        block[:, start : start + 8] = np.ascontiguousarray(position[:, axis : axis + 1], "<f8").view(np.uint8)
+    return block.tobytes()
+
+
+def _trail(points: bytes, i: int) -> bytes:
+    return points[29 * max(0, i - TRAIL_S) : 29 * (i + 1)]
+
+
+def _ellipse(x: float, y: float, z: float, covariance: Floats) -> Any:
+    """The 95 % ellipse of a horizontal position with `covariance`, shape (2, 2), as a flat spheroid."""
+    variance, axes = np.linalg.eigh(covariance)
+    major, minor = 2 * CONFIDENCE * np.sqrt(np.maximum(variance[::-1], 0.0))
+    half = np.arctan2(axes[1, 1], axes[0, 1]) / 2
+    place = pose(np.array([x, y, z]), np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
+    return SpherePrimitive(pose=place, size=Vector3(x=major, y=minor, z=DISC_M), color=UNCERTAINTY)
+
+
+def _entity(name: str, frame: str, stamp: Any, **parts: Any) -> Any:
+    return SceneEntity(id=name, frame_id=frame, timestamp=stamp, **parts)
+
+
+def draw_vehicles(flight: Flight, index: npt.NDArray[np.int64]) -> Draw:
+    """Hulls, trails of truth and belief, and 95 % ellipses; every update is complete, so that seeking shows it all.
+
+    Args:
+        index: points of the trajectory to draw at, a second apart, shape (n,).
+    """
+    names = flight.trajectory.names
+    hulls = [hull("leader" if v == 0 else "follower") for v in range(len(names))]
+    trails = [_points(flight.trajectory.position[index, v]) for v in range(len(names))]
+    # the last filter step at or before each point; the state of step k stands in row k − 1
+    row = np.minimum(index // flight.stride, [[e.state.shape[0]] for e in flight.estimates]) - 1
+    beliefs = [
+        np.column_stack([e.state[k[k >= 0], :2], -m.depth[k[k >= 0]]])
+        for e, m, k in zip(flight.estimates, flight.measurements, row, strict=True)
+    ]
+    believed = [_points(belief) for belief in beliefs]
+    strip = LinePrimitive.LINE_STRIP
+
+    def draw(i: int, time_ns: int) -> bytes:
+        stamp = timestamp(time_ns)
+        update = SceneUpdate()
+        for v, name in enumerate(names):
+            entity = _entity(f"{name}/hull", name, stamp, frame_locked=True)
+            entity.MergeFrom(hulls[v])
+            trail = _entity(f"{name}/trail", "world", stamp, lines=[_line(strip, TRUTH, _trail(trails[v], i))])
+            update.entities.extend((entity, trail))
+        for f, name in enumerate(names[1:]):
+            skipped = int(np.count_nonzero(row[f] < 0))
+            if i < skipped:
+                continue
+            x, y, z = beliefs[f][i - skipped].tolist()
+            covariance = flight.estimates[f].covariance[row[f, i], :2, :2]
+            # a filter that left finite numbers has a trail but no ellipse
+            ellipses = [_ellipse(x, y, z, covariance)] if np.isfinite(covariance).all() else []
+            line = _line(strip, BELIEF, _trail(believed[f], i - skipped))
+            update.entities.append(_entity(f"{name}/estimate", "world", stamp, spheres=ellipses, lines=[line]))
+        return bytes(update.SerializeToString())
+
+    return draw
+
+
+def _ping(flight: Flight, follower: int, message: int, stamp: Any) -> Any:
+    """Rays, range discs and fixes of one message, seen where the vehicles truly are."""
+    trajectory, measured, estimated = flight.trajectory, flight.measurements[follower], flight.estimates[follower]
+    name, step = trajectory.names[follower + 1], int(measured.message_step[message])
+    sites = trajectory.site_position[step * flight.stride]
+    hydrophone = sites[trajectory.site(f"{name}/hydrophone")]
+    entity = _entity(f"{name}/ping", "world", stamp)
+    entity.lifetime.CopyFrom(Duration(nanos=0, seconds=int(np.ceil(flight.scenario.timing.message_interval_s))))
+    ends: list[Floats] = []
+    for transmitter, slant in zip(Ranges._fields, measured.ranges[message].tolist(), strict=True):
+        site = f"leader/tx_{transmitter}"
+        if site not in trajectory.site_names or not np.isfinite(slant):
+            continue
+        source = sites[trajectory.site(site)]
+        ends += [source, hydrophone]
+        squared = slant**2 - (source[2] - hydrophone[2]) ** 2
+        if squared > 0:
+            place = pose(np.array([source[0], source[1], hydrophone[2]]), LEVEL)
+            entity.cylinders.append(cylinder(place, RANGE, radius=float(np.sqrt(squared)), length=DISC_M))
+    if ends:
+        entity.lines.append(_line(LinePrimitive.LINE_LIST, RAY, _points(np.array(ends))))
+    for i in np.flatnonzero(estimated.fix_step == step):
+        if np.isfinite(estimated.fix_position[i]).all():
+            place = pose(np.array([*estimated.fix_position[i], -measured.depth[step - 1]]), LEVEL)
+            color = REFUSED if estimated.fix_kind[i] == FixKind.GATED else ACCEPTED
+            entity.spheres.append(SpherePrimitive(pose=place, size=Vector3(x=0.4, y=0.4, z=0.4), color=color))
+    return entity
+
+
+def draw_acoustics(flight: Flight, step: npt.NDArray[np.int64]) -> Draw:
+    """Rays from the transmitters, discs of the horizontal ranges at the hydrophone's depth, and the fixes (red: gated).
+
+    Args:
+        step: filter steps at which any follower hears a message, shape (n,).
+    """
+    heard = [{k: i for i, k in enumerate(m.message_step.tolist())} for m in flight.measurements]
+
+    def draw(i: int, time_ns: int) -> bytes:
+        stamp = timestamp(time_ns)
+        k = int(step[i])
+        pings = [_ping(flight, f, messages[k], stamp) for f, messages in enumerate(heard) if k in messages]
+        return bytes(SceneUpdate(entities=pings).SerializeToString())
+
+    return draw

@@ -1,0 +1,205 @@
+"""The three-dimensional part of a frame: hulls, propellers, wash, ghosts of estimates and their uncertainty."""
+
+from types import TracebackType
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from sim import attitude, seascape
+from sim.cameras import Shot, View
+from sim.footage import Moment
+from sim.ocean import Ocean
+from sim.vehicle import THRUSTERS, resolve
+
+Floats = npt.NDArray[np.float64]
+Bytes = npt.NDArray[np.uint8]
+Box = tuple[int, int, int, int]
+
+ESTIMATE = (1.0, 0.25, 0.85)
+"""Colour of what a follower believes."""
+TRANSMITTER_COLOURS = ((1.0, 0.55, 0.15), (0.35, 1.0, 0.55), (0.45, 0.75, 1.0))
+"""Rear, front and middle transmitter and their rays."""
+
+_WASH = (0.85, 0.97, 1.0)
+_SIGMAS = 2.0
+_GHOST_ALPHA = 0.30
+_GHOST_FULL_M = 1.5
+_GHOST_LEAST = 0.05
+_MAX_GEOMS = 6000
+_BLADES = 3
+_AXES = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0], [0, 0, 1.0]])
+"""Direction of positive thrust of each thruster in the body frame."""
+
+
+def _matrix(quaternion: Floats) -> Floats:
+    return np.asarray(attitude.rotate(quaternion[None, :], np.eye(3)).T)
+
+
+def _along(direction: Floats) -> Floats:
+    """A rotation that turns z into `direction`."""
+    helper = np.array([1.0, 0, 0]) if abs(direction[0]) < 0.9 else np.array([0, 1.0, 0])
+    x = np.cross(helper, direction)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(direction, x), direction])
+
+
+class Stage:
+    """Owns the model, the graphics context and the frame buffer. A context manager.
+
+    Args:
+        names: of the vehicles, the leader first.
+        ocean: the sea to show.
+        size: width and height of the frames [px].
+        samples: of the anti-aliasing, 0 for none.
+
+    Raises:
+        RuntimeError: no graphics context can be made here.
+    """
+
+    def __init__(self, names: tuple[str, ...], ocean: Ocean, size: tuple[int, int], samples: int) -> None:
+        self.width, self.height = size
+        self._model = seascape.build(names, ocean.floor_depth_m, *size, samples)
+        self._data = mujoco.MjData(self._model)
+        self._vehicles = [resolve(self._model, name) for name in names]
+        self._limit = np.array([self._model.actuator_ctrlrange[list(v.actuators), 1] for v in self._vehicles])
+        sites = [
+            [mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_SITE, f"{n}/{t}") for t in THRUSTERS] for n in names
+        ]
+        self._thruster = self._model.site_pos[np.array(sites)]
+        self._gl = mujoco.GLContext(*size)
+        self._gl.make_current()
+        self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = True
+        self._options = mujoco.MjvOption()
+        self._sea = seascape.Sea(self._model, ocean)
+        self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._context.free()
+        self._gl.free()
+
+    def picture(self, moment: Moment, shot: Shot, insets: tuple[Box, ...]) -> Bytes:
+        """Render a moment; insets lie in boxes (left, top, width, height) [px].
+
+        Returns:
+            Pixels, bottom row first, shape (height, width, 3); the same array at every call.
+        """
+        for vehicle, position, quaternion in zip(self._vehicles, moment.position, moment.quaternion, strict=True):
+            self._data.qpos[vehicle.qpos : vehicle.qpos + 3] = position
+            self._data.qpos[vehicle.qpos + 3 : vehicle.qpos + 7] = quaternion
+        self._sea.show_surface(shot.surface)
+        self._context.fogStart, self._context.fogEnd = shot.fog
+        looked_at = shot.view.position + 0.3 * shot.fog[1] * shot.view.axes[2]
+        self._sea.show(looked_at, 1.35 * shot.fog[1], moment.time, moment.film_time, self._context)
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        self._render(moment, shot.view, (0, 0, self.width, self.height))
+        self._context.fogStart, self._context.fogEnd = 3.0, 110.0
+        self._sea.show_surface(True)
+        for (view, _), box in zip(shot.insets, insets, strict=True):
+            self._render(moment, view, box)
+        frame = mujoco.MjrRect(0, 0, self.width, self.height)
+        mujoco.mjr_readPixels(self._pixels, None, frame, self._context)
+        return self._pixels
+
+    def _render(self, moment: Moment, view: View, box: Box) -> None:
+        left, top, width, height = box
+        scene, model = self._scene, self._model
+        model.vis.global_.fovy = view.fovy_deg
+        camera = mujoco.MjvCamera()
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(model, self._data, self._options, None, camera, everything, scene)
+        # a free camera cannot roll, and rounds its place: put it where the overlay believes it to be
+        _, up, forward = view.axes
+        for eye in scene.camera:
+            eye.pos[:], eye.up[:], eye.forward[:] = view.position, up, forward
+        self._add_propellers(moment)
+        self._add_wash(moment)
+        self._add_beliefs(moment)
+        mujoco.mjr_render(mujoco.MjrRect(left, self.height - top - height, width, height), scene, self._context)
+
+    def _add(self, shape: int, size: Floats, at: Floats, turn: Floats, rgba: tuple[float, ...]) -> Any:
+        scene = self._scene
+        if scene.ngeom >= scene.maxgeom:
+            return None
+        geom = scene.geoms[scene.ngeom]
+        mujoco.mjv_initGeom(geom, shape, size, at, turn.ravel(), np.array(rgba, dtype=np.float32))
+        geom.category = mujoco.mjtCatBit.mjCAT_DECOR.value
+        scene.ngeom += 1
+        return geom
+
+    def _add_propellers(self, moment: Moment) -> None:
+        blade = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value
+        for v, vehicle_sites in enumerate(self._thruster):
+            turn = _matrix(moment.quaternion[v])
+            length = 0.055 if v else 0.075
+            for b in range(_BLADES):
+                angle = moment.spin[v] + 2 * np.pi * b / _BLADES
+                radial = np.array([0.0, np.cos(angle), np.sin(angle)])
+                at = moment.position[v] + turn @ (vehicle_sites[0] + [-0.045, 0, 0] + length * radial)
+                # pitched blades: twisted 35° about their own length
+                across = np.cross(radial, [1.0, 0, 0])
+                chord = 0.82 * across + 0.57 * np.array([1.0, 0, 0])
+                frame = turn @ np.column_stack([chord, np.cross(radial, chord), radial])
+                self._add(blade, np.array([0.4 * length, 0.006, length]), at, frame, (0.72, 0.58, 0.30, 1.0))
+
+    def _add_wash(self, moment: Moment) -> None:
+        """Water set in motion: a plume against the thrust, as long and bright as the root of its share of the limit."""
+        plume = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value
+        for v, sites in enumerate(self._thruster):
+            turn = _matrix(moment.quaternion[v])
+            for site, thrust, limit, axis in zip(sites, moment.thrust[v], self._limit[v], _AXES, strict=True):
+                share = min(1.0, float(np.sqrt(abs(thrust) / limit)))
+                if share < 0.05:
+                    continue
+                direction = -np.sign(thrust) * axis
+                outside = 0.1 if axis[0] == 0 else 0.06
+                length = 0.55 * share
+                half = length / 2
+                at = moment.position[v] + turn @ (site + (outside + half) * direction)
+                size = np.array([0.05, 0.05, half])
+                geom = self._add(plume, size, at, _along(turn @ direction), (*_WASH, 0.28 * share))
+                if geom is not None:
+                    geom.emission = 0.8
+
+    def _add_beliefs(self, moment: Moment) -> None:
+        """A ghost hull where each follower believes to be, on the ellipse of its uncertainty (2σ)."""
+        scene = self._scene
+        drawn = scene.ngeom
+        shift = moment.estimate - moment.hydrophone
+        # hull and ghost in one place would hide each other
+        alpha = _GHOST_ALPHA * np.minimum(1.0, np.linalg.norm(shift, axis=1) / _GHOST_FULL_M)
+        bodies = {vehicle.body: f for f, vehicle in enumerate(self._vehicles[1:]) if alpha[f] > _GHOST_LEAST}
+        for i in range(drawn):
+            original = scene.geoms[i]
+            if original.objtype != mujoco.mjtObj.mjOBJ_GEOM.value or original.objid < 0:
+                continue
+            f = bodies.get(int(self._model.geom_bodyid[original.objid]))
+            if f is None:
+                continue
+            size, turn = np.array(original.size, np.float64), np.array(original.mat, np.float64)
+            ghost = self._add(original.type, size, original.pos + shift[f], turn, (*ESTIMATE, float(alpha[f])))
+            if ghost is not None:
+                ghost.dataid, ghost.emission = original.dataid, 0.5
+        for f in range(len(moment.estimate)):
+            variance, axes = np.linalg.eigh(moment.covariance[f])
+            radii = _SIGMAS * np.sqrt(np.maximum(variance, 0.0))
+            turn = np.eye(3)
+            turn[:2, :2] = axes if np.linalg.det(axes) > 0 else axes[:, ::-1]
+            radii = radii if np.linalg.det(axes) > 0 else radii[::-1]
+            disc = self._add(
+                mujoco.mjtGeom.mjGEOM_ELLIPSOID.value,
+                np.array([*np.maximum(radii, 0.02), 0.004]),
+                moment.estimate[f],
+                turn,
+                (*ESTIMATE, 0.16),
+            )
+            if disc is not None:
+                disc.emission = 0.6

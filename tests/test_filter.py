@@ -1,0 +1,62 @@
+"""The filter, against textbook formulas written out here."""
+
+import numpy as np
+import pytest
+
+from laisn.filter import Filter
+
+H_POSITION, H_VELOCITY = np.eye(4)[:2], np.eye(4)[2:]
+
+
+def test_process_noise_is_that_of_a_constant_acceleration_over_the_step() -> None:
+    """G Gᵀ σa² with G = [Δt²/2, Δt] on each axis."""
+    kalman = Filter(0.5, np.array([1.0, 2.0, 3.0, 4.0]), np.zeros(4))
+    kalman.predict(6.0)
+    gain = np.array([[0.125, 0], [0, 0.125], [0.5, 0], [0, 0.5]])
+    np.testing.assert_allclose(kalman.covariance, 36.0 * gain @ gain.T)
+    np.testing.assert_allclose(kalman.state, [2.5, 4.0, 3.0, 4.0])
+
+
+def test_updates_agree_with_the_information_form() -> None:
+    """P⁺ = (P⁻¹ + Hᵀ R⁻¹ H)⁻¹ and x⁺ = P⁺ (P⁻¹ x + Hᵀ R⁻¹ z)."""
+    kalman = Filter(0.1, np.array([1.0, 2.0, 0.5, -0.5]), np.array([1.0, 1.0, 0.3, 0.3]))
+    kalman.predict(60.0)
+    x, prior = kalman.state, np.linalg.inv(kalman.covariance)
+    kalman.update_position((1.4, 1.7), 0.2)
+    information = prior + H_POSITION.T @ H_POSITION / 0.04
+    x = np.linalg.solve(information, prior @ x + H_POSITION.T @ [1.4, 1.7] / 0.04)
+    np.testing.assert_allclose(kalman.state, x)
+    np.testing.assert_allclose(kalman.covariance, np.linalg.inv(information), atol=1e-12)
+
+    speed, heading, sv, sh = 1.2, 0.7, 0.2, np.deg2rad(2)
+    kalman.update_speed(speed, heading, sv, sh)
+    along, across = np.array([np.sin(heading), np.cos(heading)]), np.array([np.cos(heading), -np.sin(heading)])
+    noise = sv**2 * np.outer(along, along) + (speed * sh) ** 2 * np.outer(across, across)
+    weight = H_VELOCITY.T @ np.linalg.inv(noise)
+    prior = information
+    information = prior + weight @ H_VELOCITY
+    x = np.linalg.solve(information, prior @ x + weight @ (speed * along))
+    np.testing.assert_allclose(kalman.state, x)
+    np.testing.assert_allclose(kalman.covariance, np.linalg.inv(information), atol=1e-12)
+
+
+def test_a_certain_fix_is_taken_over_and_a_second_one_skipped() -> None:
+    kalman = Filter(0.1, np.zeros(4), np.zeros(4))
+    kalman.predict(60.0)
+    first = kalman.update_position((3.0, 4.0), 0.0)
+    assert first.applied
+    np.testing.assert_allclose(first.residual, [3.0, 4.0])
+    np.testing.assert_allclose(kalman.state[:2], [3.0, 4.0])
+    second = kalman.update_position((9.0, 9.0), 0.0)
+    assert not second.applied
+    np.testing.assert_allclose(kalman.state[:2], [3.0, 4.0])
+    assert kalman.update_position((3.1, 4.0), 0.01).applied
+
+
+def test_position_gain_is_about_one_with_the_papers_settings() -> None:
+    """σa0 = 60 m/s² dwarfs β/sep, so that a fix is believed: the gain is P / (P + σp²)."""
+    kalman = Filter(0.1, np.zeros(4), np.zeros(4))
+    kalman.predict(60.0)
+    variance = (60 * 0.1**2 / 2) ** 2
+    kalman.update_position((1.0, 0.0), 0.01)
+    assert kalman.state[0] == pytest.approx(variance / (variance + 1e-4))

@@ -1,0 +1,414 @@
+"""Forces of the water against closed forms, invariants and an independent integration."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from tests.tank import Tank, hull
+
+import models
+from sim import attitude
+from sim.ocean import Ocean
+from sim.waves import Waves
+
+Floats = npt.NDArray[np.float64]
+G = 9.81
+
+
+def skew(a: Floats) -> Floats:
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+def euler_rotation(q: Floats) -> Floats:
+    return attitude.rotate(q[None, :], np.eye(3)).T
+
+
+@dataclass(frozen=True)
+class Kirchhoff:
+    """A neutral hull in unbounded ideal water at rest, written out in the body frame (Lamb 1932, Ch. VI)."""
+
+    mass: float
+    inertia: Floats
+    cg: Floats
+    added: Floats
+
+    @property
+    def total(self) -> Floats:
+        s = skew(self.cg)
+        m = self.mass
+        rigid = np.block([[m * np.eye(3), -m * s], [m * s, np.diag(self.inertia) - m * s @ s]])
+        return rigid + self.added
+
+    def acceleration(self, q: Floats, nu: Floats, wrench: Floats) -> Floats:
+        """Rate of change of (velocity, angular velocity) in the body: d(momentum)/dt, the weight's couple."""
+        p = self.total @ nu
+        v, w = nu[:3], nu[3:]
+        up = euler_rotation(q)[2]
+        force = -np.cross(w, p[:3])
+        moment = -np.cross(w, p[3:]) - np.cross(v, p[:3]) + np.cross(self.cg, -self.mass * G * up)
+        return np.linalg.solve(self.total, np.concatenate([force, moment]) + wrench)
+
+    def rate(self, _: float, state: Floats) -> Floats:
+        q, nu = state[3:7] / np.linalg.norm(state[3:7]), state[7:]
+        spin = np.concatenate([[0.0], nu[3:]])
+        w, x = q[0], q[1:]
+        q_rate = 0.5 * np.concatenate([[-x @ spin[1:]], w * spin[1:] + np.cross(x, spin[1:])])
+        return np.concatenate([euler_rotation(q) @ nu[:3], q_rate, self.acceleration(q, nu, np.zeros(6))])
+
+    def energy(self, state: Floats) -> float:
+        height = (euler_rotation(state[3:7] / np.linalg.norm(state[3:7])) @ self.cg)[2]
+        return float(0.5 * state[7:] @ self.total @ state[7:] + self.mass * G * height)
+
+
+def random_hull(seed: int) -> Kirchhoff:
+    rng = np.random.default_rng(seed)
+    b = rng.normal(size=(6, 6))
+    added = b @ b.T + np.diag([2.0, 60, 60, 0.2, 11, 11])
+    # MuJoCo asks for the triangle inequality of principal inertias
+    return Kirchhoff(67.0, np.array([2.0, 13.0, 13.5]), rng.uniform(-0.05, 0.05, 3), np.round((added + added.T) / 2, 9))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_acceleration_is_kirchhoffs(seed: int) -> None:
+    ideal = random_hull(seed)
+    rng = np.random.default_rng(100 + seed)
+    tank = Tank(hull(ideal.mass, ideal.inertia, ideal.cg, added_mass=ideal.added), Ocean.calm(), 1e-3)
+    q = rng.normal(size=4)
+    q /= np.linalg.norm(q)
+    nu, wrench = rng.normal(size=6), 50 * rng.normal(size=6)
+    rotation = euler_rotation(q)
+    tank.pose[0] = [3, -4, -50, *q]
+    tank.twist[0] = [*rotation @ nu[:3], *nu[3:]]
+    expected = ideal.acceleration(q, nu, wrench)
+    # the acceleration of a point in the world, from components in a turning frame
+    world = rotation @ (expected[:3] + np.cross(nu[3:], nu[:3]))
+    np.testing.assert_allclose(tank.acceleration(wrench), [*world, *expected[3:]], rtol=1e-9, atol=1e-9)
+
+
+def test_motion_without_drag_keeps_energy_and_follows_an_independent_integration() -> None:
+    ideal = random_hull(3)
+    q = attitude.from_euler(0.4, 0.2, 0.1)
+    nu = np.array([1.5, 0.2, -0.1, 0.1, -0.15, 0.2])
+    start = np.concatenate([[0, 0, -50], q, nu])
+    duration = 5.0
+    reference = solve_ivp(ideal.rate, (0, duration), start, rtol=1e-10, atol=1e-12).y[:, -1]
+    assert ideal.energy(reference) == pytest.approx(ideal.energy(start), rel=1e-8)
+
+    ends, drifts = [], []
+    for dt in (2e-3, 1e-3, 5e-4):
+        tank = Tank(hull(ideal.mass, ideal.inertia, ideal.cg, added_mass=ideal.added), Ocean.calm(), dt)
+        tank.pose[0] = start[:7]
+        tank.twist[0] = [*tank.rotation @ nu[:3], *nu[3:]]
+        for _ in range(round(duration / dt)):
+            tank.step()
+        ends.append(np.concatenate([tank.pose[0], tank.body_velocity]) - reference)
+        drifts.append(ideal.energy(ends[-1] + reference) - ideal.energy(start))
+    # Euler's error halves with the step; with that part taken out, what is left must fall to a quarter
+    first = [np.abs(e).max() for e in ends]
+    second = [np.abs(2 * b - a).max() for a, b in pairwise(ends)]
+    assert first[1] == pytest.approx(first[0] / 2, rel=0.05)
+    assert first[2] == pytest.approx(first[1] / 2, rel=0.05)
+    assert second[1] == pytest.approx(second[0] / 4, rel=0.2)
+    assert drifts[2] == pytest.approx(drifts[1] / 2, rel=0.05)
+    assert abs(2 * drifts[2] - drifts[1]) < 1e-4 * ideal.energy(start)
+
+
+SPHEROID_ADDED = np.diag([3.731, 89.770, 89.770, 0.0, 15.690, 15.690])
+"""Potential flow about a prolate spheroid 2.0 m × 0.30 m in water of 1026 kg/m³ (Lamb 1932, Art. 114, 115)."""
+SPHEROID_MASS, SPHEROID_INERTIA = 96.698, np.array([0.87028, 19.77479, 19.77479])
+
+
+@pytest.mark.parametrize(
+    ("wrench", "axis", "expected"),
+    [
+        ([100, 0, 0, 0, 0, 0], 0, 0.996),
+        ([0, 100, 0, 0, 0, 0], 1, 0.536),
+        ([0, 0, 100, 0, 0, 0], 2, 0.536),
+        ([0, 0, 0, 0, 0, 10], 5, 0.282),
+    ],
+)
+def test_spheroid_accelerates_as_potential_flow_has_it(wrench: list[float], axis: int, expected: float) -> None:
+    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, added_mass=SPHEROID_ADDED), Ocean.calm(), 0.02)
+    tank.pose[0, 2] = -50
+    assert tank.acceleration(wrench)[axis] == pytest.approx(expected, abs=5e-4)
+
+
+def test_righting_moment_is_weight_times_arm() -> None:
+    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -0.02), added_mass=SPHEROID_ADDED), Ocean.calm(), 0.02)
+    tank.pose[0] = [0, 0, -50, *attitude.from_euler(0.0, np.radians(30))]
+    # nose up by 30°: the couple about port turns it down, and what holds it there is its opposite
+    moment = SPHEROID_MASS * G * 0.02 * np.sin(np.radians(30))
+    held = tank.acceleration([0, 0, 0, 0, -moment, 0])
+    np.testing.assert_allclose(held, 0.0, atol=1e-12)
+
+
+def _small_oscillation_period(mass: float, inertia: float, added: Floats, arm: float) -> float:
+    """Pitch about a low centre of gravity, the hull free to surge: ½ of its energy is in the coupled motion."""
+    coupled = inertia + mass * arm**2 + added[4, 4] - (mass * arm) ** 2 / (mass + added[0, 0])
+    return float(2 * np.pi * np.sqrt(coupled / (mass * G * arm)))
+
+
+def test_hull_rights_itself_at_the_pendulum_period() -> None:
+    arm = 0.02
+    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean.calm(), 0.002)
+    tank.pose[0] = [0, 0, -50, *attitude.from_euler(0.0, np.radians(1))]
+    times, previous = [], 1.0
+    while len(times) < 3:
+        tank.step()
+        pitch = float(attitude.pitch(tank.pose[0, 3:]))
+        if previous > 0 >= pitch:
+            times.append(tank.data.time - tank.model.opt.timestep * pitch / (pitch - previous))
+        previous = pitch
+    expected = _small_oscillation_period(SPHEROID_MASS, SPHEROID_INERTIA[1], SPHEROID_ADDED, arm)
+    assert np.diff(times).mean() == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("thrust", [5.0, 20.0, 60.0])
+def test_terminal_speed_is_where_drag_balances_thrust(thrust: float) -> None:
+    """0.42 on the frontal area (Allen et al. 2000), and linear damping that fades as exp(−3 u)."""
+    tank = Tank(models.path("follower").read_text(), Ocean.calm(), 0.02)
+    tank.pose[0, 2] = -50
+    for _ in range(10000):
+        tank.step([thrust, 0, 0, 0, 0, 0])
+    linear = (31.0294 + 0.83891) / 20.0
+
+    def balance(u: float) -> float:
+        return 0.5 * 1026 * 0.42 * np.pi * 0.095**2 * u**2 + linear * np.exp(-3 * u) * u - thrust
+
+    assert tank.body_velocity[0] == pytest.approx(brentq(balance, 0.01, 5.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("astern", [1.0, -1.0])
+@pytest.mark.parametrize("plane", [1, 2])
+def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: float) -> None:
+    """At 1.5 m/s and 10° of incidence in one plane, seen from the bow or from the stern."""
+    speed, alpha, rho = 1.5, np.radians(10), 1026.0
+    u, across = astern * speed * np.cos(alpha), speed * np.sin(alpha)
+    pressure = 0.5 * rho * speed**2
+
+    def force(**numerics: npt.ArrayLike) -> tuple[Floats, Floats]:
+        tank = Tank(hull(60.0, [1, 10, 10], **numerics), Ocean.calm(), 0.02)
+        tank.pose[0, 2] = -50
+        tank.twist[0, 0], tank.twist[0, plane] = u, across
+        tank.prepare()
+        applied = tank.data.qfrc_applied - [0, 0, 60.0 * G, 0, 0, 0]
+        return applied[:3], applied[3:]
+
+    # sections across the flow: one strip of 0.3 m² at x = 0.4 m
+    section, moment = force(cross_flow_drag=[1.1, 1.1], strip_x=0.4, strip_area=0.3)
+    expected = -0.5 * rho * 0.3 * 1.1 * across**2 * np.eye(3)[plane]
+    np.testing.assert_allclose(section, expected, atol=1e-9)
+    np.testing.assert_allclose(moment, np.cross([0.4, 0, 0], expected), atol=1e-9)
+
+    # fins: a normal force at the tail
+    fins, moment = force(fin_x=-0.9, fin_area=[0.05, 0.05], fin_lift_slope=3.0)
+    expected = -pressure * 0.05 * 3.0 * np.sin(alpha) * np.cos(alpha) * np.eye(3)[plane]
+    np.testing.assert_allclose(fins, expected, atol=1e-9)
+    np.testing.assert_allclose(moment, np.cross([-0.9, 0, 0], expected), atol=1e-9)
+
+    # hull: drag against the flow, lift at right angles to it
+    body, _ = force(hull_lift=[0.35, 0.06, 0.28, 2.5])
+    flow = np.array([u, 0, 0]) + across * np.eye(3)[plane]
+    drag, lift = pressure * 0.35 * (0.06 + 2.5 * (0.28 * alpha) ** 2), pressure * 0.35 * 0.28 * alpha
+    assert -body @ flow / speed == pytest.approx(drag, rel=1e-12)
+    assert np.linalg.norm(body + drag * flow / speed) == pytest.approx(lift, rel=1e-12)
+    assert body[plane] < 0
+
+
+def test_cross_flow_drag_does_not_know_the_direction_of_a_round_hull() -> None:
+    rotated = []
+    for roll in (0.0, 0.6):
+        tank = Tank(hull(60.0, [1, 10, 10], cross_flow_drag=[1.1, 1.1], strip_area=0.3), Ocean.calm(), 0.02)
+        tank.pose[0] = [0, 0, -50, *attitude.from_euler(0.0, 0.0, roll)]
+        tank.twist[0, :3] = [1.0, 0.0, 0.5]
+        tank.prepare()
+        rotated.append(tank.data.qfrc_applied[:3].copy())
+    np.testing.assert_allclose(*rotated, atol=1e-9)
+
+
+def test_drag_takes_energy_out_whatever_the_motion() -> None:
+    rng = np.random.default_rng(0)
+    for name in ("leader", "follower"):
+        wet = Tank(models.path(name).read_text(), Ocean.calm(), 0.02)
+        dry_numerics = {
+            "linear_damping": np.zeros(6),
+            "quadratic_damping": np.zeros(6),
+            "hull_lift": np.zeros(4),
+            "cross_flow_drag": np.zeros(2),
+            "fin_area": np.zeros(2),
+        }
+        ideal = Tank(models.path(name).read_text(), Ocean.calm(), 0.02, dry_numerics)
+        for _ in range(50):
+            twist = rng.normal(size=6) * [2, 1, 1, 1, 1, 1]
+            power = []
+            for tank in (wet, ideal):
+                tank.pose[0] = [0, 0, -50, 1, 0, 0, 0]
+                tank.twist[0] = twist
+                tank.prepare()
+                power.append(float(tank.data.qfrc_applied @ twist))
+            # lift works on nothing, damping and drag on the motion: the difference is loss
+            assert power[0] < power[1]
+
+
+def test_drifting_with_a_uniform_current_there_is_exactly_no_force() -> None:
+    ocean = Ocean(current_speed_m_s=0.7, current_direction_rad=1.1)
+    tank = Tank(models.path("leader").read_text(), ocean, 0.02, {"buoyancy": 0.0})
+    tank.pose[0] = [10, 20, -15, *attitude.from_euler(0.3, 0.1, -0.2)]
+    tank.twist[0, :3] = ocean.velocity(tank.pose[:, :3], 0.0)[0]
+    tank.prepare()
+    np.testing.assert_array_equal(tank.data.qfrc_applied, 0.0)
+
+
+def test_motion_in_a_uniform_current_is_the_motion_in_still_water_carried_along() -> None:
+    ocean = Ocean(current_speed_m_s=0.7, current_direction_rad=1.1)
+    drift = ocean.velocity(np.zeros((1, 3)), 0.0)[0]
+    still, moving = (Tank(models.path("leader").read_text(), o, 0.02) for o in (Ocean.calm(), ocean))
+    wrench = [30, 4, 2, 0.1, 0.3, 1.0]
+    for tank, velocity in ((still, np.zeros(3)), (moving, drift)):
+        tank.pose[0] = [0, 0, -20, *attitude.from_euler(0.3)]
+        tank.twist[0, :3] = velocity
+        for _ in range(500):
+            tank.step(wrench)
+    np.testing.assert_allclose(moving.pose[0, :3], still.pose[0, :3] + 10.0 * drift, atol=1e-9)
+    np.testing.assert_allclose(moving.pose[0, 3:], still.pose[0, 3:], atol=1e-10)
+
+
+def airy(ocean_depth: float, height: float, period: float, k: float, p: Floats, t: float) -> Floats:
+    """Velocity of the water in a wave towards east, as textbooks print it (finite depth)."""
+    w = 2 * np.pi / period
+    scale = height / 2 * w / np.sinh(k * ocean_depth)
+    up = k * (p[2] + ocean_depth)
+    return np.array([scale * np.cosh(up) * np.cos(k * p[0] - w * t), 0, scale * np.sinh(up) * np.sin(k * p[0] - w * t)])
+
+
+@pytest.mark.parametrize("depth", [40.0, 4.0])
+def test_small_neutral_body_follows_its_wave_orbit(depth: float) -> None:
+    height, period = 0.5, 4.0
+    k = brentq(lambda k: G * k * np.tanh(k * depth) - (2 * np.pi / period) ** 2, 1e-3, 5.0)
+    ocean = Ocean(
+        floor_depth_m=depth,
+        waves=Waves.regular(height_m=height, period_s=period, direction_rad=np.pi / 2, floor_depth_m=depth),
+    )
+    radius = 0.02
+    displaced = 1026 * 4 / 3 * np.pi * radius**3
+    # a sphere adds half of what it displaces (Lamb 1932, Art. 92)
+    xml = hull(
+        displaced,
+        np.full(3, 0.4 * displaced * radius**2),
+        added_mass=np.diag([displaced / 2] * 3 + [0.0] * 3),
+        hull_radius=radius,
+    )
+    start = np.array([0.0, 0.0, -2.0])
+    duration = 3 * period
+    path = solve_ivp(
+        lambda t, p: airy(depth, height, period, k, p, t),
+        (0, duration),
+        start,
+        rtol=1e-9,
+        atol=1e-11,
+        dense_output=True,
+    ).sol
+    semi_major_axis = height / 2 * np.cosh(k * (start[2] + depth)) / np.sinh(k * depth)
+
+    def worst(dt: float) -> float:
+        tank = Tank(xml, ocean, dt)
+        tank.pose[0, :3] = start
+        # MuJoCo's semi-implicit Euler is a leapfrog whose velocities belong to the middles of the steps
+        tank.twist[0, :3] = airy(depth, height, period, k, start, -dt / 2)
+        errors = []
+        for _ in range(round(duration / dt)):
+            tank.step()
+            errors.append(float(np.abs(tank.pose[0, :3] - path(tank.data.time)).max()))
+        return max(errors)
+
+    coarse, fine = worst(0.01), worst(0.005)
+    assert fine < 0.01 * semi_major_axis
+    # what is left is the integrator's, of first order in the step
+    assert fine == pytest.approx(coarse / 2, rel=0.05)
+
+
+def test_neutral_hull_without_drag_pitches_with_the_slope_of_long_waves() -> None:
+    """Lying along the wave, moving with the water: added mass and displaced water turn it as the water turns."""
+    waves = Waves.regular(height_m=0.02, period_s=6.0, direction_rad=np.pi / 2, floor_depth_m=500)
+    ocean = Ocean(floor_depth_m=500, waves=waves)
+    k, amplitude, depth = (2 * np.pi / 6.0) ** 2 / G, 0.01, 5.0
+    xml = hull(
+        SPHEROID_MASS,
+        SPHEROID_INERTIA,
+        added_mass=SPHEROID_ADDED,
+        displaced_inertia=SPHEROID_INERTIA[1],
+        hull_radius=0.15,
+    )
+    tank = Tank(xml, ocean, 0.01)
+    tank.pose[0] = [0, 0, -depth, *attitude.from_euler(np.pi / 2)]
+    tank.twist[0, :3] = ocean.velocity(tank.pose[:, :3], 0.0)[0]
+    # displacement of the water is vertical a e^{kz} cos θ: at θ = 0 the slope −k a e^{kz} sin θ is nil, and grows
+    slope = k * amplitude * np.exp(-k * depth)
+    tank.twist[0, 4] = -slope * 2 * np.pi / 6.0
+    pitch = []
+    for _ in range(1200):
+        tank.step()
+        pitch.append(float(attitude.pitch(tank.pose[0, 3:])))
+    expected = slope * np.sin(2 * np.pi / 6.0 * 0.01 * np.arange(1, 1201))
+    np.testing.assert_allclose(pitch, expected, atol=0.01 * slope)
+
+
+@pytest.mark.parametrize("name", ["leader", "follower"])
+@pytest.mark.parametrize("speed", [1.0, 2.0, 3.0])
+def test_hull_runs_straight_by_its_fins(name: str, speed: float) -> None:
+    """Eigenvalues of the linearised sway-yaw and heave-pitch motion at constant speed."""
+    assert max(_growth(models.path(name), speed, {})) < 0
+    assert max(_growth(models.path(name), speed, {"fin_area": [0, 0]})) > 0
+
+
+def _growth(path: Path, speed: float, numerics: dict[str, npt.ArrayLike]) -> tuple[float, float]:
+    """Largest growth rates [1/s] in the horizontal and in the vertical plane."""
+    tank = Tank(path.read_text(), Ocean.calm(), 0.02, numerics)
+
+    def rate(v: float, w: float, q: float, r: float, pitch: float) -> Floats:
+        tank.pose[0] = [0, 0, -50, *attitude.from_euler(np.pi / 2, pitch)]
+        body = np.array([speed, v, w, 0, q, r])
+        tank.twist[0] = [*tank.rotation @ body[:3], *body[3:]]
+        a = tank.acceleration()
+        body_rate = tank.rotation.T @ a[:3] - np.cross(body[3:], body[:3])
+        # a turn about port lowers the nose
+        return np.array([body_rate[1], a[5], body_rate[2], a[4], -q])
+
+    h = 1e-5
+    columns = [(rate(*(h * e)) - rate(*(-h * e))) / (2 * h) for e in np.eye(5)]
+    full = np.array(columns).T  # rows v, r, w, q, pitch; columns v, w, q, r, pitch
+    horizontal = full[np.ix_([0, 1], [0, 3])]
+    vertical = full[np.ix_([2, 3, 4], [1, 2, 4])]
+    return tuple(float(np.linalg.eigvals(m).real.max()) for m in (horizontal, vertical))  # type: ignore[return-value]
+
+
+def test_buoyancy_fades_as_the_hull_emerges() -> None:
+    """On the surface the immersed share is what carries the weight; nothing flies."""
+    mass, radius, excess = 31.0, 0.095, 1.25
+    areas, x = np.full(8, 0.03), np.linspace(-0.7, 0.7, 8)
+    xml = hull(
+        mass,
+        [0.1, 4, 4],
+        (0, 0, -0.02),
+        added_mass=np.diag([0.8, 29, 29, 0.03, 3.4, 3.4]),
+        buoyancy=mass * G * excess,
+        hull_radius=radius,
+        strip_x=x,
+        strip_area=areas,
+        linear_damping=[2, 60, 60, 1, 11, 11],
+    )
+    tank = Tank(xml, Ocean.calm(), 0.02)
+    tank.pose[0, 2] = -5
+    highest = -5.0
+    for _ in range(5000):
+        tank.step()
+        highest = max(highest, float(tank.pose[0, 2]))
+    # a section's share falls evenly from 1 to 0 while its middle rises from −r to r
+    assert tank.pose[0, 2] == pytest.approx(radius * (1 - 2 / excess), abs=1e-3)
+    assert highest < 4 * radius
+    assert abs(float(attitude.pitch(tank.pose[0, 3:]))) < 1e-6

@@ -1,0 +1,77 @@
+"""Metrics on cases that can be worked by hand."""
+
+import numpy as np
+import pytest
+
+from laisn import metrics
+from laisn.estimates import Estimates, FixKind
+
+
+def estimates(**changes: object) -> Estimates:
+    values: dict[str, object] = {
+        "state": np.zeros((3, 4)),
+        "covariance": np.tile(np.eye(4), (3, 1, 1)),
+        "fix_step": np.array([1, 2, 3]),
+        "fix_position": np.zeros((3, 2)),
+        "fix_sigma": np.zeros(3),
+        "fix_kind": np.array([FixKind.TWO_POINTS, FixKind.GATED, FixKind.TWO_POINTS]),
+        "innovation": np.array([[1.0, 2.0], [np.nan, np.nan], [0.0, 3.0]]),
+        "innovation_covariance": np.array([np.eye(2), np.full((2, 2), np.nan), 9 * np.eye(2)]),
+    }
+    return Estimates(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def test_errors_of_a_right_triangle() -> None:
+    truth, leader = np.array([[10.0, 0.0]]), np.array([[0.0, 0.0]])
+    assert metrics.position_errors(np.array([[13.0, 4.0]]), truth) == pytest.approx(5.0)
+    assert metrics.bearing_errors(np.array([[5.0, 5.0]]), truth, leader) == pytest.approx(np.pi / 4)
+    assert metrics.bearing_errors(np.array([[-5.0, 0.0]]), truth, leader) == pytest.approx(np.pi)
+    assert metrics.bearing_errors(np.array([[5.0, -5e-9]]), truth, leader) == pytest.approx(1e-9)
+
+
+def test_summary_is_over_all_steps() -> None:
+    summary = metrics.summarise(np.array([1.0, 3.0]), np.deg2rad([10.0, 20.0]))
+    assert (summary.e_p_max_m, summary.e_p_mean_m, summary.e_p_std_m) == (3.0, 2.0, 1.0)
+    assert summary.e_b_max_deg == pytest.approx(20.0)
+    assert summary.e_b_mean_deg == pytest.approx(15.0)
+    assert summary.e_b_std_deg == pytest.approx(5.0)
+    with pytest.raises(ValueError, match="finite"):
+        metrics.summarise(np.array([np.nan]), np.array([0.0]))
+
+
+def test_consistency_of_known_covariances() -> None:
+    """eᵀ P⁻¹ e with P = I, and with S = 9 I; singular covariances and rejected fixes count as unknown."""
+    assert metrics.nees(estimates(), np.array([[3.0, 4.0], [0, 0], [1, 0]])) == pytest.approx([25.0, 0.0, 1.0])
+    singular = estimates(covariance=np.zeros((3, 4, 4)))
+    assert np.all(np.isnan(metrics.nees(singular, np.zeros((3, 2)))))
+    np.testing.assert_allclose(metrics.nis(estimates()), [5.0, np.nan, 1.0])
+
+
+def test_nees_of_gaussian_errors_averages_two() -> None:
+    rng = np.random.default_rng(0)
+    root = np.array([[2.0, 0.0], [1.0, 0.5]])
+    n = 20_000
+    covariance = np.zeros((n, 4, 4))
+    covariance[:, :2, :2] = root @ root.T
+    state = np.concatenate([rng.normal(size=(n, 2)) @ root.T, np.zeros((n, 2))], axis=1)
+    value = metrics.nees(estimates(state=state, covariance=covariance), np.zeros((n, 2)))
+    # variance of χ²₂ is 4: five standard errors
+    assert value.mean() == pytest.approx(2.0, abs=5 * 2 / np.sqrt(n))
+
+
+def test_capture_needs_distance_and_the_other_side() -> None:
+    leader, east = np.zeros((4, 2)), np.full(4, np.pi / 2)
+    truth = np.tile([-20.0, 4.0], (4, 1))
+    guess = np.array([[-20.0, -4.0], [-20.0, -0.5], [-20.0, 12.0], [-20.0, -2.0]])
+    captured = metrics.captured_steps(guess, truth, leader, east)
+    assert captured.tolist() == [True, False, False, True]
+    assert metrics.longest_capture(np.array([True, False, True, True, True, False])) == 3
+    assert metrics.longest_capture(np.zeros(4, dtype=bool)) == 0
+
+
+def test_fix_counts_name_every_kind() -> None:
+    counts = metrics.fix_counts(estimates())
+    assert counts["two_points"] == 2
+    assert counts["gated"] == 1
+    assert sum(counts.values()) == 3
+    assert len(counts) == len(FixKind)
