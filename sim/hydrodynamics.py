@@ -9,13 +9,13 @@ Each physics step: `mj_step1` → `apply` → `mj_factorM` → `mj_step2`. `appl
 adds the added mass to `M`, so that it acts on accelerations that MuJoCo has yet to solve for.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled
-from sim.ocean import elevation_at, flow
+from sim.ocean import Water, elevation_at, flow
 from sim.vectors import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
 
 Floats = npt.NDArray[np.float64]
@@ -23,6 +23,17 @@ Ints = npt.NDArray[np.int64]
 
 LOST = 1e3
 """A speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed, though numbers are finite yet."""
+
+
+class Solver(NamedTuple):
+    """The parts of MuJoCo's model and data that are written to, v vehicles."""
+
+    row_address: Ints
+    """Of the rows of `mass`, shape (v, 6)."""
+    mass: Floats
+    """`M`, the rows of its lower triangle one after the other."""
+    applied: Floats
+    """`qfrc_applied`, shape (v, 6)."""
 
 
 @compiled
@@ -43,7 +54,7 @@ def _inertia_times(inertia: Floats, v: Vector, w: Vector) -> tuple[Vector, Vecto
 
 @compiled
 def kirchhoff(inertia: Floats, munk_factor: float, v: Vector, w: Vector, spin: Vector) -> tuple[Vector, Vector]:
-    """Coriolis and Munk force and moment of added mass (Fossen 2021, Eq. 6.43; Lamb 1932, Art. 124).
+    """Coriolis and Munk force and moment of added mass (Fossen 2021, Section 6.3; Lamb 1932, Art. 124).
 
     Args:
         inertia: added mass, shape (6, 6).
@@ -160,9 +171,7 @@ def immersion(c: Any, position: Vector, axis: Vector, time: float, waves: Floats
 
 
 @compiled
-def wrench(
-    c: Any, pose: Floats, twist: Floats, time: float, current: Floats, waves: Floats
-) -> tuple[Vector, Vector, float]:
+def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tuple[Vector, Vector, float]:
     """All that the water does to one vehicle, but for added mass times acceleration.
 
     Args:
@@ -170,11 +179,11 @@ def wrench(
         pose: position [m] and quaternion, shape (7,).
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], shape (6,).
         time: [s].
-        current: as of `Ocean.current_parameters`.
-        waves: as of `Ocean.wave_parameters`.
+        water: current and waves.
 
     Returns:
-        force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed.
+        force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed. All
+        forces fade with that share; thrusters are not of this module and do not.
     """
     to_world = rotation(pose[3:7])
     to_body = transposed(to_world)
@@ -183,8 +192,8 @@ def wrench(
     velocity = (twist[0], twist[1], twist[2])
     spin = (twist[3], twist[4], twist[5])
 
-    water, change, gradient, turning_change, squeeze = flow(position, velocity, axis, time, current, waves)
-    v = times(to_body, minus(velocity, water))
+    stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, time, water)
+    v = times(to_body, minus(velocity, stream))
     # a slender hull feels the water along it change as if it turned the other way round
     axis_rate = cross(times(to_world, spin), axis)
     along = times(gradient, axis)
@@ -207,11 +216,11 @@ def wrench(
 
     # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their place, and they are
     # accelerated by Du/Dt along their own path, not along the hull's
-    particle = minus(change, times(gradient, minus(velocity, water)))
+    particle = minus(change, times(gradient, minus(velocity, stream)))
     force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
     moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
 
-    share, dry_arm = immersion(c, position, axis, time, waves)
+    share, dry_arm = immersion(c, position, axis, time, water.waves)
     lift = (0.0, 0.0, share * c.buoyancy)
     lost = cross((dry_arm, 0.0, 0.0), times(to_body, (0.0, 0.0, -c.buoyancy)))
     return (
@@ -222,7 +231,7 @@ def wrench(
 
 
 @compiled
-def _add_to_inertia(mass: Floats, added: Floats, share: float, r: Matrix, row_address: Ints) -> None:
+def _add_to_inertia(mass: Floats, row_address: Ints, added: Floats, share: float, r: Matrix) -> None:
     """Add the rotated added mass to the lower triangle of one free body's block of MuJoCo's `M`.
 
     Its rows are world velocities and body rates, so that the blocks are R A R', B R' and C of [[A, B'], [B, C]].
@@ -262,11 +271,8 @@ def apply(
     pose: Floats,
     twist: Floats,
     time: float,
-    current: Floats,
-    waves: Floats,
-    row_address: Ints,
-    mass: Floats,
-    applied: Floats,
+    water: Water,
+    solver: Solver,
 ) -> int:
     """Give every vehicle its wrench and its added mass, between `mj_step1` and `mj_factorM`.
 
@@ -275,11 +281,8 @@ def apply(
         pose: position and quaternion, shape (v, 7).
         twist: velocity in the world, angular velocity in the body, shape (v, 6).
         time: [s].
-        current: as of `Ocean.current_parameters`.
-        waves: as of `Ocean.wave_parameters`.
-        row_address: of the rows of `mass`, shape (v, 6).
-        mass: MuJoCo's `M`, to which the added mass is added.
-        applied: MuJoCo's `qfrc_applied`, which is overwritten, shape (v, 6).
+        water: current and waves.
+        solver: where wrench and added mass go; `applied` is overwritten.
 
     Returns:
         The index of the first vehicle that is lost (its state or wrench is not finite, or beyond LOST), -1 if none.
@@ -288,13 +291,13 @@ def apply(
         if beyond(twist[i : i + 1], LOST) == 0:
             return i
         c = coefficients[i]
-        force, moment, share = wrench(c, pose[i], twist[i], time, current, waves)
+        force, moment, share = wrench(c, pose[i], twist[i], time, water)
         total = 0.0
         for j in range(3):
-            applied[i, j] = force[j]
-            applied[i, 3 + j] = moment[j]
+            solver.applied[i, j] = force[j]
+            solver.applied[i, 3 + j] = moment[j]
             total += abs(force[j]) + abs(moment[j])
         if not total < np.inf:
             return i
-        _add_to_inertia(mass, c.added_mass, share, rotation(pose[i, 3:7]), row_address[i])
+        _add_to_inertia(solver.mass, solver.row_address[i], c.added_mass, share, rotation(pose[i, 3:7]))
     return -1

@@ -6,6 +6,7 @@ still surface the waves' velocity stays what it is at z = 0, as linear theory kn
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,15 @@ from sim.vectors import Matrix, Vector
 from sim.waves import FLOOR_DEPTH_M, Waves
 
 Floats = npt.NDArray[np.float64]
+
+
+class Water(NamedTuple):
+    """An ocean as compiled functions take it."""
+
+    current: Floats
+    """Velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor [m]; shape (5,)."""
+    waves: Floats
+    """Amplitude [m], kx, ky [1/m], ω, ω at a fixed place [rad/s], phase [rad]; shape (n, 6)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,19 +63,19 @@ class Ocean:
         return cls()
 
     @property
-    def current_parameters(self) -> Floats:
-        """What the compiled functions take: surface velocity, its change with z, floor depth; shape (5,)."""
+    def water(self) -> Water:
+        """Current and waves as compiled functions take them."""
         towards = np.array([np.sin(self.current_direction_rad), np.cos(self.current_direction_rad)])
-        return np.concatenate(
-            [self.current_speed_m_s * towards, self.current_shear_1_s * towards, [self.floor_depth_m]]
-        )
+        surface = self.current_speed_m_s * towards
+        current = np.concatenate([surface, self.current_shear_1_s * towards, [self.floor_depth_m]])
+        w = self.waves
+        fixed = w.omega_rad_s + w.wavenumber_1_m @ surface
+        return Water(current, np.column_stack([w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad]))
 
     @property
     def wave_parameters(self) -> Floats:
-        """What the compiled functions take: amplitude, kx, ky, ω, ω at a fixed place, phase; shape (n, 6)."""
-        w = self.waves
-        fixed = w.omega_rad_s + w.wavenumber_1_m @ self.current_parameters[:2]
-        return np.column_stack([w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad])
+        """`Water.waves` of this ocean, shape (n, 6)."""
+        return self.water.waves
 
     def elevation(self, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
         """Height of the surface above z = 0; x and y broadcast to the shape of the answer, [m], [s]."""
@@ -75,17 +85,17 @@ class Ocean:
     def velocity(self, position: Floats, time: float) -> Floats:
         """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
         out = np.empty_like(position)
-        water_velocity(position, time, self.current_parameters, self.wave_parameters, out)
+        water_velocity(position, time, self.water, out)
         return out
 
     def acceleration(self, position: Floats, time: float) -> Floats:
         """Acceleration Du/Dt of the water particles at points of shape (n, 3), [m]; likewise, [m/s²]."""
-        return _accelerations(position, time, self.current_parameters, self.wave_parameters)
+        return _accelerations(position, time, self.water)
 
 
 @compiled
 def elevation_at(x: float, y: float, time: float, waves: Floats) -> float:
-    """Height of the surface above z = 0 at one place [m]; `waves` as of `Ocean.wave_parameters`."""
+    """Height of the surface above z = 0 at one place [m]; `waves` as of `Water`."""
     height = 0.0
     for i in range(waves.shape[0]):
         a, kx, ky, _, omega, phase = waves[i]
@@ -95,7 +105,7 @@ def elevation_at(x: float, y: float, time: float, waves: Floats) -> float:
 
 @compiled
 def flow(
-    position: Vector, velocity: Vector, axis: Vector, time: float, current: Floats, waves: Floats
+    position: Vector, velocity: Vector, axis: Vector, time: float, water: Water
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
     """The water at a point that moves with `velocity`, all in the world.
 
@@ -104,8 +114,7 @@ def flow(
         velocity: of the point [m/s].
         axis: unit vector of a hull.
         time: [s].
-        current: as of `Ocean.current_parameters`.
-        waves: as of `Ocean.wave_parameters`.
+        water: current and waves.
 
     Returns:
         velocity u of the water [m/s]; its rate of change as met along the point's path [m/s²]; its gradient, rows
@@ -115,6 +124,7 @@ def flow(
     x, y, z = position
     vx, vy, vz = velocity
     ax, ay, az = axis
+    current, waves = water
     sx, sy, depth = current[2], current[3], current[4]
     ux, uy, uz = current[0] + sx * z, current[1] + sy * z, 0.0
     dx, dy, dz = sx * vz, sy * vz, 0.0
@@ -167,11 +177,11 @@ def flow(
 
 
 @compiled
-def water_velocity(position: Floats, time: float, current: Floats, waves: Floats, out: Floats) -> None:
-    """Write the velocity of the water at points of shape (n, 3) to `out`, likewise; parameters as of `flow`."""
+def water_velocity(position: Floats, time: float, water: Water, out: Floats) -> None:
+    """Write the velocity of the water at points of shape (n, 3) to `out`, likewise."""
     for i in range(position.shape[0]):
         point = (position[i, 0], position[i, 1], position[i, 2])
-        u = flow(point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), time, current, waves)[0]
+        u = flow(point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), time, water)[0]
         for j in range(3):
             out[i, j] = u[j]
 
@@ -185,14 +195,14 @@ def _elevations(x: Floats, y: Floats, time: float, waves: Floats) -> Floats:
 
 
 @compiled
-def _accelerations(position: Floats, time: float, current: Floats, waves: Floats) -> Floats:
+def _accelerations(position: Floats, time: float, water: Water) -> Floats:
     out = np.empty(position.shape)
     ahead = (1.0, 0.0, 0.0)
     for i in range(position.shape[0]):
         point = (position[i, 0], position[i, 1], position[i, 2])
-        u = flow(point, (0.0, 0.0, 0.0), ahead, time, current, waves)[0]
+        u = flow(point, (0.0, 0.0, 0.0), ahead, time, water)[0]
         # along its own path, a particle's change of velocity is its acceleration
-        change = flow(point, u, ahead, time, current, waves)[1]
+        change = flow(point, u, ahead, time, water)[1]
         for j in range(3):
             out[i, j] = change[j]
     return out

@@ -65,8 +65,7 @@ class Plant:
         self.model = model = spec.compile()
         self.data = data = mujoco.MjData(model)
         self._coefficients = coefficients.read(model, self.names, ocean.density_kg_m3)
-        self._current = ocean.current_parameters
-        self._waves = ocean.wave_parameters
+        self._water = ocean.water
 
         n = len(setups)
         vehicles = [resolve(model, name) for name in self.names]
@@ -78,9 +77,8 @@ class Plant:
         self.thrust: Floats = data.act.reshape(n, len(THRUSTERS))
         self.thrust_limits: Floats = model.actuator_ctrlrange.reshape(n, len(THRUSTERS), 2).copy()
         self._command: Floats = data.ctrl.reshape(n, len(THRUSTERS))
-        self._applied: Floats = data.qfrc_applied.reshape(n, 6)
-        self._row_address: Ints = model.M_rowadr.astype(np.int64).reshape(n, 6)
-        self._mass: Floats = data.M
+        rows = model.M_rowadr.astype(np.int64).reshape(n, 6)
+        self._solver = hydrodynamics.Solver(rows, data.M, data.qfrc_applied.reshape(n, 6))
 
         self.site_names = tuple(model.site(i).name for i in range(model.nsite))
         bodies = [v.body for v in vehicles]
@@ -102,7 +100,7 @@ class Plant:
     def water_velocity(self) -> Floats:
         """Of the water at the vehicles' origins, in the world, shape (v, 3), [m/s]."""
         out = np.empty((len(self.names), 3))
-        water_velocity(self.pose[:, :3], self.time, self._current, self._waves, out)
+        water_velocity(self.pose[:, :3], self.time, self._water, out)
         return out
 
     def step(self, command: Floats, n_substeps: int = 1) -> None:
@@ -124,20 +122,10 @@ class Plant:
         if bad >= 0:
             self._fail(f"the command of {self.names[bad]} is not finite", self.names[bad])
         self._command[:] = command
-        step1, factor, step2 = mujoco.mj_step1, mujoco.mj_factorM, mujoco.mj_step2
+        step1, apply, factor, step2 = mujoco.mj_step1, hydrodynamics.apply, mujoco.mj_factorM, mujoco.mj_step2
         for _ in range(n_substeps):
             step1(model, data)
-            bad = hydrodynamics.apply(
-                self._coefficients,
-                self.pose,
-                self.twist,
-                data.time,
-                self._current,
-                self._waves,
-                self._row_address,
-                self._mass,
-                self._applied,
-            )
+            bad = apply(self._coefficients, self.pose, self.twist, data.time, self._water, self._solver)
             if bad >= 0:
                 self._fail(f"the state of {self.names[bad]} is lost", self.names[bad])
             factor(model, data)

@@ -29,7 +29,7 @@ class Tank:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.coefficients = coefficients.read(self.model, ["hull"], ocean.density_kg_m3)
-        self.current, self.waves = ocean.current_parameters, ocean.wave_parameters
+        self.water = ocean.water
         self.pose, self.twist = self.data.qpos.reshape(1, 7), self.data.qvel.reshape(1, 6)
 
     def prepare(self, wrench: npt.ArrayLike = 0.0) -> None:
@@ -37,17 +37,8 @@ class Tank:
         mujoco.mj_step1(self.model, self.data)
         applied = self.data.qfrc_applied.reshape(1, 6)
         rows = self.model.M_rowadr.astype(np.int64).reshape(1, 6)
-        bad = hydrodynamics.apply(
-            self.coefficients,
-            self.pose,
-            self.twist,
-            self.data.time,
-            self.current,
-            self.waves,
-            rows,
-            self.data.M,
-            applied,
-        )
+        solver = hydrodynamics.Solver(rows, self.data.M, applied)
+        bad = hydrodynamics.apply(self.coefficients, self.pose, self.twist, self.data.time, self.water, solver)
         assert bad == -1
         own = np.zeros(6) + np.asarray(wrench, dtype=np.float64)
         applied[0, :3] += self.rotation @ own[:3]

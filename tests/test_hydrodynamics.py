@@ -9,12 +9,12 @@ import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from tests.tank import Tank, hull
 
 import models
 from sim import attitude
 from sim.ocean import Ocean
 from sim.waves import Waves
+from tests.tank import Tank, hull
 
 Floats = npt.NDArray[np.float64]
 G = 9.81

@@ -80,7 +80,7 @@ def test_flow_derivatives_are_those_of_the_velocity() -> None:
         def along(offset: Floats, later: float = 0.0, e: Floats = e, u: object = u) -> Floats:
             return np.asarray((u(offset + h * e, later) - u(offset - h * e, later)) / (2 * h))  # type: ignore[operator]
 
-        args = (tuple(p), tuple(v), tuple(e), t, ocean.current_parameters, ocean.wave_parameters)
+        args = (tuple(p), tuple(v), tuple(e), t, ocean.water)
         velocity, change, gradient, along_change, _ = (np.array(part) for part in flow(*args))
         np.testing.assert_allclose(velocity, u(np.zeros(3)), atol=1e-12)
         np.testing.assert_allclose(change, (u(h * v, h) - u(-h * v, -h)) / (2 * h), atol=1e-6)
@@ -99,7 +99,7 @@ def test_squeeze_is_the_gradient_of_the_linear_acceleration() -> None:
     def rate(q: Floats) -> Floats:
         return np.asarray((textbook_velocity(ocean, q, t + h) - textbook_velocity(ocean, q, t - h)) / (2 * h))
 
-    squeeze = flow(tuple(p), (0, 0, 0), tuple(e), t, ocean.current_parameters, ocean.wave_parameters)[4]  # type: ignore[arg-type]
+    squeeze = flow(tuple(p), (0, 0, 0), tuple(e), t, ocean.water)[4]  # type: ignore[arg-type]
     np.testing.assert_allclose(squeeze, (rate(p + h * e) - rate(p - h * e)) / (2 * h), atol=1e-7)
 
 

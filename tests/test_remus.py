@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from tests.tank import Tank
 
 from sim import attitude
 from sim.ocean import Ocean
+from tests.tank import Tank
 
 Floats = npt.NDArray[np.float64]
 XML = Path(__file__).with_name("remus100.xml").read_text()
