@@ -8,6 +8,7 @@ import numpy.typing as npt
 from laisn import lane_rows as row
 from laisn.compiled import compiled_lanes
 from laisn.lane_rows import LANES
+from sim.echo import path_taken
 from sim.errors import (
     MissionTruth,
     SensorErrors,
@@ -17,6 +18,7 @@ from sim.errors import (
     range_reading,
     speed_reading,
 )
+from sim.loss import Channel, is_bad, is_lost
 from sim.noise import Stream, two_normals, two_units, uniform, words
 
 Floats = npt.NDArray[np.float64]
@@ -43,6 +45,8 @@ class Errors(NamedTuple):
     range_tau: tuple[float, float, float]
     range_scale_mean: float
     range_scale_sigma: float
+    echo_chance: tuple[float, float]
+    channel: Channel
 
 
 class Address(NamedTuple):
@@ -57,14 +61,23 @@ class Address(NamedTuple):
     leader_motion: np.uint64
     leader_depth: np.uint64
     leader_attitude: np.uint64
+    echo: np.uint64
+    loss: np.uint64
 
 
 def sent_rows(truth: MissionTruth) -> Floats:
-    """True content of the messages and true ranges to them, in the order of a block's rows from EAST to R3."""
+    """True content of the messages and true ranges to them, in the order of a block's rows from EAST to R3.
+
+    Ranges by way of the surface and of the bottom follow, if the truth has them.
+    """
     position = truth.sent_position
+    echoes = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
     return np.column_stack(
-        [position[:, :2], truth.sent_heading, truth.sent_speed, position[:, 2], truth.sent_attitude, truth.slant_range]
-    )
+        [
+            position[:, :2], truth.sent_heading, truth.sent_speed, position[:, 2], truth.sent_attitude,
+            truth.slant_range, *echoes,
+        ]
+    )  # fmt: skip
 
 
 def compiled_errors(errors: SensorErrors) -> Errors:
@@ -88,18 +101,20 @@ class Noise(NamedTuple):
     draws: Floats
     """Three rows of uniforms, or two of normals."""
     address: Address
+    burst: npt.NDArray[np.bool_]
+    """Whether a lane is within a burst of loss."""
 
 
 @compiled_lanes
 def new_noise(address: Address) -> Noise:
     """Room for the draws of a block."""
-    return Noise(np.zeros(3 * LANES), address)
+    return Noise(np.zeros(3 * LANES), address, np.zeros(LANES, dtype=np.bool_))
 
 
 @compiled_lanes
 def _draw_uniforms(noise: Noise, stream: np.uint64, step: int) -> None:
     """Three uniforms in (0, 1) for each lane."""
-    draws, address = noise
+    draws, address = noise.draws, noise.address
     for lane in range(LANES):
         w0, w1, w2, _ = words(address.seed, address.first_run + np.uint64(lane), stream, np.uint64(step))
         draws[_FIRST + lane], draws[_SECOND + lane], draws[_THIRD + lane] = uniform(w0), uniform(w1), uniform(w2)
@@ -108,7 +123,7 @@ def _draw_uniforms(noise: Noise, stream: np.uint64, step: int) -> None:
 @compiled_lanes
 def _draw_normals(noise: Noise, stream: np.uint64, step: int) -> None:
     """Two normals for each lane."""
-    draws, address = noise
+    draws, address = noise.draws, noise.address
     for lane in range(LANES):
         w0, w1, w2, w3 = words(address.seed, address.first_run + np.uint64(lane), stream, np.uint64(step))
         draws[_FIRST + lane], draws[_SECOND + lane] = two_units(w0, w1, w2, w3)
@@ -138,6 +153,38 @@ def sense_own(block: Floats, noise: Noise, errors: Errors, speed: float, heading
 
 
 @compiled_lanes
+def _read_echoes(block: Floats, noise: Noise, errors: Errors, sent: Floats, steps: tuple[int, int]) -> None:
+    """Measure ranges on pings and on echoes taken for them: rows R1 … R3, of which R1 holds ψ."""
+    draws = noise.draws
+    received, emitted = steps
+    surface, bottom = errors.echo_chance
+    _draw_uniforms(noise, noise.address.echo, emitted)
+    true = np.empty(3 * LANES)
+    for j in range(3):
+        for lane in range(LANES):
+            i = j * LANES + lane
+            true[i] = sent[7 + j + 3 * path_taken(draws[i], surface, bottom)]
+    _draw_uniforms(noise, noise.address.range_uniform, received)
+    for lane in range(LANES):
+        psi = block[row.R1 + lane]
+        far = longest(true[lane], true[LANES + lane], true[2 * LANES + lane])
+        for j in range(3):
+            i = j * LANES + lane
+            block[row.R1 + i] = range_reading(true[i], far, errors.range_tau[j], draws[i], psi)
+
+
+@compiled_lanes
+def _lose(block: Floats, noise: Noise, errors: Errors, emitted: int) -> None:
+    """Ranges of lost messages become NaN."""
+    draws, burst = noise.draws, noise.burst
+    _draw_uniforms(noise, noise.address.loss, emitted)
+    for lane in range(LANES):
+        burst[lane] = is_bad(burst[lane], draws[_FIRST + lane], errors.channel)
+        if is_lost(burst[lane], draws[_SECOND + lane], errors.channel):
+            block[row.R1 + lane] = block[row.R2 + lane] = block[row.R3 + lane] = np.nan
+
+
+@compiled_lanes
 def sense_message(
     block: Floats, noise: Noise, errors: Errors, sent: Floats, depth: float, steps: tuple[int, int]
 ) -> None:
@@ -151,7 +198,7 @@ def sense_message(
         depth: true depth of the follower's sensor [m].
         steps: of reception and of emission.
     """
-    draws, address = noise
+    draws, address = noise.draws, noise.address
     east, north, heading, speed, leader_depth, pitch, roll, rear, front, middle = (
         sent[0], sent[1], sent[2], sent[3], sent[4], sent[5], sent[6], sent[7], sent[8], sent[9]
     )  # fmt: skip
@@ -183,11 +230,16 @@ def sense_message(
         psi = plain_reading(errors.range_scale_mean, errors.range_scale_sigma, draws[_FIRST + lane])
         # Kept in the row of the first range until the uniforms are drawn.
         block[row.R1 + lane] = psi
-    _draw_uniforms(noise, address.range_uniform, received)
-    far = longest(rear, front, middle)
-    tau_rear, tau_front, tau_middle = errors.range_tau
-    for lane in range(LANES):
-        psi = block[row.R1 + lane]
-        block[row.R1 + lane] = range_reading(rear, far, tau_rear, draws[_FIRST + lane], psi)
-        block[row.R2 + lane] = range_reading(front, far, tau_front, draws[_SECOND + lane], psi)
-        block[row.R3 + lane] = range_reading(middle, far, tau_middle, draws[_THIRD + lane], psi)
+    if errors.echo_chance[0] + errors.echo_chance[1] > 0.0:
+        _read_echoes(block, noise, errors, sent, steps)
+    else:
+        _draw_uniforms(noise, address.range_uniform, received)
+        far = longest(rear, front, middle)
+        tau_rear, tau_front, tau_middle = errors.range_tau
+        for lane in range(LANES):
+            psi = block[row.R1 + lane]
+            block[row.R1 + lane] = range_reading(rear, far, tau_rear, draws[_FIRST + lane], psi)
+            block[row.R2 + lane] = range_reading(front, far, tau_front, draws[_SECOND + lane], psi)
+            block[row.R3 + lane] = range_reading(middle, far, tau_middle, draws[_THIRD + lane], psi)
+    if errors.channel.loss_chance + errors.channel.burst_chance > 0.0:
+        _lose(block, noise, errors, emitted)

@@ -184,7 +184,8 @@ def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
             notices.append(
                 Notice(
                     tone="warning",
-                    text=f"{name}: the estimate was on the other side of the leader's axis, more than {metrics.CAPTURE_ERROR:g} m off, for "
+                    text=f"{name}: the estimate was on the other side of the leader's axis, more than "
+                    f"{metrics.CAPTURE_ERROR:g} m off, for "
                     f"{share:.1f} % of the mission (mirror capture).",
                 )
             )

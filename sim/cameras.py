@@ -1,6 +1,6 @@
 """Cameras of the film: where they stand and what they look at, as pure functions of time."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -30,6 +30,8 @@ _NEAR_M = 0.15
 _CLEARANCE_M = 1.2
 _FREE = (0.26, 0.79, 0.04)
 """Left, right and upper edge of what the panels leave free, as shares of the frame."""
+_ASIDE = 0.08
+"""How far to the right the middle of that is, where the map is not in the way."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,6 +160,13 @@ class Director:
         at = moment.position[vehicle]
         return View(position=self._in_water(at + distance * side), target=at, fovy_deg=40.0)
 
+    def _aside(self, view: View, share: float) -> View:
+        """The same view with its target moved to the right by a share of the frame's width."""
+        distance = float(np.linalg.norm(view.target - view.position))
+        width = 2 * distance * np.tan(np.radians(view.fovy_deg) / 2) * self._aspect
+        shift = -share * width * view.axes[0]
+        return replace(view, position=view.position + shift, target=view.target + shift)
+
     def _span(self, time: float) -> tuple[Floats, Floats]:
         return self._now(self._centre, time), self._now(self._half, time)
 
@@ -209,14 +218,12 @@ class Director:
             ahead = self._towards_leader(moment.time)
             across = np.array([ahead[1], -ahead[0], 0.0])
             width = np.hypot(half[0], half[1])
-            distance = max(1.55 * width / np.tan(np.radians(40.0) / 2) / self._aspect, 6.0)
-            # panels stand on the left
-            aside = -0.16 * distance * ahead
-            eye = self._in_water(centre + distance * across)
-            view = View(position=eye + aside, target=centre + aside, fovy_deg=40.0)
+            distance = max(1.62 * width / np.tan(np.radians(40.0) / 2) / self._aspect, 6.0)
+            view = View(position=self._in_water(centre + distance * across), target=centre, fovy_deg=40.0)
+            view = self._aside(view, _ASIDE)
             return Shot(view, (close_follower,), (0.3 * distance, max(150.0, 2.2 * distance)), True)
         angle = 2 * np.pi * moment.film_time / 40.0
         distance = max(1.7 * np.hypot(half[0], half[1]), 6.0) + 6.0
         around = distance * np.array([np.cos(angle), np.sin(angle), 0.10])
-        view = View(position=self._in_water(centre + around), target=centre, fovy_deg=50.0)
+        view = self._aside(View(position=self._in_water(centre + around), target=centre, fovy_deg=50.0), _ASIDE)
         return Shot(view, (), (0.2 * distance, max(150.0, 2.4 * distance)), True)

@@ -69,7 +69,7 @@ def _scalars(topic: str, schema: ScalarSchema, time_ns: Ints, values: Callable[[
     return _numeric(topic, schema.message_class, schema.template(), time_ns, values)
 
 
-def _slot_pose(first: int) -> Any:
+def slot_pose(first: int) -> Any:
     """A pose whose slots take x, y, z and then the quaternion (w, x, y, z)."""
     x, y, z, qw, qx, qy, qz = (slot(first + k) for k in range(7))
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
@@ -80,7 +80,7 @@ def _transforms(flight: Flight, clock: Clock) -> Channel:
     t = flight.trajectory
     message = FrameTransforms()
     for v, name in enumerate(t.names):
-        place = _slot_pose(7 * v)
+        place = slot_pose(7 * v)
         message.transforms.append(
             FrameTransform(
                 timestamp=STAMP,
@@ -110,7 +110,7 @@ def _transforms(flight: Flight, clock: Clock) -> Channel:
 
 
 def _poses(topic: str, time_ns: Ints, values: Callable[[slice], Floats]) -> Channel:
-    message = PoseInFrame(timestamp=STAMP, frame_id="world", pose=_slot_pose(0))
+    message = PoseInFrame(timestamp=STAMP, frame_id="world", pose=slot_pose(0))
     return _numeric(topic, PoseInFrame, Template(message, 7), time_ns, values)
 
 

@@ -169,7 +169,7 @@ def read_measurements(path: Path, follower: str = "follower") -> Measurements:
     Raises:
         LogError: the log is damaged, lacks a channel or a field, or its filter steps have gaps.
     """
-    log = contents(path, lambda topic: topic.startswith(f"/{follower}/") or topic.endswith("/motion"))
+    log = contents(path, lambda topic: topic.endswith(("/motion", "/reception")))
     return _measurements(path, log, follower)[0]
 
 

@@ -167,7 +167,8 @@ class Overlay:
     def _clear(self, view: View, point: Floats) -> float:
         """Length of a label's line that leads clear of a hull at `point` [px]."""
         pixels, ahead = view.project(np.array([point, point + _HULL_CLEAR_M * view.axes[1]]), 1, self.canvas.height)
-        return float(max(30.0 * self.canvas.scale, abs(pixels[1, 1] - pixels[0, 1]) if ahead[0] > 0 else 0.0))
+        rise = abs(pixels[1, 1] - pixels[0, 1]) / self.canvas.scale if ahead[0] > 0 else 0.0
+        return float(np.clip(rise, 30.0, 90.0)) * self.canvas.scale
 
     def _label(self, at: Floats, words: str, colour: Colour, rise: float) -> None:
         """Words above (`rise` below 0) or below a point, at the end of a line."""

@@ -101,7 +101,7 @@ def build(names: Sequence[str], floor_depth_m: float, width_px: int, height_px: 
     for name, z, quaternion, span, emission in (
         ("seabed", -floor_depth_m - _RELIEF_M, (1, 0, 0, 0), _RELIEF_M, 0.0),
         # upside down: a height field shows only its upper face, and this one is seen from below
-        ("sea", _CREST_M / 2, (0, 1, 0, 0), _CREST_M, 0.45),
+        ("sea", _CREST_M / 2, (0, 1, 0, 0), _CREST_M, 0.0),
     ):
         material = spec.add_material(
             name=f"{name}_look", emission=emission, specular=0.0, shininess=0.0, texuniform=True
@@ -119,7 +119,19 @@ def build(names: Sequence[str], floor_depth_m: float, width_px: int, height_px: 
             contype=0,
             conaffinity=0,
         )
+    # low light from one side shows the waves' slopes; the hulls are lit by the rest
+    spec.material("sea_look").rgba = [2.6, 2.6, 2.6, 1.0]
+    spec.worldbody.add_light(
+        name="scatter",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        dir=[0.85, 0.45, 0.25],
+        diffuse=[0.22, 0.24, 0.25],
+        specular=[0, 0, 0],
+        castshadow=False,
+    )
     visual = spec.visual
+    visual.headlight.ambient = [0.20, 0.24, 0.27]
+    visual.headlight.diffuse = [0.22, 0.24, 0.25]
     visual.quality.offsamples = samples
     visual.global_.offwidth, visual.global_.offheight = width_px, height_px
     visual.rgba.fog = [*WATER, 1.0]

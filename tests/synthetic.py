@@ -1,5 +1,8 @@
 """A flight made of formulas: circular routes, plausible measurements and estimates, without physics or a navigator."""
 
+import dataclasses
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -176,3 +179,20 @@ def make_flight(
     measurements = tuple(make_measurements(scenario, trajectory, i) for i in range(n_followers))
     estimates = tuple(make_estimates(scenario, trajectory, measurements[i], i) for i in range(n_followers))
     return Flight(scenario=scenario, trajectory=trajectory, measurements=measurements, estimates=estimates)
+
+
+def errors_of(flight: Flight) -> list[tuple[Floats, Floats]]:
+    """Horizontal position errors [m], and numbers that stand for bearing errors, of every follower."""
+    return [
+        (np.linalg.norm(e.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1), 1e-3 * e.state[:, 3])
+        for i, e in enumerate(flight.estimates)
+    ]
+
+
+def bits(value: Any) -> Any:
+    """Nested records with arrays as bytes, so that `==` means equal to the bit, NaN and the sign of zero included."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if dataclasses.is_dataclass(value):
+        return {f.name: bits(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    return tuple(bits(item) for item in value) if isinstance(value, tuple) else value

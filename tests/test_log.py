@@ -1,59 +1,28 @@
-"""The log: equal flights, equal bytes, honest failures."""
+"""The log: equal flights, equal bytes, and channels that say what the flight says."""
 
 import dataclasses
-import os
-import signal
-import struct
-import subprocess
-import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.reader import make_reader
-from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
-from mcap_protobuf.writer import Writer as ProtobufWriter
-from synthetic import make_flight
+from synthetic import bits, errors_of, make_flight
 
-import models
 from laisn.estimates import FixKind
 from sim import log
 from sim.flight import Flight, Outcome
-from sim.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
-from sim.log_channels import _slot_pose
+from sim.log_channels import slot_pose
 from sim.log_clock import Clock
 from sim.log_events import Event
 from sim.log_export import export
-from sim.log_file import LogError, contents, partial_path
-from sim.log_hull import hull
+from sim.log_file import LogError
 from sim.log_reader import info, read, read_measurements
-from sim.log_schema import OWN_MOTION, RECEPTION, SCALAR_SCHEMAS, STAMP, Template
-from sim.recovery import recover
-
-LAYOUT = Path(__file__).resolve().parents[1] / "experiments" / "data" / "foxglove_layout.json"
-
-
-def bits(value: Any) -> Any:
-    """Nested values with arrays as bytes, so that NaN and the sign of zero count."""
-    if isinstance(value, np.ndarray):
-        return value.dtype.str, value.shape, value.tobytes()
-    if dataclasses.is_dataclass(value):
-        return {f.name: bits(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    return tuple(bits(item) for item in value) if isinstance(value, tuple) else value
-
-
-def errors_of(flight: Flight) -> list[tuple[Any, Any]]:
-    """Position errors of the hydrophone, and numbers in place of bearing errors."""
-    return [
-        (np.linalg.norm(e.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1), 1e-3 * e.state[:, 3])
-        for i, e in enumerate(flight.estimates)
-    ]
+from sim.log_schema import SCALAR_SCHEMAS, STAMP, Template
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +104,7 @@ def test_rows_are_what_protobuf_says(schema: Any) -> None:
 
 
 def test_rows_may_hold_zeros_and_full_seconds() -> None:
-    template = Template(PoseInFrame(timestamp=STAMP, frame_id="world", pose=_slot_pose(0)), 7)
+    template = Template(PoseInFrame(timestamp=STAMP, frame_id="world", pose=slot_pose(0)), 7)
     row = template.rows(np.array([7_000_000_000]), np.zeros((1, 7)))[0]
     expected = PoseInFrame(frame_id="world")
     expected.timestamp.seconds = 7
@@ -147,7 +116,7 @@ def test_rows_may_hold_zeros_and_full_seconds() -> None:
 
 def test_a_template_needs_all_its_slots() -> None:
     with pytest.raises(ValueError, match=r"no slot for columns \[7\]"):
-        Template(PoseInFrame(timestamp=STAMP, pose=_slot_pose(0)), 8)
+        Template(PoseInFrame(timestamp=STAMP, pose=slot_pose(0)), 8)
 
 
 def test_channels_times_and_attachments(flight: Flight, written: Path) -> None:
@@ -236,114 +205,6 @@ def test_errors_must_fit_the_flight(flight: Flight, tmp_path: Path) -> None:
         log.write(flight, tmp_path / "a.mcap", errors=errors_of(flight) * 2)
 
 
-@pytest.mark.parametrize("name", ["leader", "follower"])
-def test_the_hull_in_the_scene_fills_the_model(name: str) -> None:
-    """Extent along the hull and across it, against MuJoCo's own bounding boxes of the geoms."""
-    model = mujoco.MjModel.from_xml_path(str(models.path(name)))
-    data = mujoco.MjData(model)
-    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
-    mujoco.mj_kinematics(model, data)
-    corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
-    boxes = [
-        (model.geom_aabb[g, :3] + corners * model.geom_aabb[g, 3:]) @ data.geom_xmat[g].reshape(3, 3).T
-        + data.geom_xpos[g]
-        for g in range(model.ngeom)
-    ]
-    expected = np.concatenate(boxes)
-
-    def extent(primitive: Any, half: Any) -> Any:
-        place, turn = np.empty(3), np.empty(9)
-        p, q = primitive.pose.position, primitive.pose.orientation
-        place[:] = p.x, p.y, p.z
-        mujoco.mju_quat2Mat(turn, np.array([q.w, q.x, q.y, q.z]))
-        return place + half @ turn.reshape(3, 3).T
-
-    entity = hull(name)
-    drawn = [
-        extent(x, corners * np.array([x.size.x, x.size.y, x.size.z]) / 2)
-        for x in (*entity.cylinders, *entity.spheres, *entity.cubes)
-    ]
-    drawn += [extent(x, np.array([[p.x, p.y, p.z] for p in x.points])) for x in entity.triangles]
-    shown = np.concatenate(drawn)
-    np.testing.assert_allclose(shown.min(axis=0), expected.min(axis=0), atol=1e-6)
-    np.testing.assert_allclose(shown.max(axis=0), expected.max(axis=0), atol=1e-6)
-
-
-def test_the_scene_is_complete_at_every_second(flight: Flight, written: Path) -> None:
-    update = messages(written, "/scene/vehicles")[20]
-    entities = {e.id: e for e in update.entities}
-    assert set(entities) == {"leader/hull", "leader/trail", "follower/hull", "follower/trail", "follower/estimate"}
-    assert entities["leader/hull"].frame_locked
-    assert entities["leader/hull"].frame_id == "leader"
-    assert len(entities["leader/trail"].lines[0].points) == 21
-    last = entities["leader/trail"].lines[0].points[-1]
-    assert (last.x, last.y, last.z) == tuple(flight.trajectory.position[200, 0])
-    # the ellipse that holds 95 % of a normal distribution has half axes √(χ²₀.₉₅ of 2 degrees, 5.991) σ
-    ellipse = entities["follower/estimate"].spheres[0]
-    variance = np.linalg.eigvalsh(flight.estimates[0].covariance[199, :2, :2])
-    np.testing.assert_allclose([ellipse.size.x, ellipse.size.y], 2 * np.sqrt(5.991464547 * variance[::-1]), rtol=1e-9)
-    half_turn = np.arctan2(ellipse.pose.orientation.z, ellipse.pose.orientation.w)
-    major = np.array([np.cos(2 * half_turn), np.sin(2 * half_turn)])
-    np.testing.assert_allclose(flight.estimates[0].covariance[199, :2, :2] @ major, variance[1] * major, atol=1e-12)
-
-
-def test_a_ping_is_drawn_from_the_transmitters_to_the_hydrophone(flight: Flight, written: Path) -> None:
-    t, m = flight.trajectory, flight.measurements[0]
-    ping = messages(written, "/scene/acoustics")[9].entities[0]
-    hydrophone, rear = (t.site_position[100, t.site(s)] for s in ("follower/hydrophone", "leader/tx_rear"))
-    points = [(p.x, p.y, p.z) for p in ping.lines[0].points]
-    assert points[:2] == [tuple(rear), tuple(hydrophone)]
-    assert len(points) == 6
-    disc = ping.cylinders[0]
-    assert (disc.pose.position.x, disc.pose.position.y, disc.pose.position.z) == (rear[0], rear[1], hydrophone[2])
-    # Pythagoras: slant range, horizontal range and difference in height
-    assert (disc.size.x / 2) ** 2 + (rear[2] - hydrophone[2]) ** 2 == pytest.approx(m.ranges[9, 0] ** 2)
-    assert len(messages(written, "/scene/acoustics")[12].entities[0].lines[0].points) == 4, "one range was lost"
-
-
-def test_the_map_agrees_with_the_ellipsoid() -> None:
-    """Against the exact way: the tangent plane at the origin, in earth-centred coordinates."""
-
-    def earth_centred(latitude: Any, longitude: Any, height: Any) -> Any:
-        e2 = FLATTENING * (2 - FLATTENING)
-        n = SEMI_MAJOR_AXIS / np.sqrt(1 - e2 * np.sin(latitude) ** 2)
-        return np.stack(
-            [
-                (n + height) * np.cos(latitude) * np.cos(longitude),
-                (n + height) * np.cos(latitude) * np.sin(longitude),
-                (n * (1 - e2) + height) * np.sin(latitude),
-            ]
-        )
-
-    origin = np.deg2rad([60.0, 18.55])
-    places = np.array([[0, 0, 0], [1000, 0, 0], [0, 1000, 0], [-700, 700, 0]], dtype=float)
-    latitude, longitude, height = geodetic(places, 60.0, 18.55).T
-    apart = earth_centred(np.deg2rad(latitude), np.deg2rad(longitude), height) - earth_centred(*origin, 0.0)[:, None]
-    s, c, sl, cl = np.sin(origin[0]), np.cos(origin[0]), np.sin(origin[1]), np.cos(origin[1])
-    east, north = -sl * apart[0] + cl * apart[1], -s * cl * apart[0] - s * sl * apart[1] + c * apart[2]
-    np.testing.assert_allclose(np.column_stack([east, north]), places[:, :2], atol=0.2)
-
-
-def test_layout_names_channels_and_fields_that_exist(written: Path) -> None:
-    import json
-
-    layout = json.loads(LAYOUT.read_text())
-    there = contents(written)
-    panels = layout["configById"]
-
-    def leaves(node: Any) -> set[str]:
-        return {node} if isinstance(node, str) else leaves(node["first"]) | leaves(node["second"])
-
-    assert leaves(layout["layout"]) == set(panels)
-    topics = {t for p in panels.values() for t in [*p.get("topics", {}), *p.get("topicColors", {})]}
-    assert topics | {panels["RosOut!log"]["topicToRender"]} <= set(there.topics)
-    assert panels["Image!camera"]["imageMode"]["imageTopic"] == "/camera"
-    paths = [path["value"].removesuffix(".@rad2deg") for p in panels.values() for path in p.get("paths", [])]
-    assert paths
-    for topic, _, name in (path.partition(".") for path in paths):
-        assert name in there.topics[topic].descriptor().fields_by_name
-
-
 @pytest.mark.parametrize("table_format", ["parquet", "csv"])
 def test_export(flight: Flight, written: Path, tmp_path: Path, table_format: Any) -> None:
     import pyarrow.csv
@@ -370,202 +231,6 @@ def test_info(written: Path) -> None:
     assert facts.size == written.stat().st_size
 
 
-def write_foreign(path: Path, *, gap: bool = False, second_reception_s: float = 0.95) -> None:
-    """A vehicle's log by the plain protobuf writer, with its own clock and 20 Hz."""
-    with path.open("wb") as stream, ProtobufWriter(stream) as writer:
-        start = 1_600_000_000_123_456_789
-
-        def put(topic: str, message: Any, at: float) -> None:
-            ns = start + round(at * 1e9)
-            writer.write_message(topic, message, log_time=ns, publish_time=ns)
-
-        for k in range(40):
-            late = 1.0 if gap and k > 20 else 0.0
-            put("/auv/motion", OWN_MOTION.message_class(speed=1.5, heading=0.0, depth=k / 10), 0.05 * k + late)
-        for at in (0.512, second_reception_s):
-            put(
-                "/auv/reception",
-                RECEPTION.message_class(leader_east=3.0, range_rear=40.0, range_front=float("nan")),
-                at,
-            )
-
-
-def test_measurements_of_a_real_vehicle(tmp_path: Path) -> None:
-    write_foreign(tmp_path / "auv.mcap")
-    m = read_measurements(tmp_path / "auv.mcap", "auv")
-    assert m.dt == 0.05
-    assert m.speed.tolist() == [1.5] * 40
-    assert m.depth.tolist() == [k / 10 for k in range(40)]
-    # 0.512 s lies after step 11 (0.50 s) and before step 12 (0.55 s); 0.95 s is step 20
-    assert m.message_step.tolist() == [12, 20]
-    assert m.ranges[0, 0] == 40.0
-    assert np.isnan(m.ranges[0, 1])
-    with pytest.raises(LogError, match="lacks attachment scenario.toml"):
-        read(tmp_path / "auv.mcap")
-    with pytest.raises(LogError, match="lacks channel /follower/motion; available: /auv/motion, /auv/reception"):
-        read_measurements(tmp_path / "auv.mcap")
-
-
-def test_measurements_with_gaps_or_crowded_steps_are_refused(tmp_path: Path) -> None:
-    write_foreign(tmp_path / "gap.mcap", gap=True)
-    with pytest.raises(LogError, match=r"every 0.05 s without gaps.*2.05 s after its start"):
-        read_measurements(tmp_path / "gap.mcap", "auv")
-    write_foreign(tmp_path / "crowd.mcap", second_reception_s=0.53)
-    with pytest.raises(LogError, match="several messages within one filter step"):
-        read_measurements(tmp_path / "crowd.mcap", "auv")
-
-
-def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
-    with (tmp_path / "a.mcap").open("wb") as stream, ProtobufWriter(stream) as writer:
-        writer.write_message("/follower/motion", PoseInFrame(frame_id="world"), log_time=0, publish_time=0)
-    with pytest.raises(LogError, match="/follower/motion lacks speed, heading, depth; its fields: timestamp"):
-        read_measurements(tmp_path / "a.mcap")
-    with (tmp_path / "b.mcap").open("wb") as stream:
-        json_writer = Writer(stream)
-        json_writer.start()
-        json_writer.register_channel("/follower/motion", "json", json_writer.register_schema("x", "jsonschema", b"{}"))
-        json_writer.finish()
-    with pytest.raises(LogError, match="encoded as 'json', expected protobuf"):
-        read_measurements(tmp_path / "b.mcap")
-
-
-def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "empty").touch()
-    (tmp_path / "text").write_text("speed,heading\n1,2\n")
-    for name, text in (("empty", "no MCAP"), ("text", "no MCAP"), ("absent", "No such file"), (".", "directory")):
-        for reader in (read, read_measurements, info):
-            with pytest.raises(LogError, match=text):
-                reader(tmp_path / name)
-
-
-def test_every_flipped_byte_is_noticed(written: Path, tmp_path: Path) -> None:
-    """Or does no harm: the flight is never another one."""
-    whole = written.read_bytes()
-    expected = bits(read(written))
-    places = np.random.default_rng(2).choice(len(whole), 120, replace=False).tolist()
-    refused = 0
-    for place in [*places, 0, 9, len(whole) - 1, len(whole) - 9, len(whole) - 30]:
-        damaged = bytearray(whole)
-        damaged[place] ^= 0x10
-        (tmp_path / "damaged.mcap").write_bytes(damaged)
-        try:
-            assert bits(read(tmp_path / "damaged.mcap")) == expected
-        except LogError:
-            refused += 1
-    assert refused == 125
-
-
-def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, tmp_path: Path) -> None:
-    whole = written.read_bytes()
-    for length in (9, len(whole) // 3, len(whole) - 1):
-        (tmp_path / "cut.mcap").write_bytes(whole[:length])
-        with pytest.raises(LogError, match=r"cut off before its end; laisn log recover"):
-            read(tmp_path / "cut.mcap")
-    rescued = recover(tmp_path / "cut.mcap")
-    assert rescued.name == "cut.recovered.mcap"
-    assert (tmp_path / "cut.mcap").exists()
-    assert read(rescued).outcome is Outcome.INTERRUPTED
-    with pytest.raises(LogError, match="is whole"):
-        recover(rescued)
-    (tmp_path / "cut.mcap").write_bytes(whole[:5000])
-    with pytest.raises(LogError, match="nothing to recover"):
-        recover(tmp_path / "cut.mcap")
-
-
-def test_recovery_keeps_whole_instants(tmp_path: Path) -> None:
-    """A log of several chunks, cut within one: a prefix of the flight comes back, all channels equally long."""
-    flight = make_flight(200.0)
-    log.write(flight, tmp_path / "a.mcap")
-    whole = (tmp_path / "a.mcap").read_bytes()
-    partial = partial_path(tmp_path / "b.mcap")
-    partial.write_bytes(whole[: len(whole) // 2])
-    path = recover(partial)
-    assert path == tmp_path / "b.mcap"
-    assert not partial.exists()
-    rescued = read(path)
-    n = rescued.measurements[0].speed.size
-    assert 500 < n < 1500
-    assert rescued.trajectory.time.size == n + 1
-    assert rescued.trajectory.position.tobytes() == flight.trajectory.position[: n + 1].tobytes()
-    assert rescued.estimates[0].covariance.tobytes() == flight.estimates[0].covariance[:n].tobytes()
-    assert rescued.measurements[0].ranges.shape == (n // 10, 3)
-    assert rescued.scenario == flight.scenario
-
-
-def limited(folder: Path, size: int) -> subprocess.CompletedProcess[str]:
-    """Write a log of 200 s in a process whose files may not grow beyond `size` bytes."""
-    code = f"""
-import resource, signal, sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from pathlib import Path
-from synthetic import make_flight
-from sim import log
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-flight = make_flight(200.0)
-resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
-try:
-    log.write(flight, Path({str(folder)!r}) / "mission.mcap")
-except log.LogError as error:
-    print(error)
-"""
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-
-
-def test_when_the_disk_is_full_what_was_written_can_be_recovered(tmp_path: Path) -> None:
-    message = limited(tmp_path, 800_000).stdout
-    assert "cannot be written: File too large; what was written is kept: laisn log recover" in message
-    assert [p.name for p in tmp_path.iterdir()] == ["mission.mcap.partial"]
-    rescued = read(recover(tmp_path / "mission.mcap.partial"))
-    assert rescued.outcome is Outcome.INTERRUPTED
-    assert rescued.trajectory.time[-1] > 50
-    assert [p.name for p in tmp_path.iterdir()] == ["mission.mcap"]
-
-
-def test_when_the_disk_is_full_at_once_nothing_stays(tmp_path: Path) -> None:
-    assert "cannot be written" in limited(tmp_path, 20_000).stdout
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_no_space_left(flight: Flight, tmp_path: Path) -> None:
-    (tmp_path / "a.mcap.partial").symlink_to("/dev/full")
-    with pytest.raises(LogError, match=r"a\.mcap: cannot be written: No space left on device"):
-        log.write(flight, tmp_path / "a.mcap")
-    assert not list(tmp_path.iterdir())
-
-
-def test_folders_that_cannot_be_written(flight: Flight, written: Path, tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="cannot be written: No such file or directory"):
-        log.write(flight, tmp_path / "absent" / "a.mcap")
-    (tmp_path / "file").touch()
-    with pytest.raises(LogError, match="cannot be written: Not a directory"):
-        log.write(flight, tmp_path / "file" / "a.mcap")
-    with pytest.raises(LogError, match="cannot be written"):
-        export(written, tmp_path / "file" / "tables")
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_without_permission(flight: Flight, tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    with pytest.raises(LogError, match="cannot be written: Permission denied"):
-        log.write(flight, tmp_path / "a.mcap")
-
-
-def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> None:
-    def frames() -> Any:
-        yield 0.0, b"x"
-        yield 150.0, b"x"
-        signal.raise_signal(signal.SIGINT)
-        time.sleep(10)
-
-    (tmp_path / "a.mcap").write_bytes(b"older")
-    with pytest.raises(KeyboardInterrupt):
-        log.write(make_flight(200.0), tmp_path / "a.mcap", video=frames())
-    assert (tmp_path / "a.mcap").read_bytes() == b"older"
-    rescued = read(recover(tmp_path / "a.mcap.partial"))
-    assert 50 < rescued.trajectory.time[-1] < 150
-
-
 def test_an_epoch_that_no_log_can_hold(flight: Flight, tmp_path: Path) -> None:
     for epoch in ("1969-12-31T23:59:59+00:00", "2231-01-01T00:00:00+00:00"):
         early = dataclasses.replace(flight, scenario=flight.scenario.model_copy(update={"epoch": epoch}))
@@ -588,11 +253,3 @@ def test_size_and_speed(tmp_path: Path) -> None:
         best = max(best, statistics.messages / (time.perf_counter() - start))
     assert statistics.size < 10e6
     assert best > 50_000
-
-
-def test_footer_layout() -> None:
-    """The footer record of the MCAP specification: opcode, length, two offsets and a checksum."""
-    from sim.log_file import DATA_END_BYTES, FOOTER_BYTES
-
-    assert struct.calcsize("<BQQQI") == FOOTER_BYTES
-    assert struct.calcsize("<BQI") == DATA_END_BYTES
