@@ -13,7 +13,7 @@ import numpy.typing as npt
 from sim.motion import move
 
 from experiments.asymmetry_conditions import OFFSETS_M, SEED, Condition, fleet, scenario
-from experiments.cells import Cell, CellResult
+from experiments.cells import PERCENTILES, Cell, CellResult
 from experiments.library import ROUTES
 from experiments.montecarlo import simulate
 from laisn.settings import NavigationSettings, Variant
@@ -66,11 +66,20 @@ class Plan:
     offsets_m: tuple[float, ...] = OFFSETS_M
     variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-1", "laisn-3-2")
     arms: tuple[str, ...] = tuple(ARM)
+    remedies_of: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
+    """Variants that are flown in all arms; the others meet the level and the real leader alone."""
     runs: int = 60
     duration_s: float = 1000.0
 
 
-QUICK = Plan(routes=("T3", "T8"), offsets_m=(0.0, 5.0, 10.0), variants=("laisn-2",), runs=20, duration_s=200.0)
+QUICK = Plan(
+    routes=("T3", "T8"),
+    offsets_m=(0.0, 5.0, 10.0),
+    variants=("laisn-2",),
+    remedies_of=("laisn-2",),
+    runs=20,
+    duration_s=200.0,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,11 +93,11 @@ class Row:
     variant: str
     arm: str
     runs: int
-    mean_m: float
-    std_m: float
-    p95_m: float
-    max_m: float
-    mean_bearing_deg: float
+    e_p_mean_m: float
+    e_p_std_m: float
+    e_p_95_m: float
+    e_p_max_m: float
+    e_b_mean_deg: float
     captured: int
     gated: int
     pitch_rms_deg: float
@@ -166,13 +175,13 @@ def row_of(result: CellResult, **others: Any) -> Row:
     return Row(
         **others,
         runs=result.runs,
-        mean_m=result.position.mean,
-        std_m=result.position.std,
-        p95_m=result.position.percentiles[2],
-        max_m=result.position.max,
-        mean_bearing_deg=float(np.rad2deg(result.bearing.mean)),
+        e_p_mean_m=result.errors.e_p_mean_m,
+        e_p_std_m=result.errors.e_p_std_m,
+        e_p_95_m=result.e_p_percentiles_m[PERCENTILES.index(95)],
+        e_p_max_m=result.errors.e_p_max_m,
+        e_b_mean_deg=result.errors.e_b_mean_deg,
         captured=result.captured,
-        gated=result.gated,
+        gated=result.fixes["gated"],
     )
 
 
@@ -185,7 +194,7 @@ def fly_condition(condition: Condition, plan: Plan) -> list[Row]:
         sensed = sense(pair(trajectory, follower), condition, route, offset, plan.duration_s)
         errors = errors_of(scenario(condition, route, offset, plan.duration_s))
         for arm in plan.arms:
-            for variant in plan.variants:
+            for variant in plan.variants if arm in (LEVEL.key, REAL.key) else plan.remedies_of:
                 result = simulate(_cell(sensed, errors, ARM[arm], variant, plan.runs))
                 rows.append(
                     row_of(

@@ -94,12 +94,12 @@ def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2"
                     runs=range(plan.runs),
                 )  # fmt: skip
                 key = {"route": route, "variant": variant, "interval_s": interval}
-                means = tuple(simulate(replace(cell, truth=truth)).position.mean for truth in truths)
+                means = tuple(simulate(replace(cell, truth=truth)).errors.e_p_mean_m for truth in truths)
                 pitch.append(Curve(**key, depth_offset_m=offset, value=PITCH_DEG, mean_m=means))  # type: ignore[arg-type]
                 if offset == offsets[0]:
                     others = errors.range_tau[1:]
                     means = tuple(
-                        simulate(replace(cell, errors=replace(errors, range_tau=(t, *others)))).position.mean
+                        simulate(replace(cell, errors=replace(errors, range_tau=(t, *others)))).errors.e_p_mean_m
                         for t in TAU_M
                     )
                     tau.append(Curve(**key, depth_offset_m=float("nan"), value=TAU_M, mean_m=means))  # type: ignore[arg-type]

@@ -30,6 +30,8 @@ _NEAR_M = 0.15
 _CLEARANCE_M = 1.2
 _FREE = (0.26, 0.79, 0.04)
 """Left, right and upper edge of what the panels leave free, as shares of the frame."""
+_SIGHT_DOWN_M = 42.0
+"""How far below the vehicles the view from above reaches."""
 _ASIDE = 0.08
 """How far to the right the middle of that is, where the map is not in the way."""
 
@@ -179,8 +181,8 @@ class Director:
         aside = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
         target = centre + frame * aside * [self._aspect, 1.0, 0.0]
         height = frame / 2 / np.tan(np.radians(45.0) / 2)
-        view = View(position=target + [0.0, 0.0, height], target=target, up=np.array([0.0, 1.0, 0.0]))
-        return view, (height - 5.0, height + max(50.0, 0.6 * height))
+        view = View(position=target + np.array([0.0, 0.0, height]), target=target, up=np.array([0.0, 1.0, 0.0]))
+        return view, (height - 5.0, height + _SIGHT_DOWN_M)
 
     def shot(self, camera: str, moment: Moment) -> Shot:
         """The camera `camera` of CAMERAS at a moment.

@@ -2,6 +2,7 @@
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -41,7 +42,9 @@ class Canvas:
     def __init__(self, width: int, height: int) -> None:
         self.width, self.height = width, height
         self.scale = height / 720
-        self._agg = RendererAgg(width, height, 72)
+        # matplotlib's own classes carry no types
+        make: Any = RendererAgg
+        self._agg: Any = make(width, height, 72)
         self.pixels: Bytes = np.asarray(self._agg.buffer_rgba())
         """The frame, top row first, shape (height, width, 4)."""
         image = Image.frombuffer("RGBA", (width, height), self._agg.buffer_rgba(), "raw", "RGBA", 0, 1)

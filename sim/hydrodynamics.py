@@ -9,7 +9,7 @@ Each physics step: `mj_step1` → `apply` → `mj_factorM` → `mj_step2`. `appl
 adds the added mass to `M`, so that it acts on accelerations that MuJoCo has yet to solve for.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,16 +24,13 @@ Ints = npt.NDArray[np.int64]
 LOST = 1e3
 """A speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed, though numbers are finite yet."""
 
+Solver = tuple[Ints, Floats, Floats]
+"""The parts of MuJoCo's model and data that are written to.
 
-class Solver(NamedTuple):
-    """The parts of MuJoCo's model and data that are written to, v vehicles."""
-
-    row_address: Ints
-    """Of the rows of `mass`, shape (v, 6)."""
-    mass: Floats
-    """`M`, the rows of its lower triangle one after the other."""
-    applied: Floats
-    """`qfrc_applied`, shape (v, 6)."""
+row_address: of the rows of `mass`, shape (v, 6).
+mass: `M`, the rows of its lower triangle one after the other.
+applied: `qfrc_applied`, shape (v, 6).
+"""
 
 
 @compiled
@@ -220,7 +217,7 @@ def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tu
     force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
     moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
 
-    share, dry_arm = immersion(c, position, axis, time, water.waves)
+    share, dry_arm = immersion(c, position, axis, time, water[1])
     lift = (0.0, 0.0, share * c.buoyancy)
     lost = cross((dry_arm, 0.0, 0.0), times(to_body, (0.0, 0.0, -c.buoyancy)))
     return (
@@ -287,6 +284,7 @@ def apply(
     Returns:
         The index of the first vehicle that is lost (its state or wrench is not finite, or beyond LOST), -1 if none.
     """
+    row_address, mass, applied = solver
     for i in range(pose.shape[0]):
         if beyond(twist[i : i + 1], LOST) == 0:
             return i
@@ -294,10 +292,10 @@ def apply(
         force, moment, share = wrench(c, pose[i], twist[i], time, water)
         total = 0.0
         for j in range(3):
-            solver.applied[i, j] = force[j]
-            solver.applied[i, 3 + j] = moment[j]
+            applied[i, j] = force[j]
+            applied[i, 3 + j] = moment[j]
             total += abs(force[j]) + abs(moment[j])
         if not total < np.inf:
             return i
-        _add_to_inertia(solver.mass, solver.row_address[i], c.added_mass, share, rotation(pose[i, 3:7]))
+        _add_to_inertia(mass, row_address[i], c.added_mass, share, rotation(pose[i, 3:7]))
     return -1

@@ -9,6 +9,7 @@ The leg's speed follows from that in closed form. The same plan is the reference
 the paper's motion and the physical one differ by the physics alone.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,8 +30,8 @@ SPEED_MAX = 3.0
 """Top speed of a follower [m/s] (paper, Section 3)."""
 SPEED_MIN = 0.1
 """A leg that asks for less is refused: a hull without way cannot be steered along it [m/s]."""
-SHARPEST_FLY_BY = float(np.deg2rad(120.0))
-"""Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far before it."""
+SHARPEST_CUT = float(np.deg2rad(120.0))
+"""Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far before it [rad]."""
 
 
 class Limits(NamedTuple):
@@ -39,6 +40,19 @@ class Limits(NamedTuple):
     turn_rate: float = TURN_RATE
     acceleration: float = ACCELERATION
     speed_max: float = SPEED_MAX
+    sharpest_cut: float = SHARPEST_CUT
+    """0: every turn begins at its waypoint and overshoots the next leg."""
+
+
+class Sites(NamedTuple):
+    """Points on the hulls."""
+
+    names: tuple[str, ...]
+    """"vehicle/site", shape (s,)."""
+    vehicle: Ints
+    """Index of the vehicle that carries the site, shape (s,)."""
+    offset: Floats
+    """In the vehicle's body frame, shape (s, 3), [m]."""
 
 
 class Motion(NamedTuple):
@@ -166,7 +180,7 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
         dx, dy = target[0] - planner.east, target[1] - planner.north
         straight = float(dx * np.sin(planner.course) + dy * np.cos(planner.course))
         corner = _wrap(course[k] - planner.course) if k < course.size else 0.0
-        cut = abs(corner) if abs(corner) <= SHARPEST_FLY_BY else 0.0
+        cut = abs(corner) if abs(corner) <= limits.sharpest_cut else 0.0
         # along the arc to its middle the way is shorter than to the corner by speed × saved
         saved = (np.tan(cut / 2) - cut / 2) / limits.turn_rate
         left = route.time[k] - planner.time
@@ -198,3 +212,55 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
             turn = _turn_towards(planner, *route.waypoint[k + 1], radius=speed / limits.turn_rate)
     planner.rows.append((planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0))
     return Plan(*np.array(planner.rows).T)
+
+
+def fly(
+    names: tuple[str, ...],
+    routes: Sequence[Route],
+    duration: float,
+    dt: float = 0.1,
+    limits: Limits | None = None,
+    *,
+    sites: Sites | None = None,
+) -> Trajectory:
+    """The point motion of a fleet: hulls level and on their courses, still water, no thrust.
+
+    Args:
+        names: of the vehicles, the leader first.
+        routes: one for each vehicle.
+        duration: [s]; a multiple of `dt`.
+        dt: time grid [s].
+        limits: of all vehicles.
+        sites: on the hulls; None: no sites.
+
+    Raises:
+        ValueError: a route cannot be flown, or there is not one for each vehicle.
+    """
+    if len(names) != len(routes):
+        raise ValueError(f"{len(names)} vehicles need as many routes, got {len(routes)}")
+    time = np.arange(round(duration / dt) + 1) * dt
+    n, v = time.size, len(routes)
+    position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))
+    heading, turn_rate = np.empty((n, v)), np.empty((n, v))
+    for i, route in enumerate(routes):
+        motion = plan(route, limits).at(time)
+        depth, sinking = route.depth.at(time)
+        position[:, i] = np.column_stack([motion.east, motion.north, -depth])
+        level = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
+        velocity[:, i] = np.column_stack([*level, -sinking])
+        heading[:, i], turn_rate[:, i] = motion.course, motion.turn_rate
+    zero = np.zeros((n, v))
+    sites = sites or Sites((), np.zeros(0, np.int64), np.zeros((0, 3)))
+    return Trajectory(
+        names=names,
+        time=time,
+        position=position,
+        quaternion=attitude.from_euler(heading),
+        velocity=velocity,
+        angular_velocity=np.stack([zero, zero, -turn_rate], axis=-1),
+        water_velocity=np.zeros((n, v, 3)),
+        thrust=np.zeros((n, v, 5)),
+        site_names=sites.names,
+        site_vehicle=sites.vehicle,
+        site_offset=sites.offset,
+    )

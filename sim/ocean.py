@@ -6,7 +6,6 @@ still surface the waves' velocity stays what it is at z = 0, as linear theory kn
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,14 +16,12 @@ from sim.waves import FLOOR_DEPTH_M, Waves
 
 Floats = npt.NDArray[np.float64]
 
+Water = tuple[Floats, Floats]
+"""An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
 
-class Water(NamedTuple):
-    """An ocean as compiled functions take it."""
-
-    current: Floats
-    """Velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor [m]; shape (5,)."""
-    waves: Floats
-    """Amplitude [m], kx, ky [1/m], ω, ω at a fixed place [rad/s], phase [rad]; shape (n, 6)."""
+current: velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor [m]; shape (5,).
+waves: amplitude [m], kx, ky [1/m], ω, ω at a fixed place [rad/s], phase [rad]; shape (n, 6).
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,12 +67,13 @@ class Ocean:
         current = np.concatenate([surface, self.current_shear_1_s * towards, [self.floor_depth_m]])
         w = self.waves
         fixed = w.omega_rad_s + w.wavenumber_1_m @ surface
-        return Water(current, np.column_stack([w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad]))
+        waves = np.column_stack([w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad])
+        return current, waves
 
     @property
     def wave_parameters(self) -> Floats:
-        """`Water.waves` of this ocean, shape (n, 6)."""
-        return self.water.waves
+        """The waves of `water`, shape (n, 6)."""
+        return self.water[1]
 
     def elevation(self, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
         """Height of the surface above z = 0; x and y broadcast to the shape of the answer, [m], [s]."""
@@ -95,7 +93,7 @@ class Ocean:
 
 @compiled
 def elevation_at(x: float, y: float, time: float, waves: Floats) -> float:
-    """Height of the surface above z = 0 at one place [m]; `waves` as of `Water`."""
+    """Height of the surface above z = 0 at one place [m]; `waves` of a `Water`."""
     height = 0.0
     for i in range(waves.shape[0]):
         a, kx, ky, _, omega, phase = waves[i]

@@ -111,7 +111,7 @@ class Overlay:
                 part = slice(first, first + step + 1)
                 drawn = pixels[part] if whole else _clipped(pixels[part], width, height)
                 if len(drawn) > 1:
-                    kept.append((drawn + [left, top], float(ahead[part].mean()), float(place[part].mean())))
+                    kept.append((drawn + np.array([left, top]), float(ahead[part].mean()), float(place[part].mean())))
         return kept
 
     def _ray(self, view: View, box: Box, ends: Floats, colour: Colour, strength: float, sight: float) -> None:
@@ -174,12 +174,13 @@ class Overlay:
         """Words above (`rise` below 0) or below a point, at the end of a line."""
         c = self.canvas
         side = np.sign(rise)
-        end = at + [16.0 * c.scale, rise]
-        c.line(np.array([at + c.scale * np.array([4.0, 7.5 * side]), end]), (*colour, 0.8), 1.2)
+        way, anchor = (1.0, "lm") if at[0] + c.scale * (20 + 8.5 * len(words)) < c.width else (-1.0, "rm")
+        end = at + np.array([16.0 * c.scale * way, rise])
+        c.line(np.array([at + c.scale * np.array([4.0 * way, 7.5 * side]), end]), (*colour, 0.8), 1.2)
         shade = (0.0, 0.05, 0.08, 0.8)
-        x, y = float(end[0]) + 4 * c.scale, float(end[1])
-        c.text((x + 1, y + 1), words, shade, -13, "lm")
-        c.text((x, y), words, colour, -13, "lm")
+        x, y = float(end[0]) + 4 * c.scale * way, float(end[1])
+        c.text((x + 1, y + 1), words, shade, -13, anchor)
+        c.text((x, y), words, colour, -13, anchor)
 
 
 def _clipped(pixels: Floats, width: int, height: int) -> Floats:

@@ -128,7 +128,9 @@ class Curve:
             if len(points) > 1:
                 canvas.line(points, (*ESTIMATE, 0.95), 1.5)
             canvas.dot(points[-1], 3.0, ESTIMATE)
-        canvas.text((left + width - 12 * s, top + 6 * s), f"{self._label} [{self._unit}]  over time [s]", _PALE, 11, "ra")
+        canvas.text(
+            (left + width - 12 * s, top + 6 * s), f"{self._label} [{self._unit}]  over time [s]", _PALE, 11, "ra"
+        )
 
 
 class Map:
@@ -176,7 +178,9 @@ class Map:
         canvas.diamond(thought[-1], 4.5, ESTIMATE)
         for v in range(self._tracks.shape[1]):
             canvas.dot(pixels(moment.position[[v], :2])[0], 3.4, LEADER if v == 0 else TRUTH)
-        bar = next(b for b in (1000.0, 500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0) if b * scale < 0.4 * width or b == 5.0)
+        bar = next(
+            b for b in (1000.0, 500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0) if b * scale < 0.4 * width or b == 5.0
+        )
         x, y = left + 10 * s, top + height - 10 * s
         canvas.line(np.array([[x, y], [x + bar * scale, y]]), (*_PALE, 0.9), 2.0)
         canvas.text((x, y - 5 * s), f"{bar:g} m", _PALE, 11, "ls")
@@ -191,17 +195,13 @@ def card(canvas: Canvas, footage: Footage, opacity: float) -> None:
     canvas.panel(left, top, width, height, 0.72 * opacity)
     middle = canvas.width / 2
     followers = len(scenario.followers)
+    fleet = "one follower" if followers == 1 else f"{followers} followers"
     waves = scenario.ocean.waves
     sea = "calm sea" if waves.kind == "none" else f"{waves.kind} waves, {waves.height_m:g} m, {waves.period_s:g} s"
     lines = (
         (-34, 56, scenario.name, (1.0, 1.0, 1.0)),
         (15, 92, "LAISN: low-cost acoustic in-swarm navigation, simulated", _PALE),
-        (
-            15,
-            126,
-            f"one leader, {followers} follower{'s' if followers > 1 else ''}  ·  {footage.end - footage.start:g} s  ·  {sea}",
-            _PALE,
-        ),
+        (15, 126, f"one leader, {fleet}  ·  {footage.end - footage.start:g} s  ·  {sea}", _PALE),
         (
             15,
             150,

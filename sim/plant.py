@@ -78,7 +78,7 @@ class Plant:
         self.thrust_limits: Floats = model.actuator_ctrlrange.reshape(n, len(THRUSTERS), 2).copy()
         self._command: Floats = data.ctrl.reshape(n, len(THRUSTERS))
         rows = model.M_rowadr.astype(np.int64).reshape(n, 6)
-        self._solver = hydrodynamics.Solver(rows, data.M, data.qfrc_applied.reshape(n, 6))
+        self._solver: hydrodynamics.Solver = (rows, data.M, data.qfrc_applied.reshape(n, 6))
 
         self.site_names = tuple(model.site(i).name for i in range(model.nsite))
         bodies = [v.body for v in vehicles]

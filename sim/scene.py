@@ -6,6 +6,7 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from OpenGL import GL  # type: ignore[import-untyped]
 
 from sim import attitude, seascape
 from sim.cameras import Shot, View
@@ -28,6 +29,7 @@ _GHOST_ALPHA = 0.30
 _GHOST_FULL_M = 1.5
 _GHOST_LEAST = 0.05
 _MAX_GEOMS = 6000
+_INSET_FOG = (3.0, 110.0)
 _BLADES = 3
 _AXES = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0], [0, 0, 1.0]])
 """Direction of positive thrust of each thruster in the body frame."""
@@ -81,7 +83,9 @@ class Stage:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._context.free()
         self._gl.free()
 
@@ -95,19 +99,27 @@ class Stage:
             self._data.qpos[vehicle.qpos : vehicle.qpos + 3] = position
             self._data.qpos[vehicle.qpos + 3 : vehicle.qpos + 7] = quaternion
         self._sea.show_surface(shot.surface)
-        self._context.fogStart, self._context.fogEnd = shot.fog
-        looked_at = shot.view.position + 0.3 * shot.fog[1] * shot.view.axes[2]
-        self._sea.show(looked_at, 1.35 * shot.fog[1], moment.time, moment.film_time, self._context)
+        self._fog(*shot.fog)
+        # what a wide lens sees before the fog closes lies within this square
+        looked_at = shot.view.position + 0.4 * shot.fog[1] * shot.view.axes[2]
+        self._sea.show(looked_at, 0.85 * shot.fog[1], moment.time, moment.film_time, self._context)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         self._render(moment, shot.view, (0, 0, self.width, self.height))
-        self._context.fogStart, self._context.fogEnd = 3.0, 110.0
+        self._fog(*_INSET_FOG)
         self._sea.show_surface(True)
         for (view, _), box in zip(shot.insets, insets, strict=True):
+            if not self._sea.covers(view.target, 0.8 * _INSET_FOG[1]):
+                self._sea.show(view.target, _INSET_FOG[1], moment.time, moment.film_time, self._context)
             self._render(moment, view, box)
         frame = mujoco.MjrRect(0, 0, self.width, self.height)
         mujoco.mjr_readPixels(self._pixels, None, frame, self._context)
         return self._pixels
+
+    def _fog(self, start: float, end: float) -> None:
+        # MuJoCo hands its fog to OpenGL once, when the context is made
+        GL.glFogf(GL.GL_FOG_START, start)
+        GL.glFogf(GL.GL_FOG_END, end)
 
     def _render(self, moment: Moment, view: View, box: Box) -> None:
         left, top, width, height = box

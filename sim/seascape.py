@@ -19,8 +19,8 @@ Floats = npt.NDArray[np.float64]
 WATER = (0.035, 0.26, 0.36)
 """Colour of fog, background and far floor alike, so that no band remains at the horizon."""
 
-_CELLS = 80
-_TILE_M = 24.0
+_CELLS = 64
+_TILE_M = 30.0
 _RELIEF_M = 3.0
 _CREST_M = 25.0
 _RIPPLES = np.array(
@@ -66,7 +66,7 @@ def _network(size: int, wavelength: float, seed: int) -> Floats:
 def _pixels(shade: Floats, dark: Sequence[float], bright: Sequence[float]) -> bytes:
     shade = np.clip(shade, 0.0, 1.0)[..., None]
     colour = (1 - shade) * np.asarray(dark) + shade * np.asarray(bright)
-    return (255 * colour).round().astype(np.uint8).tobytes()
+    return bytes((255 * colour).round().astype(np.uint8))
 
 
 def _add_texture(spec: Any, name: str, pixels: bytes, size: int) -> None:
@@ -154,7 +154,7 @@ class Sea:
         self._field = {n: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_HFIELD, n) for n in ("seabed", "sea")}
         self._waves = ocean.wave_parameters
         self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
-        self._shown_floor: tuple[float, float, float] | None = None
+        self._shown: tuple[float, float, float] | None = None
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
         """East and north of the height fields' points about `centre`, [m], each of shape (_CELLS,)."""
@@ -180,9 +180,9 @@ class Sea:
         middle = np.array([x.mean(), y.mean()])
         place = (middle[0], middle[1], reach)
         shapes = {"sea": 0.5 - self.elevation(x, y, time, film_time)[::-1] / _CREST_M}
-        if place != self._shown_floor:
+        if place != self._shown:
             shapes["seabed"] = relief(x[None, :], y[:, None])
-            self._shown_floor = place
+            self._shown = place
         for name, share in shapes.items():
             field = self._field[name]
             first = model.hfield_adr[field]
@@ -190,6 +190,13 @@ class Sea:
             model.hfield_size[field, :2] = reach
             model.geom_pos[self._geom[name], :2] = middle
             mujoco.mjr_uploadHField(model, context, field)
+
+    def covers(self, place: Floats, sight: float) -> bool:
+        """Whether floor and surface as shown reach `sight` [m] around a place of shape (3,), [m]."""
+        if self._shown is None:
+            return False
+        x, y, reach = self._shown
+        return max(abs(place[0] - x), abs(place[1] - y)) + sight <= reach
 
     def show_surface(self, visible: bool) -> None:
         """Whether the surface is drawn."""

@@ -17,7 +17,10 @@ THRUSTERS = (
     "thruster_vertical_bow",
     "thruster_vertical_stern",
 )
-"""Order of a vehicle's actuators, and of commands and thrusts in every array over thrusters."""
+"""Order of a vehicle's actuators, and of commands and thrusts in every array over thrusters.
+
+Positive pushes forward, to port, up.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,8 +56,10 @@ class VehicleSetup:
                 raise ValueError(f"{self.name}: {name}={getattr(self, name)} must be finite")
         if len(self.position_m) != 3 or not np.isfinite(self.position_m).all():
             raise ValueError(f"{self.name}: position_m={self.position_m} must be three finite numbers")
-        if self.baseline_m is not None and not self.baseline_m > 0:
-            raise ValueError(f"{self.name}: baseline_m={self.baseline_m} must be positive")
+        for name in ("baseline_m", "middle_offset_m"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ValueError(f"{self.name}: {name}={value} must be positive and finite")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +70,6 @@ class Vehicle:
     body: int
     qpos: int
     """First of its seven entries in `qpos`."""
-    dof: int
-    """First of its six entries in `qvel`."""
     actuators: tuple[int, ...]
     """In the order of THRUSTERS."""
 
@@ -129,6 +132,5 @@ def resolve(model: Any, name: str) -> Vehicle:
         name=name,
         body=body,
         qpos=int(model.jnt_qposadr[joint]),
-        dof=int(model.jnt_dofadr[joint]),
         actuators=actuators,
     )

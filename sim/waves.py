@@ -80,16 +80,12 @@ class Waves:
         """One component; height crest to trough, `direction_rad` is the compass direction it runs towards.
 
         Raises:
-            ValueError: period or depth is not positive, the height negative, or the wave steeper than breaking.
+            ValueError: period or depth is not positive, the height negative or more than such a wave can have.
         """
         _require_positive(period_s=period_s, floor_depth_m=floor_depth_m)
         omega = np.array([2 * np.pi / period_s])
         k = wavenumber(omega, floor_depth_m)
-        if not 0 <= height_m <= 0.142 * np.tanh(k[0] * floor_depth_m) * 2 * np.pi / k[0]:
-            raise ValueError(
-                f"height_m={height_m} with period_s={period_s} is negative or steeper than a breaking wave "
-                "(0.142 tanh(k h) wavelengths, Miche 1944)"
-            )
+        _require_unbroken("height_m", height_m, float(k[0]), floor_depth_m)
         towards = np.array([[np.sin(direction_rad), np.cos(direction_rad)]])
         return cls(
             amplitude_m=np.array([height_m / 2]),
@@ -118,12 +114,15 @@ class Waves:
         standard deviation of the components' directions (0: long-crested).
 
         Raises:
-            ValueError: a height is negative, a period, a depth or the number of components not positive.
+            ValueError: a period, a depth or the number of components is not positive, the spread negative, or the
+                height negative or more than a regular wave of the peak's length could have.
         """
         _require_positive(peak_period_s=peak_period_s, floor_depth_m=floor_depth_m, n_components=n_components)
-        if significant_height_m < 0 or spread_rad < 0:
-            raise ValueError(f"{significant_height_m=} and {spread_rad=} must not be negative")
+        if not 0 <= spread_rad < np.inf:
+            raise ValueError(f"spread_rad={spread_rad} must not be negative")
         peak = 2 * np.pi / peak_period_s
+        k_peak = float(wavenumber(peak, floor_depth_m))
+        _require_unbroken("significant_height_m", significant_height_m, k_peak, floor_depth_m)
         # 99 % of the variance of the spectrum lies between these frequencies
         edges = peak * np.linspace(0.6, 3.0, n_components + 1)
         omega = rng.uniform(edges[:-1], edges[1:])
@@ -148,3 +147,10 @@ def _require_positive(**values: float) -> None:
     for name, value in values.items():
         if not value > 0:
             raise ValueError(f"{name}={value} must be positive")
+
+
+def _require_unbroken(name: str, height_m: float, wavenumber_1_m: float, floor_depth_m: float) -> None:
+    """Miche's limit of steepness, 0.142 tanh(k h) (Miche 1944)."""
+    highest = 0.142 * np.tanh(wavenumber_1_m * floor_depth_m) * 2 * np.pi / wavenumber_1_m
+    if not 0 <= height_m <= highest:
+        raise ValueError(f"{name}={height_m} must lie between 0 and {highest:.3g} m, where waves of this length break")

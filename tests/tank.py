@@ -37,7 +37,7 @@ class Tank:
         mujoco.mj_step1(self.model, self.data)
         applied = self.data.qfrc_applied.reshape(1, 6)
         rows = self.model.M_rowadr.astype(np.int64).reshape(1, 6)
-        solver = hydrodynamics.Solver(rows, self.data.M, applied)
+        solver = (rows, self.data.M, applied)
         bad = hydrodynamics.apply(self.coefficients, self.pose, self.twist, self.data.time, self.water, solver)
         assert bad == -1
         own = np.zeros(6) + np.asarray(wrench, dtype=np.float64)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from laisn import lanes
+from laisn import POSITION, VELOCITY, lanes
 from laisn.estimates import FixKind
 from laisn.lane_rows import LANES
 from laisn.messages import Measurements
@@ -18,7 +18,9 @@ from laisn.settings import VARIANTS, GateRule, NavigationSettings, SideRule, Var
 Floats = npt.NDArray[np.float64]
 
 STEPS = 24
-AGREEMENT_M = 1e-9
+DT = 0.1
+AGREEMENT = 1e-9
+"""Of positions [m] and velocities [m/s]; relative where broken ranges throw an estimate over metres in a step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,10 +66,10 @@ def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
         ranges[rng.random(ranges.shape) < case.lost_ranges] = np.nan
         tilt = rng.normal(0, 0.2, (m, 2)) if case.attitude else np.full((m, 2), np.nan)
         speed = np.abs(rng.normal(1, 0.3, m))
-        message = np.column_stack([message_step * 0.1, leader, theta, speed, depth, tilt, np.full(m, np.nan)])
+        message = np.column_stack([message_step * DT, leader, theta, speed, depth, tilt, np.full(m, np.nan)])
         result.append(
             Measurements(
-                dt=0.1,
+                dt=DT,
                 speed=np.abs(rng.normal(1, 0.3, STEPS)) + 0.01,
                 heading=rng.normal(heading, 0.3, STEPS) + 2 * np.pi * rng.integers(-1, 2, STEPS),
                 depth=own_depth,
@@ -88,7 +90,10 @@ def assert_engines_agree(case: Case, navigation: NavigationSettings, count: int 
     kinds = []
     for i, mission in enumerate(measurements):
         alone = Navigator(navigation, start).run(mission)
-        assert np.abs(together.state[:, :, i] - alone.state).max() < AGREEMENT_M
+        difference = np.abs(together.state[:, :, i] - alone.state).max(axis=0)
+        fastest = np.abs(alone.state[:, VELOCITY]).max()
+        assert difference[POSITION].max() < AGREEMENT * max(1.0, fastest * DT)
+        assert difference[VELOCITY].max() < AGREEMENT * max(1.0, fastest)
         # The lanes keep a place for each pair; the navigator lists a pair only if it was received.
         made = together.fix_kind[:, :, i]
         listed = [k[k != FixKind.LOST] if np.any(k != FixKind.LOST) else k[:1] for k in made]
@@ -104,7 +109,8 @@ cases = st.builds(
     bearing_deg=st.sampled_from([0.0, 45.0, 90.0, 180.0, 225.0]),
     distance=st.sampled_from([0.5, 3.0, 20.0, 100.0]),
     spread=st.sampled_from([0.0, 0.02, 0.5]),
-    stretch=st.sampled_from([0.0, 0.05, 2.0]),
+    # Without any error a follower on the axis sees circles that touch, and rounding decides whether they meet.
+    stretch=st.sampled_from([0.001, 0.05, 2.0]),
     lost_ranges=st.sampled_from([0.0, 0.2, 0.7, 1.0]),
     lost_messages=st.sampled_from([0.0, 0.3, 1.0]),
     attitude=st.booleans(),
@@ -151,8 +157,8 @@ def test_engines_agree_on_every_rule(variant: Variant, gate: GateRule, side_rule
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_engines_agree_where_updates_are_singular_gated_or_lost(variant: Variant) -> None:
-    astern = replace(ABEAM, bearing_deg=180.0, spread=0.0, stretch=0.5)
-    exact = NavigationSettings(variant=variant, threshold=10.0, gate="off")
+    astern = replace(ABEAM, bearing_deg=180.0, spread=0.0, stretch=0.01)
+    exact = NavigationSettings(variant=variant, threshold=1000.0, gate="off")
     kinds = assert_engines_agree(astern, exact, count=4)
     # Every pair is snapped onto the axis: three updates with σp = 0 in a row, the second and third singular.
     assert np.mean(kinds == FixKind.SINGULAR) == (2 / 3 if variant == "laisn-3-1" else 0)
@@ -163,7 +169,7 @@ def test_engines_agree_where_updates_are_singular_gated_or_lost(variant: Variant
 def test_circles_that_touch_give_one_point() -> None:
     # 3 m behind the rear transmitter on the axis: with these numbers h² = 9 − 3² is zero without rounding.
     mission = Measurements(
-        dt=0.1,
+        dt=DT,
         speed=np.ones(1),
         heading=np.zeros(1),
         depth=np.zeros(1),

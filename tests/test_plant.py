@@ -1,5 +1,6 @@
 """The plant: what it shows of the state, what it can do, and how it fails."""
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -195,3 +196,10 @@ def test_ten_followers_step_as_one_model() -> None:
     plant.step(command, 500)
     assert plant.pose.shape == (11, 7)
     assert len(plant.site_names) == 10 + 8 * 10
+
+
+def test_warning_of_mujoco_stops_the_run() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    plant.data.warning[int(mujoco.mjtWarning.mjWARN_INERTIA)].number = 1
+    with pytest.raises(PlantError, match="MuJoCo warns: mjWARN_INERTIA"):
+        plant.step(np.zeros((2, 5)))
