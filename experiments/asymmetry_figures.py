@@ -191,3 +191,63 @@ def over_pitch(pitch_deg: Floats, curves: Sequence[tuple[str, Floats, Floats, Co
         last = np.flatnonzero(np.isfinite(closed_form))[-1]
         _note(axes, f" {name}", (float(pitch_deg[last]), float(closed_form[last])), colour, va="center")
     return figure
+
+
+def anatomy_over_time(time: Floats, shares: Sequence[tuple[Floats, Colour]], title: str) -> Figure:
+    """What each cause does to D_front − D_rear over time; shares of shape (m,), [m], with their colours."""
+    lines = [Line(x=time, y=100.0 * share, colour=colour, width=0.8) for share, colour in shares]
+    return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title)
+
+
+def excess_over_lever(groups: Sequence[tuple[Floats, Floats, Colour]], title: str) -> Figure:
+    """Excess of the mean error over Δz sin φ of each mission, both root mean square, with the line of equality.
+
+    Args:
+        groups: lever arm and excess of missions, shape (n,) each, [m], and the colour of their cause.
+        title: of the panel.
+    """
+    top = max(float(lever.max()) for lever, _, _ in groups)
+    equal = np.array([0.005, 1.1 * top])
+    lines = [Line(x=equal, y=equal, colour=MUTED, dash="--")]
+    lines += [Line(x=lever, y=np.maximum(excess, 1e-3), colour=colour, marker="o") for lever, excess, colour in groups]
+    figure = panel(
+        lines, x_label="Δz sin φ of the mission, rms [m]", y_label="excess of mean E_P [m]", title=title, height=2.8
+    )
+    axes = _axes(figure)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlim(0.005, 1.2 * top)
+    axes.set_ylim(9e-4, None)
+    return figure
+
+
+def over_offset(curves: Sequence[tuple[Floats, Floats, Colour]], title: str) -> Figure:
+    """Mean position error over the depth offset: offsets and errors of shape (o,), [m], with their colours."""
+    lines = []
+    for offset, error, colour in curves:
+        lines.append(Line(x=offset, y=error, colour=colour, width=1.2))
+        lines.append(Line(x=offset, y=error, colour=colour, marker="o"))
+    return panel(lines, x_label="depth offset [m]", y_label="mean E_P [m]", title=title, y_limits=(0.0, None))
+
+
+def removed_shares(arms: Sequence[tuple[str, Floats, Colour]], title: str) -> Figure:
+    """Share of the pitch-driven error that each remedy removes: a mark for each mission.
+
+    Args:
+        arms: label, shares of shape (n,), and colour.
+        title: of the panel.
+    """
+    lines = []
+    for i, (_, share, colour) in enumerate(arms):
+        # spread over the row in the order of missions, so that marks do not hide each other
+        row = len(arms) - 1 - i + np.linspace(-0.28, 0.28, share.size)
+        lines.append(Line(x=np.clip(share, -1.0, 1.1), y=row, colour=colour, marker="o"))
+    figure = panel(lines, x_label="share of the pitch-driven error removed", y_label="", title=title, height=2.6)
+    axes = _axes(figure)
+    left, bottom, width, height = axes.get_position().bounds
+    axes.set_position((left + 0.2, bottom, width - 0.2, height))
+    axes.set_xlim(-1.05, 1.12)
+    axes.set_xticks([-1, -0.5, 0, 0.5, 0.9, 1], ["−1 or less", "−0.5", "0", "0.5", "0.9", "1"], fontsize=7)
+    axes.set_yticks(range(len(arms)), [label for label, _, _ in reversed(arms)])
+    axes.tick_params(axis="y", length=0)
+    return figure

@@ -1,0 +1,134 @@
+"""The pitch study: what a leader that is not level does to its followers, where it matters, and what helps.
+
+`run` flies what is missing of the study, writes its tables, and tells the story in `report.html`. Tasks go to disk one
+by one, so that a study that was killed goes on where it stopped.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition
+from experiments.asymmetry_gates import GateRow, fly_gates
+from experiments.asymmetry_map import full_grid, measure_map, quick_grid
+from experiments.asymmetry_missions import QUICK, Plan, Row, fly_condition
+from experiments.asymmetry_report import Results, write_report
+from experiments.asymmetry_tau import Curve, Curves, fly_curves
+from experiments.flights import digest
+from experiments.processes import Pool
+from experiments.progress import progress
+from experiments.store import Store, columns_of, write_table
+from experiments.version import code_version
+from laisn.settings import NavigationSettings
+
+Table = list[dict[str, Any]]
+
+_CURVES, _GATES = "curves", "gates"
+
+
+@cache
+def _sources() -> str:
+    """Hash of what the study adds to the code version."""
+    files = sorted(Path(__file__).parent.glob("asymmetry_*.py"))
+    return digest([path.read_text(encoding="utf-8") for path in files if "report" not in path.name])
+
+
+def _key(name: str, plan: Plan) -> str:
+    return digest([code_version(), _sources(), name, asdict(plan), SEED])
+
+
+def _compute(name: str, plan: Plan, condition: Condition | None) -> tuple[str, Table]:
+    """One task of the study: its name and its rows."""
+    if condition is not None:
+        return name, [asdict(row) for row in fly_condition(condition, plan)]
+    if name == _GATES:
+        return name, [asdict(row) for row in fly_gates(plan)]
+    curves = fly_curves(plan)
+    rows = [asdict(c) | {"over": "tau"} for c in curves.tau] + [asdict(c) | {"over": "pitch"} for c in curves.pitch]
+    return name, rows
+
+
+def _rows_of(columns: dict[str, Any]) -> Table:
+    names = list(columns)
+    return [dict(zip(names, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+
+def _curves_of(rows: Table) -> Curves:
+    def made(over: str) -> tuple[Curve, ...]:
+        chosen = [{k: v for k, v in row.items() if k != "over"} for row in rows if row["over"] == over]
+        return tuple(Curve(**{k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}) for row in chosen)
+
+    return Curves(tau=made("tau"), pitch=made("pitch"))
+
+
+def _table(path: Path, rows: Sequence[Any]) -> None:
+    write_table(path, columns_of([asdict(row) for row in rows]))
+
+
+def run(
+    folder: Path,
+    *,
+    quick: bool = False,
+    workers: int | None = None,
+    cluster: str | None = None,
+    force: bool = False,
+    quiet: bool = False,
+    film: Callable[[Path], Path | None] | None = None,
+) -> Path:
+    """Fly the study, or what is missing of it, and write tables and report.
+
+    Args:
+        folder: of the results; made if it is not there.
+        quick: a first look: three conditions, two routes, short missions.
+        workers: local processes; None: one for each core.
+        cluster: address of a Dask scheduler (tcp://…); its workers compute instead.
+        force: compute everything again.
+        quiet: show no progress.
+        film: renders the film of the study into the folder, or gives None where that cannot be done.
+
+    Returns:
+        The report.
+
+    Raises:
+        ValueError: the folder holds results of another version, or the cluster cannot be used.
+        WorkerDiedError: a process died; what was computed is stored.
+    """
+    plan = QUICK if quick else Plan()
+    conditions = {condition.key: condition for condition in (QUICK_CONDITIONS if quick else CONDITIONS)}
+    # the longest first, so that no process waits for another at the end
+    names = [_CURVES, *conditions, _GATES]
+    store = Store(folder, force=force)
+    missing = [name for name in names if store.read(_key(name, plan)) is None]
+    if missing:
+        with Pool(min(workers or len(os.sched_getaffinity(0)), len(missing)), cluster) as pool:
+            tasks = ((name, plan, conditions.get(name)) for name in missing)
+            with progress("conditions", len(missing), quiet=quiet) as advance:
+                for name, rows in pool.each(_compute, tasks):
+                    store.write(_key(name, plan), columns_of(rows))
+                    advance()
+
+    def stored(name: str) -> Table:
+        return _rows_of(store.read(_key(name, plan)) or {})
+
+    chart: pa.Table = measure_map(quick_grid() if quick else full_grid(), NavigationSettings(side_rule="predicted"))
+    results = Results(
+        plan=plan,
+        conditions=tuple(conditions.values()),
+        missions=tuple(Row(**row) for name in conditions for row in stored(name)),
+        curves=_curves_of(stored(_CURVES)),
+        gates=tuple(GateRow(**row) for row in stored(_GATES)),
+        chart=chart,
+        film=film(folder) if film else None,
+    )
+    _table(folder / "missions.parquet", results.missions)
+    _table(folder / "equivalents.parquet", results.curves.tau + results.curves.pitch)
+    _table(folder / "gates.parquet", results.gates)
+    write_table(folder / "map.parquet", {name: chart[name] for name in chart.column_names})
+    report = folder / "report.html"
+    write_report(results, report)
+    return report

@@ -1,0 +1,83 @@
+"""Echoes taken for pings, and what the gross-error gate makes of them (paper, Section 2.4)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from experiments.asymmetry_conditions import CALM, SEED, fleet, scenario
+from experiments.asymmetry_missions import Plan, pair
+from laisn import lanes
+from laisn.estimates import FixKind
+from laisn.settings import GateRule
+from sim.echo import Path, locked_path
+from sim.errors import measure
+from sim.flight import navigation_settings
+from sim.motion import move
+from sim.sensors import errors_of, observe
+
+RULES: tuple[GateRule, ...] = ("off", "v-max", "v-measured")
+INTERVALS_S = (1.0, 5.0)
+ECHO_CHANCE = (0.05, 0.02)
+"""Of each ping, to be taken from the surface and from the bottom."""
+_OFFSET_M = 2.0
+_RUNS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class GateRow:
+    """One gate rule on one route."""
+
+    route: str
+    rule: str
+    interval_s: float
+    detected: float
+    """Share of the messages with an echo in a range that counts (rear, front) that the gate rejects."""
+    false_alarms: float
+    """Share of the other messages that it rejects."""
+    e_p_mean_m: float
+    e_p_mean_without_echoes_m: float
+
+
+def fly_gates(plan: Plan) -> list[GateRow]:
+    """Fly all routes of a plan in a calm sea, LAISN-2 with each gate rule, with echoes and without."""
+    trajectory = move(fleet(CALM, plan.routes, (_OFFSET_M,), plan.duration_s))
+    rows = []
+    for follower, route in enumerate(plan.routes):
+        both = pair(trajectory, follower)
+        for interval in INTERVALS_S:
+            one = scenario(CALM, route, _OFFSET_M, plan.duration_s)
+            surface, bottom = ECHO_CHANCE
+            one = one.model_copy(
+                update={
+                    "timing": one.timing.model_copy(update={"message_interval_s": interval}),
+                    "acoustics": one.acoustics.model_copy(
+                        update={"surface_echo_chance": surface, "bottom_echo_chance": bottom}
+                    ),
+                }
+            )
+            truth, errors = observe(both, one), errors_of(one)
+            runs = range(min(plan.runs, _RUNS))
+            heard = [measure(truth, errors, seed=SEED, run=run) for run in runs]
+            quiet = [measure(truth, replace(errors, echo_chance=(0.0, 0.0)), seed=SEED, run=run) for run in runs]
+            paths = np.stack([locked_path(SEED, run, 0, truth.emission_step, errors.echo_chance) for run in runs], -1)
+            echoed = np.any(paths[:, :2] != int(Path.DIRECT), axis=1)
+            for rule in RULES:
+                settings = replace(navigation_settings(one, both, 0), gate=rule)
+                result = lanes.run(heard, truth.start, settings)
+                rejected = result.fix_kind[:, 0] == FixKind.GATED
+
+                def mean_error(state: np.ndarray, hydrophone: np.ndarray = truth.hydrophone) -> float:
+                    return float(np.hypot(*(state[:, :2] - hydrophone[:, :, None]).swapaxes(0, 1)).mean())
+
+                rows.append(
+                    GateRow(
+                        route=route,
+                        rule=rule,
+                        interval_s=interval,
+                        detected=float(rejected[echoed].mean()),
+                        false_alarms=float(rejected[~echoed].mean()),
+                        e_p_mean_m=mean_error(result.state),
+                        e_p_mean_without_echoes_m=mean_error(lanes.run(quiet, truth.start, settings).state),
+                    )
+                )
+    return rows

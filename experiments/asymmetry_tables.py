@@ -1,0 +1,200 @@
+"""Numbers of the pitch study as tables of its report."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from experiments.asymmetry_conditions import Condition, command
+from experiments.asymmetry_gates import GateRow
+from experiments.asymmetry_missions import ARM, LEVEL, REAL, Row
+from experiments.asymmetry_planner import OFF_AXIS_DEG, PITCH_DEG, rules
+from experiments.asymmetry_tau import Curves, equivalent
+from experiments.page import Cell, Table, number, words
+
+Floats = npt.NDArray[np.float64]
+
+SMALLEST_PART_M = 0.02
+"""Missions in which pitch does less than this to the mean error say nothing about a remedy."""
+Mission = tuple[str, str, float, str]
+"""Condition, route, depth offset, variant."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excess:
+    """What pitch, and what a remedy, does to one mission."""
+
+    level: Row
+    real: Row
+    arms: dict[str, Row]
+
+    @property
+    def part(self) -> float:
+        """The pitch-driven part of the mean position error [m]."""
+        return self.real.e_p_mean_m - self.level.e_p_mean_m
+
+    def removed(self, arm: str) -> float:
+        """Share of that part that a remedy removes."""
+        return (self.real.e_p_mean_m - self.arms[arm].e_p_mean_m) / self.part
+
+    @property
+    def lever(self) -> float:
+        """Δz sin φ, both root mean square [m]."""
+        return self.real.depth_offset_rms_m * float(np.sin(np.deg2rad(self.real.pitch_rms_deg)))
+
+
+def paired(rows: Iterable[Row]) -> dict[Mission, Excess]:
+    """Rows of the same mission, put together."""
+    found: dict[Mission, dict[str, Row]] = {}
+    for row in rows:
+        found.setdefault((row.condition, row.route, row.depth_offset_m, row.variant), {})[row.arm] = row
+    return {mission: Excess(level=arms[LEVEL.key], real=arms[REAL.key], arms=arms) for mission, arms in found.items()}
+
+
+def _mean(values: Iterable[float]) -> float:
+    given = [v for v in values if not np.isnan(v)]
+    return float(np.mean(given)) if given else float("nan")
+
+
+def _of(missions: dict[Mission, Excess], condition: str, offset: float, variant: str) -> list[Excess]:
+    return [e for (c, _, o, v), e in missions.items() if (c, o, v) == (condition, offset, variant)]
+
+
+def mission_table(
+    missions: dict[Mission, Excess], conditions: Sequence[Condition], offsets: Sequence[float], curves: Curves
+) -> tuple[Table, str]:
+    """A row for each condition and offset, over all routes, and the command that flies the worst route of each."""
+    rows, lines = [], []
+    for condition in conditions:
+        for offset in offsets:
+            two, three = (_of(missions, condition.key, offset, variant) for variant in ("laisn-2", "laisn-3-2"))
+            worst = max(two, key=lambda e: e.part)
+            tau = [equivalent(e.part, curves.tau_of(e.real.route, "laisn-2")) for e in two]
+            line = command(condition, worst.real.route, offset)
+            lines.append(f"# {condition.label}, {offset:g} m: worst route\n{line}")
+            rows.append(
+                [
+                    words(condition.label, title=line),
+                    number(offset, 0),
+                    number(two[0].real.pitch_rms_deg, 1),
+                    number(two[0].real.pitch_max_deg, 1),
+                    number(_mean(e.level.e_p_mean_m for e in two), 2),
+                    number(_mean(e.real.e_p_mean_m for e in two), 2),
+                    number(_mean(e.part for e in two), 2),
+                    number(_mean(e.part for e in three), 2) if three else words("–"),
+                    number(_mean(tau), 3),
+                    number(sum(e.real.captured for e in two) - sum(e.level.captured for e in two), 0),
+                    words(f"{worst.real.route} ({worst.part:+.2f} m)", title=line),
+                ]
+            )
+    heads = (
+        "condition", "offset [m]", "pitch rms [°]", "max [°]", "level", "real", "excess", "excess, 3(2)",
+        "as τ_rear [m]", "captures added", "worst route",
+    )  # fmt: skip
+    table = Table(
+        heads=heads,
+        rows=rows,
+        groups=(("", 2), ("leader", 2), ("mean E_P [m], LAISN-2", 3), ("", 4)),
+        caption="Means over the routes T2 to T9, 60 runs each. Captures: runs that end up on the wrong side of the "
+        "leader's axis and were not with a level leader. Rest the pointer on a condition for the command that flies "
+        "its worst route.",
+    )
+    return table, "\n".join(lines)
+
+
+def remedy_table(missions: dict[Mission, Excess], variants: Sequence[str], arms: Sequence[str]) -> Table:
+    """How much of the pitch-driven part each remedy removes."""
+    rows = []
+    for arm in arms:
+        for variant in variants:
+            chosen = [
+                e
+                for (_, _, _, v), e in missions.items()
+                if v == variant and arm in e.arms and e.part >= SMALLEST_PART_M
+            ]
+            if not chosen:
+                continue
+            share = np.array([e.removed(arm) for e in chosen])
+            total = sum(e.real.e_p_mean_m - e.arms[arm].e_p_mean_m for e in chosen) / sum(e.part for e in chosen)
+            rows.append(
+                [
+                    words(ARM[arm].label),
+                    words(variant),
+                    number(len(chosen), 0),
+                    number(100 * total, 1),
+                    number(100 * float(np.median(share)), 1),
+                    number(100 * float(share.min()), 0),
+                    number(100 * float(np.mean(share >= 0.9)), 0),
+                    number(100 * float(np.mean(share >= 0.99)), 0),
+                ]
+            )
+    return Table(
+        heads=("remedy", "variant", "missions", "of the sum", "median", "smallest", "missions ≥ 90 %", "≥ 99 %"),
+        rows=rows,
+        groups=(("", 3), ("removed [%]", 3), ("share of missions [%]", 2)),
+        caption=f"Of the pitch-driven part, real less level, in all missions where it is {100 * SMALLEST_PART_M:g} cm "
+        "or more. Negative: the remedy harms.",
+    )
+
+
+def stage_4_table(curves: Curves, offsets: Sequence[float]) -> Table:
+    """Which pitch does what the paper's τ does, at its message interval of 5 s."""
+    rows = []
+    for curve in curves.tau:
+        if curve.interval_s != 5.0 or curve.variant != "laisn-2":
+            continue
+        row: list[Cell] = [words(curve.route)]
+        for tau in (0.03, 0.06):
+            excess = float(curve.excess[curve.value.index(tau)])
+            row.append(number(excess, 2))
+            for offset in offsets:
+                over_pitch = next(
+                    c
+                    for c in curves.pitch
+                    if (c.route, c.variant, c.interval_s, c.depth_offset_m) == (curve.route, "laisn-2", 5.0, offset)
+                )
+                pitch = equivalent(excess, over_pitch)
+                row.append(number(pitch, 1) if not np.isnan(pitch) else words("> 15" if excess > 0 else "–"))
+        rows.append(row)
+    per_tau = ["excess [m]", *(f"{offset:g} m" for offset in offsets)]
+    return Table(
+        heads=("route", *per_tau, *per_tau),
+        rows=rows,
+        groups=(("", 1), ("τ_rear = 0.03 m, as pitch [°] at Δz of", len(per_tau)), ("τ_rear = 0.06 m", len(per_tau))),
+        caption="The constant nose-down pitch that raises the mean E_P of LAISN-2 as much as the paper's larger τ at "
+        "the rear transmitter alone does; messages every 5 s, as in its Stage 4.",
+    )
+
+
+def gate_table(gates: Sequence[GateRow]) -> Table:
+    """Detection and false alarms of the gate rules."""
+    rows = [
+        [
+            words(g.route), number(g.interval_s, 0), words(g.rule), number(100 * g.detected, 0),
+            number(100 * g.false_alarms, 1), number(g.e_p_mean_m, 2), number(g.e_p_mean_without_echoes_m, 2),
+        ]
+        for g in gates
+    ]  # fmt: skip
+    return Table(
+        heads=("route", "interval [s]", "gate", "echoes rejected [%]", "false alarms [%]", "E_P [m]", "without echoes"),
+        rows=rows,
+        caption="Each ping is taken from the surface with a chance of 5 % and from the bottom with 2 %. Rejected: share "
+        "of the messages in which the echo spoils a range that LAISN-2 uses. False alarms: share of the others.",
+    )
+
+
+def planner_table(greatest_range: float, bound: float) -> Table:
+    """Deepest offsets that keep the error under a bound."""
+    deepest = rules(greatest_range, bound)
+    rows = [
+        [number(pitch, 0), *(words("–", "no") if np.isnan(v) else number(float(v), 1) for v in row)]
+        for pitch, row in zip(PITCH_DEG, deepest, strict=True)
+    ]
+    return Table(
+        heads=("pitch [°]", *(f"{b:g}°" for b in OFF_AXIS_DEG)),
+        rows=rows,
+        groups=(("", 1), ("direction to the follower, off the leader's axis", len(OFF_AXIS_DEG))),
+        caption=f"Largest depth offset [m] at which pitch adds at most {bound:g} m to a fix, within {greatest_range:g} m "
+        "of the leader; 50 stands for any. A dash: no offset will do, foreshortening alone is too much.",
+    )

@@ -1,0 +1,153 @@
+"""Other people's readers open the log: Rerun, and the TypeScript library that Foxglove uses."""
+
+import itertools
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+from synthetic import errors_of, make_flight
+
+from sim import log
+from sim.flight import Flight
+from sim.log_file import contents
+from sim.log_info import info
+
+RERUN = shutil.which("rerun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+NODE = shutil.which("node")
+NODE_PACKAGES = ("@mcap/core", "fzstd", "protobufjs")
+
+READ_WITH_TYPESCRIPT = """
+const { McapIndexedReader } = require("@mcap/core");
+const { decompress } = require("fzstd");
+const protobuf = require("protobufjs");
+const { FileDescriptorSet } = require("protobufjs/ext/descriptor");
+const fs = require("fs/promises");
+(async () => {
+  const file = await fs.open(process.argv[1], "r");
+  const readable = {
+    size: async () => BigInt((await file.stat()).size),
+    read: async (offset, length) => {
+      const buffer = new Uint8Array(Number(length));
+      await file.read(buffer, 0, Number(length), Number(offset));
+      return buffer;
+    },
+  };
+  const decompressHandlers = { zstd: (data) => decompress(data) };
+  const reader = await McapIndexedReader.Initialize({ readable, decompressHandlers });
+  const types = new Map();
+  for (const [id, schema] of reader.schemasById) {
+    types.set(id, protobuf.Root.fromDescriptor(FileDescriptorSet.decode(schema.data)).lookupType(schema.name));
+  }
+  const counts = {}, last = {};
+  for await (const message of reader.readMessages({ validateCrcs: true })) {
+    const { topic, schemaId } = reader.channelsById.get(message.channelId);
+    const type = types.get(schemaId);
+    counts[topic] = (counts[topic] ?? 0) + 1;
+    last[topic] = type.toObject(type.decode(message.data), { longs: Number });
+  }
+  console.log(JSON.stringify({ counts, motion: last["/follower/motion"], pose: last["/leader/pose"] }));
+})();
+"""
+
+
+def film(frames: int) -> Iterator[tuple[float, bytes]]:
+    """H.264 access units of a grey that brightens, one a second, as the log wants them."""
+    encoder = av.CodecContext.create("libx264", "w")
+    encoder.width, encoder.height, encoder.pix_fmt = 160, 120, "yuv420p"
+    encoder.framerate = Fraction(30)
+    encoder.options = {
+        "preset": "veryfast",
+        "tune": "zerolatency",
+        "bf": "0",
+        "g": "5",
+        "x264-params": "repeat-headers=1:annexb=1",
+    }
+    for k in range(frames):
+        picture = av.VideoFrame.from_ndarray(np.full((120, 160, 3), 10 * k, dtype=np.uint8), format="rgb24")
+        for packet in encoder.encode(picture.reformat(format="yuv420p")):
+            yield float(k), bytes(packet)
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return make_flight(20.0)
+
+
+@pytest.fixture(scope="module")
+def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("interop") / "mission.mcap"
+    log.write(flight, path, errors=errors_of(flight), video=film(20))
+    return path
+
+
+def rerun(*arguments: str | Path) -> str:
+    """Output of the command; fails the test where the command fails."""
+    done = subprocess.run([str(RERUN), *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+@pytest.mark.skipif(RERUN is None, reason="the rerun command is not installed (pip install rerun-sdk)")
+def test_rerun_finds_no_fault_with_structure_and_times(written: Path) -> None:
+    report = rerun("mcap", "check", written)
+    rows = [line.split() for line in report.splitlines() if line.strip().startswith(("ok", "warn", "error"))]
+    assert {row[3] for row in rows} == {channel.topic for channel in info(written).channels}
+    assert {row[0] for row in rows} == {"ok"}
+
+
+@pytest.mark.skipif(RERUN is None, reason="the rerun command is not installed (pip install rerun-sdk)")
+def test_rerun_draws_transforms_poses_positions_lines_and_film(written: Path, tmp_path: Path) -> None:
+    recording = tmp_path / "mission.rrd"
+    rerun("mcap", "convert", written, "-o", recording)
+    rerun("rrd", "verify", recording)
+    columns = rerun("rrd", "print", "-v", recording)
+    for column in (
+        "/tf@Transform3D:translation",
+        "/leader/pose@InstancePoses3D:translations",
+        "/follower/estimate@InstancePoses3D:quaternions",
+        "/follower/fix@GeoPoints:positions",
+        "/log@TextLog:text",
+        "/camera@VideoStream:sample",
+        "/follower/motion@laisn.OwnMotion:message",
+    ):
+        assert column in columns
+
+
+def node(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([str(NODE), "-e", script, *arguments], capture_output=True, text=True)
+
+
+def test_typescript_reads_the_same_numbers(flight: Flight, written: Path) -> None:
+    """Needs node, and the packages in a folder that NODE_PATH names."""
+    if NODE is None:
+        pytest.skip("node is not installed")
+    absent = [name for name in NODE_PACKAGES if node(f"require.resolve('{name}')").returncode]
+    if absent:
+        pytest.skip(f"node lacks {', '.join(absent)}; npm install them and set NODE_PATH")
+    done = node(READ_WITH_TYPESCRIPT, str(written))
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    assert found["counts"] == {channel.topic: channel.messages for channel in info(written).channels}
+    m, t = flight.measurements[0], flight.trajectory
+    assert (found["motion"]["speed"], found["motion"]["heading"]) == (m.speed[-1], m.heading[-1])
+    assert found["motion"]["timestamp"]["seconds"] == 1767225600 + 20
+    assert tuple(found["pose"]["pose"]["position"][axis] for axis in "xyz") == tuple(t.position[-1, 0])
+
+
+def test_the_film_decodes_from_the_log(written: Path) -> None:
+    """Every frame comes back, the first of them a key frame with its parameter sets."""
+    units = [frame.data for frame in contents(written).topics["/camera"].decoded()]
+    decoder = av.CodecContext.create("h264", "r")
+    pictures = [picture for unit in units for picture in decoder.decode(av.Packet(unit))] + decoder.decode(None)
+    assert len(pictures) == len(units) == 20
+    levels = [float(picture.to_ndarray(format="gray").mean()) for picture in pictures]
+    assert all(after > before for before, after in itertools.pairwise(levels))
