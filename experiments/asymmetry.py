@@ -14,6 +14,7 @@ from typing import Any
 import pyarrow as pa
 
 from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition
+from experiments.asymmetry_example import Example, fly_example
 from experiments.asymmetry_gates import GateRow, fly_gates
 from experiments.asymmetry_map import full_grid, measure_map, quick_grid
 from experiments.asymmetry_missions import QUICK, Plan, Row, fly_condition
@@ -78,7 +79,7 @@ def run(
     cluster: str | None = None,
     force: bool = False,
     quiet: bool = False,
-    film: Callable[[Path], Path | None] | None = None,
+    film: Callable[[Example, Path], Path | None] | None = None,
 ) -> Path:
     """Fly the study, or what is missing of it, and write tables and report.
 
@@ -89,7 +90,7 @@ def run(
         cluster: address of a Dask scheduler (tcp://…); its workers compute instead.
         force: compute everything again.
         quiet: show no progress.
-        film: renders the film of the study into the folder, or gives None where that cannot be done.
+        film: renders the film of the example into the folder, or gives None where that cannot be done.
 
     Returns:
         The report.
@@ -116,6 +117,7 @@ def run(
         return _rows_of(store.read(_key(name, plan)) or {})
 
     chart: pa.Table = measure_map(quick_grid() if quick else full_grid(), NavigationSettings(side_rule="predicted"))
+    shown = fly_example(QUICK_CONDITIONS[-1], plan.duration_s)
     results = Results(
         plan=plan,
         conditions=tuple(conditions.values()),
@@ -123,7 +125,8 @@ def run(
         curves=_curves_of(stored(_CURVES)),
         gates=tuple(GateRow(**row) for row in stored(_GATES)),
         chart=chart,
-        film=film(folder) if film else None,
+        example=shown,
+        film=film(shown, folder) if film else None,
     )
     _table(folder / "missions.parquet", results.missions)
     _table(folder / "equivalents.parquet", results.curves.tau + results.curves.pitch)

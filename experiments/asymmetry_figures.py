@@ -199,6 +199,13 @@ def anatomy_over_time(time: Floats, shares: Sequence[tuple[Floats, Colour]], tit
     return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title)
 
 
+def pitch_over_time(time: Floats, pitch_deg: Floats, title: str) -> Figure:
+    """Pitch of the leader over time, shape (n,), [s] and [°]."""
+    return panel(
+        [Line(x=time, y=pitch_deg, colour=INK, width=0.8)], x_label="time [s]", y_label="pitch [°]", title=title
+    )
+
+
 def excess_over_lever(groups: Sequence[tuple[Floats, Floats, Colour]], title: str) -> Figure:
     """Excess of the mean error over Δz sin φ of each mission, both root mean square, with the line of equality.
 

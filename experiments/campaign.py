@@ -82,6 +82,8 @@ def _row(plan: CellPlan, result: CellResult) -> Record:
     row |= {"nees": result.nees, "nis": result.nis, "captured_runs": result.captured, "worst_run": result.worst_run}
     row |= {f"fixes_{kind}": count for kind, count in result.fixes.items()}
     if result.table is not None:
+        free = ~result.table.captured
+        row["e_p_mean_uncaptured_m"] = float(result.table.e_p_mean_m[free].mean()) if free.any() else None
         row |= {f"run_{f.name}": getattr(result.table, f.name).tolist() for f in fields(result.table)}
     return row
 

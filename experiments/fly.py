@@ -19,7 +19,7 @@ from experiments.doctor import GRAPHICS_HINT, versions
 from laisn import metrics
 from laisn.navigator import Navigator
 from sim.flight import Flight, Outcome, navigate
-from sim.motion import Diverged, move
+from sim.motion import DivergedError, move
 from sim.scenario import Scenario
 from sim.scenario_file import dumps
 
@@ -99,7 +99,7 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     with watch.phase("simulate_s"):
         try:
             trajectory = move(scenario, progress)
-        except Diverged as error:
+        except DivergedError as error:
             trajectory, outcome = error.trajectory, Outcome.DIVERGED
     with watch.phase("navigate_s"):
         flight = navigate(scenario, trajectory, Navigator, outcome)

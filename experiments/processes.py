@@ -90,7 +90,8 @@ class _Cluster:
         except ImportError:
             raise ValueError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
         try:
-            self._client = distributed.Client(address, timeout=_CONNECT_S)
+            connect: Callable[..., Any] = distributed.Client
+            self._client = connect(address, timeout=_CONNECT_S)
         except (OSError, ValueError) as error:
             raise ValueError(f"no Dask scheduler answers at {address} within {_CONNECT_S} s ({error})") from None
         try:

@@ -1,5 +1,6 @@
 """Results on disk: one Parquet file for each cell, whole or not there, under a hash of all that made it."""
 
+import csv
 import json
 import os
 import warnings
@@ -18,6 +19,9 @@ Record = dict[str, Any]
 """A row: column names and plain values."""
 Steps = dict[str, npt.NDArray[np.float32]]
 """Errors at each step over all runs, arrays of shape (n,) by column name."""
+
+PER_RUN = "run_"
+"""Start of the names of columns that hold a list over runs."""
 
 _MANIFEST = "campaign.json"
 _KEY = b"cell"
@@ -60,7 +64,7 @@ class Store:
         self.folder = folder
         self._cells = folder / "cells"
         self._force = force
-        self._written: set[str] = set()
+        self._rows: dict[str, Record] = {}
         manifest = folder / _MANIFEST
         if manifest.is_file() and (found := self._version(manifest)) != code_version():
             if not force:
@@ -87,7 +91,7 @@ class Store:
 
     def _read(self, key: str, suffix: str) -> pa.Table | None:
         path = self._cells / f"{key}{suffix}"
-        if not path.is_file() or (self._force and key not in self._written):
+        if not path.is_file() or (self._force and key not in self._rows):
             return None
         try:
             table = pq.ParquetFile(path, page_checksum_verification=True).read()
@@ -99,12 +103,18 @@ class Store:
         return table
 
     def read(self, key: str) -> Record | None:
-        """The row of a cell; None if it must be computed. A damaged file warns and counts as missing."""
-        table = self._read(key, ".parquet")
-        if table is None:
-            return None
-        row: Record = table.to_pylist()[0]
-        return row
+        """The row of a cell less its lists over runs; None if it must be computed.
+
+        A damaged file warns and counts as missing.
+        """
+        if key not in self._rows:
+            table = self._read(key, ".parquet")
+            if table is None:
+                return None
+            self._rows[key] = table.drop_columns([n for n in table.column_names if n.startswith(PER_RUN)]).to_pylist()[
+                0
+            ]
+        return self._rows[key]
 
     def read_steps(self, key: str) -> Steps | None:
         """The errors of a cell at each step; None if they must be computed."""
@@ -117,4 +127,18 @@ class Store:
         if steps is not None:
             write_table(self._cells / f"{key}.steps.parquet", steps, metadata)
         write_table(self._cells / f"{key}.parquet", columns_of([row]), metadata)
-        self._written.add(key)
+        self._rows[key] = {name: value for name, value in row.items() if not name.startswith(PER_RUN)}
+
+
+def write_csv(path: Path, rows: Sequence[Record]) -> None:
+    """Write rows as CSV under a temporary name and rename it; numbers with all their digits."""
+    columns = columns_of(rows)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(columns)
+            writer.writerows(zip(*columns.values(), strict=True))
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -138,17 +138,17 @@ def speed_update(block: Floats, t: Tuning) -> None:
         block[row.VYY + lane] = k_wx * rxy + k_wy * ryy
 
 
-@inlined
-def _update(block: Floats, t: Tuning, k: int, fix: int) -> None:
-    """Gate the fix whose rows start at `fix`, and update the state with it (paper, Sections 2.1 and 2.4).
+@compiled_lanes
+def update(block: Floats, t: Tuning, k: int) -> None:
+    """Gate the chosen fix, and update the state with it (paper, Sections 2.1 and 2.4).
 
     Its kind becomes GATED or SINGULAR where the update is skipped.
     """
     measured = t.gate == row.GATE_MEASURED
     for lane in range(LANES):
-        zx, zy, kind = block[fix + lane], block[fix + LANES + lane], block[fix + 3 * LANES + lane]
+        zx, zy, kind = block[row.ZX + lane], block[row.ZY + lane], block[row.KIND + lane]
         vertical = block[row.DZ + lane] * t.sine_of_pitch
-        sigma = block[fix + 2 * LANES + lane]
+        sigma = block[row.SIGMA + lane]
         sigma = t.sigma_floor if sigma < t.sigma_floor else sigma
         r = sigma * sigma + vertical * vertical
 
@@ -169,14 +169,14 @@ def _update(block: Floats, t: Tuning, k: int, fix: int) -> None:
         lost = kind == _LOST
         kind = kind if lost else (_GATED if gated else (_SINGULAR if singular else kind))
         used = not (lost or gated or singular)
-        block[fix + 3 * LANES + lane] = kind
+        block[row.KIND + lane] = kind
         block[row.ANSWERED + lane] = 1.0 if not (lost or gated) else block[row.ANSWERED + lane]
 
         per_det = 1.0 / (sxx * syy - pxy * pxy)
         ixx, ixy, iyy = syy * per_det, -pxy * per_det, sxx * per_det
         ex, ey = zx - block[row.X + lane], zy - block[row.Y + lane]
         fx, fy = ixx * ex + ixy * ey, ixy * ex + iyy * ey
-        block[fix + 5 * LANES + lane] = ex * fx + ey * fy if used else np.nan
+        block[row.NIS + lane] = ex * fx + ey * fy if used else np.nan
         block[row.X + lane] += pxx * fx + pxy * fy if used else 0.0
         block[row.Y + lane] += pxy * fx + pyy * fy if used else 0.0
         block[row.VX + lane] += cxx * fx + cyx * fy if used else 0.0
@@ -194,30 +194,6 @@ def _update(block: Floats, t: Tuning, k: int, fix: int) -> None:
         block[row.VXX + lane] -= cxx * nxx + cyx * nyx if used else 0.0
         block[row.VXY + lane] -= cxx * nxy + cyx * nyy if used else 0.0
         block[row.VYY + lane] -= cxy * nxy + cyy * nyy if used else 0.0
-
-
-@compiled_lanes
-def update_rear_front(block: Floats, t: Tuning, k: int) -> None:
-    """Position update with the fix of the pair (1, 2)."""
-    _update(block, t, k, row.ZX12)
-
-
-@compiled_lanes
-def update_rear_middle(block: Floats, t: Tuning, k: int) -> None:
-    """Position update with the fix of the pair (1, 3)."""
-    _update(block, t, k, row.ZX13)
-
-
-@compiled_lanes
-def update_front_middle(block: Floats, t: Tuning, k: int) -> None:
-    """Position update with the fix of the pair (2, 3)."""
-    _update(block, t, k, row.ZX23)
-
-
-@compiled_lanes
-def update_chosen(block: Floats, t: Tuning, k: int) -> None:
-    """Position update with the fix chosen of several pairs."""
-    _update(block, t, k, row.ZX)
 
 
 @compiled_lanes

@@ -119,6 +119,20 @@ def fix_front_middle(block: Floats, t: Tuning) -> None:
     _fix_pair(block, t, (row.X3, row.X2, row.ZX23), True)
 
 
+@compiled_lanes
+def take(block: Floats, fix: int) -> None:
+    """Choose the fix whose rows begin at `fix`."""
+    for i in range(6 * LANES):
+        block[row.ZX + i] = block[fix + i]
+
+
+@compiled_lanes
+def give_back(block: Floats, fix: int) -> None:
+    """What became of the chosen fix goes where it was taken from."""
+    for i in range(6 * LANES):
+        block[fix + i] = block[row.ZX + i]
+
+
 @inlined
 def _choose(block: Floats, lane: int, score12: float, score13: float, score23: float) -> None:
     """Take the fix with the highest score, the earlier pair among equals."""

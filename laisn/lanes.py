@@ -23,18 +23,27 @@ _BROADCAST = [LeaderMessage._fields.index(n) for n in ("east", "north", "heading
 
 
 @compiled_lanes
+def _use_pair(block: Floats, t: Tuning, k: int, fix: int) -> None:
+    """One of the three updates of LAISN-3(1)."""
+    lane_fix.take(block, fix)
+    lane_filter.update(block, t, k)
+    lane_fix.give_back(block, fix)
+
+
+@compiled_lanes
 def position_update(block: Floats, t: Tuning, k: int) -> None:
     """Position from the message of step k, by the variant (paper, Sections 2.2 and 2.3)."""
     lane_fix.place_transmitters(block, t)
     lane_fix.fix_rear_front(block, t)
     if t.variant == row.TWO:
-        lane_filter.update_rear_front(block, t, k)
+        lane_fix.take(block, row.ZX12)
+        lane_filter.update(block, t, k)
     elif t.variant == row.THREE_1:
-        lane_filter.update_rear_front(block, t, k)
+        _use_pair(block, t, k, row.ZX12)
         lane_fix.fix_rear_middle(block, t)
-        lane_filter.update_rear_middle(block, t, k)
+        _use_pair(block, t, k, row.ZX13)
         lane_fix.fix_front_middle(block, t)
-        lane_filter.update_front_middle(block, t, k)
+        _use_pair(block, t, k, row.ZX23)
     else:
         lane_fix.fix_rear_middle(block, t)
         lane_fix.fix_front_middle(block, t)
@@ -44,7 +53,7 @@ def position_update(block: Floats, t: Tuning, k: int) -> None:
             lane_fix.choose_best_baseline(block)
         else:
             lane_fix.choose_main_baseline(block)
-        lane_filter.update_chosen(block, t, k)
+        lane_filter.update(block, t, k)
     lane_filter.remember_accepted(block, k)
 
 
@@ -65,7 +74,7 @@ def fix_rows(variant: int) -> tuple[int, int, int]:
     """Rows where the fixes of a message begin; −1 for fixes that the variant does not make."""
     if variant == row.THREE_1:
         return row.ZX12, row.ZX13, row.ZX23
-    return (row.ZX12 if variant == row.TWO else row.ZX), -1, -1
+    return row.ZX, -1, -1
 
 
 class LaneEstimates(NamedTuple):

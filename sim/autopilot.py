@@ -9,7 +9,7 @@ loop little damping. All others follow from it:
     heading, pitch    ω, relative damping 1; integral ω/10
     sway              side slip is taken out with ω/2, so that the vehicle goes where it points, also in turns
     speed             ω/2; integral ω/10
-    depth             ω/5, through pitch or through heave; integral ω/20
+    depth             ω/5 through pitch, integral ω/20; ω/2 through heave, integral ω/10
 
 Depth is held by one loop that asks for a vertical force. How the force comes about is a mode:
 
@@ -135,24 +135,30 @@ def _hold_depth(
     d: Any, reference: Floats, depth: float, sinking: float, speed: float, dt: float, memory: Floats
 ) -> tuple[float, float, float, float]:
     """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's rate [N]."""
-    stiffness = d.omega / 5.0
-    high = reference[DEPTH] - depth
-    sink = reference[SINKING] + stiffness * high
     by_pitch = d.by_pitch * clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
     speed = max(speed, SPEED_HEAVE)
+    high = reference[DEPTH] - depth
 
+    # through pitch: the angle of climb, and the incidence that lifts what the integral asks for
     lift = d.lift * speed * speed
     incidence = clip(by_pitch * memory[DEPTH_INTEGRAL] / lift, -INCIDENCE_MAX, INCIDENCE_MAX)
-    climb = -np.arcsin(clip(sink / speed, -np.sin(CLIMB_MAX), np.sin(CLIMB_MAX)))
+    steepest = speed * np.sin(CLIMB_MAX)
+    slow = d.omega / 5.0
+    sink = reference[SINKING] + slow * high
+    climb = -np.arcsin(clip(sink, -steepest, steepest) / speed)
     before = memory[PITCH_COMMAND]
     step = PITCH_RATE_MAX * dt
     memory[PITCH_COMMAND] += clip(by_pitch * climb + incidence - before, -step, step)
 
-    damping = d.heave_mass * 2.0 * stiffness
-    force = -(1.0 - by_pitch) * (damping * (reference[SINKING] - sinking) + d.heave_mass * stiffness**2 * high)
-    force += memory[DEPTH_INTEGRAL] - incidence * lift
-    firmness = by_pitch * lift * stiffness / speed + (1.0 - by_pitch) * d.heave_mass * stiffness**2
-    rate = -0.25 * stiffness * firmness * high * dt
+    # through heave: a level hull that sinks is held back by its lift
+    fast = d.omega / 2.0
+    push = d.heave_mass * (fast * fast * high + 2.0 * fast * (reference[SINKING] - sinking))
+    push += d.lift * speed * reference[SINKING]
+    force = memory[DEPTH_INTEGRAL] - incidence * lift - (1.0 - by_pitch) * push
+
+    rate = by_pitch * 0.25 * slow * slow * d.lift * speed + (1.0 - by_pitch) * 0.2 * d.heave_mass * fast**3
+    # a depth far away is a matter of climbing, not of lift
+    rate = -rate * high * dt if by_pitch * abs(sink) < steepest else 0.0
     return memory[PITCH_COMMAND], (memory[PITCH_COMMAND] - before) / dt, force, rate
 
 

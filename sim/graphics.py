@@ -34,7 +34,7 @@ class Backend(NamedTuple):
 def child(program: str, arguments: tuple[str, ...], backend: str, threads: int = 1) -> tuple[list[str], dict[str, str]]:
     """Command and environment of a Python process that renders with `backend`; it sees this process's modules."""
     # -P and the handed-over path: a folder `models` or `sim` in the working directory must not be imported instead
-    start = f"import sys; sys.path[:] = {json.dumps(sys.path)}; {program}"
+    start = f"import sys\nsys.path[:] = {json.dumps(sys.path)}\n{program}"
     environment = os.environ | {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
     environment.pop("PYOPENGL_PLATFORM", None)
     return [sys.executable, "-P", "-c", start, *arguments], environment

@@ -113,8 +113,7 @@ def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Drag of the hull's sections across the flow, strip by strip (Fossen 2021, Section 6.4.3).
 
     With both coefficients C equal, a strip of side area A feels −½ρ A C |U| U of its own cross-flow U; unequal ones
-    scale each axis by the cube root of its coefficient, which gives C |U| U along either axis alone and takes
-    energy out in between.
+    scale each axis by the cube root of its C: C |U| U along either axis alone, and always against the motion.
     """
     root_y, root_z = c.cross_flow_drag[0] ** (1 / 3), c.cross_flow_drag[1] ** (1 / 3)
     fy = fz = my = mz = 0.0

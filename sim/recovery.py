@@ -10,7 +10,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from sim.flight import Outcome
-from sim.log_file import LogError, check, partial_path, rescuable, whole_records
+from sim.log_file import LogError, check, faults, partial_path, rescuable, whole_records
 
 
 def _is_whole(path: Path) -> bool:
@@ -71,7 +71,8 @@ def recover(path: Path) -> Path:
     if _is_whole(path):
         if not unfinished:
             raise LogError(f"{path}: is whole; there is nothing to recover")
-        os.replace(path, target)
+        with faults(target):
+            os.replace(path, target)
         return target
     if not path.is_file():
         raise LogError(f"{path}: no such file")
@@ -93,5 +94,6 @@ def recover(path: Path) -> Path:
             raise LogError(f"{path}: damaged beyond recovery ({type(error).__name__}: {error})") from error
         raise
     if unfinished:
-        path.unlink()
+        with faults(path):
+            path.unlink()
     return target

@@ -21,6 +21,8 @@ WATER = (0.035, 0.26, 0.36)
 
 _CELLS = 64
 _TILE_M = 30.0
+_SPACINGS_M = (*(_TILE_M / k for k in range(12, 0, -1)), *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)))
+"""Between the points of a height field; they divide the tile, or are whole tiles."""
 _RELIEF_M = 3.0
 _CREST_M = 25.0
 _RIPPLES = np.array(
@@ -157,10 +159,14 @@ class Sea:
         self._shown: tuple[float, float, float] | None = None
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
-        """East and north of the height fields' points about `centre`, [m], each of shape (_CELLS,)."""
-        # whole tiles keep the texture, and whole cells of the floor its shape, in place
+        """East and north of the height fields' points, at least `reach` around `centre`, each of shape (_CELLS,), [m].
+
+        The points of one spacing always lie on the same lattice, or the floor would change shape as the camera moves.
+        """
+        half = (_CELLS - 1) / 2
+        cell = next((c for c in _SPACINGS_M if half * c >= reach), _SPACINGS_M[-1])
         x, y = _TILE_M * np.round(np.asarray(centre[:2]) / _TILE_M)
-        offset = np.linspace(-reach, reach, _CELLS)
+        offset = cell * (np.arange(_CELLS) - half)
         return x + offset, y + offset
 
     def elevation(self, x: Floats, y: Floats, time: float, film_time: float) -> Floats:
@@ -177,8 +183,8 @@ class Sea:
         """Bring floor and surface to where the camera looks, as they are at `time`, and hand them to the renderer."""
         model = self._model
         x, y = self.grid(centre, reach)
-        middle = np.array([x.mean(), y.mean()])
-        place = (middle[0], middle[1], reach)
+        middle, half = np.array([x.mean(), y.mean()]), float(x[-1] - x[0]) / 2
+        place = (float(middle[0]), float(middle[1]), half)
         shapes = {"sea": 0.5 - self.elevation(x, y, time, film_time)[::-1] / _CREST_M}
         if place != self._shown:
             shapes["seabed"] = relief(x[None, :], y[:, None])
@@ -187,7 +193,7 @@ class Sea:
             field = self._field[name]
             first = model.hfield_adr[field]
             model.hfield_data[first : first + share.size] = share.ravel()
-            model.hfield_size[field, :2] = reach
+            model.hfield_size[field, :2] = half
             model.geom_pos[self._geom[name], :2] = middle
             mujoco.mjr_uploadHField(model, context, field)
 
@@ -196,7 +202,7 @@ class Sea:
         if self._shown is None:
             return False
         x, y, reach = self._shown
-        return max(abs(place[0] - x), abs(place[1] - y)) + sight <= reach
+        return bool(max(abs(place[0] - x), abs(place[1] - y)) + sight <= reach)
 
     def show_surface(self, visible: bool) -> None:
         """Whether the surface is drawn."""

@@ -99,6 +99,14 @@ def test_recovery_keeps_whole_instants(tmp_path: Path) -> None:
     assert rescued.scenario == flight.scenario
 
 
+def test_a_finished_log_under_its_partial_name_only_gets_its_name(written: Path, tmp_path: Path) -> None:
+    partial_path(tmp_path / "a.mcap").write_bytes(written.read_bytes())
+    assert recover(tmp_path / "a.mcap.partial").read_bytes() == written.read_bytes()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+    with pytest.raises(LogError, match="no such file"):
+        recover(tmp_path / "a.mcap.partial")
+
+
 def limited(folder: Path, size: int) -> subprocess.CompletedProcess[str]:
     """Write a log of 200 s in a process whose files may not grow beyond `size` bytes."""
     code = f"""

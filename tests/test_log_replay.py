@@ -68,6 +68,6 @@ def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
         json_writer = Writer(stream)
         json_writer.start()
         json_writer.register_channel("/follower/motion", "json", json_writer.register_schema("x", "jsonschema", b"{}"))
-        json_writer.finish()
+        json_writer.finish()  # type: ignore[no-untyped-call]
     with pytest.raises(LogError, match="encoded as 'json', expected protobuf"):
         read_measurements(tmp_path / "b.mcap")

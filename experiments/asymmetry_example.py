@@ -1,0 +1,56 @@
+"""One flight of the study, looked at message by message: what the report and the film show."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.anatomy import Anatomy, dissect
+from experiments.asymmetry_conditions import Condition, scenario
+from laisn.navigator import Navigator
+from sim.flight import Flight, navigate, navigation_settings
+from sim.motion import move
+
+ROUTE, OFFSET_M = "T3", 10.0
+"""Abeam and far below: where pitch does most and is easiest to see."""
+EVERYTHING = {
+    "travel_time": True,
+    "ping_slot_s": 0.1,
+    "sound_speed_bias_m_s": 3.0,
+    "clock_offset_s": 1e-4,
+}
+"""Acoustics of the anatomy: all causes at work at once. 0.1 ms is 15 cm."""
+DEPTH_SIGMA_M = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Example:
+    """A flight with the paper's acoustics, and the range errors of the same motion with every cause at work."""
+
+    condition: Condition
+    flight: Flight
+    anatomy: Anatomy
+    steepest: int
+    """Recorded point of the message at which the leader is pitched most."""
+
+
+def fly_example(condition: Condition, duration: float) -> Example:
+    """Fly a condition with one follower, and take its range errors apart."""
+    one = scenario(condition, ROUTE, OFFSET_M, duration)
+    trajectory = move(one)
+    flight = navigate(one, trajectory, Navigator)
+    everything = one.model_copy(
+        update={
+            "acoustics": one.acoustics.model_copy(update=EVERYTHING),
+            "sensors": one.sensors.model_copy(
+                update={"depth_sigma_m": DEPTH_SIGMA_M, "leader_depth_sigma_m": DEPTH_SIGMA_M}
+            ),
+        }
+    )
+    height = navigation_settings(one, trajectory, 0).hydrophone_height
+    pings = flight.measurements[0].message_step * flight.stride
+    return Example(
+        condition=condition,
+        flight=flight,
+        anatomy=dissect(navigate(everything, trajectory, Navigator), hydrophone_height=height),
+        steepest=int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]))]),
+    )

@@ -1,0 +1,49 @@
+"""Truth of a scenario: how its vehicles move, by the physics or by the paper's point motion."""
+
+from collections.abc import Callable
+
+from sim import kinematics
+from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
+from sim.fleet import FleetError, fly_fleet
+from sim.kinematics import Sites
+from sim.plant import Plant
+from sim.scenario import Scenario
+from sim.trajectory import Trajectory
+
+
+class DivergedError(RuntimeError):
+    """The simulation left finite numbers; `trajectory` holds what was flown before."""
+
+    def __init__(self, message: str, trajectory: Trajectory) -> None:
+        super().__init__(message)
+        self.trajectory = trajectory
+
+
+def move(scenario: Scenario, progress: Callable[[float], None] | None = None) -> Trajectory:
+    """Fly a scenario's vehicles along their routes.
+
+    Args:
+        scenario: `motion` chooses rigid bodies in water, or point motion in still water with the same sites.
+        progress: called now and then with the share that is done, 0 … 1.
+
+    Raises:
+        ValueError: a route cannot be flown, or the sea is impossible.
+        DivergedError: the simulation left finite numbers.
+    """
+    routes = routes_of(scenario)
+    plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
+    if scenario.motion == "kinematic":
+        sites = Sites(plant.site_names, plant.site_vehicle, plant.site_offset)
+        return kinematics.fly(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
+    try:
+        return fly_fleet(
+            plant,
+            routes,
+            scenario.duration_s,
+            [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
+            progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
+        )
+    except FleetError as error:
+        if error.trajectory is None:
+            raise
+        raise DivergedError(str(error), error.trajectory) from error
