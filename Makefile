@@ -38,7 +38,7 @@ endif
 
 # $(1): lock file. The editable install builds with the pinned backend, so nothing unpinned is fetched.
 ifdef UV
-install = $(UV) pip install --quiet --python $(BIN)/python --require-hashes -r $(1) && \
+install = $(UV) pip install --quiet --compile-bytecode --python $(BIN)/python --require-hashes -r $(1) && \
   $(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .
 else
 install = $(PYTHON) -m pip --python $(BIN)/python install --quiet --require-hashes -r $(1) && \

@@ -61,8 +61,10 @@ def _rows_of(columns: dict[str, Any]) -> Table:
 
 def _curves_of(rows: Table) -> Curves:
     def made(over: str) -> tuple[Curve, ...]:
-        chosen = [{k: v for k, v in row.items() if k != "over"} for row in rows if row["over"] == over]
-        return tuple(Curve(**{k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}) for row in chosen)
+        chosen: list[dict[str, Any]] = [
+            {k: v for k, v in row.items() if k != "over"} for row in rows if row["over"] == over
+        ]
+        return tuple(Curve(**row | {k: tuple(row[k]) for k in ("value", "e_p_mean_m")}) for row in chosen)
 
     return Curves(tau=made("tau"), pitch=made("pitch"))
 

@@ -46,6 +46,10 @@ SEAS_DEG = {"head": 270.0, "beam": 0.0, "following": 90.0}
 seas come from abeam, and a beam sea follows."""
 
 
+_COMPONENTS = 24
+"""Enough for a sea that does not repeat within a mission; the price of a sea grows with their number."""
+
+
 def _waves(height: float, sea: str, depth: float) -> Condition:
     # steepness of a young wind sea: 0.5 m at 4 s, 1 m at 5 s
     period = 5.0 if height >= 1.0 else 4.0
@@ -59,6 +63,7 @@ def _waves(height: float, sea: str, depth: float) -> Condition:
             f"ocean.waves.height_m={height}",
             f"ocean.waves.period_s={period}",
             f"ocean.waves.direction_deg={SEAS_DEG[sea]}",
+            f"ocean.waves.components={_COMPONENTS}",
         ),
     )
 
@@ -69,7 +74,7 @@ CONDITIONS = (
     *(_dive(amplitude) for amplitude in (2.0, 4.0)),
     *(_waves(h, sea, depth) for h in (0.3, 0.5, 1.0) for sea in SEAS_DEG for depth in (2.0, 5.0)),
 )
-QUICK_CONDITIONS = (_trim(12.0), _dive(4.0), _waves(0.5, "following", 2.0))
+QUICK_CONDITIONS = (_trim(12.0), _dive(4.0), _waves(1.0, "following", 2.0))
 
 
 def _assignments(condition: Condition, offset: float) -> list[str]:
@@ -91,8 +96,9 @@ def scenario(condition: Condition, route: str, offset: float, duration: float = 
 def command(condition: Condition, route: str, offset: float, run: int = 0, variant: str = "laisn-2") -> str:
     """The command line that flies the same alone, with the noise of a run."""
     chosen = [f"navigation.variant={variant}"] if variant != "laisn-2" else []
-    settings = " ".join(f"--set {a}" for a in [*_assignments(condition, offset), *chosen])
-    return f"laisn fly {route} {settings} --run {run}"
+    settings = [f"--set {assignment}" for assignment in [*_assignments(condition, offset), *chosen]]
+    lines = [" ".join(settings[i : i + 3]) for i in range(0, len(settings), 3)]
+    return " \\\n  ".join([f"laisn fly {route} --run {run}", *lines])
 
 
 def fleet(

@@ -10,8 +10,8 @@ from laisn.navigator import Navigator
 from sim.flight import Flight, navigate, navigation_settings
 from sim.motion import move
 
-ROUTE, OFFSET_M = "T3", 10.0
-"""Abeam and far below: where pitch does most and is easiest to see."""
+ROUTE, OFFSET_M = "T6", 10.0
+"""Close by on the quarter and far below: where pitch does much and is easy to see."""
 EVERYTHING = {
     "travel_time": True,
     "ping_slot_s": 0.1,
@@ -29,8 +29,8 @@ class Example:
     condition: Condition
     flight: Flight
     anatomy: Anatomy
-    steepest: int
-    """Recorded point of the message at which the leader is pitched most."""
+    telling: int
+    """Recorded point of a message that shows the matter well: a large pitch at a short range."""
 
 
 def fly_example(condition: Condition, duration: float) -> Example:
@@ -47,10 +47,11 @@ def fly_example(condition: Condition, duration: float) -> Example:
         }
     )
     height = navigation_settings(one, trajectory, 0).hydrophone_height
+    away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
     return Example(
         condition=condition,
         flight=flight,
         anatomy=dissect(navigate(everything, trajectory, Navigator), hydrophone_height=height),
-        steepest=int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]))]),
+        telling=int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))]),
     )

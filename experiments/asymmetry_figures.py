@@ -64,69 +64,94 @@ class Message:
         return np.array([along, np.copysign(aside, self.hydrophone[1])])
 
 
-def message_side(message: Message) -> Figure:
-    """Side view to scale: the pitched hull, its rays, and where the follower believes the transmitters are."""
-    figure = panel(
-        [], x_label="forward of the leader [m]", y_label="up [m]", title="Side view, to scale", equal=True, height=3.0
-    )
-    axes, hydrophone = _axes(figure), message.hydrophone
+def _frame(figure: Figure, x: tuple[float, float], y: tuple[float, float]) -> None:
+    """Show at least these stretches, both axes to one scale."""
+    axes = _axes(figure)
+    _, _, width, height = axes.get_position().bounds
+    wide, high = width * figure.get_figwidth(), height * figure.get_figheight()
+    scale = max((x[1] - x[0]) / wide, (y[1] - y[0]) / high)
+    axes.set_xlim(sum(x) / 2 - scale * wide / 2, sum(x) / 2 + scale * wide / 2)
+    axes.set_ylim(sum(y) / 2 - scale * high / 2, sum(y) / 2 + scale * high / 2)
+    axes.set_aspect("equal", adjustable="box")
+
+
+def _hull(axes: Axes, pitch_deg: float, colour: Colour, dash: str = "-") -> None:
     axes.add_patch(
         Ellipse(
-            (0, 0), HULL_LENGTH_M, HULL_HEIGHT_M, angle=np.rad2deg(message.pitch), facecolor=MUTED.placeholder,
-            edgecolor=FRAME.placeholder, linewidth=0.6, alpha=0.6,
+            (0, 0), HULL_LENGTH_M, HULL_HEIGHT_M, angle=pitch_deg, fill=dash == "-", facecolor=MUTED.placeholder,
+            edgecolor=colour.placeholder, linestyle=dash, linewidth=0.8, alpha=0.6,
         )
     )  # fmt: skip
-    for i, name in ((0, "rear"), (1, "front")):
-        true, assumed = message.transmitter[i], message.assumed[i]
-        axes.plot(*zip(true[[0, 2]], hydrophone[[0, 2]], strict=True), color=REAL.placeholder, linewidth=0.9)
-        axes.plot(
-            *zip(assumed[[0, 2]], hydrophone[[0, 2]], strict=True), color=LEVEL.placeholder, linewidth=0.9,
-            linestyle=(0, (4, 3)),
-        )  # fmt: skip
-        axes.plot(*true[[0, 2]], marker="o", markersize=3.5, color=REAL.placeholder)
-        axes.plot(*assumed[[0, 2]], marker="o", markersize=3.5, markerfacecolor="none", color=LEVEL.placeholder)
-        rise = true[2] - assumed[2]
-        _note(axes, f"{name}: {100 * rise:+.0f} cm", (true[0], max(true[2], 0.0) + 0.35),
-              ha="right" if i == 0 else "left")  # fmt: skip
-    axes.plot(*hydrophone[[0, 2]], marker="s", markersize=4, color=INK.placeholder)
-    _note(axes, "hydrophone", (hydrophone[0], hydrophone[2] - 0.9), ha="center")
-    axes.set_ylim(hydrophone[2] - 1.4, 1.6)
+
+
+def _rays(axes: Axes, message: Message) -> None:
+    """Rays from bow and stern in the side view: where they are, and where the follower believes them to be."""
+    for i in (0, 1):
+        for site, colour, dash, fill in (
+            (message.assumed[i], LEVEL, "--", "none"),
+            (message.transmitter[i], REAL, "-", REAL.placeholder),
+        ):
+            ray = np.stack([site, message.hydrophone])[:, [0, 2]]
+            axes.plot(*ray.T, color=colour.placeholder, linewidth=0.9, linestyle=dash)
+            axes.plot(*site[[0, 2]], marker="o", markersize=4, markerfacecolor=fill, color=colour.placeholder)
+
+
+def message_side(message: Message) -> Figure:
+    """Side view to scale: the pitched hull, its rays, and where the follower believes the transmitters are."""
+    figure = panel([], x_label="forward of the leader [m]", y_label="up [m]", title="Seen from the side, to scale",
+                   height=3.0)  # fmt: skip
+    axes, (x, _, z) = _axes(figure), message.hydrophone
+    _hull(axes, float(np.rad2deg(message.pitch)), FRAME)
+    _rays(axes, message)
+    axes.plot(x, z, marker="s", markersize=4.5, color=INK.placeholder)
+    _note(axes, "hydrophone", (x, z - 0.7), ha="center", va="top")
+    _frame(figure, (min(x, -1.2) - 2.5, max(x, 1.2) + 2.5), (min(z, 0.0) - 2.5, max(z, 0.0) + 1.5))
+    return figure
+
+
+def message_hull(message: Message) -> Figure:
+    """The same, enlarged at the hull: how far bow and stern have left the depth that the follower believes in."""
+    figure = panel([], x_label="forward of the leader [m]", y_label="up [m]", title="The hull, enlarged", height=3.0)
+    axes = _axes(figure)
+    _hull(axes, 0.0, LEVEL, "--")
+    _hull(axes, float(np.rad2deg(message.pitch)), FRAME)
+    _rays(axes, message)
+    for i, name in ((0, "stern"), (1, "bow")):
+        x, z = message.transmitter[i][[0, 2]]
+        at = (x + np.copysign(0.12, x), z + np.copysign(0.14, z))
+        text = f"{name} {100 * z:+.0f} cm"
+        _note(axes, text, at, REAL, ha="left" if x > 0 else "right", va="center", fontweight="bold")
+    _frame(figure, (-2.1, 2.1), (-0.9, 0.9))
     return figure
 
 
 def message_top(message: Message) -> Figure:
     """View from above, to scale: the circles that the follower draws, and where they meet."""
-    figure = panel(
-        [],
-        x_label="forward of the leader [m]",
-        y_label="port [m]",
-        title="From above, to scale",
-        equal=True,
-        height=3.0,
-    )
-    axes, hydrophone, fix = _axes(figure), message.hydrophone, message.fix
+    figure = panel([], x_label="forward of the leader [m]", y_label="port [m]", title="From above, to scale",
+                   height=3.0)  # fmt: skip
+    axes, truth, fix = _axes(figure), message.hydrophone[:2], message.fix
     for i in (0, 1):
         axes.add_patch(
-            Circle(
-                tuple(message.assumed[i, :2]), float(message.used_range[i]), fill=False, linewidth=0.8,
-                edgecolor=REAL.placeholder, alpha=0.8,
-            )
+            Circle(tuple(message.assumed[i, :2]), float(message.used_range[i]), fill=False, linewidth=0.8,
+                   edgecolor=REAL.placeholder, alpha=0.8)
         )  # fmt: skip
-    reach = float(np.hypot(*hydrophone[:2]))
-    axes.add_patch(Circle((0, 0), reach, fill=False, linewidth=0.7, linestyle=(0, (2, 3)), edgecolor=FRAME.placeholder))
-    axes.add_patch(
-        Ellipse((0, 0), HULL_LENGTH_M, HULL_HEIGHT_M, facecolor=MUTED.placeholder, edgecolor=FRAME.placeholder,
-                linewidth=0.6)
-    )  # fmt: skip
-    axes.plot(*hydrophone[:2], marker="s", markersize=4, color=LEVEL.placeholder)
-    axes.plot(*fix, marker="X", markersize=5, color=REAL.placeholder)
-    away = np.sign(hydrophone[1])
-    _note(axes, "truth", (hydrophone[0] + 0.5, hydrophone[1]), LEVEL, va="center")
-    error = float(np.hypot(*(fix - hydrophone[:2])))
-    _note(axes, f"fix, {error:.2f} m off", (fix[0] - 0.5, fix[1]), REAL, ha="right", va="center")
-    low, high = sorted((-2.0 * away, hydrophone[1] + 2.5 * away))
-    axes.set_ylim(low, high)
-    axes.set_xlim(min(hydrophone[0], -1) - 6, max(hydrophone[0], 1) + 5)
+    reach = float(np.hypot(*truth))
+    axes.add_patch(Circle((0, 0), reach, fill=False, linewidth=0.8, linestyle=":", edgecolor=INK.placeholder))
+    for bearing, colour in ((truth, LEVEL), (fix, REAL)):
+        axes.plot(*np.stack([np.zeros(2), bearing]).T, color=colour.placeholder, linewidth=0.7, linestyle="--")
+    _hull(axes, 0.0, FRAME)
+    axes.plot(*truth, marker="s", markersize=4.5, color=LEVEL.placeholder)
+    axes.plot(*fix, marker="X", markersize=5.5, color=REAL.placeholder)
+    # labels away from each other, across the ray
+    across = np.array([-truth[1], truth[0]]) / reach * np.sign(np.cross(truth, fix) or 1.0)
+    error = float(np.hypot(*(fix - truth)))
+    for text, at, push, colour in (("truth", truth, -across, LEVEL), (f"fix, {error:.2f} m off", fix, across, REAL)):
+        place = at + 0.08 * reach * push
+        _note(axes, text, (place[0], place[1]), colour, ha="left" if push[0] > 0 else "right", va="center")
+    corners = np.stack([truth, fix, [-1.5, 0.0], [1.5, 0.0]])
+    pad = 0.3 * reach
+    _frame(figure, (corners[:, 0].min() - pad, corners[:, 0].max() + pad),
+           (corners[:, 1].min() - 0.4 * pad, corners[:, 1].max() + 0.4 * pad))  # fmt: skip
     return figure
 
 
@@ -223,6 +248,9 @@ def excess_over_lever(groups: Sequence[tuple[Floats, Floats, Colour]], title: st
     axes = _axes(figure)
     axes.set_xscale("log")
     axes.set_yscale("log")
+    for drawn in axes.lines[1:]:
+        drawn.set_markersize(4)
+        drawn.set_alpha(0.7)
     axes.set_xlim(0.005, 1.2 * top)
     axes.set_ylim(9e-4, None)
     return figure
@@ -253,6 +281,8 @@ def removed_shares(arms: Sequence[tuple[str, Floats, Colour]], title: str) -> Fi
     axes = _axes(figure)
     left, bottom, width, height = axes.get_position().bounds
     axes.set_position((left + 0.2, bottom, width - 0.2, height))
+    for drawn in axes.lines:
+        drawn.set_alpha(0.6)
     axes.set_xlim(-1.05, 1.12)
     axes.set_xticks([-1, -0.5, 0, 0.5, 0.9, 1], ["−1 or less", "−0.5", "0", "0.5", "0.9", "1"], fontsize=7)
     axes.set_yticks(range(len(arms)), [label for label, _, _ in reversed(arms)])

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sim.motion import move
 
 from experiments.asymmetry_conditions import OFFSETS_M, SEED, Condition, fleet, scenario
 from experiments.cells import PERCENTILES, Cell, CellResult
@@ -19,6 +18,7 @@ from experiments.montecarlo import simulate
 from laisn.settings import NavigationSettings, Variant
 from sim.errors import MissionTruth, SensorErrors
 from sim.flight import navigation_settings
+from sim.motion import move
 from sim.sensors import errors_of, observe
 from sim.tilt import leveled
 from sim.trajectory import Trajectory

@@ -103,7 +103,7 @@ def _question() -> Section:
 
 
 def _one_message(example: Example) -> Section:
-    anatomy, message = example.anatomy, drawing.Message(example.flight.trajectory, example.steepest)
+    anatomy, message = example.anatomy, drawing.Message(example.flight.trajectory, example.telling)
     shares = [(anatomy.asymmetry[:, cause], colour) for cause, colour in _ASYMMETRY]
     time, pitch = example.flight.trajectory.time, np.rad2deg(example.flight.trajectory.pitch[:, 0])
     half = time <= min(200.0, float(time[-1]))
@@ -113,12 +113,15 @@ def _one_message(example: Example) -> Section:
         title="Anatomy of one message",
         blocks=[
             Figures(
-                panels=[svg(drawing.message_side(message), "side"), svg(drawing.message_top(message), "top")],
-                caption=f"{example.condition.label}, route {ROUTE}, follower {OFFSET_M:g} m below: the message at which "
-                f"the leader is pitched most, {np.rad2deg(message.pitch):+.1f}°. Left: bow and stern have left the depth "
-                "that the follower believes in (open dots), by centimetres. Right: with the circles drawn about the places "
-                f"of a level leader, those centimetres become {error:.2f} m. The fix stays on the dotted circle: its "
-                "range is right, its direction is wrong.",
+                panels=[
+                    svg(drawing.message_side(message), "side"),
+                    svg(drawing.message_hull(message), "hull"),
+                    svg(drawing.message_top(message), "top"),
+                ],
+                caption=f"{example.condition.label}, route {ROUTE}, follower {OFFSET_M:g} m below: a message "
+                f"sent at a pitch of {np.rad2deg(message.pitch):+.1f}°. Bow and stern have left the depth that the follower believes in by centimetres. With the circles drawn about "
+                f"the places of a level leader, those centimetres become {error:.2f} m: the fix stays on the dotted circle about "
+                "the leader; its range is right, its direction is wrong.",
                 legend=_legend((REAL, "as it is"), (LEVEL, "as the follower believes, and the truth it looks for")),
             ),
             Text(
@@ -211,18 +214,26 @@ def _missions(results: Results, missions: dict[Mission, Excess]) -> Section:
         if chosen:
             groups.append((np.array([e.lever for e in chosen]), np.array([e.part for e in chosen]), colour))
             legend.append((colour, label))
-    panels = [svg(drawing.excess_over_lever(groups, "All missions, LAISN-2"), "excess")]
+    scatter = svg(drawing.excess_over_lever(groups, "All missions, LAISN-2"), "excess")
     offsets = np.array(results.plan.offsets_m)
+    panels = []
     for cause, (label, _) in _CAUSE_COLOURS.items():
         curves = []
         for arm, colour in (("level", LEVEL), ("real", REAL), ("attitude-0.5", AWARE)):
             error = [
-                float(np.mean([e.arms[arm].e_p_mean_m for e in two
-                               if e.real.cause == cause and e.real.depth_offset_m == offset]))
+                float(
+                    np.median(
+                        [
+                            e.arms[arm].e_p_mean_m
+                            for e in two
+                            if (e.real.cause, e.real.depth_offset_m) == (cause, offset)
+                        ]
+                    )
+                )
                 for offset in results.plan.offsets_m
-            ]  # fmt: skip
+            ]
             curves.append((offsets, np.array(error), colour))
-        panels.append(svg(drawing.over_offset(curves, f"Mean over all {label} missions"), f"offset-{cause}"))
+        panels.append(svg(drawing.over_offset(curves, f"{label}, median mission"), f"offset-{cause}"))
     table, lines = mission_table(missions, results.conditions, results.plan.offsets_m, results.curves)
     return Section(
         title="On missions",
@@ -233,12 +244,18 @@ def _missions(results: Results, missions: dict[Mission, Excess]) -> Section:
                 "What the second does better is the pitch-driven part."
             ),
             Figures(
+                panels=[scatter],
+                caption="Each dot is a mission: a condition, a route, a depth offset. The dashed line says that the mean error "
+                "grows by Δz sin φ. Dots far above it are missions in which pitch pushes the estimate over the leader's axis, "
+                "where the nearest intersection is the wrong one and stays so. Dots below it are missions in which the pitch "
+                "is small beside the other errors, with which it adds in squares. Excesses under 1 mm are drawn at 1 mm.",
+                legend=_legend(*legend),
+            ),
+            Figures(
                 panels=panels,
-                caption="First: each dot is a mission; the dashed line says that the mean error grows by Δz sin φ. Dots far "
-                "above it are missions in which pitch pushes followers over the leader's axis, where the nearest "
-                "intersection is the wrong one and stays so. Below: mean error behind a level leader, the real one, and "
-                "the real one when it broadcasts its attitude with an error of 0.5°.",
-                legend=_legend(*legend, (LEVEL, "level leader"), (REAL, "real leader"), (AWARE, "attitude broadcast")),
+                caption="Mean error of LAISN-2 behind a level leader, the real one, and the real one when it broadcasts its "
+                "attitude with an error of 0.5°.",
+                legend=_legend((LEVEL, "level leader"), (REAL, "real leader"), (AWARE, "attitude broadcast")),
             ),
             table,
             Code(text=lines, title="Commands that fly the worst route of each row", folded=True),

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from sim.motion import move
 
 from experiments.asymmetry_conditions import CALM, SEED, fleet, scenario
 from experiments.asymmetry_missions import Plan, pair
@@ -18,6 +17,7 @@ from experiments.cells import Cell
 from experiments.montecarlo import simulate
 from laisn.settings import Variant
 from sim.flight import navigation_settings
+from sim.motion import move
 from sim.sensors import errors_of, observe
 from sim.tilt import leveled, tilted
 
@@ -44,12 +44,12 @@ class Curve:
     """NaN for τ, which does not depend on it."""
     value: tuple[float, ...]
     """τ_rear [m], or pitch [°]."""
-    mean_m: tuple[float, ...]
+    e_p_mean_m: tuple[float, ...]
 
     @property
     def excess(self) -> Floats:
         """Mean error above that of the first value, [m]."""
-        return np.asarray(self.mean_m) - self.mean_m[0]
+        return np.asarray(self.e_p_mean_m) - self.e_p_mean_m[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,12 +95,12 @@ def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2"
                 )  # fmt: skip
                 key = {"route": route, "variant": variant, "interval_s": interval}
                 means = tuple(simulate(replace(cell, truth=truth)).errors.e_p_mean_m for truth in truths)
-                pitch.append(Curve(**key, depth_offset_m=offset, value=PITCH_DEG, mean_m=means))  # type: ignore[arg-type]
+                pitch.append(Curve(**key, depth_offset_m=offset, value=PITCH_DEG, e_p_mean_m=means))  # type: ignore[arg-type]
                 if offset == offsets[0]:
                     others = errors.range_tau[1:]
                     means = tuple(
                         simulate(replace(cell, errors=replace(errors, range_tau=(t, *others)))).errors.e_p_mean_m
                         for t in TAU_M
                     )
-                    tau.append(Curve(**key, depth_offset_m=float("nan"), value=TAU_M, mean_m=means))  # type: ignore[arg-type]
+                    tau.append(Curve(**key, depth_offset_m=float("nan"), value=TAU_M, e_p_mean_m=means))  # type: ignore[arg-type]
     return Curves(tau=tuple(tau), pitch=tuple(pitch))

@@ -101,6 +101,73 @@ def doctor() -> None:
     raise typer.Exit(examine())
 
 
+@app.command()
+@_plain_errors
+def render(
+    source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
+    set_: SetOption = None,
+    camera: Annotated[str | None, typer.Option(help="chase, pip, top, side, follower, leader or orbit")] = None,
+    size: Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="such as 1920x1080")] = None,
+    speed_up: Annotated[float | None, typer.Option(help="seconds of mission in a second of film")] = None,
+    follower: Annotated[int, typer.Option(help="index of the follower to keep to")] = 0,
+    still: Annotated[float | None, typer.Option(metavar="T", help="one picture at mission time T [s]")] = None,
+    out: Annotated[Path | None, typer.Option(help="file (default NAME.mp4 or NAME.png)")] = None,
+) -> None:
+    """Film a scenario or a log, or take a picture of it."""
+    from experiments import filming
+
+    filming.film(source, set_ or (), filming.Wish(camera, size, speed_up, follower, still, out))
+
+
+@app.command()
+@_plain_errors
+def replay(
+    log: Annotated[Path, typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels")],
+    variant: Annotated[str, typer.Option(help="laisn-2, laisn-3-1, laisn-3-2, laisn-best or laisn-main")] = "laisn-2",
+    set_: SetOption = None,
+    out: Annotated[Path | None, typer.Option(help="write the flight with the new estimates as a log")] = None,
+) -> None:
+    """Navigate once more on the measurements of a log, with another variant or other settings."""
+    from experiments import replaying
+
+    replaying.replay(log, variant, set_ or (), out)
+
+
+LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
+
+
+@log_app.command("info")
+@_plain_errors
+def log_info(log: LogArgument) -> None:
+    """Say what a log holds."""
+    from experiments import replaying
+
+    replaying.show_info(log)
+
+
+@log_app.command("export")
+@_plain_errors
+def log_export(
+    log: LogArgument,
+    out: Annotated[Path, typer.Argument(help="folder for the tables")],
+    format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
+) -> None:
+    """Write every channel of numbers as a table."""
+    from sim.log_export import export
+
+    for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
+        typer.echo(str(file))
+
+
+@log_app.command("recover")
+@_plain_errors
+def log_recover(log: LogArgument) -> None:
+    """Finish a log that a crash, a full disk or Ctrl-C left behind."""
+    from sim.recovery import recover
+
+    typer.echo(str(recover(log)))
+
+
 def main() -> None:
     """Entry point of the console script."""
     app()

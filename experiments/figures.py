@@ -102,9 +102,9 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
         return x, y
     stretches = points // 2
     length = -(-n // stretches)
-    table = np.full(stretches * length, np.nan)
-    table[:n] = y
-    table = table.reshape(stretches, length)
+    padded = np.full(stretches * length, np.nan)
+    padded[:n] = y
+    table = padded.reshape(stretches, length)
     missing = np.isnan(table)
     # NaN (nothing to draw) does not win over a number, but a stretch without numbers stays a gap.
     lowest, highest = np.where(missing, np.inf, table), np.where(missing, -np.inf, table)

@@ -107,7 +107,8 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     return flight, watch.seconds
 
 
-def _show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
+def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
+    """Print a short table of errors, and how the flight ended if it did not end well."""
     table = Table("follower", "E_P max", "mean", "σ", "E_B max", "mean", "σ", box=None, pad_edge=False)
     for name, row in summary["followers"].items():
         metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
@@ -166,7 +167,7 @@ def fly_and_write(scenario: Scenario, out: Path | None, *, with_video: bool) -> 
     write_whole(folder / "summary.json", summary_text)
     write_whole(folder / "scenario.toml", dumps(scenario))
     write_whole(folder / "timing.json", json.dumps(watch.seconds | seconds, indent=2) + "\n")
-    _show(console, flight, summary)
+    show(console, flight, summary)
     if with_video and film is None:
         console.print(f"no film: this machine lacks OpenGL; {GRAPHICS_HINT}")
     console.print(f"results in {folder}")

@@ -56,10 +56,13 @@ def load(source: str, assignments: Iterable[str]) -> Scenario:
 
 
 def check_routes(scenario: Scenario) -> None:
-    """Raise ValueError naming vehicle and waypoint if a route cannot be flown."""
-    from sim.assembly import routes_of
+    """Raise ValueError naming vehicle and waypoint if a route cannot be flown, or if the waves would break."""
+    from sim.assembly import ocean_of, routes_of
+    from sim.kinematics import plan
 
-    routes_of(scenario)
+    ocean_of(scenario)
+    for route in routes_of(scenario):
+        plan(route)
 
 
 def show() -> None:

@@ -45,8 +45,8 @@ _STAGES = {
     5: "Stage 5: leader's compass",
 }
 _RATIO_NOTE = (
-    "Each pair is the paper's figure and ours. White: within a fifth; orange: ours larger, blue: ours smaller, in steps of "
-    "1.2, 1.5 and 2. The ratio shows where the pointer rests."
+    "Each pair is the paper's figure and ours. White: within a fifth; orange: ours larger, blue: ours smaller, in "
+    "steps of 1.2, 1.5 and 2. The ratio shows where the pointer rests."
 )
 
 
@@ -66,7 +66,7 @@ def _missions(result: Reproduction) -> list[str]:
 
 
 def _name(mission: str, variant: Variant) -> Cell:
-    return words(f"{mission} {VARIANT_NAMES[variant]}")
+    return words(f"{mission} {VARIANT_NAMES[variant]}".replace("-", "\N{NON-BREAKING HYPHEN}"))
 
 
 def _single(result: Reproduction, setting: Setting, caption: str) -> Table:
@@ -128,8 +128,8 @@ def _error_figure(result: Reproduction, figure: ErrorFigure) -> Figures | None:
     title = next(s.title for s in result.settings if s.name == figure.setting)
     return Figures(
         panels=[error_panel(result.steps[key], f"figure{figure.number}-{key[1]}", key[1]) for key in drawn],
-        caption=f"Figure {figure.number}. {VARIANT_NAMES[figure.variant]}, {title}: mean over {result.runs} runs (thick) "
-        "and maximum (thin).",
+        caption=f"Figure {figure.number}. {VARIANT_NAMES[figure.variant]}, {title}: mean over {result.runs} runs "
+        "(thick) and maximum (thin).",
         legend=ERROR_LEGEND,
     )
 
@@ -167,8 +167,8 @@ def _claims(result: Reproduction) -> Table:
     ]
     heads = ["", "claim", "our runs", "figures", "the paper's tables", "criterion"]
     caption = (
-        "Every part of a criterion true: holds; some: depends; none: does not hold. The same test on the published tables "
-        "stands beside ours, as far as they have its figures."
+        "Every part of a criterion true: holds; some: depends; none: does not hold. The same test on the published "
+        "tables stands beside ours, as far as they have its figures."
     )
     return Table(heads=heads, rows=rows, caption=caption)
 
@@ -197,9 +197,9 @@ def _reason(setting: Setting, row: Mapping[str, float], theirs: float) -> str:
     known = []
     free = row.get("e_p_mean_uncaptured_m")
     if row["captured_runs"]:
-        known.append(f"{row['captured_runs']:.0f} of {row['runs']:.0f} runs took the mirror side for good")
+        known.append(f"{row['captured_runs']:.0f} of {row['runs']:.0f} runs were on the mirror side for a while")
         if free is not None:
-            known.append(f"the others have {free:.2f} m ({free / theirs:.2f})")
+            known.append(f"the others have {free:.2f} m ({free / theirs:.2f} of the paper's)")
     if setting.message_interval_s == 10:
         known.append("none of the listed β and T fits the paper's 10 s rows (see the alternatives)")
     elif setting.name == "asymmetric":
@@ -238,13 +238,14 @@ def _all_rows(result: Reproduction) -> Table:
         cells += [number(row["nees"], 1), number(row["nis"], 1), number(int(row["captured_runs"]))]
         cells += [number(int(row["fixes_gated"])), number(int(row["worst_run"]))]
         rows.append(cells)
-    heads = ["setting", "row", "E_P 50 %", "95 %", "E_B 95 %", "NEES", "NIS", "captured", "rejected", "worst run"]
+    heads = ["setting", "row", "E_P 50 % [m]", "95 %", "E_B 95 % [°]", "NEES", "NIS", "captured", "rejected"]
+    heads.append("worst run")
     caption = (
-        "Percentiles of all steps and runs; NEES and NIS of the position (2 if the filter's covariance is right); runs that "
-        "a mirror image captured; fixes that the gate rejected; the run with the largest E_P. `tables.csv` has the command "
-        "that flies it."
+        "Percentiles of all steps and runs; NEES and NIS of the position (2 if the filter's covariance is right); runs "
+        "that were on the mirror side for a message interval; fixes that the gate rejected; the run with the largest E_P, "
+        "for which tables.csv has the command that flies it."
     )
-    return Table(heads=heads, rows=rows, caption=caption.replace("`", ""))
+    return Table(heads=heads, rows=rows, caption=caption)
 
 
 def _stage(result: Reproduction, stage: int) -> Section:
@@ -258,8 +259,8 @@ def _stage(result: Reproduction, stage: int) -> Section:
             blocks.append(_several(result, tabled, metrics, f"Table {table}. {title}."))
     else:
         for setting in settings:
-            if setting.table != "text":
-                blocks.append(_single(result, setting, f"Table {setting.table}. {setting.title}."))
+            if setting.table not in {"text", "alternative"}:
+                blocks += [_single(result, setting, f"Table {setting.table}. {setting.title}.")]
     described = [s for s in settings if s.table == "text"]
     if described:
         blocks.append(Text(text="Settings that the paper describes in words only."))
@@ -270,8 +271,8 @@ def _stage(result: Reproduction, stage: int) -> Section:
     if alternatives:
         blocks.append(
             Notice(
-                text="Not the paper's settings: it lists β = 0.1 or 100 and T = 0.1 or 10 without saying where, and none of "
-                "them gives its 10 s rows. These alternatives come closer; they are shown, and used nowhere else."
+                text="Not the paper's settings: it lists β = 0.1 or 100 and T = 0.1 or 10 without saying where, and "
+                "none of them gives its 10 s rows. These alternatives are shown, and used nowhere else."
             )
         )
         blocks.append(_medians_of(result, alternatives))
@@ -318,9 +319,10 @@ def page_of(result: Reproduction, flights: Mapping[str, Trajectory]) -> Page:
     ]
     return Page(
         title="The paper's evaluation, flown again",
-        summary=f"{len(result.rows)} cells of {result.runs} runs with {motion}. {len(held)} of {len(result.judgements)} "
-        f"claims of the paper hold{': ' + ', '.join(map(str, held)) if held else ''}. Follower routes were published as "
-        "pictures only; ours are like them in distance, bearing and speed, so that single rows differ more than medians.",
+        summary=f"{len(result.rows)} cells of {result.runs} runs with {motion}. {len(held)} of "
+        f"{len(result.judgements)} claims of the paper hold{': ' + ', '.join(map(str, held)) if held else ''}. Follower "
+        "routes were published as pictures only; ours are like them in distance, bearing and speed, so that single "
+        "rows differ more than medians.",
         facts=[
             ("Source", "Praczyk & Hożyń, Electronics 2026, 15, 3709"),
             ("Motion", motion),

@@ -33,7 +33,7 @@ class FixKind(IntEnum):
 class Estimates:
     """The estimates of one follower in one mission: n steps (k = 1 … n) and f fixes.
 
-    A message gives one fix, or three with LAISN-3(1).
+    A message gives one fix; with LAISN-3(1) one of each pair that was received.
     """
 
     state: Floats
@@ -45,7 +45,7 @@ class Estimates:
     fix_position: Floats
     """Position z of each fix, shape (f, 2), [m]; NaN where none could be made."""
     fix_sigma: Floats
-    """Confidence parameter σp, shape (f,), [m]."""
+    """Confidence parameter σp as the filter was given it: with floor and inflation, shape (f,), [m]."""
     fix_kind: Ints
     """`FixKind`, shape (f,)."""
     innovation: Floats

@@ -123,6 +123,13 @@ def run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats, 
     return state.reshape(n, 4, LANES), kinds
 
 
+def stacked(missions: Sequence[Measurements]) -> tuple[Floats, Floats]:
+    """Own measurements and messages of up to `LANES` missions as `run_block` takes them; the last one is repeated."""
+    filled = [missions[min(lane, len(missions) - 1)] for lane in range(LANES)]
+    own = np.stack([np.column_stack([m.speed, m.heading, m.depth]) for m in filled], axis=-1)
+    return own, np.stack([np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in filled], axis=-1)
+
+
 def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: NavigationSettings) -> LaneEstimates:
     """Estimate R missions that received their messages at the same steps.
 
@@ -150,10 +157,7 @@ def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: Na
     begin, t = np.asarray(start, dtype=np.float64), row.tuning(settings)
     estimates = []
     for number in range(0, len(measurements), LANES):
-        # Lanes beyond the last mission repeat it, and are cut off again.
-        missions = [measurements[min(number + lane, len(measurements) - 1)] for lane in range(LANES)]
-        own = np.stack([np.column_stack([m.speed, m.heading, m.depth]) for m in missions], axis=-1)
-        messages = np.stack([np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in missions], axis=-1)
+        own, messages = stacked(measurements[number : number + LANES])
         estimates.append(run_block(own, first.message_step, messages, begin, t))
     state, kinds = (np.concatenate(parts, axis=-1)[..., : len(measurements)] for parts in zip(*estimates, strict=True))
     return LaneEstimates(state, kinds)

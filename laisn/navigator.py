@@ -77,13 +77,18 @@ class Navigator:
             What became of the fixes: none without a message, one with it, up to three with LAISN-3(1).
 
         Raises:
-            ValueError: an own measurement or the leader's pose is not finite.
+            ValueError: an own measurement or the leader's pose is not finite, or a range is infinite.
         """
         self._step += 1
         if not np.all(np.isfinite(own)):
             raise ValueError(f"step {self._step}: own motion {own} is not finite")
-        if reception is not None and not np.all(np.isfinite(reception.message[:6])):
-            raise ValueError(f"step {self._step}: leader message {reception.message} is not finite")
+        if reception is not None:
+            if not np.all(np.isfinite(reception.message[:6])):
+                raise ValueError(f"step {self._step}: leader message {reception.message} is not finite")
+            if np.any(np.isinf(reception.ranges)):
+                raise ValueError(
+                    f"step {self._step}: range {reception.ranges} is infinite; NaN stands for a missing one"
+                )
         self._filter.predict(self._acceleration(own, reception))
         records = [] if reception is None else self._update_position(own, reception)
         settings = self.settings
@@ -92,11 +97,13 @@ class Navigator:
         return records
 
     def run(self, measurements: Measurements) -> Estimates:
-        """Estimates of a whole mission, step by step; the same to the bit as `step` in a loop.
+        """Estimates of a whole mission from the start, step by step; the same to the bit as `step` in a loop.
 
         Raises:
-            ValueError: the measurements have another filter step than the settings.
+            ValueError: the measurements have another filter step than the settings, or the navigator is under way.
         """
+        if self._step:
+            raise ValueError(f"this navigator is at step {self._step} already; a mission needs a new one")
         if abs(measurements.dt - self.settings.dt) > 1e-9:
             raise ValueError(f"measurements every {measurements.dt:g} s, but the filter steps {self.settings.dt:g} s")
         n = measurements.speed.size

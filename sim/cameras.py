@@ -199,7 +199,7 @@ class Director:
             ahead = self._towards_leader(moment.time)
             side = np.array([ahead[1], -ahead[0], 0.0])
             # far enough back to keep the estimate in the picture
-            back = 6.2 + 1.1 * min(float(self._now(self._error, moment.time)), 12.0)
+            back = 5.0 + 1.2 * min(float(self._now(self._error, moment.time)), 12.0)
             eye = self._in_water(at - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back])
             view = View(position=eye, target=at + 9.0 * ahead - 0.6 * side + [0, 0, 0.2])
             return Shot(view, (close_leader,), near_fog, True)

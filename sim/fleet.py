@@ -84,7 +84,7 @@ def _trajectory(plant: Plant, record: Floats) -> Trajectory | None:
     }
     return Trajectory(
         names=plant.names,
-        time=np.arange(n) * TICK,
+        time=np.arange(n, dtype=np.float64) * TICK,
         site_names=plant.site_names,
         site_vehicle=plant.site_vehicle.copy(),
         site_offset=plant.site_offset.copy(),
@@ -96,7 +96,7 @@ def fly_fleet(
     plant: Plant,
     routes: Sequence[Route],
     duration: float,
-    depth_control: Sequence[DepthControl] | None = None,
+    depth_control: Sequence[DepthControl] = (),
     *,
     limits: Sequence[Limits] | None = None,
     progress: Callable[[float], None] | None = None,
@@ -107,7 +107,7 @@ def fly_fleet(
         plant: at its start, which is where the vehicles begin, whatever the routes say; moved on to the end.
         routes: one for each vehicle.
         duration: [s]; a multiple of 0.1 s.
-        depth_control: of each vehicle; None: "pitch" for all.
+        depth_control: of each vehicle; empty: "pitch" for all.
         limits: what each vehicle can do; None: the paper's turn rate, acceleration and top speed.
         progress: called with the mission time [s], every 50 s of it.
 
@@ -126,8 +126,8 @@ def fly_fleet(
     v = len(plant.names)
     if len(routes) != v:
         raise ValueError(f"{v} vehicles need as many routes, got {len(routes)}")
-    wanted = reference(routes, np.arange(ticks + 1) * TICK, limits)
-    autopilots = design(plant, tuple(depth_control) if depth_control is not None else ("pitch",) * v)
+    wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, limits)
+    autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
     record = np.empty((ticks + 1, v, COLUMNS))
     memory = np.zeros((v, GUIDANCE_MEMORY)), np.zeros((v, AUTOPILOT_MEMORY))
     command = np.zeros((v, 5))

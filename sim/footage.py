@@ -17,7 +17,7 @@ TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 
 _AFTERGLOW_S = 0.45
 """Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
-_TRAIL_POINT_S = 0.1
+_TRAIL_POINT_S = 0.04
 """Spacing of the points of a trail, in seconds of film."""
 _SPIN_RAD_S_N = 1.6
 """Turning rate of a drawn propeller, in film time, for one √N of thrust; slow enough for the eye."""

@@ -8,9 +8,9 @@ corners and is on time. Guidance adds three corrections to it, and takes the cur
     speed    in proportion to the along-track error, within a bound
     climb    rate of depth, in proportion to the depth error, within a bound
 
-The velocity over ground that follows, less the current, is the velocity through the water: its direction is the heading
-(the vehicle crabs), its size the speed. The current is the water's velocity as a Doppler log with bottom and water track
-measures it, low-passed, so that waves do not steer.
+The velocity over ground that follows, less the current, is the velocity through the water: its direction is the
+heading (the vehicle crabs), its size the speed. The current is the water's velocity as a Doppler log with bottom and
+water track measures it, low-passed, so that waves do not steer.
 """
 
 from collections.abc import Sequence

@@ -31,7 +31,7 @@ SPEED_MAX = 3.0
 SPEED_MIN = 0.1
 """A leg that asks for less is refused: a hull without way cannot be steered along it [m/s]."""
 SHARPEST_CUT = float(np.deg2rad(135.0))
-"""Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far before it [rad]."""
+"""Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far ahead [rad]."""
 
 
 class Limits(NamedTuple):
@@ -105,7 +105,8 @@ class _Planner:
 
     def __init__(self, east: float, north: float, course: float, speed: float) -> None:
         self.rows: list[tuple[float, ...]] = []
-        self.time, self.east, self.north, self.course, self.speed = 0.0, east, north, course, speed
+        self.time = 0.0
+        self.east, self.north, self.course, self.speed = east, north, course, speed
 
     def go(self, duration: float, turn_rate: float = 0.0, acceleration: float = 0.0) -> None:
         """One more segment; one of no duration is left out."""
@@ -123,19 +124,20 @@ def _wrap(angle: float) -> float:
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _turn_towards(planner: _Planner, east: float, north: float, radius: float) -> float | None:
-    """Signed turn [rad] after which the vehicle heads for a point; None if the point lies within the turning circle.
+def _turn_towards(planner: _Planner, point: list[float], turn_rate: float) -> float:
+    """Signed turn [rad] after which the vehicle heads for a point; NaN if the point lies within the turning circle.
 
     The straight line from the circle to the point touches the circle. Clockwise is positive.
     """
-    dx, dy = east - planner.east, north - planner.north
-    side = 1.0 if _wrap(np.arctan2(dx, dy) - planner.course) >= 0 else -1.0
+    radius, course = planner.speed / turn_rate, planner.course
+    dx, dy = point[0] - planner.east, point[1] - planner.north
+    side = 1.0 if _wrap(np.arctan2(dx, dy) - course) >= 0 else -1.0
     # the circle's centre lies abeam; seen from there the point is at distance d and bearing b
-    cx, cy = dx - side * radius * np.cos(planner.course), dy + side * radius * np.sin(planner.course)
-    d = float(np.hypot(cx, cy))
+    cx, cy = dx - side * radius * np.cos(course), dy + side * radius * np.sin(course)
+    d, b = np.hypot(cx, cy), np.arctan2(cx, cy)
     if d <= radius:
-        return None
-    turn = side * (np.arctan2(cx, cy) - planner.course) + np.arcsin(radius / d)
+        return float("nan")
+    turn = side * (b - course) + np.arcsin(radius / d)
     return side * float(turn % (2 * np.pi)) if abs(_wrap(turn)) > 1e-12 else 0.0
 
 
@@ -151,6 +153,39 @@ def _leg_speed(distance: float, time: float, speed: float, acceleration: float) 
     return speed + float(np.copysign(acceleration * (time - np.sqrt(root)), missing))
 
 
+def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) -> tuple[float, float]:
+    """Speed [m/s], and time at that speed [s], of the straight way to the turn at waypoint k; ValueError if impossible.
+
+    The planner has left the last turn and heads for the waypoint, where a corner of `cut` [rad] is to be cut.
+    """
+    where = f"route {route.name!r}, waypoint {k + 1}"
+    mean_speed = route.leg_speed[k - 1]
+    if mean_speed > limits.speed_max * (1 + 1e-9):
+        raise ValueError(f"{where}: {mean_speed:.3g} m/s required, the limit is {limits.speed_max:.3g} m/s")
+    east, north = route.waypoint[k, 0] - planner.east, route.waypoint[k, 1] - planner.north
+    straight = float(east * np.sin(planner.course) + north * np.cos(planner.course))
+    # along the arc to its middle the way is shorter than to the corner by speed × saved
+    saved = (np.tan(cut / 2) - cut / 2) / limits.turn_rate
+    left = float(route.time[k]) - planner.time
+    speed = _leg_speed(straight, left + saved, planner.speed, limits.acceleration)
+    if not SPEED_MIN <= speed <= limits.speed_max * (1 + 1e-9):
+        asked = f"{max(straight, 0.0) / left:.3g} m/s on average" if left > 0 else "more time"
+        raise ValueError(
+            f"{where}: {asked} required after {planner.speed:.3g} m/s; out of reach with "
+            f"{limits.acceleration:.3g} m/s² and speeds from {SPEED_MIN} to {limits.speed_max:.3g} m/s"
+        )
+    ramp = abs(speed - planner.speed) / limits.acceleration
+    radius = speed / limits.turn_rate
+    spare = straight - radius * np.tan(cut / 2) - 0.5 * (planner.speed + speed) * ramp
+    if spare < -1e-9:
+        raise ValueError(
+            f"{where}: a leg of {route.leg_length[k - 1]:.3g} m is {-spare:.3g} m too short for its changes of "
+            f"speed and course: {planner.speed:.3g} to {speed:.3g} m/s, then a turn of {np.rad2deg(cut):.0f}° "
+            f"(radius {radius:.3g} m)"
+        )
+    return speed, float(spare / speed)
+
+
 def plan(route: Route, limits: Limits | None = None) -> Plan:
     """The motion along a route, on time at every waypoint.
 
@@ -159,57 +194,31 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
             and the limit.
     """
     limits = limits or Limits()
-    legs = np.diff(route.waypoint, axis=0)
-    course = np.arctan2(legs[:, 0], legs[:, 1])
+    points = route.waypoint.tolist()
+    course = np.arctan2(*np.diff(route.waypoint, axis=0).T).tolist()
     start = course[0] if route.start_heading is None else route.start_heading
-    planner = _Planner(*route.waypoint[0], float(start), route.start_speed)
-    turn: float | None = 0.0
-    if abs(_wrap(course[0] - start)) > 1e-12:
-        turn = _turn_towards(planner, *route.waypoint[1], radius=route.start_speed / limits.turn_rate)
-    for k in range(1, route.time.size):
-        where = f"route {route.name!r}, waypoint {k + 1}"
-        target, mean_speed = route.waypoint[k], route.leg_speed[k - 1]
-        if mean_speed > limits.speed_max * (1 + 1e-9):
-            raise ValueError(f"{where}: {mean_speed:.3g} m/s required, the limit is {limits.speed_max:.3g} m/s")
-        if turn is None:
+    east, north = points[0]
+    planner = _Planner(east, north, start, route.start_speed)
+    # the turn that leads from the last corner to the next leg; a start off the first leg is such a corner
+    turn = _turn_towards(planner, points[1], limits.turn_rate) if abs(_wrap(course[0] - start)) > 1e-12 else 0.0
+    for k in range(1, len(points)):
+        if np.isnan(turn):
             raise ValueError(
-                f"{where}: it lies within the turning circle of {planner.speed / limits.turn_rate:.3g} m radius "
-                f"that begins at waypoint {k}"
+                f"route {route.name!r}, waypoint {k + 1}: it lies within the turning circle of "
+                f"{planner.speed / limits.turn_rate:.3g} m radius that begins at waypoint {k}"
             )
-        planner.go(abs(turn) / limits.turn_rate, turn_rate=np.copysign(limits.turn_rate, turn))
-        dx, dy = target[0] - planner.east, target[1] - planner.north
-        straight = float(dx * np.sin(planner.course) + dy * np.cos(planner.course))
-        corner = _wrap(course[k] - planner.course) if k < course.size else 0.0
+        planner.go(abs(turn) / limits.turn_rate, turn_rate=float(np.copysign(limits.turn_rate, turn)))
+        corner = _wrap(course[k] - planner.course) if k < len(course) else 0.0
         cut = abs(corner) if abs(corner) <= limits.sharpest_cut else 0.0
-        # along the arc to its middle the way is shorter than to the corner by speed × saved
-        saved = (np.tan(cut / 2) - cut / 2) / limits.turn_rate
-        left = route.time[k] - planner.time
-        speed = _leg_speed(straight, left + saved, planner.speed, limits.acceleration)
-        if np.isnan(speed) or speed > limits.speed_max * (1 + 1e-9):
-            asked = f"{max(straight, 0) / left:.3g} m/s on average" if left > 0 else "no time for the turn before it"
-            raise ValueError(
-                f"{where}: {asked} after {planner.speed:.3g} m/s; out of reach with {limits.acceleration:.3g} m/s² "
-                f"and at most {limits.speed_max:.3g} m/s"
-            )
-        if speed < SPEED_MIN:
-            raise ValueError(f"{where}: {speed:.3g} m/s required, the least that can be steered is {SPEED_MIN} m/s")
-        ramp = abs(speed - planner.speed) / limits.acceleration
-        before_turn = straight - speed * np.tan(cut / 2) / limits.turn_rate
-        cruise = (before_turn - 0.5 * (planner.speed + speed) * ramp) / speed
-        if cruise < -1e-9:
-            raise ValueError(
-                f"{where}: a leg of {route.leg_length[k - 1]:.3g} m is {-cruise * speed:.3g} m too short for a turn of "
-                f"{np.rad2deg(cut):.0f}° at {speed:.3g} m/s (radius {speed / limits.turn_rate:.3g} m)"
-            )
-        planner.go(ramp, acceleration=np.copysign(limits.acceleration, speed - planner.speed))
+        speed, cruise = _leg(route, k, planner, cut, limits)
+        change = speed - planner.speed
+        planner.go(abs(change) / limits.acceleration, acceleration=float(np.copysign(limits.acceleration, change)))
         planner.speed = speed
         planner.go(cruise)
-        turn = corner
-        if cut:
-            planner.go(0.5 * cut / limits.turn_rate, turn_rate=np.copysign(limits.turn_rate, corner))
-            turn = 0.5 * corner
-        elif corner:
-            turn = _turn_towards(planner, *route.waypoint[k + 1], radius=speed / limits.turn_rate)
+        turn = 0.5 * corner
+        planner.go(0.5 * cut / limits.turn_rate, turn_rate=float(np.copysign(limits.turn_rate, corner)))
+        if corner and not cut:
+            turn = _turn_towards(planner, points[k + 1], limits.turn_rate)
     planner.rows.append((planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0))
     return Plan(*np.array(planner.rows).T)
 
@@ -238,7 +247,7 @@ def fly(
     """
     if len(names) != len(routes):
         raise ValueError(f"{len(names)} vehicles need as many routes, got {len(routes)}")
-    time = np.arange(round(duration / dt) + 1) * dt
+    time: Floats = np.arange(round(duration / dt) + 1, dtype=np.float64) * dt
     n, v = time.size, len(routes)
     position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))
     heading, turn_rate = np.empty((n, v)), np.empty((n, v))

@@ -181,9 +181,9 @@ class Map:
         bar = next(
             b for b in (1000.0, 500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0) if b * scale < 0.4 * width or b == 5.0
         )
-        x, y = left + 10 * s, top + height - 10 * s
+        x, y = left + 12 * s, top + 14 * s
         canvas.line(np.array([[x, y], [x + bar * scale, y]]), (*_PALE, 0.9), 2.0)
-        canvas.text((x, y - 5 * s), f"{bar:g} m", _PALE, 11, "ls")
+        canvas.text((x, y + 5 * s), f"{bar:g} m", _PALE, 11, "la")
         canvas.text((left + width - 10 * s, top + 8 * s), "N ↑", _PALE, -12, "ra")
 
 

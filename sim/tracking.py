@@ -98,6 +98,7 @@ def tracking(
         n = int(np.searchsorted(trajectory.time, route.time[-1] + 1e-9, side="right"))
         time, position = trajectory.time[:n], trajectory.position[:n, i, :2]
         off = cross_track(route, time, position)
+        late = arrival_errors(route, trajectory.time, trajectory.position[:, i, :2])
         intended = plan(route, None if limits is None else limits[i]).at(time)
         speed_error = np.hypot(*trajectory.velocity[:n, i, :2].T) - intended.speed
         depth_error = trajectory.depth[:n, i] - route.depth.at(time)[0]
@@ -107,9 +108,7 @@ def tracking(
                 name=name,
                 cross_track_rms=float(np.sqrt(np.mean(off**2))),
                 cross_track_max=float(off.max()),
-                arrival_error_max=float(
-                    np.abs(arrival_errors(route, trajectory.time, trajectory.position[:, i, :2])).max()
-                ),
+                arrival_error_max=float(np.abs(late).max()),
                 speed_error_rms=float(np.sqrt(np.mean(speed_error**2))),
                 depth_error_rms=float(np.sqrt(np.mean(depth_error**2))),
                 depth_error_max=float(np.abs(depth_error).max()),

@@ -79,6 +79,20 @@ def test_intersections_lie_on_both_circles(x: float, y: float, dx: float, turn: 
         assert left_of_axis > 0
 
 
+@given(east=COORDINATE, north=COORDINATE, turn=ANGLE, x=COORDINATE, y=st.floats(1, 100))
+def test_intersections_move_with_the_circles(east: float, north: float, turn: float, x: float, y: float) -> None:
+    """Turning and shifting both circles turns and shifts the points."""
+    r1, r2 = float(np.hypot(x + 1, y)), float(np.hypot(x - 1, y))
+    cos, sin = np.cos(turn), np.sin(turn)
+
+    def moved(px: float, py: float) -> tuple[float, float]:
+        return east + cos * px - sin * py, north + sin * px + cos * py
+
+    meet = geometry.intersections(*moved(-1, 0), r1, *moved(1, 0), r2)
+    assert meet.n_points == 2
+    np.testing.assert_allclose([meet.left, meet.right], [moved(x, y), moved(x, -y)], atol=1e-7)
+
+
 def test_worked_circles() -> None:
     """Centres 2 apart: radii √2 meet at (1, ±1); radii 1 touch at (1, 0); radii 0.9 do not meet."""
     root = np.sqrt(2.0)
