@@ -112,10 +112,10 @@ def _filter_only(own: Floats, message_step: Ints, messages: Floats, start: Float
     block = row.new_block(start, t)
     i = 0
     for k in range(1, own.shape[0] + 1):
-        block[row.SPEED : row.SPEED + 3 * LANES] = own[k - 1]
+        row.fill(block, row.SPEED, own[k - 1])
         received = i < message_step.size and message_step[i] == k
         if received:
-            block[row.EAST : row.EAST + 10 * LANES] = messages[i]
+            row.fill(block, row.EAST, messages[i])
             i += 1
         lanes.advance(block, t, k, received)
     return block

@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +21,7 @@ from experiments.processes import Pool
 from experiments.progress import progress
 from experiments.store import Record, Steps, Store
 from experiments.version import code_version
+from sim.errors import MissionTruth
 from sim.flight import navigation_settings
 from sim.scenario import Scenario
 from sim.sensors import errors_of, observe
@@ -29,6 +29,10 @@ from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
 
+_HEARD = {"timing", "leader", "acoustics", "ocean"}
+"""What, beside the motion, decides what a follower hears …"""
+_NOISE = {"acoustics": {"range_tau_m", "range_scale_mean_m", "range_scale_sigma_m"}}
+"""… less the random errors, which are added to it run by run."""
 _BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
 
@@ -120,16 +124,21 @@ def _steps(cell: Cell) -> Steps:
 
 
 def _cells(trajectory: Trajectory, plans: Sequence[CellPlan]) -> Iterator[Cell]:
-    seen: dict[str, Any] = {}
+    """Cells to simulate; what several of them share is computed once."""
+    sited: dict[str, Trajectory] = {}
+    seen: dict[str, MissionTruth] = {}
     for plan in plans:
-        sited = flights.sited(trajectory, plan.scenario.leader)
-        heard = plan.scenario.model_dump_json(include={"timing", "leader", "acoustics", "ocean"}) + str(plan.follower)
+        scenario = plan.scenario
+        leader = scenario.leader.model_dump_json()
+        if leader not in sited:
+            sited[leader] = flights.sited(trajectory, scenario.leader)
+        heard = scenario.model_dump_json(include=_HEARD, exclude=_NOISE) + str(plan.follower)
         if heard not in seen:
-            seen[heard] = observe(sited, plan.scenario, plan.follower)
+            seen[heard] = observe(sited[leader], scenario, plan.follower)
         yield Cell(
             truth=seen[heard],
-            errors=errors_of(plan.scenario),
-            settings=navigation_settings(plan.scenario, sited, plan.follower),
+            errors=errors_of(scenario),
+            settings=navigation_settings(scenario, sited[leader], plan.follower),
             seed=plan.scenario.seed,
             runs=range(plan.runs),
             follower=plan.follower,

@@ -35,6 +35,9 @@ def _plain_errors(command: Command) -> Command:
     def wrapped(*args: Any, **kwargs: Any) -> Any:
         try:
             return command(*args, **kwargs)
+        except KeyboardInterrupt:
+            typer.secho("laisn: interrupted; finished files are kept, none is half-written", fg="yellow", err=True)
+            raise typer.Exit(130) from None
         except (ValueError, OSError) as error:
             if os.environ.get("LAISN_DEBUG"):
                 raise
@@ -59,10 +62,10 @@ def fly(
 ) -> None:
     """Fly one mission; write log, film, report and numbers."""
     from experiments import fly as flying
-    from experiments.library import load
+    from experiments.library import load_flyable
 
     extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
-    flying.fly_and_write(load(scenario, [*(set_ or []), *extra]), out, with_video=video)
+    flying.fly_and_write(load_flyable(scenario, [*(set_ or []), *extra]), out, with_video=video)
 
 
 @app.command()
@@ -87,8 +90,7 @@ def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
     """Validate a scenario without flying it."""
     from experiments import library
 
-    checked = library.load(scenario, set_ or ())
-    library.check_routes(checked)
+    checked = library.load_flyable(scenario, set_ or ())
     typer.echo(f"{scenario}: fine ({checked.duration_s:g} s, {len(checked.followers)} follower(s))")
 
 

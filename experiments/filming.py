@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from rich.progress import Progress
 
 from experiments.fly import fly, position_and_bearing_errors
-from experiments.library import load
+from experiments.library import load_flyable
 from sim import log_reader, render
 from sim.flight import Flight
 from sim.scenario import Video
@@ -48,7 +48,7 @@ def _video(video: Video, wish: Wish) -> Video:
 def _flight(source: str, assignments: Iterable[str]) -> Flight:
     path = Path(source)
     if path.suffix != ".mcap":
-        return fly(load(source, assignments))[0]
+        return fly(load_flyable(source, assignments))[0]
     if list(assignments):
         raise render.RenderError("--set changes a scenario; a log was flown already")
     return log_reader.read(path)

@@ -55,14 +55,30 @@ def load(source: str, assignments: Iterable[str]) -> Scenario:
     return validate(override(table, given), " ".join([source, *(f"--set {a}" for a in given)]))
 
 
-def check_routes(scenario: Scenario) -> None:
-    """Raise ValueError naming vehicle and waypoint if a route cannot be flown, or if the waves would break."""
-    from sim.assembly import ocean_of, routes_of
+def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
+    """As `load`, with sea and routes tried too.
+
+    Raises:
+        ScenarioError: names file, key, waypoint and limit if a route is unknown or cannot be flown, or if the waves
+            would break.
+    """
+    from sim.assembly import ocean_of, route_of, vehicle_names
     from sim.kinematics import plan
 
-    ocean_of(scenario)
-    for route in routes_of(scenario):
-        plan(route)
+    scenario = load(source, assignments)
+    try:
+        ocean_of(scenario)
+    except ValueError as error:
+        raise ScenarioError(f"{source}: ocean.waves: {error}") from None
+    keys = ("leader", *(f"followers[{i}]" for i in range(len(scenario.followers))))
+    vehicles = (scenario.leader, *scenario.followers)
+    for key, vehicle, name in zip(keys, vehicles, vehicle_names(scenario), strict=True):
+        try:
+            plan(route_of(vehicle, name))
+        except ValueError as error:
+            where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
+            raise ScenarioError(f"{source}: {where}: {error}") from None
+    return scenario
 
 
 def show() -> None:

@@ -241,9 +241,10 @@ def _all_rows(result: Reproduction) -> Table:
     heads = ["setting", "row", "E_P 50 % [m]", "95 %", "E_B 95 % [°]", "NEES", "NIS", "captured", "rejected"]
     heads.append("worst run")
     caption = (
-        "Percentiles of all steps and runs; NEES and NIS of the position (2 if the filter's covariance is right); runs "
+        "Percentiles of all steps and runs; NEES and NIS of the position (2 if the covariance is right); runs "
         "that were on the mirror side for a message interval; fixes that the gate rejected; the run with the largest E_P, "
-        "for which tables.csv has the command that flies it."
+        "which "
+        "the command in tables.csv flies."
     )
     return Table(heads=heads, rows=rows, caption=caption)
 

@@ -112,3 +112,10 @@ def new_block(start: Floats, t: Tuning) -> Floats:
         block[LAST_SPEED + lane] = block[LAST_HEADING + lane] = np.nan
         block[LAST_LEADER_SPEED + lane] = block[LAST_LEADER_HEADING + lane] = np.nan
     return block
+
+
+@compiled_lanes
+def fill(block: Floats, first: int, values: Floats) -> None:
+    """Copy values, shape (rows · LANES,), into the rows from `first` on."""
+    for i in range(values.size):
+        block[first + i] = values[i]

@@ -109,10 +109,10 @@ def run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats, 
     block = row.new_block(start, t)
     i = 0
     for k in range(1, n + 1):
-        block[row.SPEED : row.SPEED + 3 * LANES] = own_rows[k - 1]
+        row.fill(block, row.SPEED, own_rows[k - 1])
         received = i < m and message_step[i] == k
         if received:
-            block[row.EAST : row.EAST + 10 * LANES] = message_rows[i]
+            row.fill(block, row.EAST, message_rows[i])
         advance(block, t, k, received)
         state[k - 1] = block[row.X : row.X + 4 * LANES]
         if received:

@@ -57,7 +57,8 @@ def _depth_of(vehicle: scenario.Vehicle) -> DepthProfile:
     return DepthProfile.constant(vehicle.depth_m)
 
 
-def _route_of(vehicle: scenario.Vehicle, name: str) -> Route:
+def route_of(vehicle: scenario.Vehicle, name: str) -> Route:
+    """Route of one vehicle; ValueError if the library has none of that name, or waypoints coincide."""
     if vehicle.waypoints:
         return Route.timed(name, vehicle.waypoints, _depth_of(vehicle))
     assert vehicle.route is not None  # the scenario's validation
@@ -76,7 +77,7 @@ def routes_of(mission: scenario.Scenario) -> tuple[Route, ...]:
         ValueError: a route is unknown or asks for more than the vehicle can do; names vehicle and waypoint.
     """
     vehicles = (mission.leader, *mission.followers)
-    return tuple(_route_of(v, n) for v, n in zip(vehicles, vehicle_names(mission), strict=True))
+    return tuple(route_of(v, n) for v, n in zip(vehicles, vehicle_names(mission), strict=True))
 
 
 def setups_of(mission: scenario.Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:

@@ -30,7 +30,7 @@ import numpy.typing as npt
 from laisn.compiled import compiled
 from sim import coefficients
 from sim.allocation import clip, share
-from sim.guidance import DEPTH, SINKING, wrap
+from sim.guidance import ACCELERATING, DEPTH, SINKING, TURNING, wrap
 from sim.plant import Plant
 
 Floats = npt.NDArray[np.float64]
@@ -165,7 +165,7 @@ def _hold_depth(
 @compiled
 def control(
     d: Any,
-    wanted: tuple[float, float, float, float],
+    wanted: tuple[float, float, float],
     reference: Floats,
     pose: Floats,
     twist: Floats,
@@ -178,8 +178,8 @@ def control(
 
     Args:
         d: record of DESIGN.
-        wanted: heading [rad], its rate [rad/s], speed through the water [m/s], its rate [m/s²], as of `steer`.
-        reference: DEPTH [m] and SINKING [m/s] are read, shape (8,).
+        wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
+        reference: TURNING, ACCELERATING, DEPTH and SINKING are read, shape (8,).
         pose: position and quaternion, shape (7,).
         twist: velocity in the world, angular velocity in the body, shape (6,).
         water: velocity of the water in the world, shape (3,), [m/s].
@@ -187,7 +187,7 @@ def control(
         memory: columns HEADING_INTEGRAL … PITCH_COMMAND; brought forward, shape (5,).
         command: out: thrusts, shape (5,), [N].
     """
-    heading_wanted, turn_wanted, speed_wanted, acceleration = wanted
+    heading_wanted, turn_wanted, speed_wanted = wanted
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
     forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
     port = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
@@ -202,14 +202,14 @@ def control(
     # speed; with the hull pitched, its way over ground is shorter than its way through the water
     level = max(np.cos(pitch), 0.5)
     missing = speed_wanted / level - surge
-    thrust = d.surge_mass * (acceleration + 0.5 * omega * missing) + memory[SPEED_INTEGRAL]
+    thrust = d.surge_mass * (reference[ACCELERATING] + 0.5 * omega * missing) + memory[SPEED_INTEGRAL]
     thrust += (d.drag_linear * np.exp(-d.drag_fade * way) + d.drag * way) * surge
     command[0] = clip(thrust, d.limits[0, 0], d.limits[0, 1])
     _integrate(memory, SPEED_INTEGRAL, d.surge_mass * 0.05 * omega * omega * missing * dt, thrust, command[0])
 
     # heading and sway; moments to port are positive, turns to port are negative
     astray = wrap(heading_wanted - heading)
-    moment = -d.yaw_inertia * (omega * omega * astray + 2.0 * omega * (turn_wanted + twist[5]))
+    moment = -d.yaw_inertia * (reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + twist[5]))
     moment += memory[HEADING_INTEGRAL] - (d.yaw_damping + d.fin_yaw * way) * turn_wanted
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_wanted - d.sway_mass * 0.5 * omega * sway
     bow, stern = share(side, moment, d.lateral[0], d.lateral[1], d.limits[1:3])

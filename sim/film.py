@@ -29,7 +29,7 @@ GROUP = 30
 
 _X264 = {
     "preset": "superfast",
-    "crf": "20",
+    "crf": "23",
     "bf": "0",
     "g": str(GROUP),
     # children are the parallelism; headers with every IDR frame let a reader start there

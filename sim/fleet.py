@@ -63,8 +63,8 @@ def _tick(
         around = row[i, WATER]
         if k == 0:
             begin(wanted[k, i], pose[i], twist[i], around, memory[0][i])
-        heading = steer(wanted[k, i], pose[i], around, TICK, memory[0][i])
-        control(autopilots[i], heading, wanted[k, i], pose[i], twist[i], around, TICK, memory[1][i], command[i])
+        steering = steer(wanted[k, i], pose[i], around, TICK, memory[0][i])
+        control(autopilots[i], steering, wanted[k, i], pose[i], twist[i], around, TICK, memory[1][i], command[i])
 
 
 def _trajectory(plant: Plant, record: Floats) -> Trajectory | None:
@@ -126,8 +126,9 @@ def fly_fleet(
     v = len(plant.names)
     if len(routes) != v:
         raise ValueError(f"{v} vehicles need as many routes, got {len(routes)}")
-    wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, limits)
     autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
+    lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
+    wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, limits, lead)
     record = np.empty((ticks + 1, v, COLUMNS))
     memory = np.zeros((v, GUIDANCE_MEMORY)), np.zeros((v, AUTOPILOT_MEMORY))
     command = np.zeros((v, 5))

@@ -13,7 +13,7 @@ heading (the vehicle crabs), its size the speed. The current is the water's velo
 water track measures it, low-passed, so that waves do not steer.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -25,12 +25,16 @@ from sim.missions import Route
 
 Floats = npt.NDArray[np.float64]
 
-EAST, NORTH, COURSE, SPEED, TURN, ACCELERATING, DEPTH, SINKING = range(8)
-"""Columns of a reference."""
+EAST, NORTH, COURSE, SPEED, TURNING, ACCELERATING, DEPTH, SINKING = range(8)
+"""Columns of a reference: [m], [m], [rad], [m/s], [rad/s²], [m/s²], [m], [m/s]."""
 HEADING_COMMAND, SPEED_COMMAND, CURRENT_EAST, CURRENT_NORTH = range(4)
 """Columns of what guidance remembers from tick to tick."""
 GUIDANCE_MEMORY = 4
 
+TURN_SMOOTHING = 1.2
+"""A turn sets in and ends over this time [s]: four times the lag of the thrusters, as no hull jumps to 10°/s."""
+DEPTH_SMOOTHING = 6.0
+"""A change of the rate of depth takes this time [s], in which a hull pitches by 20° at leisure."""
 LOOKAHEAD_TIME = 4.0
 """The lookahead distance is the way of this time [s], so that cross-track errors fade with this time constant; several
 times slower than the heading loop."""
@@ -46,21 +50,57 @@ SPEED_LEAST = 0.1
 """Least speed through the water; slower, a hull has no heading to keep [m/s]."""
 
 
-def reference(routes: Sequence[Route], time: Floats, limits: Sequence[Limits] | None = None) -> Floats:
-    """Where all vehicles should be: shape (n, v, 8), columns EAST … SINKING; SI units and radians.
+def _averaged(value: Callable[[Floats], Floats], time: Floats, width: float) -> tuple[Floats, Floats]:
+    """Mean of a function over an interval about each instant, and the rate of that mean."""
+    parts = (np.arange(12) + 0.5) / 12 - 0.5
+    mean = sum((value(time + part * width) for part in parts), np.zeros_like(time)) / parts.size
+    return mean, (value(time + 0.5 * width) - value(time - 0.5 * width)) / width
+
+
+def _reference_of(route: Route, limits: Limits | None, time: Floats, lead: float) -> Floats:
+    flown = plan(route, limits)
+    motion = flown.at(time)
+
+    def course(t: Floats) -> Floats:
+        return np.interp(t, flown.start, flown.course)
+
+    def turn_rate(t: Floats) -> Floats:
+        return _averaged(course, t, TURN_SMOOTHING)[1]
+
+    def speed(t: Floats) -> Floats:
+        return np.interp(t, flown.start, flown.speed)
+
+    def depth(t: Floats) -> Floats:
+        return route.depth.at(np.maximum(t, 0.0))[0]
+
+    smooth_course, _ = _averaged(course, time, TURN_SMOOTHING)
+    _, turning = _averaged(turn_rate, time + lead, 0.1)
+    _, accelerating = _averaged(speed, time + lead, 0.1)
+    smooth_depth, sinking = _averaged(depth, time, DEPTH_SMOOTHING)
+    columns = motion.east, motion.north, smooth_course, motion.speed, turning, accelerating, smooth_depth, sinking
+    return np.column_stack(columns)
+
+
+def reference(
+    routes: Sequence[Route], time: Floats, limits: Sequence[Limits] | None = None, lead: Sequence[float] | None = None
+) -> Floats:
+    """Where all vehicles should be: shape (n, v, 8), columns EAST … SINKING.
+
+    Course and depth are smoothed about each instant, for the plan is known ahead; the path is not.
 
     Args:
         routes: of the v vehicles.
         time: shape (n,), [s].
         limits: of each vehicle; None: the paper's.
+        lead: by which each vehicle's accelerations are given early, as its thrusters lag [s]; None: 0.
 
     Raises:
         ValueError: a route cannot be flown.
     """
     table = np.empty((time.size, len(routes), 8))
     for i, route in enumerate(routes):
-        motion = plan(route, None if limits is None else limits[i]).at(time)
-        table[:, i] = np.column_stack([*motion, *route.depth.at(time)])
+        bounds, early = limits[i] if limits else None, lead[i] if lead else 0.0
+        table[:, i] = _reference_of(route, bounds, time, early)
     return table
 
 
@@ -89,9 +129,7 @@ def begin(reference: Floats, pose: Floats, twist: Floats, water: Floats, memory:
 
 
 @compiled
-def steer(
-    reference: Floats, position: Floats, water: Floats, dt: float, memory: Floats
-) -> tuple[float, float, float, float]:
+def steer(reference: Floats, position: Floats, water: Floats, dt: float, memory: Floats) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 
     Args:
@@ -103,7 +141,7 @@ def steer(
 
     Returns:
         heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; speed through the water,
-        changing at 0.2 m/s² at most [m/s]; its rate [m/s²].
+        changing at 0.2 m/s² at most [m/s].
     """
     sin, cos = np.sin(reference[COURSE]), np.cos(reference[COURSE])
     east, north = reference[EAST] - position[0], reference[NORTH] - position[1]
@@ -122,12 +160,10 @@ def steer(
     before = memory[HEADING_COMMAND]
     turn = wrap(np.arctan2(through_east, through_north) - before)
     memory[HEADING_COMMAND] += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
-    speed_before = memory[SPEED_COMMAND]
     wanted = max(np.hypot(through_east, through_north), SPEED_LEAST)
-    memory[SPEED_COMMAND] += clip(wanted - speed_before, -ACCELERATION * dt, ACCELERATION * dt)
+    memory[SPEED_COMMAND] += clip(wanted - memory[SPEED_COMMAND], -ACCELERATION * dt, ACCELERATION * dt)
     return (
         memory[HEADING_COMMAND],
         (memory[HEADING_COMMAND] - before) / dt,
         memory[SPEED_COMMAND],
-        (memory[SPEED_COMMAND] - speed_before) / dt,
     )

@@ -76,6 +76,8 @@ class Stage:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = True
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # see `_add_backdrop`
+        self._sight = 0.0
         self._options = mujoco.MjvOption()
         self._sea = seascape.Sea(self._model, ocean)
         self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
@@ -120,6 +122,7 @@ class Stage:
         # MuJoCo hands its fog to OpenGL once, when the context is made
         GL.glFogf(GL.GL_FOG_START, start)
         GL.glFogf(GL.GL_FOG_END, end)
+        self._sight = end
 
     def _render(self, moment: Moment, view: View, box: Box) -> None:
         left, top, width, height = box
@@ -132,6 +135,7 @@ class Stage:
         _, up, forward = view.axes
         for eye in scene.camera:
             eye.pos[:], eye.up[:], eye.forward[:] = view.position, up, forward
+        self._add_backdrop(view)
         self._add_propellers(moment)
         self._add_wash(moment)
         self._add_beliefs(moment)
@@ -146,6 +150,14 @@ class Stage:
         geom.category = mujoco.mjtCatBit.mjCAT_DECOR.value
         scene.ngeom += 1
         return geom
+
+    def _add_backdrop(self, view: View) -> None:
+        """A wall beyond the fog, which colours it; drawn last and mostly hidden, it costs a quarter of a sky."""
+        distance = 1.5 * self._sight
+        right, up, forward = view.axes
+        size = np.array([4.0 * distance, 3.0 * distance, 1.0])
+        turn = np.column_stack([right, up, -forward])
+        self._add(mujoco.mjtGeom.mjGEOM_BOX.value, size, view.position + distance * forward, turn, (0, 0, 0, 1))
 
     def _add_propellers(self, moment: Moment) -> None:
         blade = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value

@@ -17,7 +17,7 @@ from sim.vehicle import VehicleSetup, compose
 Floats = npt.NDArray[np.float64]
 
 WATER = (0.035, 0.26, 0.36)
-"""Colour of fog, background and far floor alike, so that no band remains at the horizon."""
+"""Colour of the fog, and so of all that is far, so that no band remains at the horizon."""
 
 _CELLS = 64
 _TILE_M = 30.0
@@ -137,8 +137,6 @@ def build(names: Sequence[str], floor_depth_m: float, width_px: int, height_px: 
     visual.quality.offsamples = samples
     visual.global_.offwidth, visual.global_.offheight = width_px, height_px
     visual.rgba.fog = [*WATER, 1.0]
-    sky = spec.texture("water")
-    sky.rgb1, sky.rgb2 = WATER, WATER
     return spec.compile()
 
 

@@ -1,5 +1,6 @@
 """Travel time, sound speed, clocks, echoes and loss against closed forms."""
 
+from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -8,11 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from experiments.cells import Cell
+from experiments.montecarlo import histories
+from laisn.navigator import Navigator
 from sim.acoustics import TRANSMITTERS, propagate
 from sim.echo import Path, image, locked_path
+from sim.errors import measure
+from sim.flight import navigation_settings
 from sim.loss import Channel, received
 from sim.scenario import Acoustics
-from sim.sensors import observe
+from sim.sensors import errors_of, observe
 from sim.sound import SoundSpeed
 from tests.straight import make_scenario, make_trajectory
 
@@ -170,3 +176,38 @@ def test_pings_from_beyond_the_maximum_range_are_not_heard():
 def test_impossible_settings_are_refused(bad):
     with pytest.raises(ValueError, match=r"add up|not deeper"):
         Acoustics(**bad)
+
+
+@pytest.mark.parametrize(
+    "acoustics",
+    [
+        Acoustics(surface_echo_chance=0.2, bottom_echo_chance=0.1),
+        Acoustics(loss_chance=0.1, burst_chance=0.2, burst_mean_messages=3.0, max_range_m=37.0),
+        Acoustics(surface_echo_chance=0.1, loss_chance=0.2, travel_time=True, ping_slot_s=0.04, clock_drift_ppm=30.0),
+    ],
+)
+@pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1", "laisn-3-2"])
+def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, variant):
+    trajectory = make_trajectory(
+        (20.0, -30.0, -14.0), leader_velocity=(1.0, 0, 0), follower_velocity=(1.0, 0.1, 0),
+        heading_pitch_roll=(1.5, 0.05, 0.02),
+    )  # fmt: skip
+    scenario = make_scenario(acoustics)
+    truth, errors = observe(trajectory, scenario), errors_of(scenario)
+    told = replace(navigation_settings(scenario, trajectory, 0), variant=variant)
+    states = histories(Cell(truth=truth, errors=errors, settings=told, runs=range(3)))
+    for run in range(3):
+        heard = measure(truth, errors, seed=1, run=run)
+        assert_allclose(Navigator(told, truth.start).run(heard).state, states[..., run], atol=1e-9)
+
+
+def test_a_reading_of_an_echo_is_the_path_of_the_echo():
+    trajectory = make_trajectory((15.0, 9.0, -11.0))
+    scenario = make_scenario(Acoustics(surface_echo_chance=0.4, bottom_echo_chance=0.3))
+    errors = replace(errors_of(scenario), range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
+    truth = observe(trajectory, scenario)
+    read = measure(truth, errors, seed=1, run=2).ranges
+    path = locked_path(1, 2, 0, truth.emission_step, errors.echo_chance)
+    sound = propagate(trajectory, scenario)
+    assert_allclose(read, np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0], rtol=1e-15)
+    assert {int(p) for p in np.unique(path)} == {0, 1, 2}

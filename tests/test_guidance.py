@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim import guidance, missions
-from sim.guidance import COURSE, DEPTH, EAST, NORTH, SINKING, SPEED, TURN
+from sim.guidance import COURSE, DEPTH, EAST, NORTH, SINKING, SPEED, TURNING
 from sim.kinematics import plan
 from sim.missions import DepthProfile, Route
 
@@ -31,8 +31,8 @@ def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0):
     guidance.begin(table[0], np.array([*position, -5.0, *level(heading)]), np.array([*velocity, 0.0]), water, memory)
     rows = []
     for row in table:
-        psi, rate, speed, acceleration = guidance.steer(row, position, water, DT, memory)
-        rows.append((*position, psi, rate, speed, acceleration))
+        psi, rate, speed = guidance.steer(row, position, water, DT, memory)
+        rows.append((*position, psi, rate, speed))
         position = position + DT * (speed * np.array([np.sin(psi), np.cos(psi)]) + water[:2])
     return table, np.array(rows)
 
@@ -42,8 +42,9 @@ def test_a_reference_holds_motion_and_depth():
     table = guidance.reference([route, missions.route("L")], np.array([0.0, 25.0, 80.0]))
     assert table.shape == (3, 2, 8)
     assert table[:, 0, NORTH] == pytest.approx([0, 25, 80])
-    assert table[:, 0, DEPTH].tolist() == [5, 7.5, 10]
-    assert table[:, 0, SINKING].tolist() == [0.1, 0.1, 0]
+    # before 0 s the depth is held: half of the first interval of the mean, and a quarter of its rise
+    assert table[:, 0, DEPTH] == pytest.approx([5 + 0.1 * guidance.DEPTH_SMOOTHING / 8, 7.5, 10])
+    assert table[:, 0, SINKING] == pytest.approx([0.05, 0.1, 0])
     assert table[:, 1, COURSE] == pytest.approx(np.pi / 2)
 
 
@@ -99,11 +100,10 @@ def test_the_current_is_low_passed():
 def test_commands_change_no_faster_than_the_vehicle_may(position, water, time, heading, speed):
     row = guidance.reference([missions.route("T8")], np.array([time]))[0, 0]
     memory = np.array([heading, speed, *water])
-    psi, rate, wanted, acceleration = guidance.steer(row, np.array(position), np.array(water), DT, memory)
+    psi, rate, wanted = guidance.steer(row, np.array(position), np.array(water), DT, memory)
     assert abs(psi - heading) <= np.deg2rad(10.0) * DT + 1e-12
     assert abs(wanted - speed) <= 0.2 * DT + 1e-12
     assert rate == pytest.approx((psi - heading) / DT)
-    assert acceleration == pytest.approx((wanted - speed) / DT)
 
 
 def test_the_start_is_taken_as_it_is():
@@ -122,7 +122,32 @@ def test_wrapped_angles_differ_by_whole_turns(angle):
     assert (angle - wrapped) / (2 * np.pi) == pytest.approx(round((angle - wrapped) / (2 * np.pi)), abs=1e-9)
 
 
-def test_turns_come_from_the_plan():
-    table = guidance.reference([CORNER], np.arange(0, 400, DT))[:, 0]
-    assert set(np.round(np.rad2deg(np.unique(table[:, TURN])), 9)) == {0.0, 10.0}
-    assert table[:, EAST] == pytest.approx(plan(CORNER).at(np.arange(0, 400, DT)).east)
+def test_turns_set_in_and_end_smoothly():
+    time = np.arange(0, 400, DT)
+    table = guidance.reference([CORNER], time)[:, 0]
+    motion = plan(CORNER).at(time)
+    assert table[:, EAST] == pytest.approx(motion.east)
+    assert table[:, SPEED] == pytest.approx(motion.speed)
+    turns = np.flatnonzero(motion.turn_rate)
+    far = np.abs(time - time[turns[0]]) > 1, np.abs(time - time[turns[-1]]) > 1
+    assert table[far[0] & far[1], COURSE] == pytest.approx(motion.course[far[0] & far[1]], abs=1e-9)
+    # the mean over a width w of a ramp that begins is a parabola of curvature rate / w
+    assert table[:, TURNING].max() == pytest.approx(np.deg2rad(10) / guidance.TURN_SMOOTHING, rel=1e-6)
+    rate = np.gradient(table[:, COURSE], DT)
+    assert np.rad2deg(rate.max()) == pytest.approx(10, abs=1e-6)
+
+
+def test_accelerations_are_given_early():
+    time = np.arange(0, 400, DT)
+    late = guidance.reference([CORNER], time)[:, 0, TURNING]
+    early = guidance.reference([CORNER], time, lead=[0.3])[:, 0, TURNING]
+    assert early[:-3] == pytest.approx(late[3:], abs=1e-9)
+
+
+def test_depth_is_smoothed_and_its_rate_is_that_of_the_mean():
+    route = Route.timed("step", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 5], [50.01, 8]]))
+    table = guidance.reference([route], np.arange(0, 100, DT))[:, 0]
+    # a step's mean is a ramp as long as the width
+    assert table[:, SINKING].max() == pytest.approx(3 / guidance.DEPTH_SMOOTHING)
+    assert table[-1, DEPTH] == 8
+    assert np.flatnonzero(table[:, SINKING]).size * DT == pytest.approx(guidance.DEPTH_SMOOTHING, abs=2 * DT)

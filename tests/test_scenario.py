@@ -18,7 +18,7 @@ def test_every_built_in_scenario_survives_toml(name: str) -> None:
     scenario = library.load(name, ())
     text = scenario_file.dumps(scenario)
     assert scenario_file.validate(tomllib.loads(text), name) == scenario
-    library.check_routes(scenario)
+    assert library.load_flyable(name, ()) == scenario
 
 
 def test_defaults_are_the_papers() -> None:
@@ -81,6 +81,24 @@ def test_overrides_reach_nested_keys_and_list_items() -> None:
 def test_a_broken_override_is_refused(assignment: str) -> None:
     with pytest.raises(ScenarioError, match="--set"):
         scenario_file.override(MINIMAL, [assignment])
+
+
+@pytest.mark.parametrize(
+    ("assignments", "expected"),
+    [
+        (
+            ["followers.0.waypoints=[[0, 0, 0], [10, 52.2, 0]]"],
+            "followers[0].waypoints: route 'follower', waypoint 2: 5.22 m/s",
+        ),
+        (["followers.0.route=T1"], "followers[0].route: unknown route 'T1'; available: T2 … T9, L"),
+        (["leader.waypoints=[[0, 0, 0], [10, 0, 0]]"], "leader.waypoints: route 'leader': waypoints 1 and 2 coincide"),
+        (["ocean.waves.kind=regular", "ocean.waves.height_m=5"], "ocean.waves: height_m=5.0 must lie between 0 and"),
+    ],
+)
+def test_what_cannot_be_flown_names_file_and_key(assignments: list[str], expected: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        library.load_flyable("T5", assignments)
+    assert str(caught.value).startswith("T5: " + expected)
 
 
 def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
