@@ -46,7 +46,7 @@ SEAS_DEG = {"head": 270.0, "beam": 0.0, "following": 90.0}
 seas come from abeam, and a beam sea follows."""
 
 
-_COMPONENTS = 24
+_COMPONENTS = 16
 """Enough for a sea that does not repeat within a mission; the price of a sea grows with their number."""
 
 

@@ -43,17 +43,27 @@ class Arm:
     """Error of the broadcast attitude."""
     expect_pitch: bool = False
     """The follower inflates σp by the root mean square pitch of the mission."""
+    variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-1", "laisn-3-2")
+    """Flown in this arm."""
 
 
 LEVEL = Arm(key="level", label="level leader", level=True)
 REAL = Arm(key="real", label="real leader")
+_BOTH: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
+_TWO: tuple[Variant, ...] = ("laisn-2",)
 ARMS = (
     LEVEL,
     REAL,
-    Arm(key="attitude-0", label="attitude broadcast, exact", use_attitude=True),
-    Arm(key="attitude-0.5", label="attitude broadcast, 0.5°", use_attitude=True, attitude_sigma_deg=0.5),
-    Arm(key="attitude-2", label="attitude broadcast, 2°", use_attitude=True, attitude_sigma_deg=2.0),
-    Arm(key="expected", label="σp inflated by the expected pitch", expect_pitch=True),
+    Arm(key="attitude-0", label="attitude broadcast, exact", use_attitude=True, variants=_BOTH),
+    Arm(
+        key="attitude-0.5",
+        label="attitude broadcast, 0.5°",
+        use_attitude=True,
+        attitude_sigma_deg=0.5,
+        variants=_BOTH,
+    ),
+    Arm(key="attitude-2", label="attitude broadcast, 2°", use_attitude=True, attitude_sigma_deg=2.0, variants=_TWO),
+    Arm(key="expected", label="σp inflated by the expected pitch", expect_pitch=True, variants=_TWO),
 )
 ARM = {arm.key: arm for arm in ARMS}
 
@@ -65,9 +75,6 @@ class Plan:
     routes: tuple[str, ...] = ROUTES
     offsets_m: tuple[float, ...] = OFFSETS_M
     variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-1", "laisn-3-2")
-    arms: tuple[str, ...] = tuple(ARM)
-    remedies_of: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
-    """Variants that are flown in all arms; the others meet the level and the real leader alone."""
     runs: int = 60
     duration_s: float = 1000.0
 
@@ -76,7 +83,6 @@ QUICK = Plan(
     routes=("T3", "T8"),
     offsets_m=(0.0, 5.0, 10.0),
     variants=("laisn-2",),
-    remedies_of=("laisn-2",),
     runs=20,
     duration_s=200.0,
 )
@@ -193,13 +199,15 @@ def fly_condition(condition: Condition, plan: Plan) -> list[Row]:
     for follower, (route, offset) in enumerate(missions):
         sensed = sense(pair(trajectory, follower), condition, route, offset, plan.duration_s)
         errors = errors_of(scenario(condition, route, offset, plan.duration_s))
-        for arm in plan.arms:
-            for variant in plan.variants if arm in (LEVEL.key, REAL.key) else plan.remedies_of:
-                result = simulate(_cell(sensed, errors, ARM[arm], variant, plan.runs))
+        for arm in ARMS:
+            for variant in arm.variants:
+                if variant not in plan.variants:
+                    continue
+                result = simulate(_cell(sensed, errors, arm, variant, plan.runs))
                 rows.append(
                     row_of(
                         result, **sensed.facts, condition=condition.key, cause=condition.cause, route=route,
-                        depth_offset_m=offset, variant=variant, arm=arm,
+                        depth_offset_m=offset, variant=variant, arm=arm.key,
                     )
                 )  # fmt: skip
     return rows

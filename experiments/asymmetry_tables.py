@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from experiments.asymmetry_conditions import Condition, command
 from experiments.asymmetry_gates import GateRow
-from experiments.asymmetry_missions import ARM, LEVEL, REAL, Row
+from experiments.asymmetry_missions import ARMS, LEVEL, REAL, Row
 from experiments.asymmetry_planner import OFF_AXIS_DEG, PITCH_DEG, rules
 from experiments.asymmetry_tau import Curves, equivalent
 from experiments.page import Cell, Table, number, words
@@ -103,36 +103,47 @@ def mission_table(
     return table, "\n".join(lines)
 
 
-def remedy_table(missions: dict[Mission, Excess], variants: Sequence[str], arms: Sequence[str]) -> Table:
-    """How much of the pitch-driven part each remedy removes."""
+def driven(missions: dict[Mission, Excess], variant: str, cause: str | None = None) -> list[Excess]:
+    """Missions of a variant in which pitch does something, of one cause or of all."""
+    return [
+        e
+        for (_, _, _, flown), e in missions.items()
+        if flown == variant and e.part >= SMALLEST_PART_M and cause in (None, e.real.cause)
+    ]
+
+
+def removed_in_all(missions: Sequence[Excess], arm: str) -> float:
+    """Share of the pitch-driven parts of missions, added up, that a remedy removes."""
+    return sum(e.real.e_p_mean_m - e.arms[arm].e_p_mean_m for e in missions) / sum(e.part for e in missions)
+
+
+def remedy_table(missions: dict[Mission, Excess], variants: Sequence[str], causes: dict[str, str]) -> Table:
+    """How much of the pitch-driven part each remedy removes; `causes` gives each cause its name on the page."""
     rows = []
-    for arm in arms:
+    for arm in ARMS[2:]:
         for variant in variants:
-            chosen = [
-                e
-                for (_, _, _, v), e in missions.items()
-                if v == variant and arm in e.arms and e.part >= SMALLEST_PART_M
-            ]
-            if not chosen:
-                continue
-            share = np.array([e.removed(arm) for e in chosen])
-            total = sum(e.real.e_p_mean_m - e.arms[arm].e_p_mean_m for e in chosen) / sum(e.part for e in chosen)
-            rows.append(
-                [
-                    words(ARM[arm].label),
-                    words(variant),
-                    number(len(chosen), 0),
-                    number(100 * total, 1),
-                    number(100 * float(np.median(share)), 1),
-                    number(100 * float(share.min()), 0),
-                    number(100 * float(np.mean(share >= 0.9)), 0),
-                    number(100 * float(np.mean(share >= 0.99)), 0),
-                ]
-            )
+            for cause, name in causes.items():
+                chosen = [e for e in driven(missions, variant, cause) if arm.key in e.arms]
+                if not chosen:
+                    continue
+                share = np.array([e.removed(arm.key) for e in chosen])
+                rows.append(
+                    [
+                        words(arm.label),
+                        words(variant),
+                        words(name),
+                        number(len(chosen), 0),
+                        number(100 * removed_in_all(chosen, arm.key), 1),
+                        number(100 * float(np.median(share)), 1),
+                        number(100 * float(share.min()), 0),
+                        number(100 * float(np.mean(share >= 0.9)), 0),
+                        number(100 * float(np.mean(share >= 0.99)), 0),
+                    ]
+                )
     return Table(
-        heads=("remedy", "variant", "missions", "of the sum", "median", "smallest", "missions ≥ 90 %", "≥ 99 %"),
+        heads=("remedy", "variant", "cause", "missions", "of the sum", "median", "smallest", "≥ 90 %", "≥ 99 %"),
         rows=rows,
-        groups=(("", 3), ("removed [%]", 3), ("share of missions [%]", 2)),
+        groups=(("", 4), ("removed [%]", 3), ("share of missions [%]", 2)),
         caption=f"Of the pitch-driven part, real less level, in all missions where it is {100 * SMALLEST_PART_M:g} cm "
         "or more. Negative: the remedy harms.",
     )

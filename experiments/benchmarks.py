@@ -121,7 +121,7 @@ def _filter_only(own: Floats, message_step: Ints, messages: Floats, start: Float
     return block
 
 
-def _filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSettings) -> Floats:
+def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSettings) -> Floats:
     """Predict, position and speed update of one run with filterpy, without anything else; fixes are the start."""
     kalman = Filter(DT, start, np.zeros(4))
     z = (float(start[0]), float(start[1]))
@@ -134,7 +134,7 @@ def _filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSet
     return kalman.state
 
 
-def _vectorised_numpy(own: Floats, messages: Floats, start: Floats, settings: NavigationSettings) -> Floats:
+def vectorised_numpy(own: Floats, messages: Floats, start: Floats, settings: NavigationSettings) -> Floats:
     """The Kalman filter of all runs at once with NumPy; `own` (n, 2, R), fixes `messages` (m, 2, R)."""
     runs = own.shape[2]
     x, P = np.tile(start, (runs, 1)), np.zeros((runs, 4, 4))
@@ -185,9 +185,9 @@ def navigation() -> list[Row]:
     few = 300
     short = measure(steady_mission(few), SensorErrors(), seed=1, run=0)
     navigator = least_time(lambda: Navigator(settings, truth.start).run(short), 3) / few * 1e9
-    filterpy = least_time(lambda: _filterpy_loop(short, truth.start, settings), 3) / few * 1e9
+    filterpy = least_time(lambda: filterpy_loop(short, truth.start, settings), 3) / few * 1e9
     fixes = messages[:, :2, :RUNS]
-    numpy_time = least_time(lambda: _vectorised_numpy(own[:, :2, :RUNS], fixes, truth.start, settings), 3)
+    numpy_time = least_time(lambda: vectorised_numpy(own[:, :2, :RUNS], fixes, truth.start, settings), 3)
     vectorised = numpy_time / (n * RUNS) * 1e9
     rows = [
         Row("peak of one core, fused multiply-adds", peak * 1e-9, "GF/s"),
@@ -220,7 +220,7 @@ def table(rows: list[Row]) -> str:
     """Rows as aligned text."""
     lines = [f"{'':58}{'value':>11} {'unit':8} {'faster':>8}  {'than':9}{'floor':>7}"]
     for r in rows:
-        ratio = "" if np.isnan(r.ratio) else f"{r.ratio:.0f}x"
+        ratio = "" if np.isnan(r.ratio) else f"{r.ratio:.1f}x"
         floor = "" if np.isnan(r.floor) else f"{r.floor:.1f}"
         lines.append(f"{r.name:58}{r.value:11.1f} {r.unit:8} {ratio:>8}  {r.against:9}{floor:>7}")
     return "\n".join(lines)

@@ -1,71 +1,14 @@
-"""The paper's claims, each judged by a computed test on the same figures that its tables hold.
+"""The paper's claims, each with the criterion and the test that judge it.
 
 A claim is judged on missions: the eight of the paper, or many drawn ones. Where the published tables have the figures
 that a test needs, the same test is made on them too, so that a criterion which the paper itself would fail shows.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Callable
+from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
-from experiments.stages import Key
-from experiments.store import Steps
-from laisn.settings import Variant
-
-Floats = npt.NDArray[np.float64]
-Verdict = Literal["holds", "does not hold", "depends", "no data"]
-
-ASTERN_DEG = 10.0
-"""A follower within this angle of dead astern counts as astern."""
-LATERAL_DEG = (45.0, 135.0)
-"""Angle off the bow, either side, that counts as abeam."""
-SECTOR_STEPS = 300
-"""Steps (of 0.1 s) that a mission must spend in a sector to say something about it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Evidence:
-    """Figures of many cells, by setting, mission and variant."""
-
-    rows: Mapping[Key, Mapping[str, float]]
-    missions: Sequence[str]
-    steps: Mapping[Key, Steps] = field(default_factory=dict)
-    lateral: Sequence[str] = ("T3", "T4")
-    """Missions of followers that stay abeam; the defaults are those that the paper names."""
-    astern: Sequence[str] = ("T2", "T5")
-    """Missions of followers that are astern for long."""
-    burst: Sequence[str] = ("T8",)
-    """Missions with a burst of speed."""
-
-    def value(self, setting: str, mission: str, variant: Variant, metric: str) -> float:
-        """One figure; NaN if there is none."""
-        return float(self.rows.get((setting, mission, variant), {}).get(metric, np.nan))
-
-    def values(self, setting: str, variant: Variant, metric: str, missions: Iterable[str] | None = None) -> Floats:
-        """One figure of all missions, shape (m,)."""
-        return np.array(
-            [self.value(setting, m, variant, metric) for m in (self.missions if missions is None else missions)]
-        )
-
-    def among(self, group: Sequence[str]) -> list[str]:
-        """Missions of a group, as often as they occur."""
-        return [m for m in self.missions if m in group]
-
-    def others(self, group: Sequence[str]) -> list[str]:
-        """Missions that are not of a group."""
-        return [m for m in self.missions if m not in group]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Judgement:
-    """What became of a claim."""
-
-    verdict: Verdict
-    figures: str
-    """The numbers behind it."""
+from experiments import claim_tests as tests
+from experiments.evidence import Evidence, Judgement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,229 +21,51 @@ class Claim:
     judge: Callable[[Evidence], Judgement]
 
 
-def _judgement(parts: Sequence[bool], figures: str) -> Judgement:
-    """All parts true: holds; some: depends; none: does not hold."""
-    verdict: Verdict = "holds" if all(parts) else "depends" if any(parts) else "does not hold"
-    return Judgement(verdict=verdict, figures=figures)
-
-
-_NO_DATA = Judgement(verdict="no data", figures="the rows that this test needs were not run, or are not in the tables")
-
-
-def _complete(*arrays: Floats) -> bool:
-    return all(a.size and np.all(np.isfinite(a)) for a in arrays)
-
-
-def _spread(ratio: Floats, names: Sequence[str]) -> str:
-    """Median and range of a ratio, with the missions at both ends."""
-    low, high = int(np.argmin(ratio)), int(np.argmax(ratio))
-    return f"median {np.median(ratio):.2f}, from {ratio[low]:.2f} ({names[low]}) to {ratio[high]:.2f} ({names[high]})"
-
-
-def _named(missions: Sequence[str]) -> str:
-    """Few missions by name, many by number."""
-    return ", ".join(missions) if len(missions) <= 3 else f"{len(missions)} routes"
-
-
-def _ratio(
-    evidence: Evidence, over: tuple[str, Variant], under: tuple[str, Variant], metric: str = "e_p_mean_m"
-) -> Floats:
-    return evidence.values(*over, metric) / evidence.values(*under, metric)
-
-
-def sector_errors(steps: Steps) -> tuple[float, float]:
-    """Mean E_P [m] while the follower is abeam, and while it is astern; NaN where it hardly ever is."""
-    off_bow = np.abs((steps["bearing_deg"] + 180.0) % 360.0 - 180.0)
-    lateral = (off_bow >= LATERAL_DEG[0]) & (off_bow <= LATERAL_DEG[1])
-    astern = off_bow >= 180.0 - ASTERN_DEG
-    error = steps["e_p_mean_m"]
-    abeam, behind = (float(error[s].mean()) if s.sum() >= SECTOR_STEPS else np.nan for s in (lateral, astern))
-    return abeam, behind
-
-
-def _lateral(evidence: Evidence) -> Judgement:
-    lateral, others = evidence.among(evidence.lateral), evidence.others(evidence.lateral)
-    worst, best = (evidence.values("base", "laisn-2", "e_p_max_m", m) for m in (lateral, others))
-    if not _complete(worst, best):
-        return _NO_DATA
-    parts = [float(np.median(worst)) < float(np.median(best)), bool(worst.max() < best.min())]
-    text = (
-        f"E_P max of {_named(lateral)}: {worst.min():.2f} … {worst.max():.2f} m; "
-        f"of the others {best.min():.2f} … {best.max():.2f} m"
-    )
-    sectors = [
-        (m, *sector_errors(evidence.steps["base", m, "laisn-2"]))
-        for m in evidence.missions
-        if ("base", m, "laisn-2") in evidence.steps
-    ]
-    both = [(m, a, b) for m, a, b in sectors if np.isfinite(a) and np.isfinite(b)]
-    if both:
-        better = [m for m, abeam, astern in both if abeam < astern]
-        parts.append(2 * len(better) > len(both))
-        ratio = np.array([astern / abeam for _, abeam, astern in both])
-        text += (
-            f"; mean E_P astern over abeam within a mission: {_spread(ratio, [m for m, _, _ in both])}, "
-            f"abeam better on {len(better)} of {len(both)}"
-        )
-    return _judgement(parts, text)
-
-
-def _interval(evidence: Evidence) -> Judgement:
-    five, ten = (_ratio(evidence, (s, "laisn-2"), ("base", "laisn-2")) for s in ("5s", "10s"))
-    if not _complete(five, ten):
-        return _NO_DATA
-    text = f"5 s over 1 s: {_spread(five, evidence.missions)}; 10 s over 1 s: {_spread(ten, evidence.missions)}"
-    return _judgement([bool(np.median(five) <= 2), bool(np.median(ten) >= 4)], text)
-
-
-def _baseline(evidence: Evidence) -> Judgement:
-    ratio = np.concatenate([_ratio(evidence, ("L1", v), ("5s", v)) for v in ("laisn-2", "laisn-3-2")])
-    if not _complete(ratio):
-        return _NO_DATA
-    names = [f"{m} {v}" for v in ("LAISN-2", "LAISN-3(2)") for m in evidence.missions]
-    parts = [bool(np.median(ratio) <= 1.25), bool(np.quantile(ratio, 0.9) <= 1.5)]
-    return _judgement(parts, f"1 m over 2 m: {_spread(ratio, names)}")
-
-
-def _offset(evidence: Evidence) -> Judgement:
-    ratio = _ratio(evidence, ("HT0.2", "laisn-3-2"), ("5s", "laisn-3-2"))
-    if not _complete(ratio):
-        return _NO_DATA
-    change = np.abs(np.log(ratio))
-    parts = [bool(np.median(change) <= np.log(1.1)), bool(np.quantile(change, 0.9) <= np.log(1.2))]
-    return _judgement(parts, f"0.2 m over 0.1 m: {_spread(ratio, evidence.missions)}")
-
-
-def _third(evidence: Evidence) -> Judgement:
-    parts, texts = [], []
-    for setting, title in (("base", "1 s"), ("5s", "5 s")):
-        ratio = _ratio(evidence, (setting, "laisn-3-2"), (setting, "laisn-2"))
-        if not _complete(ratio):
-            return _NO_DATA
-        parts += [bool(np.median(ratio) >= 0.95), bool(np.mean(ratio < 0.9) <= 0.1)]
-        texts.append(f"{title}: {_spread(ratio, evidence.missions)}")
-    return _judgement(parts, "LAISN-3(2) over LAISN-2, " + "; ".join(texts))
-
-
-def _worse(evidence: Evidence) -> Judgement:
-    mean, top = (
-        _ratio(evidence, ("base", "laisn-3-1"), ("base", "laisn-2"), metric) for metric in ("e_p_mean_m", "e_p_max_m")
-    )
-    if not _complete(mean, top):
-        return _NO_DATA
-    parts = [bool(np.median(r) > 1) for r in (mean, top)] + [bool(np.mean(r > 1) >= 0.9) for r in (mean, top)]
-    return _judgement(parts, f"mean: {_spread(mean, evidence.missions)}; max: {_spread(top, evidence.missions)}")
-
-
-def _asymmetric(evidence: Evidence) -> Judgement:
-    missions = evidence.among(evidence.astern)
-    two, three = (evidence.values("asymmetric", v, "e_p_mean_m", missions) for v in ("laisn-2", "laisn-3-2"))
-    if not _complete(two, three):
-        return _NO_DATA
-    ratio = three / two
-    text = f"LAISN-3(2) over LAISN-2, mean E_P on {_named(missions)}: {_spread(ratio, missions)}"
-    return _judgement([bool(np.median(ratio) <= 0.8), bool(np.mean(ratio <= 0.8) >= 0.9)], text)
-
-
-def _shared(evidence: Evidence) -> Judgement:
-    ratio = _ratio(evidence, ("muD0.3", "laisn-2"), ("5s", "laisn-2"))
-    if not _complete(ratio):
-        return _NO_DATA
-    parts = [bool(np.median(ratio) <= 1.25), bool(np.quantile(ratio, 0.9) <= 1.5)]
-    return _judgement(parts, f"0.3 m over 0.1 m: {_spread(ratio, evidence.missions)}")
-
-
-def _heading(evidence: Evidence) -> Judgement:
-    error = evidence.values("heading5", "laisn-2", "e_p_mean_m")
-    growth = error / evidence.values("base", "laisn-2", "e_p_mean_m")
-    distance = evidence.values("base", "laisn-2", "distance_m")
-    if not _complete(error, growth, distance):
-        return _NO_DATA
-    names = list(evidence.missions)
-    lateral = np.isin(names, list(evidence.lateral))
-    if lateral.all() or not lateral.any():
-        return _NO_DATA
-    grown = [float(np.median(growth[group])) for group in (lateral, ~lateral)]
-    dominates = grown[0] > grown[1] and grown[0] > 5
-    slope = float(error @ distance / (distance @ distance))
-    # of a line through the origin: what it leaves over the spread about the mean
-    fit = 1 - float(np.sum((error - slope * distance) ** 2) / np.sum((error - error.mean()) ** 2))
-    text = (
-        f"E_P grows {grown[0]:.1f} times on {_named(evidence.among(evidence.lateral))}, {grown[1]:.1f} times on the "
-        f"others (medians); "
-        f"E_P = {slope:.3f} × mean distance ({np.rad2deg(slope):.1f}°) explains {100 * fit:.0f} % of its variance"
-    )
-    return _judgement([dominates, fit >= 0.8], text)
-
-
-def _burst(evidence: Evidence) -> Judgement:
-    top = evidence.values("base", "laisn-2", "e_b_max_deg")
-    bursts, others = evidence.among(evidence.burst), evidence.others(evidence.burst)
-    mine, theirs = (evidence.values("base", "laisn-2", "e_b_max_deg", m) for m in (bursts, others))
-    if not _complete(top, mine, theirs):
-        return _NO_DATA
-    largest = evidence.missions[int(np.argmax(top))]
-    parts = [bool(np.median(mine) > np.median(theirs)), largest in bursts]
-    text = (
-        f"largest E_B {top.max():.1f}° on {largest}; {_named(bursts)} {np.median(mine):.1f}°, "
-        f"others: {_spread(theirs, others)}"
-    )
-    lags = []
-    for m in bursts:
-        steps = evidence.steps.get(("base", m, "laisn-2"))
-        if steps is not None:
-            fastest = steps["time_s"][steps["speed_m_s"] >= 0.95 * steps["speed_m_s"].max()]
-            lags.append(float(np.min(np.abs(steps["time_s"][np.argmax(steps["e_b_max_deg"])] - fastest))))
-    if lags:
-        parts.append(float(np.median(lags)) <= 30)
-        text += f"; it peaks {np.median(lags):.0f} s from the burst"
-    return _judgement(parts, text)
-
-
 CLAIMS = (
     Claim(
-        number=1, text="Followers abeam of the leader are located better than followers astern.", judge=_lateral,
-        criterion="E_P max on T3 and T4 is below the median of the other routes, and below each of them; where steps "
-        f"are kept, mean E_P at {LATERAL_DEG[0]:.0f}–{LATERAL_DEG[1]:.0f}° off the bow is below that within "
-        f"{ASTERN_DEG:.0f}° of astern on most missions that have both.",
+        number=1, text="Followers abeam of the leader are located better than followers astern.", judge=tests.lateral,
+        criterion="E_P max on T3 and T4 is below the median of the other routes, and below each of them; where "
+        f"steps are kept, mean E_P at {tests.LATERAL_DEG[0]:.0f}–{tests.LATERAL_DEG[1]:.0f}° off the bow is below that "
+        f"within {tests.ASTERN_DEG:.0f}° of astern on most missions that have both.",
     ),
     Claim(
-        number=2, text="A message interval of 5 s costs little, 10 s much.", judge=_interval,
+        number=2, text="A message interval of 5 s costs little, 10 s much.", judge=tests.interval,
         criterion="Mean E_P of LAISN-2 over that at 1 s: median at most 2 for 5 s, and at least 4 for 10 s.",
     ),
     Claim(
-        number=3, text="A baseline of L = 1 m costs little.", judge=_baseline,
+        number=3, text="A baseline of L = 1 m costs little.", judge=tests.baseline,
         criterion="Mean E_P over that with L = 2 m: median at most 1.25, nine tenths at most 1.5.",
     ),
     Claim(
-        number=4, text="H_T = 0.2 m changes nothing.", judge=_offset,
+        number=4, text="H_T = 0.2 m changes nothing.", judge=tests.offset,
         criterion="Mean E_P of LAISN-3(2) over that with 0.1 m: median within 10 %, nine tenths within 20 %.",
     ),
     Claim(
-        number=5, text="With equal range errors the third transmitter does not help.", judge=_third,
+        number=5, text="With equal range errors the third transmitter does not help.", judge=tests.third,
         criterion="Mean E_P of LAISN-3(2) over LAISN-2 at 1 and at 5 s: median at least 0.95, below 0.9 on at most a "
         "tenth of the missions.",
     ),
     Claim(
-        number=6, text="LAISN-3(1) is worse than LAISN-2.", judge=_worse,
+        number=6, text="LAISN-3(1) is worse than LAISN-2.", judge=tests.worse,
         criterion="Mean and maximum of E_P over those of LAISN-2, Stage 1: median above 1, and above 1 on nine tenths "
         "of the missions.",
     ),
     Claim(
-        number=7, text="With unequal range errors LAISN-3(2) wins on T2 and T5.", judge=_asymmetric,
+        number=7, text="With unequal range errors LAISN-3(2) wins on T2 and T5.", judge=tests.asymmetric,
         criterion="Mean E_P of LAISN-3(2) at most 0.8 of that of LAISN-2: in the median, and on nine tenths of them.",
     ),
     Claim(
-        number=8, text="A shared range error of μ_D = 0.3 m barely matters.", judge=_shared,
+        number=8, text="A shared range error of μ_D = 0.3 m barely matters.", judge=tests.shared,
         criterion="Mean E_P of LAISN-2 over that with 0.1 m: median at most 1.25, nine tenths at most 1.5.",
     ),
     Claim(
-        number=9, text="The leader's heading error dominates T3 and T4, in proportion to distance.", judge=_heading,
+        number=9, text="The leader's heading error dominates T3 and T4, in proportion to distance.",
+        judge=tests.heading,
         criterion="At 5° mean E_P grows more on T3 and T4 than on the others, over fivefold (medians); a line through "
         "the origin over mean distance explains 80 % of its variance over missions.",
     ),
     Claim(
-        number=10, text="The burst of T8 gives the largest bearing error.", judge=_burst,
+        number=10, text="The burst of T8 gives the largest bearing error.", judge=tests.burst,
         criterion="E_B max of T8 (LAISN-2, Stage 1) is above the median of the others, and the largest; where steps "
         "are kept, it occurs within 30 s of the burst.",
     ),

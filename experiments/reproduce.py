@@ -9,7 +9,8 @@ import numpy as np
 
 from experiments import campaign, stages
 from experiments.campaign import CellPlan
-from experiments.claims import CLAIMS, Claim, Evidence, Judgement
+from experiments.claims import CLAIMS, Claim
+from experiments.evidence import Evidence, Judgement
 from experiments.library import ROUTES
 from experiments.stages import METRICS, Key, Motion, Setting
 from experiments.store import Record, Steps, Store, columns_of, write_csv, write_table

@@ -7,7 +7,8 @@ import numpy as np
 from experiments import figures
 from experiments.figures import FRAME, SERIES, Line
 from experiments.page import Cell, Figures, Page, Section, Table, Text, number, words
-from experiments.reproduction_page import METRIC_NAMES, VARIANT_NAMES, VERDICT_TONES
+from experiments.paper_tables import METRIC_NAMES, VARIANT_NAMES
+from experiments.reproduction_page import VERDICT_TONES
 from experiments.routes_study import CLAIM_RESAMPLES, CONFIDENCE, Study
 from experiments.stages import METRICS, Key
 from experiments.store import Record

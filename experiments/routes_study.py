@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from experiments import stages
 from experiments.campaign import CellPlan
-from experiments.claims import CLAIMS, Claim, Evidence, Judgement, Verdict
+from experiments.claims import CLAIMS, Claim
+from experiments.evidence import Evidence, Judgement, Verdict
 from experiments.reproduce import fly_once, mean_distance, plan_cells
 from experiments.stages import METRICS, Key, Motion, Setting
 from experiments.store import Record, Store, columns_of, write_csv, write_table

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Literal
 
-from laisn.settings import Variant
+from laisn.settings import GateRule, Variant
 from sim.missions import LEADER_DEPTH
 from sim.scenario import Acoustics, Follower, Leader, Navigation, Scenario, Sensors, Timing
 
@@ -46,11 +46,18 @@ class Setting:
     leader_heading_deg: float = 0.0
     beta_m2: float = 0.1
     threshold_m: float = 0.1
+    gate: GateRule = "v-max"
+    like: str = ""
+    """Of an alternative: the setting of the paper whose rows it is held against."""
 
 
 SETTINGS = (
     Setting(
         name="base", stage=1, table="1", title="Δt_D = 1 s", variants=("laisn-2", "laisn-3-1", "laisn-3-2")
+    ),
+    Setting(
+        name="measured-gate", stage=1, table="alternative", title="Δt_D = 1 s, gate by measured speed", like="base",
+        gate="v-measured",
     ),
     Setting(name="5s", stage=2, table="2-4", title="Δt = 0.1 s, Δt_D = 5 s", message_interval_s=5.0),
     Setting(name="10s", stage=2, table="2-4", title="Δt = 0.1 s, Δt_D = 10 s", message_interval_s=10.0),
@@ -58,15 +65,15 @@ SETTINGS = (
         name="10s-slow", stage=2, table="2-4", title="Δt = 1 s, Δt_D = 10 s", message_interval_s=10.0, filter_step_s=1.0
     ),
     Setting(
-        name="10s-beta10", stage=2, table="alternative", title="Δt = 0.1 s, Δt_D = 10 s, β = 10",
+        name="10s-beta10", stage=2, table="alternative", title="Δt = 0.1 s, Δt_D = 10 s, β = 10", like="10s",
         message_interval_s=10.0, beta_m2=10.0,
     ),
     Setting(
-        name="10s-slow-beta10", stage=2, table="alternative", title="Δt = 1 s, Δt_D = 10 s, β = 10",
+        name="10s-slow-beta10", stage=2, table="alternative", title="Δt = 1 s, Δt_D = 10 s, β = 10", like="10s-slow",
         message_interval_s=10.0, filter_step_s=1.0, beta_m2=10.0,
     ),
     Setting(
-        name="10s-slow-beta300", stage=2, table="alternative", title="Δt = 1 s, Δt_D = 10 s, β = 300, T = 10",
+        name="10s-slow-beta300", stage=2, table="alternative", title="Δt = 1 s, Δt_D = 10 s, β = 300, T = 10", like="10s-slow",
         message_interval_s=10.0, filter_step_s=1.0, beta_m2=300.0, threshold_m=10.0,
     ),
     Setting(name="L1", stage=3, table="5", title="L = 1 m, H_T = 0.1 m", message_interval_s=5.0, baseline_m=1.0),
@@ -134,7 +141,9 @@ def scenario(
             range_scale_mean_m=setting.range_scale_mean_m,
             range_scale_sigma_m=setting.range_scale_sigma_m,
         ),
-        navigation=Navigation(variant=variant, beta_m2=setting.beta_m2, threshold_m=setting.threshold_m),
+        navigation=Navigation(
+            variant=variant, beta_m2=setting.beta_m2, threshold_m=setting.threshold_m, gate=setting.gate
+        ),
     )  # fmt: skip
 
 
@@ -155,6 +164,7 @@ def columns(setting: Setting) -> dict[str, str | float]:
         "mu_heading_leader_deg": setting.leader_heading_deg,
         "beta_m2": setting.beta_m2,
         "threshold_m": setting.threshold_m,
+        "gate": setting.gate,
     }
 
 

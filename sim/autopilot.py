@@ -63,10 +63,9 @@ DESIGN = np.dtype(
         ("drag", np.float64),  # surge [N s²/m²]
         ("lift", np.float64),  # vertical force per incidence and speed² [N s²/m² per rad]
         ("fin_side", np.float64),  # side force of the fins per turn rate and speed [N s²/m per rad]
-        ("yaw_damping", np.float64),  # [N m s]
-        ("fin_yaw", np.float64),  # yaw damping per speed [N s² per rad]
-        ("pitch_damping", np.float64),
-        ("fin_pitch", np.float64),
+        # damping moment: [N m s], per speed [N s² per rad], per rate [N m s² per rad²]
+        ("yaw_damping", np.float64, (3,)),
+        ("pitch_damping", np.float64, (3,)),
         ("by_pitch", np.float64),  # 1: depth by pitch, 0: by thrust
         ("lateral", np.float64, (2,)),  # levers of bow and stern thruster [m]
         ("vertical", np.float64, (2,)),
@@ -112,8 +111,11 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
         record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
         record["lift"] = 0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + fin[1]
         record["fin_side"] = -fin[0] * c["fin_x"]
-        record["yaw_damping"], record["fin_yaw"] = c["linear_damping"][5], fin[0] * c["fin_x"] ** 2
-        record["pitch_damping"], record["fin_pitch"] = c["linear_damping"][4], fin[1] * c["fin_x"] ** 2
+        strips = 0.5 * c["density"] * np.sum(c["strip_area"] * np.abs(c["strip_x"]) ** 3)
+        for plane, axis in enumerate(("pitch", "yaw")):
+            other = 1 - plane  # records have sideways first
+            across = strips * c["cross_flow_drag"][other] + c["quadratic_damping"][4 + plane]
+            record[f"{axis}_damping"] = c["linear_damping"][4 + plane], fin[other] * c["fin_x"] ** 2, across
         record["by_pitch"] = float(depth_control[i] == "pitch")
         for axis in ("lateral", "vertical"):
             sites = [plant.site_names.index(f"{name}/thruster_{axis}_{end}") for end in ("bow", "stern")]
@@ -121,6 +123,13 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
         record["limits"] = plant.thrust_limits[i]
     records.flags.writeable = False
     return records
+
+
+@compiled
+def _damping(coefficients: Floats, way: float, rate: float) -> float:
+    """Moment that holds a rate of turn or of pitch at a speed [N m]."""
+    moment: float = (coefficients[0] + coefficients[1] * way + coefficients[2] * abs(rate)) * rate
+    return moment
 
 
 @compiled
@@ -198,20 +207,24 @@ def control(
     pitch = np.arcsin(clip(forward[2], -1.0, 1.0))
     way = abs(surge)
     omega = d.omega
+    lag = 0.25 / omega
 
-    # speed; with the hull pitched, its way over ground is shorter than its way through the water
+    # speed; with the hull pitched, its way over ground is shorter than its way through the water. Drag, here and below,
+    # is that of when the thrusters will have followed
     level = max(np.cos(pitch), 0.5)
     missing = speed_wanted / level - surge
+    soon = speed_wanted / level + lag * reference[ACCELERATING]
     thrust = d.surge_mass * (reference[ACCELERATING] + 0.5 * omega * missing) + memory[SPEED_INTEGRAL]
-    thrust += (d.drag_linear * np.exp(-d.drag_fade * way) + d.drag * way) * surge
+    thrust += (d.drag_linear * np.exp(-d.drag_fade * soon) + d.drag * soon) * soon
     command[0] = clip(thrust, d.limits[0, 0], d.limits[0, 1])
     _integrate(memory, SPEED_INTEGRAL, d.surge_mass * 0.05 * omega * omega * missing * dt, thrust, command[0])
 
     # heading and sway; moments to port are positive, turns to port are negative
+    turn_soon = turn_wanted + lag * reference[TURNING]
     astray = wrap(heading_wanted - heading)
     moment = -d.yaw_inertia * (reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + twist[5]))
-    moment += memory[HEADING_INTEGRAL] - (d.yaw_damping + d.fin_yaw * way) * turn_wanted
-    side = (d.surge_mass * surge - d.fin_side * way) * -turn_wanted - d.sway_mass * 0.5 * omega * sway
+    moment += memory[HEADING_INTEGRAL] - _damping(d.yaw_damping, way, turn_soon)
+    side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
     bow, stern = share(side, moment, d.lateral[0], d.lateral[1], d.limits[1:3])
     command[1], command[2] = bow, stern
     given = d.lateral[0] * bow + d.lateral[1] * stern
@@ -221,7 +234,7 @@ def control(
     pitch_wanted, pitching, force, rate = _hold_depth(d, reference, -pose[2], -twist[2], way, dt, memory)
     error = pitch_wanted - pitch
     moment = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + twist[4]))
-    moment += memory[PITCH_INTEGRAL] + d.righting * pitch_wanted + (d.pitch_damping + d.fin_pitch * way) * pitching
+    moment += memory[PITCH_INTEGRAL] + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
     bow, stern = share(force, moment, d.vertical[0], d.vertical[1], d.limits[3:5])
     command[3], command[4] = bow, stern
     given = d.vertical[0] * bow + d.vertical[1] * stern

@@ -111,7 +111,7 @@ class Footage:
         sites = position[truth.site_vehicle] + attitude.rotate(quaternion[truth.site_vehicle], truth.site_offset)
         place = (time - self.start) / truth.dt
         i = min(round(place), truth.time.size - 1)
-        k = int((time - self.start) / self._dt + 1e-9)
+        k = min(int((time - self.start) / self._dt + 1e-9), self.position_error.shape[1])
         followers = range(len(self._hydrophones))
         hydrophone = sites[self._hydrophones]
         ray, ranges, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)

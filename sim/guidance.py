@@ -50,11 +50,15 @@ SPEED_LEAST = 0.1
 """Least speed through the water; slower, a hull has no heading to keep [m/s]."""
 
 
-def _averaged(value: Callable[[Floats], Floats], time: Floats, width: float) -> tuple[Floats, Floats]:
-    """Mean of a function over an interval about each instant, and the rate of that mean."""
+def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
+    """Mean of a function over an interval about each instant."""
     parts = (np.arange(12) + 0.5) / 12 - 0.5
-    mean = sum((value(time + part * width) for part in parts), np.zeros_like(time)) / parts.size
-    return mean, (value(time + 0.5 * width) - value(time - 0.5 * width)) / width
+    return np.asarray(np.mean([value(time + part * width) for part in parts], axis=0))
+
+
+def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
+    """Rate of that mean, which is the difference over the interval."""
+    return (value(time + 0.5 * width) - value(time - 0.5 * width)) / width
 
 
 def _reference_of(route: Route, limits: Limits | None, time: Floats, lead: float) -> Floats:
@@ -65,7 +69,7 @@ def _reference_of(route: Route, limits: Limits | None, time: Floats, lead: float
         return np.interp(t, flown.start, flown.course)
 
     def turn_rate(t: Floats) -> Floats:
-        return _averaged(course, t, TURN_SMOOTHING)[1]
+        return _rate(course, t, TURN_SMOOTHING)
 
     def speed(t: Floats) -> Floats:
         return np.interp(t, flown.start, flown.speed)
@@ -73,12 +77,17 @@ def _reference_of(route: Route, limits: Limits | None, time: Floats, lead: float
     def depth(t: Floats) -> Floats:
         return route.depth.at(np.maximum(t, 0.0))[0]
 
-    smooth_course, _ = _averaged(course, time, TURN_SMOOTHING)
-    _, turning = _averaged(turn_rate, time + lead, 0.1)
-    _, accelerating = _averaged(speed, time + lead, 0.1)
-    smooth_depth, sinking = _averaged(depth, time, DEPTH_SMOOTHING)
-    columns = motion.east, motion.north, smooth_course, motion.speed, turning, accelerating, smooth_depth, sinking
-    return np.column_stack(columns)
+    columns = {
+        EAST: motion.east,
+        NORTH: motion.north,
+        COURSE: _mean(course, time, TURN_SMOOTHING),
+        SPEED: motion.speed,
+        TURNING: _rate(turn_rate, time + lead, 0.1),
+        ACCELERATING: _rate(speed, time + lead, 0.1),
+        DEPTH: _mean(depth, time, DEPTH_SMOOTHING),
+        SINKING: _rate(depth, time, DEPTH_SMOOTHING),
+    }
+    return np.column_stack([columns[i] for i in range(len(columns))])
 
 
 def reference(

@@ -104,7 +104,7 @@ class Stage:
         self._fog(*shot.fog)
         # what a wide lens sees before the fog closes lies within this square
         looked_at = shot.view.position + 0.4 * shot.fog[1] * shot.view.axes[2]
-        self._sea.show(looked_at, 0.85 * shot.fog[1], moment.time, moment.film_time, self._context)
+        self._sea.show(looked_at, 0.9 * shot.fog[1], moment.time, moment.film_time, self._context)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         self._render(moment, shot.view, (0, 0, self.width, self.height))

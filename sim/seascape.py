@@ -20,8 +20,8 @@ WATER = (0.035, 0.26, 0.36)
 """Colour of the fog, and so of all that is far, so that no band remains at the horizon."""
 
 _CELLS = 64
-_TILE_M = 30.0
-_SPACINGS_M = (*(_TILE_M / k for k in range(12, 0, -1)), *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)))
+_TILE_M = 40.0
+_SPACINGS_M = (*(_TILE_M / k for k in range(16, 0, -1)), *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)))
 """Between the points of a height field; they divide the tile, or are whole tiles."""
 _RELIEF_M = 3.0
 _CREST_M = 25.0
@@ -96,9 +96,9 @@ def build(names: Sequence[str], floor_depth_m: float, width_px: int, height_px: 
     for flat in ("floor", "surface"):
         spec.delete(spec.geom(flat))
     size = 256
-    sand = 0.5 + 0.10 * _tile(size, 0.02, 1) + 0.10 * _tile(size, 0.15, 2) + 0.35 * (_network(size, 0.09, 3) - 0.3)
+    sand = 0.5 + 0.10 * _tile(size, 0.03, 1) + 0.10 * _tile(size, 0.22, 2) + 0.35 * (_network(size, 0.13, 3) - 0.3)
     _add_texture(spec, "seabed", _pixels(sand, (0.20, 0.25, 0.22), (0.70, 0.72, 0.58)), size)
-    sheen = 0.30 + 0.55 * _network(size, 0.10, 4) * (0.6 + 0.4 * _network(size, 0.25, 5)) + 0.08 * _tile(size, 0.4, 6)
+    sheen = 0.30 + 0.55 * _network(size, 0.15, 4) * (0.6 + 0.4 * _network(size, 0.35, 5)) + 0.08 * _tile(size, 0.5, 6)
     _add_texture(spec, "sea", _pixels(sheen, (0.10, 0.42, 0.52), (0.85, 1.0, 1.0)), size)
     for name, z, quaternion, span, emission in (
         ("seabed", -floor_depth_m - _RELIEF_M, (1, 0, 0, 0), _RELIEF_M, 0.0),
@@ -109,7 +109,8 @@ def build(names: Sequence[str], floor_depth_m: float, width_px: int, height_px: 
             name=f"{name}_look", emission=emission, specular=0.0, shininess=0.0, texuniform=True
         )
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
-        material.texrepeat = [1 / _TILE_M, 1 / _TILE_M]
+        # MuJoCo lays a texture twice over 1 / texrepeat
+        material.texrepeat = [2 / _TILE_M, 2 / _TILE_M]
         spec.add_hfield(name=name, nrow=_CELLS, ncol=_CELLS, size=[200, 200, span, 0.001], userdata=np.zeros(_CELLS**2))
         spec.worldbody.add_geom(
             name=name,

@@ -12,7 +12,7 @@ from experiments.asymmetry_tau import Curve, equivalent
 from experiments.library import load
 from sim.motion import move
 
-SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), remedies_of=("laisn-2",), runs=4,
+SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), runs=4,
              duration_s=40.0)  # fmt: skip
 
 

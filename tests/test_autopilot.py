@@ -103,29 +103,29 @@ def test_a_turn_of_ninety_degrees_is_flown_at_ten_degrees_per_second(model, spee
     route = Route.at_speed("corner", [[0, 0], [0, 80], [160, 80]], speed, 10.0)
     flown = fly_fleet(plant(model, speed=speed), [route], 160.0 / speed)
     rate = -flown.angular_velocity[:, 0, 2]
-    assert np.rad2deg(rate.max()) == pytest.approx(10.0, abs=1.5)
+    assert np.rad2deg(rate.max()) == pytest.approx(10.0, abs=1.0)
     # from 5 to 85 degrees in 8 s
     heading = np.rad2deg((flown.heading[:, 0] + 1.0) % (2 * np.pi) - 1.0)
     took = flown.time[np.argmax(heading > 85)] - flown.time[np.argmax(heading > 5)]
-    assert took == pytest.approx(8.0, abs=0.5)
-    # overshoot of the heading: none for a well damped loop but what the thrusters' lag brings
-    assert heading.max() < 92.5
+    assert took == pytest.approx(8.0, abs=0.3)
+    # a well damped loop: the overshoot stays below a fifth of a second's turning
+    assert heading.max() < 92.0
     assert heading[-1] == pytest.approx(90.0, abs=0.2)
 
 
 @pytest.mark.parametrize(("model", "top"), [("leader", 3.0), ("follower", 3.0)])
-def test_speed_changes_at_a_fifth_of_g_per_fifty(model, top):
+def test_speed_changes_at_a_fifth_of_a_metre_per_second_squared(model, top):
     # 1 to 3 m/s at 0.2 m/s² takes 10 s; the ramp is the reference's, the vehicle lags it by less than its bandwidth
     time = np.array([0.0, 30.0, 90.0])
     north = np.array([0.0, 30.0, 30.0 + 60.0 * top - (top - 1) ** 2 / 0.4])
     route = Route.timed("ramp", np.column_stack([time, 0 * time, north]), 10.0)
     flown = fly_fleet(plant(model), [route], 90.0)
     speed = flown.forward_speed[:, 0]
-    assert speed.max() < top + 0.06
+    assert speed.max() < top + 0.02
     assert speed[-1] == pytest.approx(top, abs=0.02)
     ramp = (flown.time > 33) & (flown.time < 39)
     slope = np.polyfit(flown.time[ramp], speed[ramp], 1)[0]
-    assert slope == pytest.approx(0.2, abs=0.015)
+    assert slope == pytest.approx(0.2, abs=0.005)
 
 
 @pytest.mark.parametrize("buoyancy", [-12.0, 3.0, 12.0])
@@ -167,11 +167,14 @@ def test_a_step_of_depth_settles_without_much_overshoot(model, mode):
     late = flown.time > 20 + 60
     assert flown.depth[late, 0] == pytest.approx(12.0, abs=0.05)
     steepest = np.rad2deg(np.abs(flown.pitch).max())
-    assert steepest < 22 if mode == "pitch" else steepest < 3
+    if mode == "pitch":
+        assert 10 < steepest < 22
+    else:
+        # 2 m in 6 s at 1 m/s along is a path of 18°; the hull stays level by comparison
+        assert steepest < 6
 
 
 def test_integrals_do_not_wind_up_while_thrusters_are_at_their_limit():
-    # a current that is too fast for the thruster holds the vehicle back for a minute; then it is still
     memory = np.zeros(5)
     autopilot._integrate(memory, 1, 0.5, 200.0, 150.0)
     assert memory[1] == 0.0

@@ -18,9 +18,14 @@ from laisn.settings import VARIANTS, GateRule, NavigationSettings, SideRule, Var
 Floats = npt.NDArray[np.float64]
 
 STEPS = 24
-DT = 0.1
-AGREEMENT = 1e-9
-"""Of positions [m] and velocities [m/s]; relative where broken ranges throw an estimate over metres in a step."""
+POSITION_AGREEMENT = 1e-9
+"""[m]; of a step's way where broken ranges throw an estimate over metres in a step."""
+VELOCITY_AGREEMENT = 1e-7
+"""[m/s], or of the speed where it is higher.
+
+With exact fixes each second, of a velocity variance of (60 m/s)² some (0.2 m/s)² is left: both engines are then
+3e-8 m/s from the same filter in extended precision.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +46,7 @@ class Case:
     lost_messages: float
     attitude: bool
     """The leader broadcasts pitch and roll."""
+    dt: float = 0.1
 
 
 def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
@@ -66,10 +72,10 @@ def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
         ranges[rng.random(ranges.shape) < case.lost_ranges] = np.nan
         tilt = rng.normal(0, 0.2, (m, 2)) if case.attitude else np.full((m, 2), np.nan)
         speed = np.abs(rng.normal(1, 0.3, m))
-        message = np.column_stack([message_step * DT, leader, theta, speed, depth, tilt, np.full(m, np.nan)])
+        message = np.column_stack([message_step * case.dt, leader, theta, speed, depth, tilt, np.full(m, np.nan)])
         result.append(
             Measurements(
-                dt=DT,
+                dt=case.dt,
                 speed=np.abs(rng.normal(1, 0.3, STEPS)) + 0.01,
                 heading=rng.normal(heading, 0.3, STEPS) + 2 * np.pi * rng.integers(-1, 2, STEPS),
                 depth=own_depth,
@@ -86,14 +92,15 @@ def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
 def assert_engines_agree(case: Case, navigation: NavigationSettings, count: int = 2) -> npt.NDArray[np.int64]:
     """Kinds of all fixes of all missions."""
     measurements, start = missions(case, count)
+    navigation = replace(navigation, dt=case.dt)
     together = lanes.run(measurements, start, navigation)
     kinds = []
     for i, mission in enumerate(measurements):
         alone = Navigator(navigation, start).run(mission)
         difference = np.abs(together.state[:, :, i] - alone.state).max(axis=0)
         fastest = np.abs(alone.state[:, VELOCITY]).max()
-        assert difference[POSITION].max() < AGREEMENT * max(1.0, fastest * DT)
-        assert difference[VELOCITY].max() < AGREEMENT * max(1.0, fastest)
+        assert difference[POSITION].max() < POSITION_AGREEMENT * max(1.0, fastest * case.dt)
+        assert difference[VELOCITY].max() < VELOCITY_AGREEMENT * max(1.0, fastest)
         # The lanes keep a place for each pair; the navigator lists a pair only if it was received.
         made = together.fix_kind[:, :, i]
         listed = [k[k != FixKind.LOST] if np.any(k != FixKind.LOST) else k[:1] for k in made]
@@ -114,6 +121,7 @@ cases = st.builds(
     lost_ranges=st.sampled_from([0.0, 0.2, 0.7, 1.0]),
     lost_messages=st.sampled_from([0.0, 0.3, 1.0]),
     attitude=st.booleans(),
+    dt=st.sampled_from([0.1, 1.0]),
 )
 
 navigations = st.builds(
@@ -169,7 +177,7 @@ def test_engines_agree_where_updates_are_singular_gated_or_lost(variant: Variant
 def test_circles_that_touch_give_one_point() -> None:
     # 3 m behind the rear transmitter on the axis: with these numbers h² = 9 − 3² is zero without rounding.
     mission = Measurements(
-        dt=DT,
+        dt=0.1,
         speed=np.ones(1),
         heading=np.zeros(1),
         depth=np.zeros(1),
