@@ -15,10 +15,11 @@ import pyarrow as pa
 
 from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition
 from experiments.asymmetry_example import Example, fly_example
+from experiments.asymmetry_findings import Results
 from experiments.asymmetry_gates import GateRow, fly_gates
 from experiments.asymmetry_map import full_grid, measure_map, quick_grid
 from experiments.asymmetry_missions import QUICK, Plan, Row, fly_condition
-from experiments.asymmetry_report import Results, write_report
+from experiments.asymmetry_report import write_report
 from experiments.asymmetry_tau import Curve, Curves, fly_curves
 from experiments.flights import digest
 from experiments.processes import Pool
@@ -32,11 +33,13 @@ Table = list[dict[str, Any]]
 _CURVES, _GATES = "curves", "gates"
 
 
+_SOURCES = ("conditions", "gates", "missions", "tau")
+"""Modules of the study that may change a number, besides those of the code version."""
+
+
 @cache
 def _sources() -> str:
-    """Hash of what the study adds to the code version."""
-    files = sorted(Path(__file__).parent.glob("asymmetry_*.py"))
-    return digest([path.read_text(encoding="utf-8") for path in files if "report" not in path.name])
+    return digest([(Path(__file__).parent / f"asymmetry_{name}.py").read_text(encoding="utf-8") for name in _SOURCES])
 
 
 def _key(name: str, plan: Plan) -> str:

@@ -85,20 +85,21 @@ def mission_table(
                     number(_mean(e.part for e in three), 2) if three else words("–"),
                     number(_mean(tau), 3),
                     number(sum(e.real.captured for e in two) - sum(e.level.captured for e in two), 0),
-                    words(f"{worst.real.route} ({worst.part:+.2f} m)", title=line),
+                    words(worst.real.route, title=line),
+                    number(worst.part, 2),
                 ]
             )
     heads = (
-        "condition", "offset [m]", "pitch rms [°]", "max [°]", "level", "real", "excess", "excess, 3(2)",
-        "as τ_rear [m]", "captures added", "worst route",
+        "condition", "offset [m]", "pitch rms [°]", "max [°]", "level", "real", "excess", "3(2)",
+        "as τ_rear [m]", "captured", "worst", "excess",
     )  # fmt: skip
     table = Table(
         heads=heads,
         rows=rows,
-        groups=(("", 2), ("leader", 2), ("mean E_P [m], LAISN-2", 3), ("", 4)),
-        caption="Means over the routes T2 to T9, 60 runs each. Captures: runs that end up on the wrong side of the "
-        "leader's axis and were not with a level leader. Rest the pointer on a condition for the command that flies "
-        "its worst route.",
+        groups=(("", 2), ("leader", 2), ("mean E_P [m], LAISN-2", 3), ("excess", 1), ("", 2), ("route", 2)),
+        caption="Means over the routes, 60 runs each. 3(2): excess of LAISN-3(2). Captured: how many more runs than "
+        "behind a level leader end up on the wrong side of the leader's axis. Rest the pointer on a condition for "
+        "the command that flies its worst route.",
     )
     return table, "\n".join(lines)
 
@@ -190,8 +191,9 @@ def gate_table(gates: Sequence[GateRow]) -> Table:
     return Table(
         heads=("route", "interval [s]", "gate", "echoes rejected [%]", "false alarms [%]", "E_P [m]", "without echoes"),
         rows=rows,
-        caption="Each ping is taken from the surface with a chance of 5 % and from the bottom with 2 %. Rejected: share "
-        "of the messages in which the echo spoils a range that LAISN-2 uses. False alarms: share of the others.",
+        caption="Each ping is taken from the surface with a chance of 5 % and from the bottom with 2 %. Rejected: "
+        "share of the messages in which the echo spoils a range that LAISN-2 uses. False alarms: share of the "
+        "others.",
     )
 
 
@@ -206,6 +208,7 @@ def planner_table(greatest_range: float, bound: float) -> Table:
         heads=("pitch [°]", *(f"{b:g}°" for b in OFF_AXIS_DEG)),
         rows=rows,
         groups=(("", 1), ("direction to the follower, off the leader's axis", len(OFF_AXIS_DEG))),
-        caption=f"Largest depth offset [m] at which pitch adds at most {bound:g} m to a fix, within {greatest_range:g} m "
-        "of the leader; 50 stands for any. A dash: no offset will do, foreshortening alone is too much.",
+        caption=f"Largest depth offset [m] at which pitch adds at most {bound:g} m to a fix, within "
+        f"{greatest_range:g} m of the leader; 50 stands for any. A dash: no offset will do, foreshortening alone is "
+        "too much.",
     )

@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.table import Table
 
 PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
-GRAPHICS_HINT = "on Debian and Ubuntu: apt-get install libegl1 libopengl0 libgl1-mesa-dri"
 
 
 def versions() -> dict[str, str]:
@@ -44,7 +43,7 @@ def examine() -> int:
     for backend in backends:
         row(backend.works, f"rendering with {backend.name}", backend.detail)
     if not any(backend.works for backend in backends):
-        table.add_row("", "", GRAPHICS_HINT)
+        table.add_row("", "", graphics.INSTALL)
     row(_encodes_h264(), "H.264", "film and camera channel")
     row(True, "packages", ", ".join(f"{name} {number}" for name, number in found.items()))
     Console().print(table)

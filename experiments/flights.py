@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from zipfile import BadZipFile
@@ -69,7 +70,7 @@ def store(folder: Path, scenario: Scenario, trajectory: Trajectory) -> None:
     """Write a flight under a temporary name and rename it."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{motion_key(scenario)}.npz"
-    temporary = path.with_suffix(".part")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     trajectory.save(temporary)
     temporary.replace(path)
 

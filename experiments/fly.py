@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from experiments.doctor import GRAPHICS_HINT, versions
+from experiments.doctor import versions
 from laisn import metrics
 from laisn.navigator import Navigator
 from sim.flight import Flight, Outcome, navigate
@@ -134,7 +134,7 @@ def fly_and_write(scenario: Scenario, out: Path | None, *, with_video: bool) -> 
         OSError: the folder cannot be written; nothing half-written is left under a final name.
     """
     from experiments.report import flight_report
-    from sim import graphics, log, render
+    from sim import log, render
 
     folder = out or Path("out") / scenario.name
     folder.mkdir(parents=True, exist_ok=True)
@@ -155,20 +155,28 @@ def fly_and_write(scenario: Scenario, out: Path | None, *, with_video: bool) -> 
         errors = position_and_bearing_errors(flight)
         summary = summarise(flight, errors)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+        # the log comes first: whatever happens to the film, what was flown is kept
         with phase("log"):
             log.write(flight, folder / "flight.mcap", summary=summary_text, errors=errors)
-        film: Path | None = None
-        if with_video and any(backend.works for backend in graphics.probe()):
+        film, missing = folder / "flight.mp4", "not asked for"
+        film.unlink(missing_ok=True)
+        if with_video:
+            missing = ""
             with phase("video") as update:
-                film = folder / "flight.mp4"
-                render.render(flight, film, errors=errors, video=scenario.video, progress=update)
+                try:
+                    frames = render.render(flight, film, errors=errors, video=scenario.video, progress=update)
+                except render.RenderError as error:
+                    missing = str(error)
+                else:
+                    if scenario.video.in_log:
+                        log.write(flight, folder / "flight.mcap", summary=summary_text, errors=errors, video=frames)
         with phase("report"):
-            flight_report(flight, errors, summary, folder / "report.html", film)
+            flight_report(flight, errors, summary, folder / "report.html", None if missing else film)
     write_whole(folder / "summary.json", summary_text)
     write_whole(folder / "scenario.toml", dumps(scenario))
     write_whole(folder / "timing.json", json.dumps(watch.seconds | seconds, indent=2) + "\n")
     show(console, flight, summary)
-    if with_video and film is None:
-        console.print(f"no film: this machine lacks OpenGL; {GRAPHICS_HINT}")
+    if with_video and missing:
+        console.print(f"[yellow]no film:[/] {missing}", highlight=False)
     console.print(f"results in {folder}")
     return folder

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from experiments import figures, gallery_physics, route_keeping
-from experiments.figures import COLOURS, FRAME, INK, MUTED, SERIES, Line
+from experiments.figures import COLOURS, INK, MUTED, SERIES, Line
 from experiments.fly import fly, position_and_bearing_errors
 from experiments.library import ROUTES, load
 from experiments.report import error_lines
@@ -26,9 +26,9 @@ from sim.motion import move
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 
 STILLS = {
-    "mission": ("T8", 450.0, "chase"),
-    "swarm": ("swarm", 200.0, "orbit"),
-    "waves": ("following-sea", 200.0, "side"),
+    "mission": ("T8", 420.0, "chase"),
+    "swarm": ("swarm", 400.0, "top"),
+    "waves": ("following-sea", 200.0, "orbit"),
     "diving": ("diving", 75.0, "leader"),
 }
 """Name of the picture: built-in scenario, mission time [s], camera."""
@@ -47,7 +47,9 @@ def save(figure: Figure, name: str, legend: Legend = ()) -> None:
     path = FOLDER / f"{name}.svg"
     with mpl.rc_context({"svg.hashsalt": "laisn-sim", "svg.fonttype": "none", "font.family": "sans-serif"}):
         figure.set_canvas(FigureCanvasSVG(figure))
-        figure.savefig(path, format="svg", metadata={"Date": None}, facecolor="white")
+        figure.savefig(
+            path, format="svg", metadata={"Date": None}, facecolor="white", bbox_inches="tight", pad_inches=0.08
+        )
     text = path.read_text(encoding="utf-8")
     for colour in COLOURS:
         text = text.replace(colour.placeholder, colour.light)
@@ -66,19 +68,20 @@ def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
 def routes() -> Figure:
     """The leader's L and the eight follower routes, as flown."""
     truth = move(route_keeping.scenario())
-    colours = [INK, *SERIES, FRAME, MUTED]
-    styles = zip(colours, [1.8] + 8 * [1.0], strict=True)
+    styles = [
+        (INK, "-", 1.8),
+        *((colour, "-", 1.0) for colour in SERIES),
+        (SERIES[0], "--", 1.0),
+        (SERIES[1], "--", 1.0),
+    ]
     lines = [
-        Line(x=truth.position[::5, v, 0], y=truth.position[::5, v, 1], colour=colour, width=width)
-        for v, (colour, width) in enumerate(styles)
+        Line(x=truth.position[::5, v, 0], y=truth.position[::5, v, 1], colour=colour, dash=dash, width=width)
+        for v, (colour, dash, width) in enumerate(styles)
     ]
     figure = figures.panel(lines, x_label="east [m]", y_label="north [m]", equal=True, height=4.0)
-    axes = figure.axes[0]
-    for v, name in enumerate(("leader", *ROUTES)):
-        x, y = truth.position[-1, v, :2]
-        axes.annotate(
-            name, (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7.5, color=colours[v].placeholder
-        )
+    for v, (name, (colour, dash, _)) in enumerate(zip(("leader", *ROUTES), styles, strict=True)):
+        words = name if dash == "-" else f"{name}, dashed"
+        figure.axes[0].annotate(words, (0.03, 0.93 - 0.06 * v), xycoords="axes fraction", color=colour.placeholder)
     return figure
 
 
@@ -105,7 +108,7 @@ def main() -> None:
         [
             (SERIES[0], "E_P [m]"),
             (SERIES[1], "E_B [°]"),
-            (MUTED, "B: −10 and 10 ahead, 0 astern, −5 to starboard, 5 to port"),
+            (MUTED, "B: 0 astern, −5 to starboard, 5 to port, ±10 ahead"),
         ],
     )
     for name, (figure, legend) in gallery_physics.all_figures().items():

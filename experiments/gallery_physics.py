@@ -43,7 +43,7 @@ def remus_turn() -> Drawn:
     from tests.test_remus import run
 
     lines = []
-    rudders = np.array([0.0, 2.5, 5.0, 7.5, 10.0, 12.5, 15.0])
+    rudders = np.linspace(0.0, 15.0, 13)
     for colour, (rpm, published) in zip(SERIES, PUBLISHED_TURN.items(), strict=False):
         ours = [float(np.degrees(abs(run(rpm, 60.0, rudder_deg=r)[1][-1, 5]))) for r in rudders]
         lines.append(Line(x=rudders, y=np.array(ours), colour=colour, width=1.2))
@@ -103,7 +103,7 @@ def orbits() -> Drawn:
         flown = np.array(path)
         across = height / 2 * np.cosh(k * (floor - depth)) / np.sinh(k * floor)
         up = height / 2 * np.sinh(k * (floor - depth)) / np.sinh(k * floor)
-        lines.append(Line(x=across * np.cos(turn), y=-depth + up + up * np.sin(turn), colour=MUTED, width=2.4))
+        lines.append(Line(x=across * np.cos(turn), y=-depth - up + up * np.sin(turn), colour=MUTED, width=2.4))
         lines.append(Line(x=flown[:, 0], y=flown[:, 1], colour=SERIES[0], width=1.0))
     figure = panel(lines, x_label="along the wave [m]", y_label="height [m]", title="Orbits", equal=True, height=4.0)
     return figure, [(MUTED, "grey: first order in the height"), (SERIES[0], "neutral sphere, one period")]

@@ -98,17 +98,29 @@ def _fly(cell: Cell, truth: _Truth, runs: range, history: Floats) -> tuple[Float
     return _fly_block(truth, errors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
 
 
-def _flown_in_order(pool: ThreadPoolExecutor, cells: Sequence[Cell], ahead: int) -> Iterator[tuple[Floats, Ints]]:
-    """Tallies of all blocks in their order; at most `ahead` are under way or wait, which bounds the memory."""
-    pending: deque[Future[tuple[Floats, Ints]]] = deque()
+def _tasks(cells: Sequence[Cell]) -> Iterator[tuple[Cell, _Truth, range]]:
+    """All blocks of all cells in their order."""
     for cell in cells:
         truth = _compiled_truth(cell.truth)
         for runs in _blocks(cell):
-            pending.append(pool.submit(_fly, cell, truth, runs, _NO_HISTORY))
-            if len(pending) > ahead:
+            yield cell, truth, runs
+
+
+def _flown(cells: Sequence[Cell], workers: int) -> Iterator[tuple[Floats, Ints]]:
+    """Tallies of all blocks in their order."""
+    if workers == 1:
+        for task in _tasks(cells):
+            yield _fly(*task, _NO_HISTORY)
+        return
+    pending: deque[Future[tuple[Floats, Ints]]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        for task in _tasks(cells):
+            pending.append(pool.submit(_fly, *task, _NO_HISTORY))
+            # What is under way or waits is bounded, and with it the memory.
+            if len(pending) > 4 * workers:
                 yield pending.popleft().result()
-    while pending:
-        yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
 
 
 def simulate_many(
@@ -127,14 +139,12 @@ def simulate_many(
     Raises:
         ValueError: an estimate left finite numbers, or a seed or run is out of range.
     """
-    workers = threads or len(os.sched_getaffinity(0))
-    with ThreadPoolExecutor(workers) as pool:
-        flown = _flown_in_order(pool, cells, 4 * workers)
-        for cell in cells:
-            sums = CellSums(cell, keep_runs)
-            for runs in _blocks(cell):
-                sums.add(runs, *next(flown))
-            yield sums.result()
+    flown = _flown(cells, threads or len(os.sched_getaffinity(0)))
+    for cell in cells:
+        sums = CellSums(cell, keep_runs)
+        for runs in _blocks(cell):
+            sums.add(runs, *next(flown))
+        yield sums.result()
 
 
 def simulate(cell: Cell, *, threads: int | None = 1, keep_runs: bool = False) -> CellResult:

@@ -26,10 +26,10 @@ _STAGES = {
     5: "Stage 5: leader's compass",
 }
 _ALTERNATIVES = {
-    1: "Not the paper's setting: its gate is described, not given. A bound from the measured speed instead of the top speed "
-    "comes closer on T3 and T4; it is shown, and used nowhere else.",
-    2: "Not the paper's settings: it lists β = 0.1 or 100 and T = 0.1 or 10 without saying where, and none of them gives "
-    "its 10 s rows. These alternatives are shown, and used nowhere else.",
+    1: "Not the paper's setting: its gate is described, not given. A bound from the measured speed instead of the top "
+    "speed comes closer on T3 and T4; it is shown, and used nowhere else.",
+    2: "Not the paper's settings: it lists β = 0.1 or 100 and T = 0.1 or 10 without saying where, and none of them "
+    "gives its 10 s rows. These alternatives are shown, and used nowhere else.",
 }
 _RATIO_NOTE = (
     "Each pair is the paper's figure and ours. White: within a fifth; orange: ours larger, blue: ours smaller, in "

@@ -73,8 +73,8 @@ SETTINGS = (
         message_interval_s=10.0, filter_step_s=1.0, beta_m2=10.0,
     ),
     Setting(
-        name="10s-slow-beta300", stage=2, table="alternative", title="Δt = 1 s, Δt_D = 10 s, β = 300, T = 10", like="10s-slow",
-        message_interval_s=10.0, filter_step_s=1.0, beta_m2=300.0, threshold_m=10.0,
+        name="10s-slow-beta300", stage=2, table="alternative", title="Δt = 1 s, Δt_D = 10 s, β = 300, T = 10",
+        like="10s-slow", message_interval_s=10.0, filter_step_s=1.0, beta_m2=300.0, threshold_m=10.0,
     ),
     Setting(name="L1", stage=3, table="5", title="L = 1 m, H_T = 0.1 m", message_interval_s=5.0, baseline_m=1.0),
     Setting(

@@ -48,6 +48,17 @@ def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
     return {name: [row.get(name) for row in rows] for name in names}
 
 
+def _runs(part: Path) -> bool:
+    """Whether the process that began a temporary file still runs: its number stands in the name."""
+    try:
+        os.kill(int(part.name.split(".")[-2]), 0)
+    except (ValueError, ProcessLookupError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
 class Store:
     """The results folder of a campaign.
 
@@ -75,6 +86,9 @@ class Store:
             for path in self._cells.glob("*.parquet"):
                 path.unlink()
         self._cells.mkdir(parents=True, exist_ok=True)
+        for part in folder.rglob(".*.part"):
+            if not _runs(part):
+                part.unlink(missing_ok=True)
         manifest.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
 
     @staticmethod
@@ -122,7 +136,16 @@ class Store:
         return None if table is None else {name: table[name].to_numpy() for name in table.column_names}
 
     def write(self, key: str, row: Record, steps: Steps | None = None) -> None:
-        """Store a cell; the steps first, so that a row never stands without those that were asked for."""
+        """Store a cell; the steps first, so that a row never stands without those that were asked for.
+
+        Raises:
+            RuntimeError: the process that computed it had other sources.
+        """
+        if row["version"] != code_version():
+            raise RuntimeError(
+                f"a worker has version {row['version']}, the campaign began with {code_version()}: "
+                "the sources changed while it ran; run it again"
+            )
         metadata = {_KEY: key.encode()}
         if steps is not None:
             write_table(self._cells / f"{key}.steps.parquet", steps, metadata)

@@ -1,10 +1,9 @@
 """Autopilot: from heading, speed and depth wanted to the forces of five thrusters, ten times a second.
 
 Every loop gives the vehicle the dynamics of a well damped second (speed: first) order system, from its own inertia and
-drag (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Sections 15.3: pole placement,
-and 16.3: feedforward of the reference), with integral action for what the model does not know. There is one number to
-choose, the bandwidth of the attitude loops: ω = 1 / (4 × lag of the thrusters), where the lag costs the
-loop little damping. All others follow from it:
+drag: PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
+Control, 2nd ed. 2021, Chapter 15). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 × lag
+of the thrusters), where the lag costs the loop little damping. All others follow from it:
 
     heading, pitch    ω, relative damping 1; integral ω/10
     sway              side slip is taken out with ω/2, so that the vehicle goes where it points, also in turns

@@ -48,7 +48,7 @@ def render_ball() -> str:
     """
     import mujoco
     import numpy as np
-    from OpenGL import GL  # type: ignore[import-untyped]
+    from OpenGL import GL
 
     model = mujoco.MjModel.from_xml_string(_BALL)
     data = mujoco.MjData(model)

@@ -1,12 +1,12 @@
-"""Guidance: from where a vehicle should be now, and where it is, to heading, speed and climb that bring it there.
+"""Guidance: from where a vehicle should be now, and where it is, to the heading and speed that bring it there.
 
 The route's point motion (`sim.kinematics`) is the reference; it already turns at 10°/s, changes speed at 0.2 m/s², cuts
-corners and is on time. Guidance adds three corrections to it, and takes the current off:
+corners and is on time. Guidance rounds off where turns and changes of depth begin and end, corrects course and speed,
+and takes the current off:
 
     course   line of sight to a point ahead on the path: atan(cross-track error / lookahead)
-             (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Section 12.3)
+             (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Chapter 12)
     speed    in proportion to the along-track error, within a bound
-    climb    rate of depth, in proportion to the depth error, within a bound
 
 The velocity over ground that follows, less the current, is the velocity through the water: its direction is the
 heading (the vehicle crabs), its size the speed. The current is the water's velocity as a Doppler log with bottom and

@@ -136,7 +136,7 @@ def render(
     follower: int = 0,
     workers: int = 2,
     progress: Progress | None = None,
-) -> None:
+) -> list[tuple[float, bytes]]:
     """Film a flight: H.264 in MP4, yuv420p, index first. The file appears when it is whole.
 
     Frames and bytes do not depend on the number of workers.
@@ -150,27 +150,32 @@ def render(
         workers: processes that render.
         progress: called with the share done, in [0, 1].
 
+    Returns:
+        The film once more, as a log takes it: mission time [s] and H.264 access unit of each frame (Annex B, no
+        B-frames, headers with every IDR frame).
+
     Raises:
         RenderError: a setting is impossible, nothing renders here, or a child died.
     """
     job = _job(flight, errors, video, follower, workers, samples=0)
     _check_file(path, ".mp4")
     with _rendered(job, progress) as folder:
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
-            _write_mp4(part, _units(folder, job), job.video)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
+        units = list(_units(folder, job))
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        _write_mp4(part, units, job.video)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return list(zip(job.times.tolist(), units, strict=True))
 
 
-def _write_mp4(path: Path, units: Iterator[bytes], video: Video) -> None:
+def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
     """Wrap access units as they are: one for each frame, in order."""
-    first = next(units)
     raw = path.with_name(f"{path.name}.h264")
     try:
         # a demuxer reads size, profile and headers off the first unit
-        raw.write_bytes(first)
+        raw.write_bytes(units[0])
         step = Fraction(1, video.frame_rate_hz)
         with (
             av.open(str(raw), format="h264") as source,
@@ -178,30 +183,15 @@ def _write_mp4(path: Path, units: Iterator[bytes], video: Video) -> None:
         ):
             stream = target.add_stream_from_template(source.streams.video[0])
             stream.time_base = step
-            number = 0
-            unit: bytes | None = first
-            while unit is not None:
+            for number, unit in enumerate(units):
                 packet = av.Packet(unit)
                 packet.stream, packet.time_base = stream, step
                 packet.pts = packet.dts = number
                 packet.duration = 1
                 packet.is_keyframe = number % GROUP == 0
                 target.mux(packet)
-                unit, number = next(units, None), number + 1
     finally:
         raw.unlink(missing_ok=True)
-
-
-def access_units(
-    flight: Flight, *, errors: Errors, video: Video | None = None, follower: int = 0, workers: int = 1
-) -> Iterator[tuple[float, bytes]]:
-    """The film as pairs of mission time [s] and H.264 access unit: Annex B, no B-frames, headers with every IDR frame.
-
-    Arguments and errors as of `render`. All frames are rendered before the first pair comes.
-    """
-    job = _job(flight, errors, video, follower, workers, samples=0)
-    with _rendered(job, None) as folder:
-        yield from zip(job.times.tolist(), _units(folder, job), strict=True)
 
 
 def still(

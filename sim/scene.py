@@ -6,7 +6,7 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from OpenGL import GL  # type: ignore[import-untyped]
+from OpenGL import GL
 
 from sim import attitude, seascape
 from sim.cameras import Shot, View

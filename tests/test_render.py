@@ -300,9 +300,9 @@ def test_the_film_is_what_was_asked_for_whatever_the_workers(flight, tmp_path):
 
 
 @needs_graphics
-def test_access_units_are_annex_b_with_headers_at_every_key_frame(flight):
+def test_access_units_are_annex_b_with_headers_at_every_key_frame(flight, tmp_path):
     video = small(frame_rate_hz=20, speed_up=30.0, width_px=160, height_px=120)
-    units = list(render.access_units(flight, errors=errors_of(flight), video=video))
+    units = render.render(flight, tmp_path / "f.mp4", errors=errors_of(flight), video=video, workers=1)
     assert [t for t, _ in units] == pytest.approx(np.arange(40) * 1.5)
     decoder = av.CodecContext.create("h264", "r")
     decoder.thread_type = "SLICE"  # threads by frame would hold frames back
