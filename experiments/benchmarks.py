@@ -6,13 +6,13 @@ work on the machine can only add to them.
 
 import argparse
 import os
-import time
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from experiments import benchmarks_mission
+from experiments.benchmark_row import Row, least_time
 from experiments.cells import Cell
 from experiments.montecarlo import simulate
 from laisn import lane_rows as row
@@ -35,30 +35,6 @@ MESSAGE_EVERY = 10
 DT = 0.1
 FLOPS_PER_STEP = 200
 """Of LAISN-2: predict 50, sine and cosine 35, speed update 105, a tenth of the position update's 120."""
-
-
-class Row(NamedTuple):
-    """A line of the table."""
-
-    name: str
-    value: float
-    unit: str
-    ratio: float = np.nan
-    """How many times faster than the peer named in `against`."""
-    against: str = ""
-    floor: float = np.nan
-    """What the machine could do at best, in the same unit."""
-
-
-def least_time(work: Callable[[], object], repeats: int = 7) -> float:
-    """Least processor time of several, after one that warms up [s]; waiting for other processes does not count."""
-    work()
-    durations = []
-    for _ in range(repeats):
-        begin = time.process_time()
-        work()
-        durations.append(time.process_time() - begin)
-    return min(durations)
 
 
 def steady_mission(steps: int = STEPS) -> MissionTruth:
@@ -213,7 +189,12 @@ def navigation() -> list[Row]:
     return rows
 
 
-BENCHMARKS: dict[str, Callable[[], list[Row]]] = {"navigation": navigation}
+BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
+    "navigation": navigation,
+    "physics": benchmarks_mission.physics,
+    "log": benchmarks_mission.log,
+    "film": benchmarks_mission.film,
+}
 
 
 def table(rows: list[Row]) -> str:
@@ -231,9 +212,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("names", nargs="*", choices=[*BENCHMARKS, []], help="benchmarks; all if none is named")
     names = parser.parse_args().names or list(BENCHMARKS)
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    cores = os.sched_getaffinity(0) if hasattr(os, "sched_setaffinity") else set()
     for name in names:
+        if cores:
+            # the film is rendered by several processes, all else is measured on one core
+            os.sched_setaffinity(0, cores if name == "film" else {min(cores)})
         print(f"{name}\n{table(BENCHMARKS[name]())}\n")
 
 

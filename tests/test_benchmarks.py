@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from experiments import benchmarks
-from experiments.benchmarks import BENCHMARKS, Row, steady_mission, table
+from experiments.benchmark_row import Row
+from experiments.benchmarks import BENCHMARKS, steady_mission, table
 from laisn import lanes
 from laisn.settings import NavigationSettings
 from sim.errors import SensorErrors, measure
