@@ -24,11 +24,12 @@ from experiments.asymmetry_tau import Curve, Curves, fly_curves
 from experiments.flights import digest
 from experiments.processes import Pool
 from experiments.progress import progress
-from experiments.store import Store, columns_of, write_table
+from experiments.store import Record, Store, columns_of, write_table
 from experiments.version import code_version
 from laisn.settings import NavigationSettings
 
 Table = list[dict[str, Any]]
+"""Rows by column name."""
 
 _CURVES, _GATES = "curves", "gates"
 
@@ -46,20 +47,23 @@ def _key(name: str, plan: Plan) -> str:
     return digest([code_version(), _sources(), name, asdict(plan), SEED])
 
 
-def _compute(name: str, plan: Plan, condition: Condition | None) -> tuple[str, Table]:
-    """One task of the study: its name and its rows."""
-    if condition is not None:
-        return name, [asdict(row) for row in fly_condition(condition, plan)]
-    if name == _GATES:
-        return name, [asdict(row) for row in fly_gates(plan)]
-    curves = fly_curves(plan)
-    rows = [asdict(c) | {"over": "tau"} for c in curves.tau] + [asdict(c) | {"over": "pitch"} for c in curves.pitch]
-    return name, rows
+def _compute(name: str, plan: Plan, mission: tuple[Condition, float] | None) -> tuple[str, Record]:
+    """One task of the study: its name, and its rows as columns beside the version that computed them."""
+    rows: Table
+    if mission is not None:
+        condition, offset = mission
+        rows = [asdict(row) for row in fly_condition(condition, offset, plan)]
+    elif name == _GATES:
+        rows = [asdict(row) for row in fly_gates(plan)]
+    else:
+        curves = fly_curves(plan)
+        rows = [asdict(c) | {"over": "tau"} for c in curves.tau] + [asdict(c) | {"over": "pitch"} for c in curves.pitch]
+    return name, columns_of(rows) | {"version": code_version()}
 
 
-def _rows_of(columns: dict[str, Any]) -> Table:
-    names = list(columns)
-    return [dict(zip(names, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+def _rows_of(record: Record) -> Table:
+    columns = {name: values for name, values in record.items() if name != "version"}
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
 def _curves_of(rows: Table) -> Curves:
@@ -105,17 +109,18 @@ def run(
         WorkerDiedError: a process died; what was computed is stored.
     """
     plan = QUICK if quick else Plan()
-    conditions = {condition.key: condition for condition in (QUICK_CONDITIONS if quick else CONDITIONS)}
+    conditions = QUICK_CONDITIONS if quick else CONDITIONS
+    missions = {f"{c.key} {offset:g} m": (c, offset) for c in conditions for offset in plan.offsets_m}
     # the longest first, so that no process waits for another at the end
-    names = [_CURVES, *conditions, _GATES]
+    names = [_CURVES, _GATES, *missions]
     store = Store(folder, force=force)
     missing = [name for name in names if store.read(_key(name, plan)) is None]
     if missing:
         with Pool(min(workers or len(os.sched_getaffinity(0)), len(missing)), cluster) as pool:
-            tasks = ((name, plan, conditions.get(name)) for name in missing)
-            with progress("conditions", len(missing), quiet=quiet) as advance:
-                for name, rows in pool.each(_compute, tasks):
-                    store.write(_key(name, plan), columns_of(rows))
+            tasks = ((name, plan, missions.get(name)) for name in missing)
+            with progress("fleets", len(missing), quiet=quiet) as advance:
+                for name, record in pool.each(_compute, tasks):
+                    store.write(_key(name, plan), record)
                     advance()
 
     def stored(name: str) -> Table:
@@ -125,8 +130,8 @@ def run(
     shown = fly_example(QUICK_CONDITIONS[-1], plan.duration_s)
     results = Results(
         plan=plan,
-        conditions=tuple(conditions.values()),
-        missions=tuple(Row(**row) for name in conditions for row in stored(name)),
+        conditions=conditions,
+        missions=tuple(Row(**row) for name in missions for row in stored(name)),
         curves=_curves_of(stored(_CURVES)),
         gates=tuple(GateRow(**row) for row in stored(_GATES)),
         chart=chart,

@@ -1,11 +1,11 @@
-"""The pitch study on missions: one leader, thirty-two followers, and what each cause and each remedy is worth.
+"""The pitch study on missions: what each cause of pitch does to followers, and what each remedy is worth.
 
-A condition is flown once, with all followers in the water at the same time. Each of them then navigates 60 times with
+A condition is flown with followers on all routes in the water at once. Each of them then navigates 60 times with
 the same noise behind the leader as it moved (real) and behind one that kept level, and with every remedy. What differs
 between two arms of a condition is therefore the pitch, or the remedy, and nothing else.
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -191,12 +191,14 @@ def row_of(result: CellResult, **others: Any) -> Row:
     )
 
 
-def fly_condition(condition: Condition, plan: Plan) -> list[Row]:
-    """Fly one condition, and navigate every follower behind it in every arm and variant."""
-    trajectory = move(fleet(condition, plan.routes, plan.offsets_m, plan.duration_s))
+def fly_condition(condition: Condition, offset: float, plan: Plan) -> list[Row]:
+    """Fly one condition with followers on all routes at a depth offset, and navigate each in every arm and variant.
+
+    Fleets of this size are quickest: the price of a step grows faster than the number of vehicles.
+    """
+    trajectory = move(fleet(condition, plan.routes, (offset,), plan.duration_s))
     rows = []
-    missions = [(route, offset) for route in plan.routes for offset in plan.offsets_m]
-    for follower, (route, offset) in enumerate(missions):
+    for follower, route in enumerate(plan.routes):
         sensed = sense(pair(trajectory, follower), condition, route, offset, plan.duration_s)
         errors = errors_of(scenario(condition, route, offset, plan.duration_s))
         for arm in ARMS:
@@ -206,14 +208,14 @@ def fly_condition(condition: Condition, plan: Plan) -> list[Row]:
                 result = simulate(_cell(sensed, errors, arm, variant, plan.runs))
                 rows.append(
                     row_of(
-                        result, **sensed.facts, condition=condition.key, cause=condition.cause, route=route,
-                        depth_offset_m=offset, variant=variant, arm=arm.key,
+                        result,
+                        **sensed.facts,
+                        condition=condition.key,
+                        cause=condition.cause,
+                        route=route,
+                        depth_offset_m=offset,
+                        variant=variant,
+                        arm=arm.key,
                     )
-                )  # fmt: skip
+                )
     return rows
-
-
-def as_columns(rows: list[Row]) -> dict[str, list[Any]]:
-    """Rows as columns of a table."""
-    records = [asdict(r) for r in rows]
-    return {name: [record[name] for record in records] for name in records[0]}

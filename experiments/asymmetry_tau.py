@@ -78,11 +78,11 @@ def equivalent(excess: float, curve: Curve) -> float:
 def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2")) -> Curves:
     """Fly all routes of a plan in a calm sea, over τ and over pitch."""
     offsets = tuple(o for o in OFFSETS_M if o in plan.offsets_m)
-    trajectory = move(fleet(CALM, plan.routes, offsets, plan.duration_s))
+    fleets = {offset: move(fleet(CALM, plan.routes, (offset,), plan.duration_s)) for offset in offsets}
     tau, pitch = [], []
-    missions = [(route, offset) for route in plan.routes for offset in offsets]
-    for follower, (route, offset) in enumerate(missions):
-        level = leveled(pair(trajectory, follower))
+    missions = [(follower, route, offset) for follower, route in enumerate(plan.routes) for offset in offsets]
+    for follower, route, offset in missions:
+        level = leveled(pair(fleets[offset], follower))
         for interval in INTERVALS_S:
             one = scenario(CALM, route, offset, plan.duration_s)
             one = one.model_copy(update={"timing": one.timing.model_copy(update={"message_interval_s": interval})})

@@ -6,7 +6,7 @@ to disk one by one, so that a campaign that was killed goes on where it stopped,
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
@@ -21,6 +21,8 @@ from experiments.processes import Pool
 from experiments.progress import progress
 from experiments.store import Record, Steps, Store
 from experiments.version import code_version
+from laisn import metrics
+from laisn.lane_rows import LANES
 from sim.errors import MissionTruth
 from sim.flight import navigation_settings
 from sim.scenario import Scenario
@@ -92,34 +94,37 @@ def _row(plan: CellPlan, result: CellResult) -> Record:
     return row
 
 
+def _few_runs(cell: Cell) -> Iterator[Floats]:
+    """Estimated positions of one run after another, shape (n, 2), [m]; a few are held at a time."""
+    for first in range(cell.runs.start, cell.runs.stop, LANES):
+        states = histories(replace(cell, runs=range(first, min(first + LANES, cell.runs.stop))))
+        yield from (states[:, :2, run] for run in range(states.shape[-1]))
+
+
 def _steps(cell: Cell) -> Steps:
     """Errors at each step over all runs, and where the follower is, as the leader sees it."""
-    truth = cell.truth
-    away = truth.hydrophone - truth.leader_position
-    # Single precision is a micrometre here, and halves what figures must read.
-    totals = {name: np.zeros(truth.speed.size) for name in ("e_p_mean", "e_p_max", "e_b_mean", "e_b_max")}
-    states = histories(cell)
-    for run in range(states.shape[-1]):
-        found = states[:, :2, run]
-        position = np.hypot(*(found - truth.hydrophone).T)
-        seen = found - truth.leader_position
-        cross, dot = away[:, 0] * seen[:, 1] - away[:, 1] * seen[:, 0], np.einsum("ni,ni->n", away, seen)
-        bearing = np.rad2deg(np.arctan2(np.abs(cross), dot))
+    truth, leader = cell.truth, cell.truth.leader_position
+    total = {name: np.zeros(truth.speed.size) for name in ("e_p", "e_b")}
+    largest = {name: np.zeros(truth.speed.size) for name in ("e_p", "e_b")}
+    for found in _few_runs(cell):
+        position = metrics.position_errors(found, truth.hydrophone)
+        bearing = np.rad2deg(metrics.bearing_errors(found, truth.hydrophone, leader))
         for name, error in (("e_p", position), ("e_b", bearing)):
-            totals[f"{name}_mean"] += error
-            np.maximum(totals[f"{name}_max"], error, out=totals[f"{name}_max"])
-    runs = states.shape[-1]
+            total[name] += error
+            np.maximum(largest[name], error, out=largest[name])
+    away = truth.hydrophone - leader
     direction = np.arctan2(away[:, 0], away[:, 1]) - truth.leader_heading
     columns = {
         "time_s": truth.dt * np.arange(1, truth.speed.size + 1),
-        "e_p_mean_m": totals["e_p_mean"] / runs,
-        "e_p_max_m": totals["e_p_max"],
-        "e_b_mean_deg": totals["e_b_mean"] / runs,
-        "e_b_max_deg": totals["e_b_max"],
+        "e_p_mean_m": total["e_p"] / len(cell.runs),
+        "e_p_max_m": largest["e_p"],
+        "e_b_mean_deg": total["e_b"] / len(cell.runs),
+        "e_b_max_deg": largest["e_b"],
         "bearing_deg": np.rad2deg(np.mod(direction, 2 * np.pi)),
         "distance_m": np.hypot(*away.T),
         "speed_m_s": truth.speed,
     }
+    # Single precision is a micrometre here, and halves what figures must read.
     return {name: np.asarray(values, dtype=np.float32) for name, values in columns.items()}
 
 
@@ -236,11 +241,11 @@ def run(
     """
     if not plans:
         raise ValueError("the campaign has no cells")
+    processes = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
     store = Store(folder, force=force)
     missing = _missing(plans, store)
-    processes = workers or len(os.sched_getaffinity(0))
     if missing:
-        with Pool(processes, cluster) as pool:
+        with processes as pool:
             fly_missions((plan.scenario for plan in missing), store, pool, quiet=quiet)
             tasks = ((mission_of(batch, store), batch) for batch in _batches(missing, pool.size))
             with progress("cells", len(missing), quiet=quiet) as advance:

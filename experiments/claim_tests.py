@@ -165,7 +165,8 @@ def heading(evidence: Evidence) -> Judgement:
     dominates = grown[0] > grown[1] and grown[0] > 5
     slope = float(error @ distance / (distance @ distance))
     # of a line through the origin: what it leaves over the spread about the mean
-    fit = 1 - float(np.sum((error - slope * distance) ** 2) / np.sum((error - error.mean()) ** 2))
+    left, spread = (float(np.sum(r**2)) for r in (error - slope * distance, error - error.mean()))
+    fit = 1 - left / spread if spread else 0.0
     text = (
         f"E_P grows {grown[0]:.1f} times on {_named(evidence.among(evidence.lateral))}, {grown[1]:.1f} times on the "
         f"others (medians); "

@@ -45,7 +45,7 @@ def save(figure: Figure, name: str, legend: Legend = ()) -> None:
             ha="right", fontsize=8, color=colour.placeholder,
         )  # fmt: skip
     path = FOLDER / f"{name}.svg"
-    with mpl.rc_context({"svg.hashsalt": "laisn-sim", "svg.fonttype": "none", "font.family": "sans-serif"}):
+    with mpl.rc_context({"svg.hashsalt": "laisn-sim", "svg.fonttype": "none", "font.size": 8.5}):
         figure.set_canvas(FigureCanvasSVG(figure))
         figure.savefig(
             path, format="svg", metadata={"Date": None}, facecolor="white", bbox_inches="tight", pad_inches=0.08

@@ -16,16 +16,22 @@ from typing import ClassVar, Literal
 import jinja2
 from markupsafe import Markup, escape
 
+_SHORT = 44
+"""Text of a table cell up to this length stays on one line."""
 EMBEDDED_FILM_BYTES = 2_500_000
 """Larger films are linked: Base64 adds a third, and a page stays below 5 MB."""
 
 
-_SYMBOL = re.compile(r"\b([EHσμτΔ]|Δt)_([A-Za-z0-9θ]+)\b")
+_SYMBOL = re.compile(r"\b(?:([EHσμτ]|Δt)_([A-Za-z0-9θ]+)|(Δt))\b")
 
 
 def symbols(text: str) -> Markup:
     """Escaped text in which symbols such as E_P and H_T carry their index below the line."""
-    return Markup(_SYMBOL.sub(r"<i>\1</i><sub>\2</sub>", str(escape(text))))
+
+    def marked(symbol: re.Match[str]) -> str:
+        return f"<i>{symbol[3]}</i>" if symbol[3] else f"<i>{symbol[1]}</i><sub>{symbol[2]}</sub>"
+
+    return Markup(_SYMBOL.sub(marked, str(escape(text))))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +83,12 @@ class Cell:
     def numeric(self) -> bool:
         """Whether it is set to the right, as numbers are."""
         return not isinstance(self.sort, str)
+
+    @property
+    def style(self) -> str:
+        """Classes: numbers to the right, short text on one line, long text in a column that can be read."""
+        width = "n" if self.numeric else "long" if len(self.text) > _SHORT else "short"
+        return " ".join(filter(None, (width, self.tone)))
 
     @property
     def key(self) -> str:

@@ -18,7 +18,7 @@ SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), 
 
 @pytest.fixture(scope="module")
 def rows():
-    return fly_condition(QUICK_CONDITIONS[0], SHORT)
+    return [row for offset in SHORT.offsets_m for row in fly_condition(QUICK_CONDITIONS[0], offset, SHORT)]
 
 
 def test_every_mission_is_flown_in_every_arm(rows):

@@ -1,0 +1,228 @@
+"""README and docs: every command runs, every block of code works, every link, picture and key exists.
+
+How blocks are tried, document by document, in an empty folder:
+- toml: saved under the name in its first line.
+- python: run in one namespace per document.
+- bash: `laisn` and `python` lines are run, the former in this process. Missions are cut to 20 s (`--set duration_s=20`
+  for scenarios), films are left out, and stills are taken at 10 s. Studies are asked for their help alone, which must
+  know the options. `make` targets must exist. Other programs are not ours.
+"""
+
+import ast
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from typer.testing import CliRunner
+
+from experiments import reference, route_keeping
+from experiments.cli import app
+from experiments.library import FOLDER, names
+from sim import graphics
+from sim.scenario import Scenario
+from sim.scenario_file import parse
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+STUDIES = ("reproduce", "asymmetry")
+FOREIGN = ("apt-get", "pip", "rerun", "source")
+"""Programs that are not ours to try."""
+
+
+class Block(NamedTuple):
+    """A fenced block of a document."""
+
+    language: str
+    text: str
+
+
+def prose(document: Path) -> str:
+    """A document without its blocks."""
+    return re.sub(r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def blocks(document: Path) -> list[Block]:
+    found = re.findall(r"^```(\w*)\n(.*?)^```", document.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return [Block(*pair) for pair in found]
+
+
+def commands(text: str) -> list[list[str]]:
+    """Lines of a bash block as words, without comments; a redirection stays as the last two words."""
+    joined = text.replace("\\\n", " ")
+    return [words for line in joined.splitlines() if (words := shlex.split(line, comments=True))]
+
+
+def shortened(words: list[str]) -> list[str]:
+    """A `laisn` command as it is tried."""
+    words = [*words]
+    if words[0] in ("fly", "render") and not words[1].endswith(".mcap"):
+        words += ["--set", "duration_s=20"]
+    if words[0] == "fly" and "--no-video" not in words:
+        words.append("--no-video")
+    if "--still" in words:
+        words[words.index("--still") + 1] = "10"
+    return words
+
+
+def run_laisn(words: list[str]) -> None:
+    if words[0] in STUDIES:
+        known = CliRunner().invoke(app, [words[0], "--help"], env={"COLUMNS": "200"})
+        assert known.exit_code == 0, known.output
+        for option in (word for word in words if word.startswith("--")):
+            assert option in known.output, f"laisn {words[0]} has no {option}"
+        return
+    target = None
+    if ">" in words:
+        words, target = words[: words.index(">")], words[words.index(">") + 1]
+    if words[0] == "render" and graphics.working() is None:
+        return
+    if words[0] == "render" and "--still" not in words:
+        words = [*words, "--still", "10", "--out", "film.png"]
+    result = CliRunner().invoke(app, shortened(words))
+    assert result.exit_code == 0, f"laisn {' '.join(words)}\n{result.output}"
+    if target:
+        Path(target).write_text(result.stdout, encoding="utf-8")
+
+
+def run_python(words: list[str]) -> None:
+    if words[0] == "-m":
+        # these write documents of the repository; that they are up to date is tested by itself
+        assert (ROOT / (words[1].replace(".", "/") + ".py")).is_file()
+        return
+    script = ROOT / words[0]
+    result = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+def run_line(words: list[str]) -> None:
+    program, *rest = words
+    if program == "laisn":
+        run_laisn(rest)
+    elif program == "python":
+        run_python(rest)
+    elif program == "make":
+        makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+        assert re.search(rf"^{rest[0]}:", makefile, flags=re.MULTILINE), f"there is no target {rest[0]}"
+    else:
+        assert program in FOREIGN, f"{program} is not known to these documents"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
+def test_commands_and_code_work(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    namespace: dict[str, object] = {}
+    for language, text in blocks(document):
+        if language == "toml":
+            name = re.match(r"# (\S+\.toml)\n", text)
+            assert name, "a toml block begins with the name of its file"
+            (tmp_path / name[1]).write_text(text, encoding="utf-8")
+        elif language == "python":
+            exec(compile(text, str(document), "exec"), namespace)
+        elif language == "bash":
+            for words in commands(text):
+                run_line(words)
+        else:
+            assert language in ("bibtex", "math"), f"a block of {language!r} is not tried by anything"
+
+
+def inline_commands(document: Path) -> list[list[str]]:
+    spans = re.findall(r"`((?:laisn|make|python -m) [^`]*)`", prose(document))
+    return [shlex.split(re.sub(r"\s+", " ", span)) for span in spans]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
+def test_commands_in_the_text_exist(document: Path) -> None:
+    for program, *rest in inline_commands(document):
+        if program == "make":
+            run_line([program, *rest])
+        elif program == "python":
+            assert rest[1].endswith("…") or (ROOT / (rest[1].replace(".", "/") + ".py")).is_file()
+        else:
+            depth = 2 if rest[0] == "log" else 1
+            known = CliRunner().invoke(app, [*rest[:depth], "--help"], env={"COLUMNS": "200"})
+            assert known.exit_code == 0, f"laisn {' '.join(rest)}"
+            if rest[0] == "fly" and re.fullmatch(r"[A-Za-z0-9-]+", rest[1]):
+                assert rest[1] in names()
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
+def test_links_and_pictures_exist(document: Path) -> None:
+    text = prose(document)
+    targets = re.findall(r"\]\(([^)]+)\)", text) + re.findall(r'src="([^"]+)"', text)
+    for target in targets:
+        if target.startswith(("http://", "https://")):
+            continue
+        path, _, anchor = target.partition("#")
+        linked = (document.parent / path).resolve() if path else document
+        assert linked.is_file(), f"{target} does not exist"
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", linked.read_text(encoding="utf-8"), flags=re.MULTILINE)
+            assert anchor in {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}, target
+    for picture in (ROOT / "docs" / "pictures").iterdir():
+        assert any(f"pictures/{picture.name}" in d.read_text(encoding="utf-8") for d in DOCUMENTS), picture.name
+    for source in re.findall(r"`((?:laisn|sim|models|experiments|tests|docs|examples)/[\w./-]+\.\w+)`", text):
+        assert (ROOT / source).is_file(), f"{source} does not exist"
+
+
+def keys(model: object = Scenario, prefix: str = "") -> set[str]:
+    """All keys of a scenario as section.key."""
+    found = set()
+    for name, field in model.model_fields.items():  # type: ignore[attr-defined]
+        inner = next(
+            (a for a in (field.annotation, *getattr(field.annotation, "__args__", ())) if hasattr(a, "model_fields")),
+            None,
+        )
+        found |= {f"{prefix}{name}"} if inner is None else keys(inner, f"{prefix}{name}.")
+    return found
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
+def test_keys_exist(document: Path) -> None:
+    known = keys()
+    sections = {key.split(".")[0] for key in known if "." in key} | {"ocean.waves"}
+    for mentioned in re.findall(r"`((?:\w+\.)+\w+)(?: = [^`]*)?`", prose(document)):
+        if mentioned.split(".")[0] in sections and not mentioned.endswith((".py", ".md", ".toml", ".json")):
+            assert mentioned in known, f"{mentioned} is no key of a scenario"
+    for section in re.findall(r"`\[+([\w.]+)\]+`", prose(document)):
+        assert section in sections, f"there is no section {section}"
+
+
+def test_python_examples_are_only_those_in_the_folder() -> None:
+    examples = list((ROOT / "examples").glob("*.py"))
+    assert examples
+    for example in examples:
+        assert ast.get_docstring(ast.parse(example.read_text(encoding="utf-8")))
+        assert any(f"examples/{example.name}" in d.read_text(encoding="utf-8") for d in DOCUMENTS)
+
+
+def test_reference_of_scenarios_is_up_to_date() -> None:
+    assert reference.PATH.read_text(encoding="utf-8") == reference.text(), "run python -m experiments.reference"
+
+
+def numbers(row: str) -> list[float]:
+    return [float(cell) for cell in row.split("|")[2:-1]]
+
+
+def test_table_of_route_keeping_is_up_to_date() -> None:
+    """The first minute alone cannot tell, so one whole route is flown; other machines may round otherwise."""
+    reports = route_keeping.measure(route_keeping.scenario(("T8",)))
+    table = [line for line in route_keeping.PATH.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
+    for report, name in zip(reports, ("leader, L", "T8"), strict=True):
+        (row,) = [line for line in table if line.startswith(f"| {name} |")]
+        digits = [10.0 ** -len(cell.strip().partition(".")[2]) for cell in row.split("|")[2:-1]]
+        fresh = numbers(route_keeping.row(report, name))
+        for printed, new, digit in zip(numbers(row), fresh, digits, strict=True):
+            assert abs(printed - new) <= 1.01 * digit, f"{row}; run python -m experiments.route_keeping"
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
+def test_built_in_scenarios_introduce_themselves(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert re.match(r"# [a-z].{20,110}\n", text)
+    assert parse(text, str(path))["name"] == path.stem
+    assert CliRunner().invoke(app, ["check", path.stem]).exit_code == 0
