@@ -135,6 +135,62 @@ def replay(
     replaying.replay(log, variant, set_ or (), out)
 
 
+WorkersOption = Annotated[int | None, typer.Option(help="local processes (default: one for each core)")]
+ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
+ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]
+
+
+@app.command()
+@_plain_errors
+def reproduce(
+    stage: Annotated[
+        list[int] | None, typer.Option(help="a stage of the paper, 1 … 5; repeatable (default: all)")
+    ] = None,
+    motion: Annotated[str, typer.Option(help="physics, or the paper's point motion: kinematic")] = "physics",
+    runs: Annotated[int, typer.Option(help="runs of each cell")] = 60,
+    missions: Annotated[
+        int | None, typer.Option(help="draw this many routes for each class instead of the paper's eight")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="key of all random numbers")] = 1,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
+) -> None:
+    """Fly the paper's five stages; tables beside the published ones, figures, and its claims judged."""
+    from experiments import reproduce as reproduction
+
+    report = reproduction.reproduce(
+        stage,
+        motion=motion,  # type: ignore[arg-type]  # reproduce names the motions
+        runs=runs,
+        missions=missions,
+        seed=seed,
+        workers=workers,
+        out=out,
+        force=force,
+        cluster=cluster,
+    )
+    typer.echo(f"report in {report}")
+
+
+@app.command()
+@_plain_errors
+def asymmetry(
+    quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
+) -> None:
+    """Study what a leader that pitches does to the ranges, and what helps."""
+    from experiments import asymmetry as study
+
+    folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
+    report = study.run(folder, quick=quick, workers=workers, cluster=cluster, force=force)
+    typer.echo(f"report in {report}")
+
+
 LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 
 

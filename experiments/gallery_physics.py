@@ -22,12 +22,14 @@ PUBLISHED_TURN = {1000: {5: 2.092, 10: 3.488, 15: 4.644}, 1525: {5: 3.609, 10: 5
 
 def remus_speed() -> Drawn:
     """Speed from rest, with the published final speeds."""
-    from tests.test_remus import DT, run
+    from tests.test_remus import run
 
     lines = []
     for i, (rpm, speed) in enumerate(PUBLISHED_SPEED.items()):
         _, history = run(rpm, 25.0)
-        lines.append(Line(x=DT * np.arange(len(history)), y=history[:, 0], colour=SERIES[i], width=1.2))
+        lines.append(
+            Line(x=np.linspace(0.0, 25.0, len(history), endpoint=False), y=history[:, 0], colour=SERIES[i], width=1.2)
+        )
         lines.append(Line(x=np.array([0.0, 25.0]), y=np.full(2, speed), colour=SERIES[i], width=0.8, dash=":"))
     figure = panel(lines, x_label="time [s]", y_label="speed [m/s]", title="REMUS 100, from rest")
     for i, (rpm, speed) in enumerate(PUBLISHED_SPEED.items()):
@@ -57,7 +59,7 @@ def remus_turn() -> Drawn:
 def pendulum() -> Drawn:
     """Pitch of a hull in ideal water that is let go at 1°, beside the closed form."""
     from tests.tank import Tank, hull
-    from tests.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS, _small_oscillation_period
+    from tests.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
 
     arm, dt, duration = 0.02, 0.002, 45.0
     tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean.calm(), dt)
@@ -66,8 +68,11 @@ def pendulum() -> Drawn:
     for _ in range(round(duration / dt)):
         pitch.append(float(np.degrees(attitude.pitch(tank.pose[0, 3:]))))
         tank.step()
-    time = dt * np.arange(len(pitch))
-    period = _small_oscillation_period(SPHEROID_MASS, SPHEROID_INERTIA[1], SPHEROID_ADDED, arm)
+    time = np.linspace(0.0, duration, len(pitch), endpoint=False)
+    # the hull turns about its low centre of gravity, and its added mass surges with it
+    inertia = SPHEROID_INERTIA[1] + SPHEROID_MASS * arm**2 + SPHEROID_ADDED[4, 4]
+    inertia -= (SPHEROID_MASS * arm) ** 2 / (SPHEROID_MASS + SPHEROID_ADDED[0, 0])
+    period = 2 * np.pi * np.sqrt(inertia / (SPHEROID_MASS * 9.81 * arm))
     marks = np.linspace(0.0, duration, 46)
     lines = [
         Line(x=time, y=np.array(pitch), colour=SERIES[0], width=1.2),

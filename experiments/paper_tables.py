@@ -116,7 +116,7 @@ def _reason(setting: Setting, row: Mapping[str, float], theirs: float) -> str:
         if free is not None:
             known.append(f"the others have {free:.2f} m ({free / theirs:.2f} of the paper's)")
     if setting.name == "asymmetric":
-        known.append("the figures of unequal errors hinge on seconds spent astern, which the drawn route does not fix")
+        known.append("unequal errors act most near astern, where the published route is not known to a metre")
     return "; ".join(known) or "the follower's route is only like the published one"
 
 
@@ -139,8 +139,8 @@ def far_off(result: Reproduction) -> list[Block]:
     text = f"{slow + len(rows)} of {published} rows differ by more than a factor of {FAR:g} in mean E_P. "
     if slow:
         text += (
-            f"{slow} of them have a message interval of {SLOW_S:g} s: there none of the listed β and T fits the paper's "
-            "rows (Stage 2 shows alternatives). "
+            f"{slow} of them have a message interval of {SLOW_S:g} s: there none of the listed β and T fits the "
+            "paper's rows (Stage 2 shows alternatives). "
         )
     if not rows:
         return [Text(text=text)]
