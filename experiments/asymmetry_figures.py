@@ -143,7 +143,7 @@ def message_top(message: Message) -> Figure:
     axes.plot(*truth, marker="s", markersize=4.5, color=LEVEL.placeholder)
     axes.plot(*fix, marker="X", markersize=5.5, color=REAL.placeholder)
     # labels away from each other, across the ray
-    across = np.array([-truth[1], truth[0]]) / reach * np.sign(np.cross(truth, fix) or 1.0)
+    across = np.array([-truth[1], truth[0]]) / reach * np.sign(truth[0] * fix[1] - truth[1] * fix[0] or 1.0)
     error = float(np.hypot(*(fix - truth)))
     for text, at, push, colour in (("truth", truth, -across, LEVEL), (f"fix, {error:.2f} m off", fix, across, REAL)):
         place = at + 0.08 * reach * push

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.asymmetry_conditions import Condition, scenario
-from experiments.asymmetry_example import OFFSET_M, ROUTE
+from experiments.asymmetry_example import OFFSET_M, ROUTE, Example
 from experiments.fly import position_and_bearing_errors
 from laisn.navigator import Navigator
 from sim.errors import measure
@@ -40,22 +40,21 @@ def two_minds(condition: Condition, duration: float = DURATION_S) -> Flight:
     return Flight(scenario=twins, trajectory=trajectory, measurements=(heard, heard), estimates=estimates)
 
 
-def film(condition: Condition, folder: Path, video: Video = VIDEO) -> Path:
-    """Render the film of a condition into a folder.
+def film(example: Example, folder: Path) -> Path | None:
+    """Render the film of the study's example into a folder; None where nothing renders.
 
     Args:
-        condition: that makes the leader pitch.
+        example: its condition is filmed.
         folder: for `asymmetry.mp4`.
-        video: camera, size and speed.
-
-    Raises:
-        RenderError: nothing renders here.
     """
+    from sim import graphics
     from sim.render import render
 
-    flight = two_minds(condition)
+    if not any(backend.works for backend in graphics.probe()):
+        return None
+    flight = two_minds(example.condition)
     path = folder / "asymmetry.mp4"
-    render(flight, path, errors=position_and_bearing_errors(flight), video=video, workers=2)
+    render(flight, path, errors=position_and_bearing_errors(flight), video=VIDEO, workers=2)
     return path
 
 

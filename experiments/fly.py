@@ -19,6 +19,7 @@ from experiments.doctor import versions
 from laisn import metrics
 from laisn.navigator import Navigator
 from sim.flight import Flight, Outcome, navigate
+from sim.log_events import Event
 from sim.motion import DivergedError, move
 from sim.scenario import Scenario
 from sim.scenario_file import dumps
@@ -65,6 +66,22 @@ def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
             )
         )
     return result
+
+
+def capture_events(flight: Flight) -> list[Event]:
+    """A line for the log where an estimate is captured at the mirror image of the truth, and where it is released."""
+    steps = flight.step_index()
+    time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
+    heading = flight.trajectory.heading[steps, 0]
+    events = []
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        estimate, truth = flight.estimates[i].state[:, :2], flight.hydrophone(i)[:, :2]
+        captured = metrics.captured_steps(estimate, truth, leader, heading)
+        for k in np.flatnonzero(np.diff(captured.astype(np.int64), prepend=0)):
+            caught = bool(captured[k])
+            text = "mirror capture: the estimate is at the truth's mirror image" if caught else "mirror capture ends"
+            events.append(Event(float(time[k]), "warning" if caught else "info", text, name))
+    return sorted(events, key=lambda event: event.time_s)
 
 
 def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, Any]:
@@ -153,11 +170,12 @@ def fly_and_write(scenario: Scenario, out: Path | None, *, with_video: bool) -> 
         with phase("simulate") as update:
             flight, seconds = fly(scenario, update)
         errors = position_and_bearing_errors(flight)
+        events = capture_events(flight)
         summary = summarise(flight, errors)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         # the log comes first: whatever happens to the film, what was flown is kept
         with phase("log"):
-            log.write(flight, folder / "flight.mcap", summary=summary_text, errors=errors)
+            log.write(flight, folder / "flight.mcap", summary=summary_text, errors=errors, events=events)
         film, missing = folder / "flight.mp4", "not asked for"
         film.unlink(missing_ok=True)
         if with_video:
@@ -169,7 +187,14 @@ def fly_and_write(scenario: Scenario, out: Path | None, *, with_video: bool) -> 
                     missing = str(error)
                 else:
                     if scenario.video.in_log:
-                        log.write(flight, folder / "flight.mcap", summary=summary_text, errors=errors, video=frames)
+                        log.write(
+                            flight,
+                            folder / "flight.mcap",
+                            summary=summary_text,
+                            errors=errors,
+                            events=events,
+                            video=frames,
+                        )
         with phase("report"):
             flight_report(flight, errors, summary, folder / "report.html", None if missing else film)
     write_whole(folder / "summary.json", summary_text)

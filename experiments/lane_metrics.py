@@ -22,7 +22,7 @@ _LOST = int(FixKind.LOST)
 _row = count(0, LANES)
 SUM_P, SQUARES_P, MAX_P, SUM_B, SQUARES_B, MAX_B = (next(_row) for _ in range(6))
 SUM_NEES, COUNT_NEES, SUM_NIS, COUNT_NIS = (next(_row) for _ in range(4))
-# Steps that the estimate has been on the wrong side without a break, and the most of them.
+# Steps that the estimate has been at the mirror image without a break, and the most of them.
 ASTRAY, LONGEST_ASTRAY = (next(_row) for _ in range(2))
 KINDS = next(_row)
 SIZE = KINDS + len(FixKind) * LANES
@@ -72,7 +72,7 @@ def tally_step(
     x, y = hydrophone
     leader_x, leader_y, leader_heading = leader
     true_x, true_y = x - leader_x, y - leader_y
-    # The sign of the cross product with the leader's axis tells the side.
+    # Distance from the leader's axis; reflecting the truth in it changes a squared distance by 4 times their product.
     axis_x, axis_y = math.sin(leader_heading), math.cos(leader_heading)
     true_side = axis_x * true_y - axis_y * true_x
     for lane in range(LANES):
@@ -90,8 +90,8 @@ def tally_step(
         bins[lane] = _bin(error, _FIRST_P)
         bins[LANES + lane] = _bin(bearing, _FIRST_B)
 
-        side = (axis_x * from_y - axis_y * from_x) * true_side
-        astray = tally[ASTRAY + lane] + 1.0 if error > CAPTURE_ERROR and side < 0.0 else 0.0
+        to_mirror = squared + 4.0 * (axis_x * from_y - axis_y * from_x) * true_side
+        astray = tally[ASTRAY + lane] + 1.0 if error > CAPTURE_ERROR and 4.0 * to_mirror < squared else 0.0
         tally[ASTRAY + lane] = astray
         longest = tally[LONGEST_ASTRAY + lane]
         tally[LONGEST_ASTRAY + lane] = astray if astray > longest else longest

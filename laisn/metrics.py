@@ -12,7 +12,7 @@ from laisn.geometry import SINGULAR_VARIANCE
 Floats = npt.NDArray[np.float64]
 
 CAPTURE_ERROR = 5.0
-"""Position error beyond which an estimate on the other side of the leader's axis counts as captured there [m]."""
+"""Position error beyond which an estimate near the mirror image of the truth counts as captured there [m]."""
 
 
 def position_errors(estimate: Floats, truth: Floats) -> Floats:
@@ -94,7 +94,10 @@ def _normalised(error: Floats, covariance: Floats) -> Floats:
 
 
 def captured_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> npt.NDArray[np.bool_]:
-    """Steps at which the estimate lies far off and on the other side of the leader's axis.
+    """Steps at which the estimate is far off and sits at the truth's mirror image in the leader's axis.
+
+    That is: farther than `CAPTURE_ERROR` from the truth, and at least twice as far from it as from its mirror image.
+    A follower on the axis is its own mirror image, so that an error there is no capture.
 
     Args:
         estimate: shape (n, 2), [m].
@@ -107,12 +110,13 @@ def captured_steps(estimate: Floats, truth: Floats, leader: Floats, leader_headi
     """
     axis = np.stack([np.sin(leader_heading), np.cos(leader_heading)])
 
-    def side(point: Floats) -> Floats:
+    def aside(point: Floats) -> Floats:
         x, y = (point - leader).T
         return np.asarray(axis[0] * y - axis[1] * x)
 
-    far = position_errors(estimate, truth) > CAPTURE_ERROR
-    return np.asarray(far & (side(estimate) * side(truth) < 0))
+    squared = np.sum((estimate - truth) ** 2, axis=1)
+    to_mirror = squared + 4.0 * aside(estimate) * aside(truth)
+    return np.asarray((squared > CAPTURE_ERROR**2) & (4.0 * to_mirror < squared))
 
 
 def longest_capture(captured: npt.NDArray[np.bool_]) -> int:

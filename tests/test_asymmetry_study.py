@@ -1,16 +1,23 @@
 """The pitch study on missions: arithmetic of its tables against closed forms, and a smoke run."""
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from numpy.testing import assert_allclose
 
+from experiments import asymmetry
 from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, command, fleet, scenario
 from experiments.asymmetry_missions import ARM, Plan, Row, fly_condition, pair, sense
 from experiments.asymmetry_planner import deepest_offset, worst_error
 from experiments.asymmetry_tables import paired
 from experiments.asymmetry_tau import Curve, equivalent
+from experiments.cells import Cell
 from experiments.library import load
+from experiments.montecarlo import histories
+from laisn.navigator import Navigator
+from sim.flight import navigate
 from sim.motion import move
+from sim.sensors import errors_of
 
 SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), runs=4,
              duration_s=40.0)  # fmt: skip
@@ -96,3 +103,29 @@ def test_planner_says_where_no_offset_will_do():
     # foreshortening alone, D cos B (1 − cos φ) / sin B to first order, is more than the bound
     assert np.isnan(deepest_offset(np.deg2rad(10.0), np.deg2rad(30.0), 100.0, 0.5))
     assert 100.0 * (1 - np.cos(np.deg2rad(10.0))) / np.tan(np.deg2rad(30.0)) > 0.5
+
+
+def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
+    report = asymmetry.run(tmp_path, quick=True, workers=1, quiet=True)
+    first = report.read_bytes()
+    assert b"What a pitching leader does" in first
+    missions = pq.read_table(tmp_path / "missions.parquet")
+    assert set(missions["condition"].to_pylist()) == {c.key for c in QUICK_CONDITIONS}
+    for name in ("map", "equivalents", "gates"):
+        assert pq.read_table(tmp_path / f"{name}.parquet").num_rows > 0
+
+    def never(*_: object) -> None:
+        raise AssertionError("a stored task was computed again")
+
+    monkeypatch.setattr(asymmetry, "_compute", never)
+    assert asymmetry.run(tmp_path, quick=True, workers=1, quiet=True).read_bytes() == first
+
+
+def test_a_run_of_the_study_is_the_flight_of_its_command():
+    condition, duration = QUICK_CONDITIONS[2], 30.0
+    flown = scenario(condition, "T6", 5.0, duration).model_copy(update={"run": 3})
+    alone = navigate(flown, move(flown), Navigator)
+    sensed = sense(pair(move(fleet(condition, ("T3", "T6"), (5.0,), duration)), 1), condition, "T6", 5.0, duration)
+    states = histories(Cell(truth=sensed.real, errors=errors_of(flown), settings=sensed.settings, seed=flown.seed,
+                            runs=range(4)))  # fmt: skip
+    assert_allclose(alone.estimates[0].state, states[..., 3], atol=1e-6)

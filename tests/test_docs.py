@@ -146,7 +146,7 @@ def test_commands_in_the_text_exist(document: Path) -> None:
             depth = 2 if rest[0] == "log" else 1
             known = CliRunner().invoke(app, [*rest[:depth], "--help"], env={"COLUMNS": "200"})
             assert known.exit_code == 0, f"laisn {' '.join(rest)}"
-            if rest[0] == "fly" and re.fullmatch(r"[A-Za-z0-9-]+", rest[1]):
+            if rest[0] == "fly" and re.fullmatch(r"\w[\w-]*", rest[1]):
                 assert rest[1] in names()
 
 
@@ -211,7 +211,9 @@ def numbers(row: str) -> list[float]:
 def test_table_of_route_keeping_is_up_to_date() -> None:
     """The first minute alone cannot tell, so one whole route is flown; other machines may round otherwise."""
     reports = route_keeping.measure(route_keeping.scenario(("T8",)))
-    table = [line for line in route_keeping.PATH.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
+    text = route_keeping.PATH.read_text(encoding="utf-8")
+    assert text.startswith(route_keeping.INTRODUCTION.format(duration=1000)), "run python -m experiments.route_keeping"
+    table = [line for line in text.splitlines() if line.startswith("| ")]
     for report, name in zip(reports, ("leader, L", "T8"), strict=True):
         (row,) = [line for line in table if line.startswith(f"| {name} |")]
         digits = [10.0 ** -len(cell.strip().partition(".")[2]) for cell in row.split("|")[2:-1]]

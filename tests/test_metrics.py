@@ -59,12 +59,14 @@ def test_nees_of_gaussian_errors_averages_two() -> None:
     assert value.mean() == pytest.approx(2.0, abs=5 * 2 / np.sqrt(n))
 
 
-def test_capture_needs_distance_and_the_other_side() -> None:
-    leader, east = np.zeros((4, 2)), np.full(4, np.pi / 2)
-    truth = np.tile([-20.0, 4.0], (4, 1))
-    guess = np.array([[-20.0, -4.0], [-20.0, -0.5], [-20.0, 12.0], [-20.0, -2.0]])
+def test_capture_is_far_from_the_truth_and_near_its_mirror_image() -> None:
+    """Truth 4 m to port of the axis, mirror image 8 m away at (−20, −4); the last two truths are on the axis."""
+    leader, east = np.zeros((6, 2)), np.full(6, np.pi / 2)
+    truth = np.array([[-20.0, 4.0]] * 4 + [[-20.0, 0.1]] * 2)
+    guess = np.array([[-20.0, -4.0], [-20.0, -0.5], [-20.0, 12.0], [-24.1, -4.0], [-20.0, -6.0], [-20.0, 6.0]])
     captured = metrics.captured_steps(guess, truth, leader, east)
-    assert captured.tolist() == [True, False, False, True]
+    # the fourth is 4.1 m from the mirror image and 8.99 m from the truth: just beyond twice as far
+    assert captured.tolist() == [True, False, False, True, False, False]
     assert metrics.longest_capture(np.array([True, False, True, True, True, False])) == 3
     assert metrics.longest_capture(np.zeros(4, dtype=bool)) == 0
 

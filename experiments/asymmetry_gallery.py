@@ -1,0 +1,20 @@
+"""The picture of the pitch study for README and docs, computed on the spot."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.asymmetry_figures import heat
+from experiments.asymmetry_map import full_grid, sweep
+from laisn.settings import NavigationSettings
+
+PITCH_DEG, OFFSET_M = 5.0, 5.0
+
+
+def map_picture() -> Figure:
+    """Error of a noiseless LAISN-2 fix around a pitched leader."""
+    grid = full_grid()
+    reach, bearing = np.array(grid.range_m), np.array(grid.bearing_deg)
+    points = np.array([[np.deg2rad(PITCH_DEG), OFFSET_M, r, np.deg2rad(b)] for r in reach for b in bearing])
+    _, error = sweep(points, NavigationSettings(side_rule="predicted"))
+    title = f"Error of a fix: leader pitched by {PITCH_DEG:g}°, follower {OFFSET_M:g} m below"
+    return heat(bearing, reach, np.hypot(*error.T).reshape(reach.size, bearing.size), title)
