@@ -20,6 +20,7 @@ from experiments.asymmetry_tables import (
     mission_table,
     remedy_table,
     removed_in_all,
+    route_table,
     stage_4_table,
 )
 from experiments.asymmetry_tau import Curves
@@ -151,6 +152,7 @@ def remedies(results: Results, missions: dict[Mission, Excess]) -> Section:
             "`navigation.use_attitude`). Inflated σp: the follower trusts fixes less by the pitch it must expect "
             "(`navigation.expected_pitch_deg`)."
         ),
+        route_table(missions, results.plan.routes, names),
         remedy_table(missions, results.plan.variants, names),
     ]
     if chosen:

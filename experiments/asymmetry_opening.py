@@ -167,8 +167,9 @@ def chart_section(chart: pa.Table) -> Section:
                 "adds to foreshortening or works against it."
             ),
             Text(
-                text="A third transmitter amidships makes no difference to a fix: it lies on the same tilted hull, "
-                "so that every pair of transmitters is wrong by the same angle (`map.parquet` holds all variants)."
+                text="A third transmitter amidships makes hardly any difference to a fix: it lies on the same "
+                "tilted hull, so that every pair of transmitters is wrong by the same angle (`map.parquet` holds "
+                "all variants)."
             ),
         ],
     )  # fmt: skip

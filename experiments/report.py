@@ -184,8 +184,8 @@ def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
             notices.append(
                 Notice(
                     tone="warning",
-                    text=f"{name}: the estimate was more than {metrics.CAPTURE_ERROR:g} m off, at the mirror image of the "
-                    f"truth in the leader's axis, for {share:.1f} % of the mission (mirror capture).",
+                    text=f"{name}: the estimate was more than {metrics.CAPTURE_ERROR:g} m off, at the mirror image of "
+                    f"the truth in the leader's axis, for {share:.1f} % of the mission (mirror capture).",
                 )
             )
     return notices

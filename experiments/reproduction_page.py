@@ -160,7 +160,10 @@ def page_of(result: Reproduction, flights: Mapping[str, Trajectory]) -> Page:
             ("Motion", motion),
             ("Runs of each cell, seed", f"{result.runs}, {result.seed}"),
             ("Version", version),
-            ("Repeat with", f"laisn reproduce --motion {result.motion} --runs {result.runs}{all_stages}"),
+            (
+                "Repeat with",
+                f"laisn reproduce --motion {result.motion} --runs {result.runs} --seed {result.seed}{all_stages}",
+            ),
             ("Numbers", "tables.parquet, tables.csv, cells/"),
         ],
         sections=sections,

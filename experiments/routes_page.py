@@ -116,7 +116,8 @@ def page_of(result: Study, table: Sequence[Record], flights: Mapping[str, Trajec
     motion = {"physics": "rigid bodies in water", "kinematic": "the paper's point motion"}[result.motion]
     stages = sorted({s.stage for s in result.settings})
     chosen = "" if len(stages) == 5 else "".join(f" --stage {s}" for s in stages)
-    command = f"laisn reproduce --motion {result.motion} --runs {result.runs} --missions {result.routes}{chosen}"
+    command = f"laisn reproduce --motion {result.motion} --runs {result.runs} --missions {result.routes}"
+    command += f" --seed {result.seed}{chosen}"
     spread = _spread(result)
     return Page(
         title="The paper's evaluation on many routes",

@@ -13,6 +13,7 @@ import av
 import numpy as np
 import numpy.typing as npt
 
+from sim.annotations import Annotations
 from sim.assembly import ocean_of
 from sim.cameras import Director
 from sim.flight import Flight
@@ -51,6 +52,7 @@ class Job:
     workers: int
     samples: int
     """Of the anti-aliasing, 0 for none."""
+    annotations: Annotations = Annotations()
 
     @property
     def times(self) -> Floats:
@@ -79,7 +81,7 @@ class Studio:
         self._footage = Footage(job.flight, job.errors, video.speed_up)
         self._director = Director(self._footage, job.follower, size[0] / size[1])
         film_s = job.times.size / video.frame_rate_hz
-        self._overlay = Overlay(self._footage, job.follower, size, film_s)
+        self._overlay = Overlay(self._footage, job.follower, size, film_s, job.annotations)
         self._stage, self._camera = stage, video.camera
 
     def frame(self, time: float, title: bool = True) -> Bytes:

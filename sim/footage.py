@@ -57,6 +57,8 @@ class Moment:
     """Strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)."""
     ranges: Floats
     """Last slant ranges measured, shape (f, 3), [m]; NaN if none."""
+    message: Ints
+    """Index of the last message, shape (f,); -1 before the first."""
     fix_kind: tuple[FixKind | None, ...]
     """What became of the last message, per follower."""
     position_error: Floats
@@ -114,7 +116,7 @@ class Footage:
         k = min(int((time - self.start) / self._dt + 1e-9), self.position_error.shape[1])
         followers = range(len(self._hydrophones))
         hydrophone = sites[self._hydrophones]
-        ray, ranges, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
+        ray, ranges, message, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
         before = k == 0
         return Moment(
             time=time,
@@ -132,6 +134,7 @@ class Footage:
             covariance=np.stack([self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]),
             ray=np.stack(ray),
             ranges=np.stack(ranges),
+            message=np.array(message),
             fix_kind=kinds,
             position_error=np.full(len(followers), np.nan) if before else self.position_error[:, k - 1],
             bearing_error=np.full(len(followers), np.nan) if before else self.bearing_error[:, k - 1],
@@ -145,18 +148,18 @@ class Footage:
         late = time - self.start - k * self._dt
         return np.array([x + vx * late, y + vy * late, z])
 
-    def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, FixKind | None]:
+    def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, int, FixKind | None]:
         heard = self.flight.measurements[follower]
         last = int(np.searchsorted(heard.message_step, k, side="right")) - 1
         if last < 0:
-            return np.zeros(3), np.full(3, np.nan), None
+            return np.zeros(3), np.full(3, np.nan), -1, None
         step = int(heard.message_step[last])
         age = (time - self.start - step * self._dt) / self.speed_up
         ranges = heard.ranges[last]
         fixes = self.flight.estimates[follower]
         made = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
         kind = FixKind(int(fixes.fix_kind[made])) if made >= 0 else None
-        return np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)), ranges, kind
+        return np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)), ranges, last, kind
 
     def _trail_grid(self, time: float, film_seconds: float) -> Ints:
         """Grid indices of a trail; they stay put while time goes on, or the trail would seem to crawl."""
@@ -179,3 +182,16 @@ class Footage:
         past = [self._estimate(follower, float(truth.time[g]), float(z)) for g, z in zip(grid, depth, strict=True)]
         now = self._estimate(follower, time, float(truth.at(time)[0][0, follower + 1, 2]))
         return np.array([*past, now])
+
+    def on_plane(self, follower: int, positions: Floats, times: Floats) -> Floats:
+        """Positions given at filter steps, shape (n, 2), between those and at the follower's depth, shape (p, 3), [m].
+
+        Before the first step and after the last they stay.
+        """
+        steps = self.start + self._dt * np.arange(1, len(positions) + 1)
+        x, y = (np.interp(times, steps, values) for values in positions.T)
+        return np.stack([x, y, self.flight.trajectory.at(times)[0][:, follower + 1, 2]], axis=1)
+
+    def trail_times(self, time: float, film_seconds: float) -> Floats:
+        """Instants of the points of a trail, oldest first, shape (p,), [s]."""
+        return np.append(self.flight.trajectory.time[self._trail_grid(time, film_seconds)], time)

@@ -1,13 +1,16 @@
 """Panels of the overlay: numbers, map, curves and title card."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 from matplotlib.ticker import MaxNLocator
 
 from laisn.estimates import FixKind
+from sim.annotations import OtherEstimate, RayErrors, diverging
 from sim.canvas import Canvas, Colour
 from sim.footage import Footage, Moment
-from sim.scene import ESTIMATE, TRANSMITTER_COLOURS
+from sim.scene import ESTIMATE
 
 Floats = npt.NDArray[np.float64]
 Place = tuple[float, float, float, float]
@@ -42,8 +45,8 @@ def _ticks(low: float, high: float, most: int) -> list[float]:
     return [float(v) for v in MaxNLocator(most, steps=[1, 2, 5, 10]).tick_values(low, high) if low <= v <= high]
 
 
-def numbers(canvas: Canvas, footage: Footage, moment: Moment, follower: int) -> None:
-    """Time, motion of leader and follower, ranges, fix and errors, at the top left."""
+def numbers(canvas: Canvas, footage: Footage, moment: Moment, follower: int, rays: Sequence[Colour]) -> None:
+    """Time, motion of leader and follower, ranges in the colours of their rays, fix and errors, at the top left."""
     s, names = canvas.scale, footage.flight.trajectory.names
     left, top, width = 16 * s, 16 * s, 292 * s
     canvas.panel(left, top, width, 236 * s)
@@ -70,7 +73,7 @@ def numbers(canvas: Canvas, footage: Footage, moment: Moment, follower: int) -> 
     for i in range(3):
         value = moment.ranges[follower, i]
         words = "–" if np.isnan(value) else f"{value:.2f}"
-        canvas.text((left + (150 + 65 * i) * s, y), words, TRANSMITTER_COLOURS[i], 13, "ra")
+        canvas.text((left + (150 + 65 * i) * s, y), words, rays[i], 13, "ra")
     y += 19 * s
     kind = moment.fix_kind[follower]
     canvas.text((x, y), "fix", _DIM, 13)
@@ -90,21 +93,23 @@ class Curve:
         label: what it is.
         unit: of the values.
         dt: interval of the values [s].
-        values: shape (n,).
+        values: by colour, each of shape (n,), the last on top.
         place: where it lies.
     """
 
-    def __init__(self, label: str, unit: str, dt: float, values: Floats, place: Place) -> None:
+    def __init__(self, label: str, unit: str, dt: float, values: Sequence[tuple[Colour, Floats]], place: Place) -> None:
         self._label, self._unit, self._place = label, unit, place
-        values = np.abs(values)
-        finite = values[np.isfinite(values)]
+        sizes = np.abs(np.stack([v for _, v in values]))
+        finite = sizes[np.isfinite(sizes)]
         self._top = 1.08 * float(finite.max()) if finite.size and finite.max() > 0 else 1.0
-        self._end = dt * values.size
+        n = sizes.shape[1]
+        self._end = dt * n
         # the largest value in each column of pixels: thinning must not hide a peak
-        every = max(1, values.size // max(1, int(place[2])))
-        columns = values[: values.size // every * every].reshape(-1, every)
-        self._values = np.nan_to_num(columns.max(axis=1))
-        self._time = dt * every * (np.arange(self._values.size) + 1)
+        every = max(1, n // max(1, int(place[2])))
+        columns = sizes[:, : n // every * every].reshape(len(sizes), -1, every)
+        self._values = np.nan_to_num(columns.max(axis=2))
+        self._colours = [colour for colour, _ in values]
+        self._time = dt * every * (np.arange(self._values.shape[1]) + 1)
 
     def draw(self, canvas: Canvas, time: float) -> None:
         """The curve from the start of the mission to `time` [s] after it."""
@@ -112,7 +117,8 @@ class Curve:
         left, top, width, height = self._place
         canvas.panel(left, top, width, height)
         x0, y0 = left + 46 * s, top + height - 18 * s
-        across, up = left + width - 10 * s - x0, y0 - top - 10 * s
+        # room for the half of the last number that stands beyond the axis
+        across, up = left + width - 20 * s - x0, y0 - top - 10 * s
         for tick in _ticks(0.0, self._top, 3):
             y = y0 - up * tick / self._top
             canvas.line(np.array([[x0, y], [x0 + across, y]]), _LINE, 1.0)
@@ -121,13 +127,11 @@ class Curve:
             x = x0 + across * tick / self._end
             canvas.text((x, y0 + 3 * s), f"{tick:g}", _DIM, 10, "ma")
         seen = self._time <= time
-        if seen.any():
-            points = np.column_stack(
-                [x0 + across * self._time[seen] / self._end, y0 - up * self._values[seen] / self._top]
-            )
+        for colour, values in zip(self._colours, self._values if seen.any() else (), strict=False):
+            points = np.column_stack([x0 + across * self._time[seen] / self._end, y0 - up * values[seen] / self._top])
             if len(points) > 1:
-                canvas.line(points, (*ESTIMATE, 0.95), 1.5)
-            canvas.dot(points[-1], 3.0, ESTIMATE)
+                canvas.line(points, (*colour, 0.95), 1.5)
+            canvas.dot(points[-1], 3.0, colour)
         canvas.text(
             (left + width - 12 * s, top + 6 * s), f"{self._label} [{self._unit}]  over time [s]", _PALE, 11, "ra"
         )
@@ -140,9 +144,10 @@ class Map:
         footage: what is filmed.
         follower: index of the follower whose estimate is shown.
         place: where it lies.
+        others: estimates beside the follower's own.
     """
 
-    def __init__(self, footage: Footage, follower: int, place: Place) -> None:
+    def __init__(self, footage: Footage, follower: int, place: Place, others: Sequence[OtherEstimate] = ()) -> None:
         self._place, self._follower = place, follower
         flight = footage.flight
         every = max(1, flight.trajectory.time.size // 500)
@@ -150,14 +155,15 @@ class Map:
         self._tracks = flight.trajectory.position[::every, :, :2]
         steps = flight.step_index()
         keep = slice(None, None, max(1, steps.size // 500))
-        self._believed = flight.estimates[follower].state[keep, :2]
+        own = flight.estimates[follower].state[:, :2]
+        self._believed = [(o.colour, o.position[keep]) for o in others] + [(ESTIMATE, own[keep])]
         self._believed_time = flight.trajectory.time[steps[keep]]
         low, high = self._tracks.min(axis=(0, 1)), self._tracks.max(axis=(0, 1))
         self._centre = (low + high) / 2
         self._reach = 0.55 * float(max((high - low).max(), 20.0))
 
-    def draw(self, canvas: Canvas, moment: Moment) -> None:
-        """Tracks to the moment, and where everything is."""
+    def draw(self, canvas: Canvas, moment: Moment, others: Sequence[Floats] = ()) -> None:
+        """Tracks to the moment, and where everything is; other estimates are at `others`, each of shape (3,), [m]."""
         s = canvas.scale
         left, top, width, height = self._place
         canvas.panel(left, top, width, height)
@@ -173,9 +179,10 @@ class Map:
             track = pixels(np.vstack([self._tracks[past, v], moment.position[v, :2]]))
             canvas.line(track, (*colour, 0.85 if v in (0, self._follower + 1) else 0.4), 1.6)
         past = self._believed_time <= moment.time
-        thought = pixels(np.vstack([self._believed[past], moment.estimate[self._follower, :2]]))
-        canvas.line(thought, (*ESTIMATE, 0.8), 1.1)
-        canvas.diamond(thought[-1], 4.5, ESTIMATE)
+        for (colour, track), now in zip(self._believed, [*others, moment.estimate[self._follower]], strict=True):
+            thought = pixels(np.vstack([track[past], now[:2]]))
+            canvas.line(thought, (*colour, 0.8), 1.1)
+            canvas.diamond(thought[-1], 4.5, colour)
         for v in range(self._tracks.shape[1]):
             canvas.dot(pixels(moment.position[[v], :2])[0], 3.4, LEADER if v == 0 else TRUTH)
         bar = next(
@@ -185,6 +192,25 @@ class Map:
         canvas.line(np.array([[x, y], [x + bar * scale, y]]), (*_PALE, 0.9), 2.0)
         canvas.text((x, y + 5 * s), f"{bar:g} m", _PALE, 11, "la")
         canvas.text((left + width - 10 * s, top + 8 * s), "N ↑", _PALE, -12, "ra")
+
+
+def colour_bar(canvas: Canvas, rays: RayErrors, place: Place) -> None:
+    """What the colours of the rays mean."""
+    s = canvas.scale
+    left, top, width, height = place
+    canvas.panel(left, top, width, height)
+    canvas.text((left + 12 * s, top + 8 * s), f"{rays.label} [m]", _PALE, 12)
+    start, across, upper, deep = left + 24 * s, width - 48 * s, top + 29 * s, 9 * s
+    pieces = 64
+    edges = start + across * np.arange(pieces + 1) / pieces
+    for a, b, colour in zip(edges[:-1], edges[1:], diverging(np.linspace(-1.0, 1.0, pieces)), strict=True):
+        # a little overlap, or the seams would show
+        corners = np.array([[a, upper], [b + 0.6, upper], [b + 0.6, upper + deep], [a, upper + deep]])
+        canvas.shape(corners, tuple(colour))
+    for tick in _ticks(-rays.limit, rays.limit, 4):
+        x = start + across * (tick / rays.limit + 1) / 2
+        canvas.line(np.array([[x, upper + deep], [x, upper + deep + 3 * s]]), (*_PALE, 0.8), 1.0)
+        canvas.text((x, upper + deep + 5 * s), f"{tick:+g}" if abs(tick) > 1e-12 else "0", _DIM, 11, "ma")
 
 
 def card(canvas: Canvas, footage: Footage, opacity: float) -> None:

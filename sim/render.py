@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim import graphics
+from sim.annotations import Annotations
 from sim.cameras import CAMERAS
 from sim.film import GROUP, Job, group_file
 from sim.flight import Flight
@@ -34,7 +35,16 @@ class RenderError(ValueError):
     """A film that cannot be made, and why."""
 
 
-def _job(flight: Flight, errors: Errors, video: Video | None, follower: int, workers: int, samples: int) -> Job:
+def _job(
+    flight: Flight,
+    errors: Errors,
+    video: Video | None,
+    *,
+    follower: int = 0,
+    workers: int = 1,
+    samples: int = 0,
+    annotations: Annotations | None = None,
+) -> Job:
     video = video or flight.scenario.video
     followers = flight.trajectory.names[1:]
     if video.camera not in CAMERAS:
@@ -48,7 +58,18 @@ def _job(flight: Flight, errors: Errors, video: Video | None, follower: int, wor
         raise RenderError(f"follower {follower} does not exist; available: 0 … {len(followers) - 1}")
     if workers < 1:
         raise RenderError(f"workers = {workers} must be at least 1")
-    return Job(flight=flight, errors=errors, video=video, follower=follower, workers=workers, samples=samples)
+    annotations = annotations or Annotations()
+    heard = flight.measurements[follower]
+    annotations.check(heard.speed.size, heard.message_step.size)
+    return Job(
+        flight=flight,
+        errors=errors,
+        video=video,
+        follower=follower,
+        workers=workers,
+        samples=samples,
+        annotations=annotations,
+    )
 
 
 def _check_file(path: Path, suffix: str) -> None:
@@ -136,6 +157,7 @@ def render(
     follower: int = 0,
     workers: int = 2,
     progress: Progress | None = None,
+    annotations: Annotations | None = None,
 ) -> list[tuple[float, bytes]]:
     """Film a flight: H.264 in MP4, yuv420p, index first. The file appears when it is whole.
 
@@ -149,6 +171,7 @@ def render(
         follower: index of the follower that the film keeps to.
         workers: processes that render.
         progress: called with the share done, in [0, 1].
+        annotations: what a study adds to the frames.
 
     Returns:
         The film once more, as a log takes it: mission time [s] and H.264 access unit of each frame (Annex B, no
@@ -156,8 +179,9 @@ def render(
 
     Raises:
         RenderError: a setting is impossible, nothing renders here, or a child died.
+        ValueError: the annotations do not fit the flight.
     """
-    job = _job(flight, errors, video, follower, workers, samples=0)
+    job = _job(flight, errors, video, follower=follower, workers=workers, annotations=annotations)
     _check_file(path, ".mp4")
     with _rendered(job, progress) as folder:
         units = list(_units(folder, job))
@@ -195,7 +219,14 @@ def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
 
 
 def still(
-    flight: Flight, time_s: float, path: Path, *, errors: Errors, video: Video | None = None, follower: int = 0
+    flight: Flight,
+    time_s: float,
+    path: Path,
+    *,
+    errors: Errors,
+    video: Video | None = None,
+    follower: int = 0,
+    annotations: Annotations | None = None,
 ) -> None:
     """One frame of the film as PNG, with smoothed edges and without title.
 
@@ -206,11 +237,13 @@ def still(
         errors: as of `render`.
         video: camera and size; the scenario's if None.
         follower: index of the follower that the picture keeps to.
+        annotations: as of `render`.
 
     Raises:
         RenderError: a setting is impossible, the time outside the mission, nothing renders here, or the child died.
+        ValueError: the annotations do not fit the flight.
     """
-    job = _job(flight, errors, video, follower, 1, _STILL_SAMPLES)
+    job = _job(flight, errors, video, follower=follower, samples=_STILL_SAMPLES, annotations=annotations)
     _check_file(path, ".png")
     start, end = float(flight.trajectory.time[0]), float(flight.trajectory.time[-1])
     if not start <= time_s <= end:
@@ -246,7 +279,7 @@ def film_speed(
     marks: list[tuple[float, float]] = []
     begun = time.perf_counter()
     with _rendered(
-        _job(flight, errors, paced, 0, workers, samples=0), lambda share: marks.append((time.perf_counter(), share))
+        _job(flight, errors, paced, workers=workers), lambda share: marks.append((time.perf_counter(), share))
     ):
         pass
     (first, already), (last, _) = marks[0], marks[-1]

@@ -222,6 +222,21 @@ def test_table_of_route_keeping_is_up_to_date() -> None:
             assert abs(printed - new) <= 1.01 * digit, f"{row}; run python -m experiments.route_keeping"
 
 
+def test_readme_quotes_the_table_of_route_keeping() -> None:
+    lines = route_keeping.PATH.read_text(encoding="utf-8").splitlines()
+    table = [numbers(line) for line in lines if re.match(r"\| (leader, L|T\d) \|", line)]
+    off, _, arrival, _, _, pitch, _, roll = zip(*table, strict=True)
+    assert len(table) == 9
+    assert max(arrival) <= 0.1
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    for quoted in (
+        f"{min(off):.2f} … {max(off):.2f} m (RMS",
+        f"{max(pitch):.1f}° of pitch",
+        f"{max(roll):.1f}° of roll",
+    ):
+        assert quoted in readme
+
+
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
 def test_built_in_scenarios_introduce_themselves(path: Path) -> None:
     text = path.read_text(encoding="utf-8")

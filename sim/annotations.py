@@ -1,0 +1,78 @@
+"""What a study adds to a film: other estimates beside the follower's own, and errors that colour its rays."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+RGB = tuple[float, float, float]
+"""Red, green, blue, each in [0, 1]."""
+
+_SHARES = (-1.0, 0.0, 1.0)
+_COLOURS = np.array([[0.22, 0.56, 1.0], [0.97, 0.97, 0.95], [1.0, 0.26, 0.20]])
+"""Blue for less, red for more; the middle is pale, so that it shows on a dark sea."""
+_UNKNOWN: RGB = (0.45, 0.55, 0.60)
+
+
+def diverging(shares: npt.ArrayLike) -> Floats:
+    """Colours of values in [-1, 1], symmetric about 0 and constant beyond; shape (…) gives shape (…, 3)."""
+    values = np.asarray(shares, dtype=np.float64)
+    colours = np.stack([np.interp(values, _SHARES, channel) for channel in _COLOURS.T], axis=-1)
+    return np.where(np.isnan(values)[..., None], _UNKNOWN, colours)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherEstimate:
+    """What another navigator made of the filmed follower's measurements."""
+
+    label: str
+    colour: RGB
+    position: Floats
+    """At filter steps k = 1 … n, shape (n, 2), [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RayErrors:
+    """Errors that colour the rays of the filmed follower.
+
+    Raises ValueError if the limit is not positive.
+    """
+
+    label: str
+    value: Floats
+    """Of each message at the rear, front and middle transmitter, shape (m, 3), [m]; NaN where unknown."""
+    limit: float
+    """Value at the ends of the colour bar [m]."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.limit) and self.limit > 0):
+            raise ValueError(f"the colour bar ends at {self.limit:g} m, expected a positive number")
+
+    def colours(self, message: int) -> tuple[RGB, ...]:
+        """Of the rays of a message, rear, front and middle; message -1 is none."""
+        shares = self.value[message] / self.limit if message >= 0 else np.full(3, np.nan)
+        return tuple((float(r), float(g), float(b)) for r, g, b in diverging(shares))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Annotations:
+    """Additions to a film; the default adds nothing."""
+
+    label: str = "estimate"
+    """Of the follower's own estimate."""
+    others: tuple[OtherEstimate, ...] = ()
+    rays: RayErrors | None = None
+    level_axis: bool = False
+    """Whether a dashed line shows how the leader's axis would lie in a level hull."""
+
+    def check(self, steps: int, messages: int) -> None:
+        """ValueError unless the arrays fit a flight of n filter steps and m messages."""
+        wanted: Sequence[tuple[str, tuple[int, ...], tuple[int, ...]]] = [
+            *((f"estimate {o.label!r}", o.position.shape, (steps, 2)) for o in self.others),
+            *([("ray errors", self.rays.value.shape, (messages, 3))] if self.rays else []),
+        ]
+        for name, given, expected in wanted:
+            if given != expected:
+                raise ValueError(f"annotations: {name} of shape {given}, expected {expected} for this flight")
