@@ -1,64 +1,109 @@
-"""The film of the pitch study: one mission, and the estimates of two minds beside the truth."""
+"""The film of the pitch study: the leader pitches, its rays show by how much, and two followers' minds disagree."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from experiments.asymmetry_conditions import Condition, scenario
-from experiments.asymmetry_example import OFFSET_M, ROUTE, Example
+from experiments.anatomy import Cause, dissect
+from experiments.asymmetry_example import Example
 from experiments.fly import position_and_bearing_errors
 from laisn.navigator import Navigator
-from sim.errors import measure
-from sim.flight import Flight, navigation_settings
-from sim.motion import move
-from sim.scenario import Video
-from sim.sensors import errors_of, observe
+from sim import graphics
+from sim.annotations import Annotations, OtherEstimate, RayErrors
+from sim.excerpt import excerpt
+from sim.flight import Flight, navigate, navigation_settings
+from sim.render import render
+from sim.scenario import Scenario, Video
 
-DURATION_S = 80.0
-MINDS = ("level", "aware")
-"""Names of the two: one believes in a level leader, the other places the transmitters by the broadcast attitude."""
-VIDEO = Video(camera="chase", speed_up=4.0)
+Floats = npt.NDArray[np.float64]
+
+BEFORE_S, AFTER_S = 56.0, 24.0
+"""Of the mission around the telling message."""
+ATTITUDE_SIGMA_DEG = 0.5
+"""Error of the broadcast pitch and roll, drawn anew for each message."""
+VIDEO = Video(camera="profile", speed_up=4.0)
+AWARE_COLOUR = (0.30, 1.0, 0.60)
 
 
-def two_minds(condition: Condition, duration: float = DURATION_S) -> Flight:
-    """A flight of two followers in the same place with the same measurements, and an estimate of each mind."""
-    one = scenario(condition, ROUTE, OFFSET_M, duration)
-    twins = one.model_copy(
+def _attitude_aware(scenario: Scenario) -> Scenario:
+    """The same mission for a follower that places the transmitters by the broadcast attitude."""
+    return scenario.model_copy(
         update={
-            "name": condition.key,
-            "followers": tuple(one.followers[0].model_copy(update={"name": name}) for name in MINDS),
+            "leader": scenario.leader.model_copy(update={"broadcast_attitude": True}),
+            "navigation": scenario.navigation.model_copy(update={"use_attitude": True}),
+            "sensors": scenario.sensors.model_copy(update={"leader_attitude_sigma_deg": ATTITUDE_SIGMA_DEG}),
         }
     )
-    trajectory = move(twins)
-    truth = observe(trajectory, one)
-    heard = measure(truth, errors_of(one), seed=one.seed, run=one.run)
-    settings = navigation_settings(one, trajectory, 0)
-    estimates = tuple(
-        Navigator(replace(settings, use_attitude=aware), truth.start).run(heard) for aware in (False, True)
+
+
+def pitch_errors(flight: Flight) -> Floats:
+    """What pitch and roll of the leader alone add to the horizontal ranges of each message, shape (m, 3), [m]."""
+    height = navigation_settings(flight.scenario, flight.trajectory, 0).hydrophone_height
+    anatomy = dissect(flight, hydrophone_height=height)
+    heard = flight.measurements[0].message_step
+    errors = np.full((heard.size, 3), np.nan)
+    at = np.searchsorted(flight.trajectory.time[heard * flight.stride], anatomy.time)
+    errors[at] = anatomy.share[..., Cause.FORESHORTENING] + anatomy.share[..., Cause.LEVER_ARM]
+    return errors
+
+
+def _round_up(value: float) -> float:
+    """The next number of the form 1, 2, 3 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * power for step in (1.0, 2.0, 3.0, 5.0, 10.0) if step * power >= value * (1 - 1e-9)))
+
+
+def scene(example: Example) -> tuple[Flight, Annotations]:
+    """What the film shows: the stretch about the telling message, and the estimate of the other follower's mind."""
+    level = example.flight
+    # truth and all other noise are the same: random numbers belong to their sensor
+    aware = navigate(_attitude_aware(level.scenario), level.trajectory, Navigator)
+    time = level.trajectory.time
+    told = float(time[example.telling])
+    start, end = max(float(time[0]), told - BEFORE_S), min(float(time[-1]), told + AFTER_S)
+    shown = excerpt(level, start, end)
+    named = shown.scenario.model_copy(update={"name": example.condition.key})
+    shown = Flight(
+        scenario=named,
+        trajectory=shown.trajectory,
+        measurements=shown.measurements,
+        estimates=shown.estimates,
     )
-    return Flight(scenario=twins, trajectory=trajectory, measurements=(heard, heard), estimates=estimates)
+    errors = pitch_errors(shown)
+    largest = float(np.nanmax(np.abs(errors), initial=0.0))
+    added = Annotations(
+        label="leader taken for level",
+        others=(
+            OtherEstimate(
+                label=f"attitude known to {ATTITUDE_SIGMA_DEG:g}°",
+                colour=AWARE_COLOUR,
+                position=excerpt(aware, start, end).estimates[0].state[:, :2],
+            ),
+        ),
+        rays=RayErrors(label="range error from pitch", value=errors, limit=_round_up(max(largest, 1e-3))),
+        level_axis=True,
+    )
+    return shown, added
 
 
-def film(example: Example, folder: Path) -> Path | None:
-    """Render the film of the study's example into a folder; None where nothing renders.
+def film(example: Example, folder: Path, video: Video = VIDEO) -> Path | None:
+    """Render the film of the study's example as `film.mp4` into a folder.
 
     Args:
-        example: its condition is filmed.
-        folder: for `asymmetry.mp4`.
+        example: a flight of the study.
+        folder: of the results.
+        video: camera, size and speed.
+
+    Returns:
+        The film; None where no graphics library renders.
+
+    Raises:
+        RenderError: a process that renders died.
     """
-    from sim import graphics
-    from sim.render import render
-
-    if not any(backend.works for backend in graphics.probe()):
+    if graphics.working() is None:
         return None
-    flight = two_minds(example.condition)
-    path = folder / "asymmetry.mp4"
-    render(flight, path, errors=position_and_bearing_errors(flight), video=VIDEO, workers=2)
+    flight, added = scene(example)
+    path = folder / "film.mp4"
+    render(flight, path, errors=position_and_bearing_errors(flight), video=video, annotations=added)
     return path
-
-
-def mean_errors(flight: Flight) -> dict[str, float]:
-    """Mean E_P of both minds [m]."""
-    errors = position_and_bearing_errors(flight)
-    return {name: float(np.mean(position)) for name, (position, _) in zip(MINDS, errors, strict=True)}

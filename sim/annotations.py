@@ -76,3 +76,7 @@ class Annotations:
         for name, given, expected in wanted:
             if given != expected:
                 raise ValueError(f"annotations: {name} of shape {given}, expected {expected} for this flight")
+
+
+NOTHING = Annotations()
+"""Adds nothing."""

@@ -20,6 +20,7 @@ CAMERAS = {
     "side": "from the side at their depth, between surface and floor; inset: the follower close by",
     "follower": "what the follower would see, along its hull; inset: the leader close by",
     "leader": "the leader close by; inset: the follower close by",
+    "profile": "the leader in profile, the follower beyond; inset: the follower and where it believes to be, from above",
     "orbit": "around all vehicles, once in forty seconds of film",
 }
 """Names of the cameras and what they show."""
@@ -34,6 +35,11 @@ _SIGHT_DOWN_M = 42.0
 """How far below the vehicles the view from above reaches."""
 _ASIDE = 0.08
 """How far to the right the middle of that is, where the map is not in the way."""
+_PROFILE_TURN = np.radians(152.0)
+"""From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
+the leader at one side of the frame's middle and a far follower some 27° from it, at the other."""
+_PROFILE_LEADER = np.radians(8.5)
+"""How far from the middle the leader appears there, so that neither hides behind a panel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,11 +135,15 @@ class Director:
 
         position = truth.position[::every]
         self._separation = smooth(position[:, 0] - position[:, self._vehicle])
+        self._leader = smooth(position[:, 0])
         low, high = position.min(axis=1), position.max(axis=1)
         self._centre = (low + high) / 2
         self._half = smooth((high - low) / 2)
         heading = np.unwrap(truth.heading[::every], axis=0)
         self._heading = smooth(heading)
+        ahead = np.stack([np.sin(heading[:, 0]), np.cos(heading[:, 0])], axis=1)
+        starboard = ahead[:, 1] * self._separation[:, 0] - ahead[:, 0] * self._separation[:, 1] < 0
+        self._side = 1.0 if starboard.mean() >= 0.5 else -1.0
         error = np.nan_to_num(footage.position_error[follower])
         steps = footage.start + footage.flight.measurements[0].dt * np.arange(1, error.size + 1)
         self._error = smooth(np.interp(self._time, steps, error))
@@ -161,6 +171,24 @@ class Director:
         side = np.array([np.sin(heading + 2.2), np.cos(heading + 2.2), 0.28])
         at = moment.position[vehicle]
         return View(position=self._in_water(at + distance * side), target=at, fovy_deg=40.0)
+
+    def _profile(self, moment: Moment) -> View:
+        """The leader from the bow quarter away from the follower; steady, so that waves move the hull in the frame."""
+        leader, back = self._now(self._leader, moment.time), -self._now(self._separation, moment.time)
+        bearing = np.arctan2(back[0], back[1]) + self._side * _PROFILE_TURN
+        eye = self._in_water(leader + 5.2 * np.array([np.sin(bearing), np.cos(bearing), -0.05]))
+        look = bearing + np.pi + self._side * _PROFILE_LEADER
+        # most of the way down to the follower, so that the leader stays clear of the upper edge
+        down = 0.6 * np.arctan2(back[2], np.hypot(back[0], back[1]))
+        return View(position=eye, target=eye + [np.sin(look), np.cos(look), np.tan(down)], fovy_deg=45.0)
+
+    def _beliefs(self, moment: Moment) -> View:
+        """The follower and its estimate from above, north up."""
+        at = moment.hydrophone[self._vehicle - 1]
+        reach = 1.5 + 1.3 * float(np.clip(self._now(self._error, moment.time), 1.0, 8.0))
+        up = np.array([0.0, 1.0, 0.0])
+        eye = self._in_water(at + [0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)])
+        return View(position=eye, target=at, up=up, fovy_deg=60.0)
 
     def _aside(self, view: View, share: float) -> View:
         """The same view with its target moved to the right by a share of the frame's width."""
@@ -211,6 +239,8 @@ class Director:
             target = at + attitude.rotate(moment.quaternion[follower], np.array([6.0, 0.0, 0.0]))
             up = attitude.rotate(moment.quaternion[follower], np.array([0.0, 0.0, 1.0]))
             return Shot(View(position=eye, target=target, up=up, fovy_deg=55.0), (close_leader,), near_fog, True)
+        if camera == "profile":
+            return Shot(self._profile(moment), ((self._beliefs(moment), follower),), near_fog, True)
         if camera == "leader":
             return Shot(self._close(moment, leader, 4.6), (close_follower,), near_fog, True)
         if camera not in CAMERAS:

@@ -13,7 +13,7 @@ import av
 import numpy as np
 import numpy.typing as npt
 
-from sim.annotations import Annotations
+from sim.annotations import NOTHING, Annotations
 from sim.assembly import ocean_of
 from sim.cameras import Director
 from sim.flight import Flight
@@ -52,7 +52,7 @@ class Job:
     workers: int
     samples: int
     """Of the anti-aliasing, 0 for none."""
-    annotations: Annotations = Annotations()
+    annotations: Annotations = NOTHING
 
     @property
     def times(self) -> Floats:

@@ -127,11 +127,12 @@ class Curve:
             x = x0 + across * tick / self._end
             canvas.text((x, y0 + 3 * s), f"{tick:g}", _DIM, 10, "ma")
         seen = self._time <= time
-        for colour, values in zip(self._colours, self._values if seen.any() else (), strict=False):
-            points = np.column_stack([x0 + across * self._time[seen] / self._end, y0 - up * values[seen] / self._top])
+        for colour, values in zip(self._colours, self._values[:, seen], strict=True):
+            points = np.column_stack([x0 + across * self._time[seen] / self._end, y0 - up * values / self._top])
             if len(points) > 1:
                 canvas.line(points, (*colour, 0.95), 1.5)
-            canvas.dot(points[-1], 3.0, colour)
+            if len(points):
+                canvas.dot(points[-1], 3.0, colour)
         canvas.text(
             (left + width - 12 * s, top + 6 * s), f"{self._label} [{self._unit}]  over time [s]", _PALE, 11, "ra"
         )

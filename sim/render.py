@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim import graphics
-from sim.annotations import Annotations
+from sim.annotations import NOTHING, Annotations
 from sim.cameras import CAMERAS
 from sim.film import GROUP, Job, group_file
 from sim.flight import Flight
@@ -43,7 +43,7 @@ def _job(
     follower: int = 0,
     workers: int = 1,
     samples: int = 0,
-    annotations: Annotations | None = None,
+    annotations: Annotations = NOTHING,
 ) -> Job:
     video = video or flight.scenario.video
     followers = flight.trajectory.names[1:]
@@ -58,7 +58,6 @@ def _job(
         raise RenderError(f"follower {follower} does not exist; available: 0 … {len(followers) - 1}")
     if workers < 1:
         raise RenderError(f"workers = {workers} must be at least 1")
-    annotations = annotations or Annotations()
     heard = flight.measurements[follower]
     annotations.check(heard.speed.size, heard.message_step.size)
     return Job(
@@ -157,7 +156,7 @@ def render(
     follower: int = 0,
     workers: int = 2,
     progress: Progress | None = None,
-    annotations: Annotations | None = None,
+    annotations: Annotations = NOTHING,
 ) -> list[tuple[float, bytes]]:
     """Film a flight: H.264 in MP4, yuv420p, index first. The file appears when it is whole.
 
@@ -226,7 +225,7 @@ def still(
     errors: Errors,
     video: Video | None = None,
     follower: int = 0,
-    annotations: Annotations | None = None,
+    annotations: Annotations = NOTHING,
 ) -> None:
     """One frame of the film as PNG, with smoothed edges and without title.
 
