@@ -1,5 +1,6 @@
 """The film of the pitch study: the leader pitches, its rays show by how much, and two followers' minds disagree."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,14 +64,9 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     told = float(time[example.telling])
     start, end = max(float(time[0]), told - BEFORE_S), min(float(time[-1]), told + AFTER_S)
     shown = excerpt(level, start, end)
-    named = shown.scenario.model_copy(update={"name": example.condition.key})
-    shown = Flight(
-        scenario=named,
-        trajectory=shown.trajectory,
-        measurements=shown.measurements,
-        estimates=shown.estimates,
-    )
-    errors = pitch_errors(shown)
+    shown = replace(shown, scenario=level.scenario.model_copy(update={"name": example.condition.key}))
+    heard, (first, *_, last) = time[level.measurements[0].message_step * level.stride], shown.trajectory.time
+    errors = pitch_errors(level)[(heard > first) & (heard <= last)]
     largest = float(np.nanmax(np.abs(errors), initial=0.0))
     added = Annotations(
         label="leader taken for level",

@@ -25,7 +25,7 @@ ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
 ]
-OutOption = Annotated[Path | None, typer.Option(help="folder for the results (default out/NAME)")]
+OutOption = Annotated[Path | None, typer.Option(help="folder for the results (default: one of its own in out/)")]
 
 
 def _plain_errors(command: Command) -> Command:
@@ -65,7 +65,10 @@ def fly(
     from experiments.library import load_flyable
 
     extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
-    flying.fly_and_write(load_flyable(scenario, [*(set_ or []), *extra]), out, with_video=video)
+    checked = load_flyable(scenario, [*(set_ or []), *extra])
+    # a file keeps its own folder, whatever name it was copied with
+    name = Path(scenario).stem if Path(scenario).suffix == ".toml" else checked.name
+    flying.fly_and_write(checked, out or Path("out") / name, with_video=video)
 
 
 @app.command()

@@ -40,9 +40,13 @@ def examine() -> int:
     right = found["mujoco"].startswith("4.")
     row(right, "MuJoCo", f"{found['mujoco']}{'' if right else ', needs 4.0.0'}")
     backends = graphics.probe()
+    renders = any(backend.works for backend in backends)
     for backend in backends:
-        row(backend.works, f"rendering with {backend.name}", backend.detail)
-    if not any(backend.works for backend in backends):
+        if backend.works or not renders:
+            row(backend.works, f"rendering with {backend.name}", backend.detail)
+        else:
+            table.add_row("--", f"rendering with {backend.name}", "not there, and not needed")
+    if not renders:
         table.add_row("", "", graphics.INSTALL)
     row(_encodes_h264(), "H.264", "film and camera channel")
     row(True, "packages", ", ".join(f"{name} {number}" for name, number in found.items()))

@@ -157,7 +157,8 @@ def panel(
         axes.margins(x=0.05 if equal else 0.0)
         axes.set_xlabel(x_label, labelpad=2)
         axes.set_ylabel(y_label, labelpad=3)
-        axes.set_ylim(*y_limits)
+        if not equal:
+            axes.set_ylim(*y_limits)
         if title:
             axes.set_title(title, loc="left", fontsize=8.5, fontweight="bold", pad=5)
     return figure

@@ -136,24 +136,20 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
         console.print(f"[red]{flight.outcome.value}[/] (at {summary['flown_s']:g} s)")
 
 
-def fly_and_write(scenario: Scenario, out: Path | None, *, with_video: bool) -> Path:
+def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None:
     """Fly a scenario, show what happens, and write every result into a folder.
 
     Args:
         scenario: to fly.
-        out: folder; None: out/NAME.
+        folder: for the results; made if it is not there.
         with_video: render the film too.
 
-    Returns:
-        The folder.
-
     Raises:
-        OSError: the folder cannot be written; nothing half-written is left under a final name.
+        OSError, LogError: the folder cannot be written; nothing half-written is left under a final name.
     """
     from experiments.report import flight_report
     from sim import log, render
 
-    folder = out or Path("out") / scenario.name
     folder.mkdir(parents=True, exist_ok=True)
     console = Console()
     watch = Stopwatch()
@@ -204,4 +200,3 @@ def fly_and_write(scenario: Scenario, out: Path | None, *, with_video: bool) -> 
     if with_video and missing:
         console.print(f"[yellow]no film:[/] {missing}", highlight=False)
     console.print(f"results in {folder}")
-    return folder

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from experiments.page import Block, Cell, Table, Text, number, ratio_tone, words
-from experiments.reproduce import Reproduction
+from experiments.reproduction import Reproduction
 from experiments.stages import METRICS, Key, Setting
 from laisn.settings import Variant
 

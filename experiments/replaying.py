@@ -23,7 +23,7 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
         LogError: the log cannot be read.
         ScenarioError: variant or overrides are at fault, or touch more than navigation.
     """
-    from experiments.fly import position_and_bearing_errors, summarise, show
+    from experiments.fly import position_and_bearing_errors, show, summarise
     from laisn.navigator import Navigator
     from sim import log, log_reader
     from sim.flight import navigation_settings

@@ -1,7 +1,6 @@
 """The paper's evaluation, flown again: its tables beside the published ones, its figures, and its claims judged."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,94 +11,17 @@ from experiments.campaign import CellPlan
 from experiments.claims import CLAIMS, Claim
 from experiments.evidence import Evidence, Judgement
 from experiments.library import ROUTES
-from experiments.stages import METRICS, Key, Motion, Setting
-from experiments.store import Record, Steps, Store, columns_of, write_csv, write_table
-from laisn.settings import Variant
-from sim.scenario import Follower, Scenario
-from sim.trajectory import Trajectory
-
-
-@dataclass(frozen=True, kw_only=True)
-class ErrorFigure:
-    """A figure of the paper: errors over time on some missions."""
-
-    number: int
-    setting: str
-    variant: Variant
-    missions: tuple[str, ...]
-
-
-FIGURES = (
-    ErrorFigure(number=3, setting="base", variant="laisn-2", missions=("T2", "T5", "T6", "T7", "T8", "T9")),
-    ErrorFigure(number=4, setting="5s", variant="laisn-2", missions=("T2", "T5", "T6", "T7", "T8", "T9")),
-    ErrorFigure(number=5, setting="10s", variant="laisn-2", missions=("T5", "T6")),
-    ErrorFigure(number=6, setting="10s-slow", variant="laisn-2", missions=("T2", "T3", "T4", "T5")),
-    ErrorFigure(number=7, setting="asymmetric", variant="laisn-2", missions=("T2", "T5")),
-    ErrorFigure(number=8, setting="asymmetric", variant="laisn-3-2", missions=("T2", "T5")),
-    ErrorFigure(number=9, setting="heading5", variant="laisn-3-2", missions=("T3", "T4")),
+from experiments.page import write
+from experiments.reproduction import (
+    Reproduction,
+    fly_once,
+    followers_of_the_paper,
+    mean_distance,
+    plan_cells,
 )
-"""Figures 3 to 9. The text names only some of their missions; the others are chosen like those."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reproduction:
-    """Everything that came out."""
-
-    motion: Motion
-    runs: int
-    seed: int
-    settings: tuple[Setting, ...]
-    plans: Mapping[Key, CellPlan]
-    rows: Mapping[Key, Record]
-    steps: Mapping[Key, Steps]
-    published: Mapping[Key, dict[str, float]]
-    evidence: Evidence
-    judgements: Sequence[tuple[Claim, Judgement, Judgement]]
-    """Each claim with its judgement on our figures and on the published ones."""
-    folder: Path
-
-
-def followers_of_the_paper() -> dict[str, Follower]:
-    """The eight missions by name."""
-    return {route: Follower(route=route) for route in ROUTES}
-
-
-def _kept(key: Key) -> bool:
-    setting, mission, variant = key
-    if (setting, variant) == ("base", "laisn-2"):
-        return True
-    return any((f.setting, f.variant) == (setting, variant) and mission in f.missions for f in FIGURES)
-
-
-def plan_cells(
-    settings: Sequence[Setting], followers: Mapping[str, Follower], *, motion: Motion, runs: int, seed: int,
-    keep_steps: bool = True,
-) -> dict[Key, CellPlan]:  # fmt: skip
-    """The cells of some settings on some missions."""
-    return {
-        (setting.name, name, variant): CellPlan(
-            scenario=stages.scenario(setting, follower, name, variant=variant, motion=motion, seed=seed),
-            runs=runs,
-            keep_steps=keep_steps and _kept((setting.name, name, variant)),
-        )
-        for setting in settings
-        for name, follower in followers.items()
-        for variant in setting.variants
-    }
-
-
-def fly_once(plans: Mapping[Key, CellPlan], store: Store) -> dict[str, Trajectory]:
-    """The flight of each mission by its name."""
-    first: dict[str, CellPlan] = {}
-    for (_, name, _), plan in plans.items():
-        first.setdefault(name, plan)
-    return {name: campaign.mission(plan.scenario, store) for name, plan in first.items()}
-
-
-def mean_distance(flight: Trajectory) -> float:
-    """Mean distance of the first follower's hydrophone and the leader [m]."""
-    site = flight.site(f"{flight.names[1]}/hydrophone")
-    return float(np.hypot(*(flight.site_position[:, site, :2] - flight.position[:, 0, :2]).T).mean())
+from experiments.stages import METRICS, Key, Motion, Setting
+from experiments.store import Record, Store, columns_of, write_csv, write_table
+from sim.scenario import Follower, Scenario
 
 
 def _differences(given: Any, default: Any, path: str) -> list[tuple[str, Any]]:
@@ -188,7 +110,7 @@ def reproduce(
     if motion not in ("physics", "kinematic"):
         raise ValueError(f"unknown motion {motion!r}; available: physics, kinematic")
     if missions is not None:
-        from experiments.routes_study import study
+        from experiments.reproduce_routes import study
 
         folder = out or Path("out") / f"routes-{motion}"
         return study(
@@ -209,7 +131,6 @@ def reproduce(
 def _write(
     settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], rows: Mapping[Key, Record], folder: Path
 ) -> Path:
-    from experiments.page import write
     from experiments.reproduction_page import page_of
 
     store, published = Store(folder), stages.published()

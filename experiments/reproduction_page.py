@@ -12,7 +12,7 @@ from experiments.figures import FRAME, MUTED, SERIES, Line
 from experiments.page import Block, Cell, Figures, Notice, Page, Section, Table, Text, number, words
 from experiments.paper_tables import VARIANT_NAMES
 from experiments.report import ERROR_LEGEND, without_wraps
-from experiments.reproduce import FIGURES, ErrorFigure, Reproduction
+from experiments.reproduction import FIGURES, ErrorFigure, Reproduction
 from experiments.stages import METRICS, Key
 from sim.trajectory import Trajectory
 

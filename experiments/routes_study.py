@@ -4,20 +4,18 @@ Routes are drawn in the classes by which the paper chose its own. Intervals come
 would change if other routes of the same classes had been drawn.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from experiments import stages
-from experiments.campaign import CellPlan
 from experiments.claims import CLAIMS, Claim
 from experiments.evidence import Evidence, Judgement, Verdict
-from experiments.reproduce import fly_once, mean_distance, plan_cells
+from experiments.reproduction import mean_distance
 from experiments.stages import METRICS, Key, Motion, Setting
-from experiments.store import Record, Store, columns_of, write_csv, write_table
+from experiments.store import Record
 from sim.kinematics import plan as plan_motion
 from sim.missions import FOLLOWER_DEPTH, Route
 from sim.random_routes import CLASSES, random_route
@@ -101,7 +99,7 @@ def geometry(flight: Trajectory) -> tuple[float, float]:
     return float(astern.mean()), float(flight.forward_speed[:, 1].max())
 
 
-def _evidence(rows: Mapping[Key, Record], flights: Mapping[str, Trajectory]) -> Evidence:
+def evidence_of(rows: Mapping[Key, Record], flights: Mapping[str, Trajectory]) -> Evidence:
     """All routes; groups by geometry: the third least and most astern, and the tenth with the highest speed."""
     names = list(flights)
     shapes = np.array([geometry(flights[name]) for name in names])
@@ -160,36 +158,3 @@ def distributions(
                 captured = sum(rows[setting.name, m, variant]["captured_runs"] for m in members)
                 table.append({**line, "captured_runs": captured})
     return table
-
-
-def study(
-    settings: tuple[Setting, ...], *, motion: Motion, runs: int, missions: int, seed: int, folder: Path,
-    run: Callable[[Sequence[CellPlan]], list[Record]],
-) -> Path:  # fmt: skip
-    """Draw routes, fly the stages on them, write tables and report; arguments and errors as in `reproduce`."""
-    from experiments.page import write
-    from experiments.routes_page import page_of
-
-    followers = draw_followers(missions, seed)
-    classes = {name: name.rsplit("-", 1)[0] for name in followers}
-    plans = plan_cells(settings, followers, motion=motion, runs=runs, seed=seed, keep_steps=False)
-    rows = dict(zip(plans, run(list(plans.values())), strict=True))
-    flights = fly_once(plans, Store(folder))
-    table = distributions(settings, rows, classes, seed)
-    write_table(folder / "distributions.parquet", columns_of(table))
-    write_csv(folder / "distributions.csv", table)
-    cells = [{"setting": key[0], "class": classes[key[1]], **row} for key, row in rows.items()]
-    write_table(folder / "tables.parquet", columns_of(cells))
-    result = Study(
-        motion=motion,
-        runs=runs,
-        seed=seed,
-        routes=missions,
-        settings=settings,
-        rows=rows,
-        classes=classes,
-        judgements=judge(_evidence(rows, flights), classes, seed),
-    )
-    report = folder / "report.html"
-    write(page_of(result, table, flights), report)
-    return report

@@ -20,7 +20,7 @@ CAMERAS = {
     "side": "from the side at their depth, between surface and floor; inset: the follower close by",
     "follower": "what the follower would see, along its hull; inset: the leader close by",
     "leader": "the leader close by; inset: the follower close by",
-    "profile": "the leader in profile, the follower beyond; inset: the follower and where it believes to be, from above",
+    "profile": "the leader in profile, the follower beyond; inset: follower and estimate from above",
     "orbit": "around all vehicles, once in forty seconds of film",
 }
 """Names of the cameras and what they show."""
@@ -180,15 +180,16 @@ class Director:
         look = bearing + np.pi + self._side * _PROFILE_LEADER
         # most of the way down to the follower, so that the leader stays clear of the upper edge
         down = 0.6 * np.arctan2(back[2], np.hypot(back[0], back[1]))
-        return View(position=eye, target=eye + [np.sin(look), np.cos(look), np.tan(down)], fovy_deg=45.0)
+        forward = np.array([np.sin(look), np.cos(look), np.tan(down)])
+        return View(position=eye, target=eye + forward, fovy_deg=45.0)
 
     def _beliefs(self, moment: Moment) -> View:
         """The follower and its estimate from above, north up."""
         at = moment.hydrophone[self._vehicle - 1]
         reach = 1.5 + 1.3 * float(np.clip(self._now(self._error, moment.time), 1.0, 8.0))
-        up = np.array([0.0, 1.0, 0.0])
-        eye = self._in_water(at + [0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)])
-        return View(position=eye, target=at, up=up, fovy_deg=60.0)
+        height = reach / np.tan(np.radians(60.0) / 2)
+        eye = self._in_water(at + np.array([0.0, 0.0, height]))
+        return View(position=eye, target=at, up=np.array([0.0, 1.0, 0.0]), fovy_deg=60.0)
 
     def _aside(self, view: View, share: float) -> View:
         """The same view with its target moved to the right by a share of the frame's width."""
