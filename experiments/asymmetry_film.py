@@ -69,10 +69,10 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     errors = pitch_errors(level)[(heard > first) & (heard <= last)]
     largest = float(np.nanmax(np.abs(errors), initial=0.0))
     added = Annotations(
-        label="leader taken for level",
+        label="level leader assumed",
         others=(
             OtherEstimate(
-                label=f"attitude known to {ATTITUDE_SIGMA_DEG:g}°",
+                label="attitude-aware",
                 colour=AWARE_COLOUR,
                 position=excerpt(aware, start, end).estimates[0].state[:, :2],
             ),

@@ -111,7 +111,9 @@ def doctor() -> None:
 def render(
     source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
     set_: SetOption = None,
-    camera: Annotated[str | None, typer.Option(help="chase, pip, top, side, follower, leader or orbit")] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="chase, pip, top, side, follower, leader, profile or orbit")
+    ] = None,
     size: Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="such as 1920x1080")] = None,
     speed_up: Annotated[float | None, typer.Option(help="seconds of mission in a second of film")] = None,
     follower: Annotated[int, typer.Option(help="index of the follower to keep to")] = 0,
@@ -185,12 +187,24 @@ def asymmetry(
     out: OutOption = None,
     force: ForceOption = False,
     cluster: ClusterOption = None,
+    film: Annotated[
+        bool | None, typer.Option("--film/--no-film", help="film one condition (default: unless --quick)")
+    ] = None,
 ) -> None:
     """Study what a leader that pitches does to the ranges, and what helps."""
     from experiments import asymmetry as study
+    from experiments import asymmetry_film
 
     folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
-    report = study.run(folder, quick=quick, workers=workers, cluster=cluster, force=force)
+    wanted = not quick if film is None else film
+    report = study.run(
+        folder,
+        quick=quick,
+        workers=workers,
+        cluster=cluster,
+        force=force,
+        film=asymmetry_film.film if wanted else None,
+    )
     typer.echo(f"report in {report}")
 
 

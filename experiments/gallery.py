@@ -13,7 +13,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
-from experiments import asymmetry_gallery, figures, gallery_physics, route_keeping
+from experiments import asymmetry_gallery, figures, gallery_physics, gallery_reproduction, route_keeping
 from experiments.figures import COLOURS, INK, MUTED, SERIES, Line
 from experiments.fly import fly, position_and_bearing_errors
 from experiments.library import ROUTES, load
@@ -102,6 +102,14 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     save(routes(), "routes")
     save(asymmetry_gallery.map_picture(), "asymmetry")
+    save(
+        gallery_reproduction.picture(),
+        "reproduction",
+        [
+            (colour, f"{mark} {name}")
+            for (name, colour, _), mark in zip(gallery_reproduction.GROUPS, "●◆■▲", strict=True)
+        ],
+    )
     flown = {name: fly(load(name, ()))[0] for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}}
     save(
         errors(flown["T5"]),

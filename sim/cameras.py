@@ -38,7 +38,7 @@ _ASIDE = 0.08
 _PROFILE_TURN = np.radians(152.0)
 """From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
 the leader at one side of the frame's middle and a far follower some 27° from it, at the other."""
-_PROFILE_LEADER = np.radians(8.5)
+_PROFILE_LEADER = np.radians(6.5)
 """How far from the middle the leader appears there, so that neither hides behind a panel."""
 
 
@@ -176,17 +176,17 @@ class Director:
         """The leader from the bow quarter away from the follower; steady, so that waves move the hull in the frame."""
         leader, back = self._now(self._leader, moment.time), -self._now(self._separation, moment.time)
         bearing = np.arctan2(back[0], back[1]) + self._side * _PROFILE_TURN
-        eye = self._in_water(leader + 5.2 * np.array([np.sin(bearing), np.cos(bearing), -0.05]))
+        eye = self._in_water(leader + 5.8 * np.array([np.sin(bearing), np.cos(bearing), 0.0]))
         look = bearing + np.pi + self._side * _PROFILE_LEADER
-        # most of the way down to the follower, so that the leader stays clear of the upper edge
-        down = 0.6 * np.arctan2(back[2], np.hypot(back[0], back[1]))
+        # rather more than half-way down to the follower: the leader keeps room to heave, the follower to drift off
+        down = 0.58 * np.arctan2(back[2], np.hypot(back[0], back[1]))
         forward = np.array([np.sin(look), np.cos(look), np.tan(down)])
         return View(position=eye, target=eye + forward, fovy_deg=45.0)
 
     def _beliefs(self, moment: Moment) -> View:
         """The follower and its estimate from above, north up."""
         at = moment.hydrophone[self._vehicle - 1]
-        reach = 1.5 + 1.3 * float(np.clip(self._now(self._error, moment.time), 1.0, 8.0))
+        reach = 1.5 + 1.6 * float(np.clip(self._now(self._error, moment.time), 1.0, 8.0))
         height = reach / np.tan(np.radians(60.0) / 2)
         eye = self._in_water(at + np.array([0.0, 0.0, height]))
         return View(position=eye, target=at, up=np.array([0.0, 1.0, 0.0]), fovy_deg=60.0)

@@ -200,7 +200,8 @@ class Overlay:
             c.diamond(thought, 6.0, other.colour, (0.0, 0.05, 0.08, 0.9))
             if labels:
                 off = float(np.hypot(*(belief - truth)[:2]))
-                rise = self._clear(view, belief) * (1.0 + 0.6 * number)
+                # each in a row of its own, below that of the follower's own estimate
+                rise = self._clear(view, belief) + 24.0 * (number + 1) * c.scale
                 self._label(thought, f"{other.label}, off by {off:.1f} m", other.colour, rise, leftward=True)
 
     def _level_axis(self, moment: Moment, view: View, box: Box) -> None:

@@ -208,10 +208,10 @@ def colour_bar(canvas: Canvas, rays: RayErrors, place: Place) -> None:
         # a little overlap, or the seams would show
         corners = np.array([[a, upper], [b + 0.6, upper], [b + 0.6, upper + deep], [a, upper + deep]])
         canvas.shape(corners, tuple(colour))
-    for tick in _ticks(-rays.limit, rays.limit, 4):
-        x = start + across * (tick / rays.limit + 1) / 2
+    for share in (-1.0, 0.0, 1.0):
+        x = start + across * (share + 1) / 2
         canvas.line(np.array([[x, upper + deep], [x, upper + deep + 3 * s]]), (*_PALE, 0.8), 1.0)
-        canvas.text((x, upper + deep + 5 * s), f"{tick:+g}" if abs(tick) > 1e-12 else "0", _DIM, 11, "ma")
+        canvas.text((x, upper + deep + 5 * s), f"{share * rays.limit:+g}" if share else "0", _DIM, 11, "ma")
 
 
 def card(canvas: Canvas, footage: Footage, opacity: float) -> None:

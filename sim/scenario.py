@@ -229,7 +229,7 @@ class Navigation(Section):
 class Video(Section):
     """The film of the mission."""
 
-    camera: Name = Field("chase", description="chase, pip, top, side, follower, leader or orbit")
+    camera: Name = Field("chase", description="chase, pip, top, side, follower, leader, profile or orbit")
     width_px: Annotated[int, Field(ge=160, le=3840, multiple_of=2)] = 1280
     height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
     frame_rate_hz: Annotated[int, Field(ge=1, le=60)] = 30

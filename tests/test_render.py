@@ -82,7 +82,7 @@ def test_a_camera_cannot_stand_on_its_target():
         View(position=np.ones(3), target=np.ones(3))
 
 
-@pytest.mark.parametrize("camera", ["chase", "top", "pip", "side", "orbit"])
+@pytest.mark.parametrize("camera", ["chase", "top", "pip", "side", "profile", "orbit"])
 def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
     footage = Footage(flight, errors_of(flight), 20.0)
     director = Director(footage, 0, 16 / 9)
