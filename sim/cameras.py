@@ -27,6 +27,8 @@ CAMERAS = {
 
 _SMOOTHING_S = 0.8
 """Standard deviation of the smoothing of a camera's swing, in seconds of film."""
+_STEADY_S = 3.0
+"""The same for a camera that stays put while waves work on what it films, in seconds of mission."""
 _NEAR_M = 0.15
 _CLEARANCE_M = 1.2
 _FREE = (0.26, 0.79, 0.04)
@@ -135,7 +137,8 @@ class Director:
 
         position = truth.position[::every]
         self._separation = smooth(position[:, 0] - position[:, self._vehicle])
-        self._leader = smooth(position[:, 0])
+        steady = _STEADY_S / (truth.dt * every)
+        self._leader = gaussian_filter1d(position[:, 0], steady, axis=0, mode="nearest")
         low, high = position.min(axis=1), position.max(axis=1)
         self._centre = (low + high) / 2
         self._half = smooth((high - low) / 2)

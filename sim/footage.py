@@ -184,13 +184,14 @@ class Footage:
         return np.array([*past, now])
 
     def on_plane(self, follower: int, positions: Floats, times: Floats) -> Floats:
-        """Positions given at filter steps, shape (n, 2), between those and at the follower's depth, shape (p, 3), [m].
+        """Positions known at filter steps, at other times and at the hydrophone's depth; shapes (n, 2) to (p, 3), [m].
 
-        Before the first step and after the last they stay.
+        Linear between the steps, constant before the first and after the last.
         """
         steps = self.start + self._dt * np.arange(1, len(positions) + 1)
         x, y = (np.interp(times, steps, values) for values in positions.T)
-        return np.stack([x, y, self.flight.trajectory.at(times)[0][:, follower + 1, 2]], axis=1)
+        truth = self.flight.trajectory
+        return np.stack([x, y, truth.site_at(f"{truth.names[follower + 1]}/hydrophone", times)[:, 2]], axis=1)
 
     def trail_times(self, time: float, film_seconds: float) -> Floats:
         """Instants of the points of a trail, oldest first, shape (p,), [s]."""

@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose
 
 from experiments import asymmetry
 from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, command, fleet, scenario
-from experiments.asymmetry_film import mean_errors, two_minds
 from experiments.asymmetry_missions import ARM, Plan, Row, fly_condition, pair, sense
 from experiments.asymmetry_planner import deepest_offset, worst_error
 from experiments.asymmetry_tables import paired
@@ -130,12 +129,3 @@ def test_a_run_of_the_study_is_the_flight_of_its_command():
     states = histories(Cell(truth=sensed.real, errors=errors_of(flown), settings=sensed.settings, seed=flown.seed,
                             runs=range(4)))  # fmt: skip
     assert_allclose(alone.estimates[0].state, states[..., 3], atol=1e-6)
-
-
-def test_two_minds_hear_the_same_and_the_aware_one_errs_less():
-    flight = two_minds(QUICK_CONDITIONS[0], 40.0)
-    level, aware = flight.measurements
-    assert level is aware
-    assert_allclose(flight.hydrophone(0), flight.hydrophone(1), atol=1e-9)
-    errors = mean_errors(flight)
-    assert errors["aware"] < errors["level"]
