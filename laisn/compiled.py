@@ -8,7 +8,6 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -67,9 +66,3 @@ def compiled_lanes(function: Function) -> Function:
     return cast(
         Function, numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"}, nogil=True)(function)
     )
-
-
-compiled_parallel = partial(
-    numba.njit, cache=True, error_model="numpy", parallel=True, fastmath={"contract", "nsz"}, nogil=True
-)
-"""Decorator factory for campaign kernels; NaN keeps its meaning (no `nnan`)."""

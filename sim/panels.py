@@ -211,7 +211,9 @@ def colour_bar(canvas: Canvas, rays: RayErrors, place: Place) -> None:
     for share in (-1.0, 0.0, 1.0):
         x = start + across * (share + 1) / 2
         canvas.line(np.array([[x, upper + deep], [x, upper + deep + 3 * s]]), (*_PALE, 0.8), 1.0)
-        canvas.text((x, upper + deep + 5 * s), f"{share * rays.limit:+g}" if share else "0", _DIM, 11, "ma")
+        canvas.text(
+            (x, upper + deep + 5 * s), f"{share * rays.limit:+g}".replace("-", "−") if share else "0", _DIM, 11, "ma"
+        )
 
 
 def card(canvas: Canvas, footage: Footage, opacity: float) -> None:

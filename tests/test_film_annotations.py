@@ -1,8 +1,6 @@
 """What a study adds to the film: other estimates, coloured rays, an excerpt of the mission, and the pitch film."""
 
 import dataclasses
-import subprocess
-import sys
 
 import av
 import numpy as np
@@ -10,10 +8,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from synthetic import make_flight
+from typer.testing import CliRunner
 
-from experiments import asymmetry_film
+from experiments import asymmetry, asymmetry_film
 from experiments.asymmetry_conditions import QUICK_CONDITIONS
 from experiments.asymmetry_example import fly_example
+from experiments.cli import app
 from laisn.geometry import horizontal_range
 from sim import graphics, render
 from sim.annotations import NOTHING, Annotations, OtherEstimate, RayErrors, diverging
@@ -141,7 +141,7 @@ def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(fl
     # at 40 s the 40th message has just arrived
     value[39] = -0.05, 0.05, 0.0
     annotations = Annotations(
-        others=(beside(flight, 2.0, -2.0),), rays=RayErrors(label="error", value=value, limit=0.05)
+        others=(beside(flight, 2.5, 0.0),), rays=RayErrors(label="error", value=value, limit=0.05)
     )
     path = tmp_path / "still.png"
     render.still(flight, when, path, errors=errors, video=video, annotations=annotations)
@@ -149,7 +149,7 @@ def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(fl
     footage = Footage(flight, errors, video.speed_up)
     moment = footage.at(when)
     view = Director(footage, 0, 1280 / 720).shot(camera, moment).view
-    (place,), _ = view.project(moment.hydrophone[0] + [2.0, -2.0, 0.0], 1280, 720)
+    (place,), _ = view.project(moment.hydrophone[0] + [2.5, 0.0, 0.0], 1280, 720)
     assert_allclose(colour_near(image, place), 255 * np.array(COLOUR), atol=12)
     # transmitters lie under nothing, in the colours of their rays
     ends, _ = view.project(moment.transmitter, 1280, 720)
@@ -229,9 +229,13 @@ def test_without_graphics_there_is_no_film(example, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_offers_the_film():
-    answer = subprocess.run(
-        [sys.executable, "-m", "experiments.cli", "asymmetry", "--help"], capture_output=True, text=True, check=True
-    )
-    assert "--film" in answer.stdout
-    assert "--no-film" in answer.stdout
+@pytest.mark.parametrize(
+    ("options", "filmed"),
+    [([], True), (["--no-film"], False), (["--quick"], False), (["--quick", "--film"], True)],
+)
+def test_the_command_films_unless_it_is_quick_or_told_not_to(monkeypatch, tmp_path, options, filmed):
+    given = {}
+    monkeypatch.setattr(asymmetry, "run", lambda folder, **rest: given.update(rest) or folder / "report.html")
+    answer = CliRunner().invoke(app, ["asymmetry", "--out", str(tmp_path), *options])
+    assert answer.exit_code == 0
+    assert given["film"] is (asymmetry_film.film if filmed else None)
