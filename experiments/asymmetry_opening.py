@@ -136,10 +136,10 @@ def chart_section(chart: pa.Table) -> Section:
         title = f"LAISN-2, pitch 5°, follower {offset:g} m below"
         panels.append(svg(drawing.heat(bearing, reach, error, title), f"heat{offset:g}"))
     pitches = np.unique(columns["pitch_deg"])
-    for name, bearing in (("abeam", 90.0), ("on the quarter, B = 135°", 135.0)):
+    for name, direction in (("abeam", 90.0), ("on the quarter, B = 135°", 135.0)):
         curves = []
         for offset, colour in ((2.0, SERIES[0]), (5.0, SERIES[2]), (10.0, SERIES[1])):
-            here = at(range_m=20.0, bearing_deg=bearing, depth_offset_m=offset)
+            here = at(range_m=20.0, bearing_deg=direction, depth_offset_m=offset)
             curves.append(
                 (f"{offset:g} m", columns["error_closed_form_m"][here], columns["error_laisn-2_m"][here], colour)
             )
