@@ -144,7 +144,7 @@ def chart_section(chart: pa.Table) -> Section:
                 (f"{offset:g} m", columns["error_closed_form_m"][here], columns["error_laisn-2_m"][here], colour)
             )
         title = f"20 m {name}, by depth offset"
-        panels.append(svg(drawing.over_pitch(pitches, curves, title), f"pitch{bearing:g}"))
+        panels.append(svg(drawing.over_pitch(pitches, curves, title), f"pitch{direction:g}"))
     abeam = at(pitch_deg=5.0, depth_offset_m=10.0, range_m=20.0, bearing_deg=90.0)
     measured = float(columns["error_laisn-2_m"][abeam][0])
     fits = np.isfinite(columns["error_closed_form_m"]) & (columns["error_closed_form_m"] > 0)

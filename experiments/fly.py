@@ -23,6 +23,7 @@ from sim.log_events import Event
 from sim.motion import DivergedError, move
 from sim.scenario import Scenario
 from sim.scenario_file import dumps
+from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
 
@@ -104,23 +105,25 @@ def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, 
     }
 
 
+def simulate(scenario: Scenario, progress: Callable[[float], None] | None = None) -> tuple[Trajectory, Outcome]:
+    """The motion of a scenario; if it leaves finite numbers, what was flown before, and an outcome that says so."""
+    try:
+        return move(scenario, progress), Outcome.COMPLETED
+    except DivergedError as error:
+        return error.trajectory, Outcome.DIVERGED
+
+
 def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> tuple[Flight, dict[str, float]]:
     """Fly a scenario with the navigator of this project.
 
     Returns:
-        The flight, and the seconds that simulation and navigation took. If the simulation leaves finite numbers, the
-        flight holds what was flown before, and its outcome says so.
+        The flight, and the seconds that simulation and navigation took.
     """
     watch = Stopwatch()
-    outcome = Outcome.COMPLETED
     with watch.phase("simulate_s"):
-        try:
-            trajectory = move(scenario, progress)
-        except DivergedError as error:
-            trajectory, outcome = error.trajectory, Outcome.DIVERGED
+        trajectory, outcome = simulate(scenario, progress)
     with watch.phase("navigate_s"):
         flight = navigate(scenario, trajectory, Navigator, outcome)
-    watch.seconds["real_time_factor"] = float(trajectory.time[-1]) / watch.seconds["simulate_s"]
     return flight, watch.seconds
 
 
@@ -163,8 +166,13 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None
                 yield lambda done: bars.update(task, completed=done)
             bars.update(task, completed=1.0)
 
+        with phase("prepare"):
+            # one tick of it, so that compiling on first use does not count as simulation
+            simulate(scenario.model_copy(update={"duration_s": scenario.timing.filter_step_s}))
         with phase("simulate") as update:
-            flight, seconds = fly(scenario, update)
+            trajectory, outcome = simulate(scenario, update)
+        with phase("navigate"):
+            flight = navigate(scenario, trajectory, Navigator, outcome)
         errors = position_and_bearing_errors(flight)
         events = capture_events(flight)
         summary = summarise(flight, errors)
@@ -193,9 +201,10 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None
                         )
         with phase("report"):
             flight_report(flight, errors, summary, folder / "report.html", None if missing else film)
+    factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
     write_whole(folder / "summary.json", summary_text)
     write_whole(folder / "scenario.toml", dumps(scenario))
-    write_whole(folder / "timing.json", json.dumps(watch.seconds | seconds, indent=2) + "\n")
+    write_whole(folder / "timing.json", json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n")
     show(console, flight, summary)
     if with_video and missing:
         console.print(f"[yellow]no film:[/] {missing}", highlight=False)
