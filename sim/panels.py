@@ -59,8 +59,8 @@ def numbers(canvas: Canvas, footage: Footage, moment: Moment, follower: int, ray
         canvas.text((column, y), names[v][:12], colour, -12, "ra")
     rows = (
         ("depth", "m", -moment.position[:, 2], "{:.1f}"),
-        ("pitch", "°", np.degrees(moment.pitch), "{:+.1f}"),
-        ("heading", "°", np.degrees(moment.heading), "{:.0f}"),
+        ("pitch", "°", np.round(np.degrees(moment.pitch), 1) + 0.0, "{:+.1f}"),
+        ("heading", "°", np.round(np.degrees(moment.heading)) % 360, "{:.0f}"),
         ("speed", "m/s", moment.speed, "{:.1f}"),
     )
     for label, unit, values, form in rows:
@@ -103,6 +103,7 @@ class Curve:
         finite = sizes[np.isfinite(sizes)]
         self._top = 1.08 * float(finite.max()) if finite.size and finite.max() > 0 else 1.0
         n = sizes.shape[1]
+        self._dt, self._sizes = dt, np.nan_to_num(sizes)
         self._end = dt * n
         # the largest value in each column of pixels: thinning must not hide a peak
         every = max(1, n // max(1, int(place[2])))
@@ -127,8 +128,12 @@ class Curve:
             x = x0 + across * tick / self._end
             canvas.text((x, y0 + 3 * s), f"{tick:g}", _DIM, 10, "ma")
         seen = self._time <= time
-        for colour, values in zip(self._colours, self._values[:, seen], strict=True):
-            points = np.column_stack([x0 + across * self._time[seen] / self._end, y0 - up * values / self._top])
+        # the curve ends at the very value of now, which is the one in numbers beside it
+        now = min(int(time / self._dt + 1e-9), self._sizes.shape[1])
+        at = np.append(self._time[seen], self._dt * now) if now else np.zeros(0)
+        for colour, past, sizes in zip(self._colours, self._values[:, seen], self._sizes, strict=True):
+            values = np.append(past, sizes[now - 1]) if now else np.zeros(0)
+            points = np.column_stack([x0 + across * at / self._end, y0 - up * values / self._top])
             if len(points) > 1:
                 canvas.line(points, (*colour, 0.95), 1.5)
             if len(points):
