@@ -5,6 +5,7 @@ from pathlib import Path
 
 from experiments.asymmetry_conditions import SEED
 from experiments.asymmetry_findings import Results, on_missions, remedies, shortfalls, stage_4
+from experiments.asymmetry_missions import QUICK
 from experiments.asymmetry_opening import chart_section, one_message, question
 from experiments.asymmetry_tables import Excess, Mission, driven, gate_table, paired, planner_table, removed_in_all
 from experiments.page import Film, Page, Section, Text, write
@@ -88,6 +89,7 @@ def write_report(results: Results, path: Path) -> None:
         ("flown runs", f"{sum(r.runs for r in results.missions):,} of {results.plan.duration_s:g} s"),
         ("seed", str(SEED)),
         ("version", code_version()),
+        ("repeat with", f"laisn asymmetry{' --quick' if results.plan == QUICK else ''}"),
     ]
     write(Page(title="What a pitching leader does to its followers", summary=_summary(missions), facts=facts,
                sections=sections), path)  # fmt: skip

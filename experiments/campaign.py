@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from experiments import flights
 from experiments.cells import PERCENTILES, Cell, CellResult
+from experiments.failures import CampaignError
 from experiments.montecarlo import histories, simulate_many
 from experiments.processes import Pool
 from experiments.progress import progress
@@ -237,7 +238,7 @@ def run(
 
     Raises:
         ValueError: there is no cell, the folder is of another version, or the cluster cannot be used.
-        WorkerDiedError: a process died; what was computed is stored.
+        CampaignError: a process died, a mission diverged or the sources changed; what was computed is stored.
     """
     if not plans:
         raise ValueError("the campaign has no cells")
@@ -265,5 +266,5 @@ def stored_row(plan: CellPlan, store: Store) -> Record:
     """The row of a cell that was computed, under the names that this plan gives it."""
     row = store.read(plan.key)
     if row is None:
-        raise RuntimeError(f"{store.folder}: cell {plan.key} of {plan.scenario.name} vanished while it was computed")
+        raise CampaignError(f"{store.folder}: cell {plan.key} of {plan.scenario.name} vanished while it was computed")
     return row | {"mission": plan.scenario.name}

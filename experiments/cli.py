@@ -9,6 +9,8 @@ from typing import Annotated, Any, TypeVar, cast
 
 import typer
 
+from experiments.failures import is_own
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 app = typer.Typer(
@@ -29,7 +31,10 @@ OutOption = Annotated[Path | None, typer.Option(help="folder for the results (de
 
 
 def _plain_errors(command: Command) -> Command:
-    """Show what the user can mend as one message with exit code 2; LAISN_DEBUG=1 shows the traceback."""
+    """Show an error as one message: exit code 2 for what the user can mend in the input, 1 for failures of our own.
+
+    LAISN_DEBUG=1 shows the traceback; so does every exception that nobody here has foreseen.
+    """
 
     @wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> Any:
@@ -38,14 +43,15 @@ def _plain_errors(command: Command) -> Command:
         except KeyboardInterrupt:
             typer.secho("laisn: interrupted; finished files are kept, none is half-written", fg="yellow", err=True)
             raise typer.Exit(130) from None
-        except (ValueError, OSError) as error:
-            if os.environ.get("LAISN_DEBUG"):
+        except Exception as error:
+            mendable = isinstance(error, (ValueError, OSError))
+            if os.environ.get("LAISN_DEBUG") or not (mendable or is_own(error)):
                 raise
             text = str(error)
             if isinstance(error, OSError) and error.strerror:
                 text = f"{error.filename or 'output'}: {error.strerror}"
             typer.secho(f"laisn: {text}", fg="red", err=True)
-            raise typer.Exit(2) from None
+            raise typer.Exit(2 if mendable else 1) from None
 
     return cast(Command, wrapped)
 
@@ -130,14 +136,26 @@ def render(
 @_plain_errors
 def replay(
     log: Annotated[Path, typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels")],
-    variant: Annotated[str, typer.Option(help="laisn-2, laisn-3-1, laisn-3-2, laisn-best or laisn-main")] = "laisn-2",
+    variant: Annotated[
+        str | None, typer.Option(help="laisn-2 (default), laisn-3-1, laisn-3-2, laisn-best or laisn-main")
+    ] = None,
     set_: SetOption = None,
-    out: Annotated[Path | None, typer.Option(help="write the flight with the new estimates as a log")] = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(metavar="SCENARIO", help="for a log of measurements alone: start, baseline, navigation"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="write the flight with the new estimates as a log; with --scenario a CSV file")
+    ] = None,
 ) -> None:
     """Navigate once more on the measurements of a log, with another variant or other settings."""
     from experiments import replaying
 
-    replaying.replay(log, variant, set_ or (), out)
+    if scenario is None:
+        replaying.replay(log, variant or "laisn-2", set_ or (), out)
+    else:
+        chosen = [f"navigation.variant={variant}"] if variant else []
+        replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out)
 
 
 WorkersOption = Annotated[int | None, typer.Option(help="local processes (default: one for each core)")]

@@ -9,8 +9,10 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from experiments.failures import CampaignError
 from experiments.version import code_version
-from sim.motion import move
+from sim.fleet import FleetError
+from sim.motion import DivergedError, move
 from sim.scenario import Leader, Scenario
 from sim.trajectory import Trajectory
 
@@ -76,8 +78,12 @@ def store(folder: Path, scenario: Scenario, trajectory: Trajectory) -> None:
 
 
 def fly(scenario: Scenario) -> Trajectory:
-    """Fly a mission; RuntimeError naming it if the simulation left finite numbers."""
-    trajectory = move(scenario)
+    """Fly a mission; CampaignError naming it if the simulation left finite numbers."""
+    try:
+        trajectory = move(scenario)
+    except (DivergedError, FleetError) as error:
+        # They carry the flight so far, which no process can hand to another: what they say is what counts.
+        raise CampaignError(f"mission {scenario.name!r}: {error}") from None
     if not np.all(np.isfinite(trajectory.position)):
-        raise RuntimeError(f"mission {scenario.name!r}: the simulation left finite numbers")
+        raise CampaignError(f"mission {scenario.name!r}: the simulation left finite numbers")
     return trajectory

@@ -9,6 +9,7 @@ from typing import Any, Self, TypeVar
 
 import joblib
 
+from experiments.failures import CampaignError
 from experiments.version import code_version
 
 Result = TypeVar("Result")
@@ -16,7 +17,7 @@ Result = TypeVar("Result")
 _CONNECT_S = 5
 
 
-class WorkerDiedError(ChildProcessError):
+class WorkerDiedError(CampaignError):
     """A process that computed has died; everything it had reported is stored."""
 
 

@@ -56,6 +56,54 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
         console.print(f"log in {out}")
 
 
+def replay_measurements(path: Path, source: str, assignments: Iterable[str], out: Path | None) -> None:
+    """Navigate on the measurements of a real vehicle's log and print where that ends; nothing is known of the truth.
+
+    Args:
+        path: log with `/NAME/motion` and `/NAME/reception` of every follower of the scenario.
+        source: scenario; its followers' names and starts, the leader's baseline and the navigation are used. The
+            filter step is the log's.
+        assignments: overrides of the scenario.
+        out: CSV file for the estimates (x, y, vx, vy after each step); None: none.
+
+    Raises:
+        LogError: the log cannot be read or lacks a channel; ScenarioError: the scenario is at fault.
+    """
+    import csv
+
+    from experiments.library import load_flyable
+    from laisn.estimates import FixKind
+    from laisn.navigator import Navigator
+    from sim import log_reader
+    from sim.flight import navigation_settings
+    from sim.motion import move
+    from sim.sensors import observe
+
+    scenario = load_flyable(source, assignments)
+    # the starts alone are wanted of the routes
+    begin = move(scenario.model_copy(update={"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}))
+    rows: list[tuple[str | float, ...]] = []
+    table = Table("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]", box=None, pad_edge=False)
+    for i, name in enumerate(begin.names[1:]):
+        measured = log_reader.read_measurements(path, name)
+        settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
+        estimates = Navigator(settings, observe(begin, scenario, i).start).run(measured)
+        kinds = [FixKind(kind) for kind in estimates.fix_kind.tolist()]
+        counts = ", ".join(f"{kinds.count(k)} {k.name.lower().replace('_', ' ')}" for k in FixKind if k in kinds)
+        last = estimates.state[-1]
+        table.add_row(
+            name, str(len(estimates.state)), f"{measured.dt:g}", counts or "none", f"{last[0]:.2f}", f"{last[1]:.2f}"
+        )
+        rows += [(name, (k + 1) * measured.dt, *state) for k, state in enumerate(estimates.state.tolist())]
+    Console().print(table)
+    if out is not None:
+        with out.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s"))
+            writer.writerows(rows)
+        print(out)
+
+
 def show_info(path: Path) -> None:
     """Print what a log holds; LogError if it cannot be read."""
     from sim.log_info import info

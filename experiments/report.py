@@ -210,11 +210,11 @@ def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], pa
     colours = [SERIES[i % len(SERIES)].variable for i in range(drawn)]
     vehicles = [("--frame", "leader"), *zip(colours, followers, strict=False)]
     film_blocks = [Film(path=film, caption="The mission as filmed.")] if film else []
+    transmitters = 2 if scenario.navigation.variant == "laisn-2" else 3
     pages = Page(
         title=f"Flight {scenario.name}",
-        summary=f"{len(followers)} follower{'s' if len(followers) > 1 else ''} behind a leader with "
-        f"{2 if scenario.navigation.variant == 'laisn-2' else 3} transmitters, navigated by "
-        f"{scenario.navigation.variant}. {flight.outcome.value.capitalize()}.",
+        summary=f"{len(followers)} follower{'s' if len(followers) > 1 else ''} and a leader, navigated by "
+        f"{scenario.navigation.variant} on {transmitters} transmitters. {flight.outcome.value.capitalize()}.",
         facts=[
             ("Seed, run", f"{scenario.seed}, {scenario.run}"),
             ("Motion", scenario.motion),

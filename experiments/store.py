@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from experiments.failures import CampaignError
 from experiments.version import code_version
 
 Record = dict[str, Any]
@@ -139,10 +140,10 @@ class Store:
         """Store a cell; the steps first, so that a row never stands without those that were asked for.
 
         Raises:
-            RuntimeError: the process that computed it had other sources.
+            CampaignError: the process that computed it had other sources.
         """
         if row["version"] != code_version():
-            raise RuntimeError(
+            raise CampaignError(
                 f"a worker has version {row['version']}, the campaign began with {code_version()}: "
                 "the sources changed while it ran; run it again"
             )

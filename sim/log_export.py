@@ -61,7 +61,7 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
         The files, in order of topic.
 
     Raises:
-        LogError: the log is damaged, the format unknown, or the folder cannot be written.
+        LogError: the log is damaged or has nothing to export, the format is unknown, or the folder cannot be written.
     """
     if table_format not in get_args(Format):
         raise LogError(f"unknown format {table_format!r}; available: {', '.join(get_args(Format))}")
@@ -88,4 +88,7 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
                 work.unlink()
             raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
         files.append(file)
+    if not files:
+        channels = ", ".join(sorted(log.topics)) or "none"
+        raise LogError(f"{path}: lacks protobuf channels with numbers or texts to export; available: {channels}")
     return files

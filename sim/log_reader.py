@@ -172,10 +172,12 @@ def read(path: Path) -> Flight:
     log = contents(path, lambda topic: topic.endswith(suffixes))
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
     missing += [] if "laisn" in log.metadata else ["metadata laisn"]
+    missing += [f"channel /NAME{suffix}" for suffix in suffixes if not any(t.endswith(suffix) for t in log.topics)]
     if missing:
         raise LogError(
-            f"{path}: holds no whole flight: it lacks {', '.join(missing)}. Measurements alone can be replayed; "
-            f"channels: {', '.join(sorted(log.topics)) or 'none'}"
+            f"{path}: holds no whole flight: it lacks {', '.join(missing)}; available: "
+            f"{', '.join(sorted(log.topics)) or 'none of these channels'}. Navigation alone needs /FOLLOWER/motion and "
+            "/FOLLOWER/reception: laisn replay LOG --scenario FILE"
         )
     with faults(path):
         text = log.attachments[SCENARIO].decode()

@@ -84,7 +84,7 @@ class Template:
         for place in self._stamps:
             block[:, place + 1 : place + 6] = _varints(seconds)
             block[:, place + 7 : place + 12] = _varints(nanos)
-        columns = np.ascontiguousarray(values, dtype="<f8").view(np.uint8).reshape(n, -1, 8)
+        columns = np.ascontiguousarray(values, dtype="<f8").view(np.uint8).reshape(*values.shape, 8)
         for k, place in self._slots:
             block[:, place : place + 8] = columns[:, k]
         whole = block.tobytes()

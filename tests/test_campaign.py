@@ -13,10 +13,12 @@ import pytest
 
 from experiments import campaign, flights, store
 from experiments.campaign import CellPlan
+from experiments.failures import CampaignError
 from experiments.processes import Pool, WorkerDiedError
 from experiments.reproduce import fly_command
 from laisn import metrics
 from laisn.navigator import Navigator
+from sim.fleet import FleetError
 from sim.flight import navigate
 from sim.scenario import Acoustics, Follower, Leader, Navigation, Scenario, Timing
 
@@ -171,6 +173,22 @@ def die(number):
 def test_a_worker_that_dies_is_named_and_costs_nothing_that_was_there():
     with Pool(2) as pool, pytest.raises(WorkerDiedError, match="the same command goes on"):
         list(pool.each(die, ((i,) for i in range(8))))
+
+
+def lost_flight(_):
+    def lost(_):
+        raise FleetError("t = 3 s: the state is lost", 3.0, None)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flights, "move", lost)
+        return flights.fly(Scenario(name="T6", followers=(Follower(route="T6"),)))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_mission_that_diverges_says_so_whatever_process_flies_it(workers):
+    """The flight so far that such an error carries must not be taken for a death of the process."""
+    with Pool(workers) as pool, pytest.raises(CampaignError, match="mission 'T6': t = 3 s: the state is lost"):
+        list(pool.each(lost_flight, [(1,)]))
 
 
 def test_no_cluster_is_said_at_once():

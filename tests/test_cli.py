@@ -12,7 +12,10 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.cli import app
+from experiments.failures import CampaignError
+from experiments.processes import WorkerDiedError
 from sim import log_reader
+from sim.fleet import FleetError
 
 SHORT = ["--set", "duration_s=20", "--no-video"]
 
@@ -91,6 +94,36 @@ def test_bad_input_gets_one_screen_and_exit_code_2(arguments: list[str], expecte
     assert expected in result.output
     assert "Traceback" not in result.output
     assert len(result.output.splitlines()) <= 24
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "told"),
+    [
+        (WorkerDiedError("a worker process died"), 1, "laisn: a worker process died"),
+        (CampaignError("the sources changed while it ran"), 1, "laisn: the sources changed while it ran"),
+        (FleetError("the state of T2 is lost", 0.0, None), 1, "laisn: the state of T2 is lost"),
+        (ValueError("unknown stage 9"), 2, "laisn: unknown stage 9"),
+    ],
+)
+def test_a_failure_of_our_own_is_one_message_and_exit_code_1(
+    error: Exception, code: int, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("experiments.reproduce.reproduce", fail)
+    monkeypatch.delenv("LAISN_DEBUG", raising=False)
+    result = CliRunner().invoke(app, ["reproduce"])
+    assert (result.exit_code, result.output.strip()) == (code, told)
+
+
+def test_an_exception_that_nobody_foresaw_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("from elsewhere")
+
+    monkeypatch.setattr("experiments.reproduce.reproduce", fail)
+    result = CliRunner().invoke(app, ["reproduce"])
+    assert isinstance(result.exception, RuntimeError)
 
 
 def test_ctrl_c_leaves_no_half_written_file(tmp_path: Path) -> None:

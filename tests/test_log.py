@@ -115,6 +115,13 @@ def test_rows_may_hold_zeros_and_full_seconds() -> None:
     assert parsed.pose.position.x == parsed.pose.orientation.w == 0.0
 
 
+def test_no_rows_make_no_messages() -> None:
+    """A channel may be silent for a whole block: the last message may still be on its way when the flight ends."""
+    template = SCALAR_SCHEMAS[0].template()
+    columns = len(SCALAR_SCHEMAS[0].fields) + len(SCALAR_SCHEMAS[0].integers)
+    assert template.rows(np.empty(0, dtype=np.int64), np.empty((0, columns))) == []
+
+
 def test_a_template_needs_all_its_slots() -> None:
     with pytest.raises(ValueError, match=r"no slot for columns \[7\]"):
         Template(PoseInFrame(timestamp=STAMP, pose=slot_pose(0)), 8)

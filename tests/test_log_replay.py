@@ -1,5 +1,6 @@
 """Measurements from the log of a real vehicle."""
 
+import csv
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +9,15 @@ import pytest
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.writer import Writer
 from mcap_protobuf.writer import Writer as ProtobufWriter
+from typer.testing import CliRunner
 
+from experiments.cli import app
 from sim.log_file import LogError
 from sim.log_reader import read, read_measurements
 from sim.log_schema import OWN_MOTION, RECEPTION
 
 
-def write_foreign(path: Path, *, gap: bool = False, second_reception_s: float = 0.95) -> None:
+def write_foreign(path: Path, *, gap: bool = False, speed: float = 1.5, second_reception_s: float = 0.95) -> None:
     """A vehicle's log by the plain protobuf writer, with its own clock and 20 Hz."""
     with path.open("wb") as stream, ProtobufWriter(stream) as writer:
         start = 1_600_000_000_123_456_789
@@ -25,7 +28,7 @@ def write_foreign(path: Path, *, gap: bool = False, second_reception_s: float = 
 
         for k in range(40):
             late = 1.0 if gap and k > 20 else 0.0
-            put("/auv/motion", OWN_MOTION.message_class(speed=1.5, heading=0.0, depth=k / 10), 0.05 * k + late)
+            put("/auv/motion", OWN_MOTION.message_class(speed=speed, heading=0.0, depth=k / 10), 0.05 * k + late)
         for at in (0.512, second_reception_s):
             put(
                 "/auv/reception",
@@ -71,3 +74,24 @@ def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
         json_writer.finish()  # type: ignore[no-untyped-call]
     with pytest.raises(LogError, match="encoded as 'json', expected protobuf"):
         read_measurements(tmp_path / "b.mcap")
+
+
+def test_a_real_vehicles_log_is_replayed_by_command(tmp_path: Path) -> None:
+    """Dead reckoning north at 1 m/s, as messages without a second range give no fix: 40 steps of 0.05 s are 2 m."""
+    write_foreign(tmp_path / "auv.mcap", speed=1.0)
+    (tmp_path / "auv.toml").write_text(
+        'duration_s = 20\n[leader]\nwaypoints = [[0, 0, 0], [20, 0, 20]]\n[[followers]]\nname = "auv"\n'
+        "waypoints = [[0, 5, -20], [20, 5, 0]]\n",
+        encoding="utf-8",
+    )
+    out = tmp_path / "auv.csv"
+    words = ["replay", str(tmp_path / "auv.mcap"), "--scenario", str(tmp_path / "auv.toml"), "--out", str(out)]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "2 lost" in result.output
+    rows = list(csv.DictReader(out.open(encoding="utf-8")))
+    assert len(rows) == 40
+    assert float(rows[-1]["time_s"]) == pytest.approx(2.0)
+    # started at the true speed and course, and measured so throughout
+    assert float(rows[-1]["x_m"]) == pytest.approx(5.0, abs=1e-6)
+    assert float(rows[-1]["y_m"]) == pytest.approx(-18.0, abs=1e-6)
