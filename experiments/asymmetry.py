@@ -13,7 +13,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition
+from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition, command_line
 from experiments.asymmetry_example import Example, fly_example
 from experiments.asymmetry_findings import Results
 from experiments.asymmetry_gates import GateRow, fly_gates
@@ -138,7 +138,12 @@ def run(
         example=shown,
         film=film(shown, folder) if film else None,
     )
-    _table(folder / "missions.parquet", results.missions)
+    by_key = {condition.key: condition for condition in conditions}
+    missions_flown: list[Record] = [
+        asdict(row) | {"fly": command_line(by_key[row.condition], row.route, row.depth_offset_m, variant=row.variant)}
+        for row in results.missions
+    ]
+    write_table(folder / "missions.parquet", columns_of(missions_flown))
     _table(folder / "equivalents.parquet", results.curves.tau + results.curves.pitch)
     _table(folder / "gates.parquet", results.gates)
     write_table(folder / "map.parquet", {name: chart[name] for name in chart.column_names})

@@ -93,12 +93,23 @@ def scenario(condition: Condition, route: str, offset: float, duration: float = 
     return load(route, [*_assignments(condition, offset), f"duration_s={duration}"])
 
 
-def command(condition: Condition, route: str, offset: float, run: int = 0, variant: str = "laisn-2") -> str:
-    """The command line that flies the same alone, with the noise of a run."""
+def _flown(condition: Condition, route: str, offset: float, run: int, variant: str) -> tuple[str, list[str]]:
     chosen = [f"navigation.variant={variant}"] if variant != "laisn-2" else []
     settings = [f"--set {assignment}" for assignment in [*_assignments(condition, offset), *chosen]]
+    return f"laisn fly {route} --run {run}", settings
+
+
+def command_line(condition: Condition, route: str, offset: float, run: int = 0, variant: str = "laisn-2") -> str:
+    """The command that flies the same alone, with the noise of a run, in one line."""
+    start, settings = _flown(condition, route, offset, run, variant)
+    return " ".join([start, *settings])
+
+
+def command(condition: Condition, route: str, offset: float, run: int = 0, variant: str = "laisn-2") -> str:
+    """The same command, broken into lines that a page has room for."""
+    start, settings = _flown(condition, route, offset, run, variant)
     lines = [" ".join(settings[i : i + 3]) for i in range(0, len(settings), 3)]
-    return " \\\n  ".join([f"laisn fly {route} --run {run}", *lines])
+    return " \\\n  ".join([start, *lines])
 
 
 def fleet(

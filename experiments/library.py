@@ -59,13 +59,23 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
     """As `load`, with sea and routes tried too.
 
     Raises:
-        ScenarioError: names file, key, waypoint and limit if a route is unknown or cannot be flown, or if the waves
-            would break.
+        ScenarioError: names file, key, waypoint and limit if a route is unknown or cannot be flown, if the waves
+            would break, if there is no such camera or if a log cannot hold the date.
     """
     from sim.assembly import ocean_of, route_of, vehicle_names
+    from sim.cameras import CAMERAS
     from sim.kinematics import plan
+    from sim.log_clock import Clock
 
     scenario = load(source, assignments)
+    try:
+        Clock(scenario.epoch)
+    except ValueError as error:
+        raise ScenarioError(f"{source}: {error}") from None
+    if scenario.video.camera not in CAMERAS:
+        raise ScenarioError(
+            f"{source}: video.camera: unknown camera {scenario.video.camera!r}; available: {', '.join(CAMERAS)}"
+        )
     try:
         ocean_of(scenario)
     except ValueError as error:
