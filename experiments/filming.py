@@ -11,6 +11,7 @@ from rich.progress import Progress
 from experiments.fly import fly, position_and_bearing_errors
 from experiments.library import load_flyable
 from sim import log_reader, render
+from sim.cameras import CAMERAS
 from sim.flight import Flight
 from sim.scenario import Video
 
@@ -69,6 +70,8 @@ def film(source: str, assignments: Iterable[str], wish: Wish) -> Path:
         RenderError: a wish cannot be met.
         LogError, ScenarioError: the source is at fault.
     """
+    if wish.camera is not None and wish.camera not in CAMERAS:
+        raise render.RenderError(f"unknown camera {wish.camera!r}; available: {', '.join(CAMERAS)}")
     flight = _flight(source, list(assignments))
     video = _video(flight.scenario.video, wish)
     if not 0 <= wish.follower < len(flight.scenario.followers):

@@ -85,6 +85,21 @@ def capture_events(flight: Flight) -> list[Event]:
     return sorted(events, key=lambda event: event.time_s)
 
 
+def stray_events(flight: Flight) -> list[Event]:
+    """A line for the log where a vehicle first leaves the water that it was to swim in: floor or surface."""
+    events = []
+    floor = flight.scenario.ocean.floor_depth_m
+    planned = (flight.scenario.leader, *flight.scenario.followers)
+    for v, name in enumerate(flight.trajectory.names):
+        depth = flight.trajectory.depth[:, v]
+        surfaced = depth < 0 if planned[v].depth_m > 1 else np.zeros(depth.size, dtype=bool)
+        for strayed, text in ((depth > floor, "goes below the sea floor"), (surfaced, "breaks the surface")):
+            if strayed.any():
+                first = float(flight.trajectory.time[np.argmax(strayed)])
+                events.append(Event(first, "warning", f"{name} {text}", name))
+    return events
+
+
 def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, Any]:
     """What `summary.json` holds: the same for the same scenario and version, whatever the machine."""
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
@@ -174,7 +189,8 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None
         with phase("navigate"):
             flight = navigate(scenario, trajectory, Navigator, outcome)
         errors = position_and_bearing_errors(flight)
-        events = capture_events(flight)
+        strays = stray_events(flight)
+        events = sorted([*capture_events(flight), *strays], key=lambda event: event.time_s)
         summary = summarise(flight, errors)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         # the log comes first: whatever happens to the film, what was flown is kept
@@ -206,6 +222,8 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None
     write_whole(folder / "scenario.toml", dumps(scenario))
     write_whole(folder / "timing.json", json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n")
     show(console, flight, summary)
+    for event in strays:
+        console.print(f"[yellow]warning:[/] at {event.time_s:g} s {event.text}", highlight=False)
     if with_video and missing:
         console.print(f"[yellow]no film:[/] {missing}", highlight=False)
     console.print(f"results in {folder}")

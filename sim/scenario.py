@@ -12,8 +12,11 @@ from laisn.settings import GateRule, SideRule, Variant
 CONTROL_STEP_S = 0.1
 """Interval of the autopilot and of the recorded truth [s]."""
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
+FASTEST_CURRENT_M_S = 3.0
+"""Faster water would carry away what can swim at 3 m/s."""
+
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+NonNegative = Annotated[float, Field(ge=0, le=1e6)]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Chance = Annotated[float, Field(ge=0, le=1)]
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
@@ -86,8 +89,23 @@ class Vehicle(Section):
                 raise ValueError(f"waypoint {number} at {after[0]:g} s is not later than the one before")
         return points
 
+    @field_validator("depth_profile")
+    @classmethod
+    def _depths_in_order(cls, points: tuple[TimedDepth, ...]) -> tuple[TimedDepth, ...]:
+        if points and points[0][0] != 0:
+            raise ValueError("the first depth must stand at time 0")
+        for number, (before, after) in enumerate(pairwise(points), start=2):
+            if after[0] <= before[0]:
+                raise ValueError(f"depth {number} at {after[0]:g} s is not later than the one before")
+        return points
+
     @model_validator(mode="after")
     def _one_route(self) -> Self:
+        if self.saw_tooth_amplitude_m > self.depth_m and not self.depth_profile:
+            raise ValueError(
+                f"saw_tooth_amplitude_m = {self.saw_tooth_amplitude_m:g} about depth_m = {self.depth_m:g} would leave "
+                "the water"
+            )
         if not self.route and not self.waypoints:
             raise ValueError("a vehicle needs a route of the library or waypoints of its own")
         return self
@@ -143,7 +161,7 @@ class Ocean(Section):
 class Sensors(Section):
     """True errors of the sensors (paper, Eqs. 26 and 27); the filter does not know them."""
 
-    speed_bias_m_s: float = 0.2
+    speed_bias_m_s: Annotated[float, Field(ge=-10, le=10)] = 0.2
     speed_sigma_m_s: NonNegative = 0.2
     heading_bias_deg: NonNegative = 5.0
     heading_sigma_deg: NonNegative = 2.0
@@ -160,7 +178,9 @@ class Acoustics(Section):
     range_tau_m: tuple[NonNegative, NonNegative, NonNegative] = Field(
         (0.01, 0.01, 0.01), description="τ: uniform error of rear, front and middle transmitter"
     )
-    range_scale_mean_m: float = Field(0.1, description="μD: mean of the error that all transmitters share")
+    range_scale_mean_m: Annotated[float, Field(ge=-100, le=100)] = Field(
+        0.1, description="μD: mean of the error that all transmitters share"
+    )
     range_scale_sigma_m: NonNegative = Field(0.05, description="σD: its standard deviation")
     travel_time: bool = Field(False, description="sites move while the sound is under way; else it takes no time")
     ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
@@ -287,6 +307,12 @@ class Scenario(Section):
                 raise ValueError(
                     f"{name} would dive to {deepest:g} m, the floor lies at ocean.floor_depth_m = "
                     f"{self.ocean.floor_depth_m:g} m (1 m is kept clear)"
+                )
+            drift = self.ocean.current_speed_m_s - self.ocean.current_shear_per_s * deepest
+            if abs(drift) > FASTEST_CURRENT_M_S:
+                raise ValueError(
+                    f"ocean: the current at {name}'s {deepest:g} m would run at {drift:.3g} m/s; current_speed_m_s and "
+                    f"current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
                 )
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             raise ValueError("navigation.use_attitude needs leader.broadcast_attitude = true")

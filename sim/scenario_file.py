@@ -51,8 +51,12 @@ def _hint(location: tuple[int | str, ...]) -> str:
 
 def _describe(source: str, error: ValidationError) -> str:
     lines = []
-    for fault in error.errors():
+    faults = error.errors()
+    places = [fault["loc"] for fault in faults]
+    for fault in faults:
         location = fault["loc"]
+        if fault["type"] == "too_short" and any(p[: len(location)] == location and p != location for p in places):
+            continue  # an item that is at fault itself does not count as one
         if fault["type"] == "extra_forbidden":
             lines.append(f"  {_key(location)}: unknown key; {_hint(location)}")
             continue

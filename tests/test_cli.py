@@ -68,6 +68,13 @@ def test_replay_gives_the_logged_estimates_again(flown: Path) -> None:
     assert (first.estimates[0].state == again.estimates[0].state).all()
 
 
+def test_a_vehicle_that_sinks_through_the_floor_is_told(tmp_path: Path) -> None:
+    sunk = ["--set", "leader.excess_buoyancy_n=-100", "--set", "leader.cg_offset_x_m=0.2"]
+    result = laisn("fly", "T5", *SHORT, "--set", "ocean.floor_depth_m=12", *sunk, "--out", "sunk", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "leader goes below the sea floor" in result.stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
