@@ -13,11 +13,12 @@ from sim.kinematics import Limits
 from sim.missions import Route
 from sim.ocean import Water, water_velocity
 from sim.plant import Plant, PlantError
+from sim.scenario import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
 
-TICK = 0.1
+TICK = CONTROL_STEP_S
 """Interval of guidance, autopilot and recording [s]."""
 POSITION, QUATERNION = slice(0, 3), slice(3, 7)
 VELOCITY, SPIN = slice(7, 10), slice(10, 13)

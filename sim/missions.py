@@ -17,6 +17,7 @@ LEADER_L = ((0.0, 0.0), (500.0, 0.0), (500.0, 500.0))
 """500 m east, then 500 m north (paper, Section 3); east and north [m]."""
 LEADER_DEPTH = 8.0
 FOLLOWER_DEPTH = 10.0
+"""Depths where none is asked for [m]: the follower deeper, so that a pitching leader shows."""
 
 
 @dataclass(frozen=True, kw_only=True)

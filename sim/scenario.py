@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from laisn.settings import GateRule, SideRule, Variant
+from sim.missions import FOLLOWER_DEPTH, LEADER_DEPTH
 
 CONTROL_STEP_S = 0.1
 """Interval of the autopilot and of the recorded truth [s]."""
@@ -66,7 +67,7 @@ class Vehicle(Section):
     waypoints: tuple[TimedPoint, ...] = Field(
         (), description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0"
     )
-    depth_m: NonNegative = Field(8.0, description="depth that the autopilot holds")
+    depth_m: NonNegative = Field(LEADER_DEPTH, description="depth that the autopilot holds")
     depth_profile: tuple[TimedDepth, ...] = Field(
         (), description="[[time_s, depth_m], …], linear between; replaces depth_m"
     )
@@ -126,7 +127,7 @@ class Follower(Vehicle):
     """A vehicle with one hydrophone."""
 
     name: Name = "follower"
-    depth_m: NonNegative = Field(10.0, description="depth that the autopilot holds")
+    depth_m: NonNegative = Field(FOLLOWER_DEPTH, description="depth that the autopilot holds")
 
 
 class Waves(Section):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from logged import messages, short_flight, write_log
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic import bits, errors_of, make_flight
@@ -18,7 +19,6 @@ from sim import log
 from sim.flight import Flight, Outcome
 from sim.log_channels import slot_pose
 from sim.log_clock import Clock
-from sim.log_events import Event
 from sim.log_export import export
 from sim.log_file import LogError
 from sim.log_info import info
@@ -28,21 +28,12 @@ from sim.log_schema import SCALAR_SCHEMAS, STAMP, Template
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:
-    return make_flight(30.0)
+    return short_flight()
 
 
 @pytest.fixture(scope="module")
 def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("log") / "mission.mcap"
-    events = [Event(12.0, "warning", "mirror capture", "follower")]
-    log.write(flight, path, summary='{"runs": 1}', errors=errors_of(flight), events=events)
-    return path
-
-
-def messages(path: Path, topic: str) -> list[Any]:
-    with path.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        return [item.decoded_message for item in reader.iter_decoded_messages(topics=[topic])]
+    return write_log(flight, tmp_path_factory.mktemp("log"))
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from synthetic import bits, errors_of, make_flight
+from logged import short_flight, write_log
+from synthetic import bits, make_flight
 
 from sim import log
 from sim.flight import Flight, Outcome
-from sim.log_events import Event
 from sim.log_export import export
 from sim.log_file import LogError, partial_path
 from sim.log_info import info
@@ -25,15 +25,12 @@ from sim.recovery import recover
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:
-    return make_flight(30.0)
+    return short_flight()
 
 
 @pytest.fixture(scope="module")
 def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("log") / "mission.mcap"
-    events = [Event(12.0, "warning", "mirror capture", "follower")]
-    log.write(flight, path, summary='{"runs": 1}', errors=errors_of(flight), events=events)
-    return path
+    return write_log(flight, tmp_path_factory.mktemp("log"))
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:

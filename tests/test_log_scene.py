@@ -6,15 +6,11 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
-from synthetic import errors_of, make_flight
+from logged import messages, short_flight, write_log
 
 import models
-from sim import log
 from sim.flight import Flight
 from sim.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
-from sim.log_events import Event
 from sim.log_file import contents
 from sim.log_hull import hull
 
@@ -23,21 +19,12 @@ LAYOUT = Path(__file__).resolve().parents[1] / "experiments" / "data" / "foxglov
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:
-    return make_flight(30.0)
+    return short_flight()
 
 
 @pytest.fixture(scope="module")
 def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("log") / "mission.mcap"
-    events = [Event(12.0, "warning", "mirror capture", "follower")]
-    log.write(flight, path, summary='{"runs": 1}', errors=errors_of(flight), events=events)
-    return path
-
-
-def messages(path: Path, topic: str) -> list[Any]:
-    with path.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        return [item.decoded_message for item in reader.iter_decoded_messages(topics=[topic])]
+    return write_log(flight, tmp_path_factory.mktemp("log"))
 
 
 @pytest.mark.parametrize("name", ["leader", "follower"])

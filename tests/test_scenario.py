@@ -1,14 +1,20 @@
 """Scenario files: round trip, overrides, and what is said about faults."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from experiments import library
+from laisn.settings import NavigationSettings
 from sim import scenario_file
+from sim.errors import SensorErrors
+from sim.flight import navigation_settings
+from sim.motion import move
 from sim.scenario_file import ScenarioError
+from sim.sensors import errors_of
 
 MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}
 
@@ -19,6 +25,15 @@ def test_every_built_in_scenario_survives_toml(name: str) -> None:
     text = scenario_file.dumps(scenario)
     assert scenario_file.validate(tomllib.loads(text), name) == scenario
     assert library.load_flyable(name, ()) == scenario
+
+
+def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
+    """The paper's constants stand in the scenario in a user's units, and in SI where they are used."""
+    scenario = scenario_file.validate({**MINIMAL, "motion": "kinematic", "duration_s": 1.0}, "mine.toml")
+    assert errors_of(scenario) == SensorErrors()
+    told = navigation_settings(scenario, move(scenario), 0)
+    # where the hydrophone sits is the hull's, not a default
+    assert replace(told, hydrophone_height=0.0) == NavigationSettings()
 
 
 def test_defaults_are_the_papers() -> None:
