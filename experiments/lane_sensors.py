@@ -8,10 +8,12 @@ import numpy.typing as npt
 from laisn import lane_rows as row
 from laisn.compiled import compiled_lanes
 from laisn.lane_rows import LANES
+from sim import gauss_markov
 from sim.echo import path_taken
 from sim.errors import (
     MissionTruth,
     SensorErrors,
+    attitude_reading,
     heading_reading,
     longest,
     plain_reading,
@@ -42,6 +44,7 @@ class Errors(NamedTuple):
     leader_depth_sigma: float
     leader_pitch_sigma: float
     leader_roll_sigma: float
+    leader_attitude_offset_sigma: float
     range_tau: tuple[float, float, float]
     range_scale_mean: float
     range_scale_sigma: float
@@ -65,10 +68,15 @@ class Address(NamedTuple):
     loss: np.uint64
 
 
-def sent_rows(truth: MissionTruth) -> Floats:
+# Columns of `sent_rows` behind those of a block's rows.
+_ECHOES, _KEPT, _FRESH = 10, 16, 17
+
+
+def sent_rows(truth: MissionTruth, errors: SensorErrors) -> Floats:
     """True content of the messages and true ranges to them, in the order of a block's rows from EAST to R3.
 
-    Ranges by way of the surface and of the bottom follow, if the truth has them.
+    Ranges by way of the surface and of the bottom follow, NaN if the truth has none, then the weights of the leader's
+    wandering attitude error.
     """
     position = truth.sent_position
     echoes = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
@@ -76,6 +84,7 @@ def sent_rows(truth: MissionTruth) -> Floats:
         [
             position[:, :2], truth.sent_heading, truth.sent_speed, position[:, 2], truth.sent_attitude,
             truth.slant_range, *echoes,
+            gauss_markov.weights(truth.emission_step, truth.dt, errors.leader_attitude_time),
         ]
     )  # fmt: skip
 
@@ -103,12 +112,10 @@ class Noise(NamedTuple):
     address: Address
     burst: npt.NDArray[np.bool_]
     """Whether a lane is within a burst of loss."""
-
-
-@compiled_lanes
-def new_noise(address: Address) -> Noise:
-    """Room for the draws of a block."""
-    return Noise(np.zeros(3 * LANES), address, np.zeros(LANES, dtype=np.bool_))
+    wandering: Floats
+    """Two rows: what wanders of the leader's pitch and roll errors, of unit variance."""
+    offset: Floats
+    """Two rows: what stays of them throughout a run, likewise."""
 
 
 @compiled_lanes
@@ -129,6 +136,16 @@ def _draw_normals(noise: Noise, stream: np.uint64, step: int) -> None:
         draws[_FIRST + lane], draws[_SECOND + lane] = two_units(w0, w1, w2, w3)
     for lane in range(LANES):
         draws[_FIRST + lane], draws[_SECOND + lane] = two_normals(draws[_FIRST + lane], draws[_SECOND + lane])
+
+
+@compiled_lanes
+def new_noise(address: Address) -> Noise:
+    """Room for the draws of a block, and the errors that its runs keep."""
+    pair = 2 * LANES
+    noise = Noise(np.zeros(3 * LANES), address, np.zeros(LANES, dtype=np.bool_), np.zeros(pair), np.empty(pair))
+    _draw_normals(noise, address.leader_attitude, 0)
+    noise.offset[:] = noise.draws[:pair]
+    return noise
 
 
 @compiled_lanes
@@ -163,7 +180,7 @@ def _read_echoes(block: Floats, noise: Noise, errors: Errors, sent: Floats, step
     for j in range(3):
         for lane in range(LANES):
             i = j * LANES + lane
-            true[i] = sent[7 + j + 3 * path_taken(draws[i], surface, bottom)]
+            true[i] = sent[_ECHOES - 3 + j + 3 * path_taken(draws[i], surface, bottom)]
     _draw_uniforms(noise, noise.address.range_uniform, received)
     for lane in range(LANES):
         psi = block[row.R1 + lane]
@@ -185,6 +202,22 @@ def _lose(block: Floats, noise: Noise, errors: Errors, emitted: int) -> None:
 
 
 @compiled_lanes
+def _read_attitude(block: Floats, noise: Noise, errors: Errors, sent: Floats, emitted: int) -> None:
+    """Read the leader's pitch and roll."""
+    draws, wandering, offset = noise.draws, noise.wandering, noise.offset
+    kept, fresh, constant = sent[_KEPT], sent[_FRESH], errors.leader_attitude_offset_sigma
+    tilting = errors.leader_pitch_sigma > 0.0 or errors.leader_roll_sigma > 0.0
+    _draw_if(tilting, noise, noise.address.leader_attitude, emitted)
+    for i in range(2 * LANES):
+        wandering[i] = gauss_markov.advanced(wandering[i], kept, fresh, draws[i])
+    for lane in range(LANES):
+        i, j = _FIRST + lane, _SECOND + lane
+        pitch = attitude_reading(sent[5], constant, offset[i], errors.leader_pitch_sigma, wandering[i])
+        roll = attitude_reading(sent[6], constant, offset[j], errors.leader_roll_sigma, wandering[j])
+        block[row.PITCH + lane], block[row.ROLL + lane] = pitch, roll
+
+
+@compiled_lanes
 def sense_message(
     block: Floats, noise: Noise, errors: Errors, sent: Floats, depth: float, steps: tuple[int, int]
 ) -> None:
@@ -199,8 +232,8 @@ def sense_message(
         steps: of reception and of emission.
     """
     draws, address = noise.draws, noise.address
-    east, north, heading, speed, leader_depth, pitch, roll, rear, front, middle = (
-        sent[0], sent[1], sent[2], sent[3], sent[4], sent[5], sent[6], sent[7], sent[8], sent[9]
+    east, north, heading, speed, leader_depth, rear, front, middle = (
+        sent[0], sent[1], sent[2], sent[3], sent[4], sent[7], sent[8], sent[9]
     )  # fmt: skip
     received, emitted = steps
     _draw_if(errors.depth_sigma > 0.0, noise, address.depth, received)
@@ -220,11 +253,7 @@ def sense_message(
     _draw_if(errors.leader_depth_sigma > 0.0, noise, address.leader_depth, emitted)
     for lane in range(LANES):
         block[row.LEADER_DEPTH + lane] = plain_reading(leader_depth, errors.leader_depth_sigma, draws[_FIRST + lane])
-    tilting = errors.leader_pitch_sigma > 0.0 or errors.leader_roll_sigma > 0.0
-    _draw_if(tilting, noise, address.leader_attitude, emitted)
-    for lane in range(LANES):
-        block[row.PITCH + lane] = plain_reading(pitch, errors.leader_pitch_sigma, draws[_FIRST + lane])
-        block[row.ROLL + lane] = plain_reading(roll, errors.leader_roll_sigma, draws[_SECOND + lane])
+    _read_attitude(block, noise, errors, sent, emitted)
     _draw_normals(noise, address.range_scale, received)
     for lane in range(LANES):
         psi = plain_reading(errors.range_scale_mean, errors.range_scale_sigma, draws[_FIRST + lane])

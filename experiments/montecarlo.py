@@ -30,7 +30,7 @@ from laisn import lane_rows as row
 from laisn import lanes
 from laisn.compiled import compiled_lanes
 from laisn.lane_rows import LANES, Tuning
-from sim.errors import MissionTruth
+from sim.errors import MissionTruth, SensorErrors
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -49,12 +49,12 @@ class _Truth(NamedTuple):
     sent: Floats
 
 
-def _compiled_truth(truth: MissionTruth) -> _Truth:
+def _compiled_truth(truth: MissionTruth, errors: SensorErrors) -> _Truth:
     own = np.column_stack(
         [truth.speed, truth.heading, truth.depth, truth.hydrophone, truth.leader_position, truth.leader_heading]
     )
     received, emitted = truth.message_step.astype(np.int64), truth.emission_step.astype(np.int64)
-    return _Truth(truth.start.astype(np.float64), own, received, emitted, sent_rows(truth))
+    return _Truth(truth.start.astype(np.float64), own, received, emitted, sent_rows(truth, errors))
 
 
 @compiled_lanes
@@ -101,7 +101,7 @@ def _fly(cell: Cell, truth: _Truth, runs: range, history: Floats) -> tuple[Float
 def _tasks(cells: Sequence[Cell]) -> Iterator[tuple[Cell, _Truth, range]]:
     """All blocks of all cells in their order."""
     for cell in cells:
-        truth = _compiled_truth(cell.truth)
+        truth = _compiled_truth(cell.truth, cell.errors)
         for runs in _blocks(cell):
             yield cell, truth, runs
 
@@ -154,7 +154,7 @@ def simulate(cell: Cell, *, threads: int | None = 1, keep_runs: bool = False) ->
 
 def histories(cell: Cell) -> Floats:
     """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
-    truth, n = _compiled_truth(cell.truth), cell.truth.speed.size
+    truth, n = _compiled_truth(cell.truth, cell.errors), cell.truth.speed.size
     parts = []
     for runs in _blocks(cell):
         history = np.empty((n, 4 * LANES))

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from laisn.compiled import compiled, inlined
 from laisn.elementary import fma
 from laisn.messages import LeaderMessage, Measurements
+from sim import gauss_markov
 from sim.echo import locked_path
 from sim.loss import NO_LOSS, Channel
 from sim.loss import received as received_messages
@@ -16,12 +17,15 @@ from sim.noise import Stream, normals, uniforms
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
+RUN_LONG: Ints = np.zeros(1, dtype=np.int64)
+"""Address of errors that a run keeps: step 0, at which nothing is measured."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SensorErrors:
     """True errors of all sensors, with the paper's values as defaults. No navigator sees them.
 
-    Raises ValueError naming the field if a value is not finite, or a standard deviation negative.
+    Raises ValueError naming the field if a value is not finite, or a standard deviation or time negative.
     """
 
     speed_bias: float = 0.2
@@ -45,6 +49,10 @@ class SensorErrors:
     leader_pitch_sigma: float = 0.0
     """Of the attitude that the leader broadcasts [rad]."""
     leader_roll_sigma: float = 0.0
+    leader_attitude_time: float = 0.0
+    """Correlation time of those two errors; 0: each message has its own [s]."""
+    leader_attitude_offset_sigma: float = 0.0
+    """Of an error of pitch and one of roll that stay the same throughout a run [rad]."""
     range_tau: tuple[float, float, float] = (0.01, 0.01, 0.01)
     """τ: width of the uniform error of the range to the rear, front and middle transmitter [m]."""
     range_scale_mean: float = 0.1
@@ -59,7 +67,7 @@ class SensorErrors:
     def __post_init__(self) -> None:
         for field in fields(self):
             values = np.atleast_1d(np.asarray(getattr(self, field.name), dtype=np.float64))
-            spread = field.name.endswith("sigma") or field.name == "range_tau"
+            spread = field.name.endswith(("sigma", "_time")) or field.name == "range_tau"
             if not np.all(np.isfinite(values)) or (spread and values.min() < 0):
                 bound = "finite numbers, zero or more" if spread else "a finite number"
                 raise ValueError(f"{field.name} is {getattr(self, field.name)}, expected {bound}")
@@ -109,7 +117,8 @@ class MissionTruth:
     sent_speed: Floats
     """Leader's speed at emission, shape (m,), [m/s]."""
     sent_attitude: Floats
-    """Leader's pitch and roll at emission, shape (m, 2), [rad]; NaN if they are not broadcast."""
+    """Leader's pitch and roll at emission as measured, but for random errors, shape (m, 2), [rad]; NaN if they are not
+    broadcast."""
     slant_range: Floats
     """To the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
     echo_range: Floats | None = None
@@ -147,7 +156,7 @@ def heading_reading(true: float, bias: float, sigma: float, normal: float) -> fl
 
 @inlined
 def plain_reading(true: float, sigma: float, normal: float) -> float:
-    """Unbiased normal error: pressure sensor, inclinometer. Compiled code only."""
+    """Unbiased normal error: pressure sensor. Compiled code only."""
     return fma(sigma, normal, true)
 
 
@@ -188,13 +197,21 @@ def _ranges(truth: Floats, uniforms: Floats, normal: Floats, tau: Floats, scale:
     return read
 
 
+@inlined
+def attitude_reading(true: float, offset_sigma: float, offset: float, sigma: float, wandering: float) -> float:
+    """Pitch or roll with a constant and a wandering error, both of unit variance. Compiled code only."""
+    return fma(sigma, wandering, fma(offset_sigma, offset, true))
+
+
 @compiled
-def _attitude(truth: Floats, normals: Floats, sigmas: Floats) -> Floats:
-    """Pitch and roll read from true ones, shape (m, 2)."""
+def _attitude(truth: Floats, normals: Floats, weights: Floats, offset: Floats, sigmas: Floats) -> Floats:
+    """Pitch and roll read from true ones, shape (m, 2); sigmas are the offset's, pitch's and roll's."""
     read = np.empty_like(truth)
-    for i in range(truth.shape[0]):
-        for j in range(2):
-            read[i, j] = plain_reading(truth[i, j], sigmas[j], normals[i, j])
+    for j in range(2):
+        wandering = 0.0
+        for i in range(truth.shape[0]):
+            wandering = gauss_markov.advanced(wandering, weights[i, 0], weights[i, 1], normals[i, j])
+            read[i, j] = attitude_reading(truth[i, j], sigmas[0], offset[j], sigmas[1 + j], wandering)
     return read
 
 
@@ -241,7 +258,6 @@ def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, f
         np.array([errors.leader_speed_bias, errors.leader_heading_bias]),
         np.array([errors.leader_speed_sigma, errors.leader_heading_sigma, errors.leader_depth_sigma]),
     )
-    attitude_sigma = np.array([errors.leader_pitch_sigma, errors.leader_roll_sigma])
     columns = {
         "timestamp": truth.timestamp,
         "east": truth.sent_position[:, 0],
@@ -250,7 +266,13 @@ def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, f
         "heading": leader[:, 1],
         "depth": leader[:, 2],
     }
-    attitude = _attitude(truth.sent_attitude, drawn(Stream.LEADER_ATTITUDE, sent), attitude_sigma)
+    attitude = _attitude(
+        truth.sent_attitude,
+        drawn(Stream.LEADER_ATTITUDE, sent),
+        gauss_markov.weights(sent, truth.dt, errors.leader_attitude_time),
+        drawn(Stream.LEADER_ATTITUDE, RUN_LONG)[0],
+        np.array([errors.leader_attitude_offset_sigma, errors.leader_pitch_sigma, errors.leader_roll_sigma]),
+    )
     columns |= {"pitch": attitude[:, 0], "roll": attitude[:, 1]}
     unknown = np.full(received.size, np.nan)
     ranges = _ranges(

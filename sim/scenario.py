@@ -170,7 +170,19 @@ class Sensors(Section):
     leader_heading_bias_deg: NonNegative = 0.0
     leader_heading_sigma_deg: NonNegative = 0.0
     leader_depth_sigma_m: NonNegative = 0.0
-    leader_attitude_sigma_deg: NonNegative = Field(0.0, description="of the broadcast pitch and roll")
+    leader_attitude_sigma_deg: NonNegative = Field(
+        0.0, description="of each reading of the leader's inclinometer, in pitch and in roll"
+    )
+    leader_attitude_offset_sigma_deg: NonNegative = Field(
+        0.0, description="of an error of pitch and one of roll that a run keeps, such as a crooked mounting"
+    )
+    leader_attitude_feels_acceleration: bool = Field(
+        False, description="the inclinometer takes the hull's accelerations for tilt"
+    )
+    leader_gyro_time_constant_s: Annotated[float, Field(ge=0, le=1000)] = Field(
+        0.0, description="of the filter that follows gyros at once and the inclinometer slowly; 0: no gyros"
+    )
+    leader_gyro_random_walk_deg_sqrt_h: NonNegative = Field(0.3, description="angle random walk of these gyros, per √h")
 
 
 class Acoustics(Section):

@@ -4,6 +4,7 @@ import numpy as np
 
 from sim.acoustics import TRANSMITTERS as TRANSMITTERS
 from sim.acoustics import propagate
+from sim.ahrs import measured_attitude, random_error
 from sim.echo import Path
 from sim.errors import MissionTruth, SensorErrors
 from sim.loss import Channel
@@ -14,6 +15,7 @@ from sim.trajectory import Trajectory
 def errors_of(scenario: Scenario) -> SensorErrors:
     """The true sensor errors of a scenario in SI units."""
     sensors, acoustics = scenario.sensors, scenario.acoustics
+    attitude = random_error(sensors)
     return SensorErrors(
         speed_bias=sensors.speed_bias_m_s,
         speed_sigma=sensors.speed_sigma_m_s,
@@ -23,8 +25,10 @@ def errors_of(scenario: Scenario) -> SensorErrors:
         leader_heading_bias=np.deg2rad(sensors.leader_heading_bias_deg),
         leader_heading_sigma=np.deg2rad(sensors.leader_heading_sigma_deg),
         leader_depth_sigma=sensors.leader_depth_sigma_m,
-        leader_pitch_sigma=np.deg2rad(sensors.leader_attitude_sigma_deg),
-        leader_roll_sigma=np.deg2rad(sensors.leader_attitude_sigma_deg),
+        leader_pitch_sigma=attitude.sigma,
+        leader_roll_sigma=attitude.sigma,
+        leader_attitude_time=attitude.time,
+        leader_attitude_offset_sigma=np.deg2rad(sensors.leader_attitude_offset_sigma_deg),
         range_tau=acoustics.range_tau_m,
         range_scale_mean=acoustics.range_scale_mean_m,
         range_scale_sigma=acoustics.range_scale_sigma_m,
@@ -65,9 +69,9 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     sent = sound.emission_step * stride
     limit = scenario.acoustics.max_range_m or np.inf
     heard = np.where(sound.length[:, :, [Path.DIRECT]] <= limit, sound.range, np.nan)
-    attitude = np.stack([trajectory.pitch[sent, 0], trajectory.roll[sent, 0]], axis=1)
-    if not scenario.leader.broadcast_attitude:
-        attitude = np.full_like(attitude, np.nan)
+    attitude = np.full((sent.size, 2), np.nan)
+    if scenario.leader.broadcast_attitude:
+        attitude = measured_attitude(trajectory, scenario.sensors)[sent]
     leader = trajectory.position[:, 0]
     return MissionTruth(
         dt=dt,

@@ -63,7 +63,7 @@ def make_truth(steps: int = 200, every: int = 10, *, astern: bool = False, attit
 EVERYTHING = SensorErrors(
     depth_sigma=0.05, leader_speed_bias=0.05, leader_speed_sigma=0.1, leader_heading_bias=0.04,
     leader_heading_sigma=0.02, leader_depth_sigma=0.04, leader_pitch_sigma=0.01, leader_roll_sigma=0.02,
-    range_tau=(0.02, 0.03, 0.04), range_scale_mean=0.2,
+    leader_attitude_time=4.0, leader_attitude_offset_sigma=0.015, range_tau=(0.02, 0.03, 0.04), range_scale_mean=0.2,
 )  # fmt: skip
 
 
