@@ -1,4 +1,4 @@
-"""Second half of the pitch study's report: missions, the paper's Stage 4, remedies, and where they fall short."""
+"""Second half of the pitch study's report: missions, and the paper's Stage 4."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,38 +7,21 @@ import numpy as np
 import pyarrow as pa
 
 from experiments import asymmetry_figures as drawing
+from experiments.asymmetry_arms import STEADIED
 from experiments.asymmetry_conditions import Condition
 from experiments.asymmetry_example import Example
+from experiments.asymmetry_excess import Excess, Mission
 from experiments.asymmetry_figures import AWARE, LEVEL, REAL
 from experiments.asymmetry_gates import GateRow
 from experiments.asymmetry_missions import Plan, Row
 from experiments.asymmetry_opening import legend_of
-from experiments.asymmetry_tables import (
-    Excess,
-    Mission,
-    driven,
-    mission_table,
-    remedy_table,
-    removed_in_all,
-    route_table,
-    stage_4_table,
-)
+from experiments.asymmetry_remedies import CAUSES
+from experiments.asymmetry_tables import mission_table, stage_4_table
 from experiments.asymmetry_tau import Curves
 from experiments.figures import SERIES, Colour, svg
-from experiments.page import Block, Code, Figures, Notice, Section, Text
+from experiments.page import Code, Figures, Section, Text
 
-_CAUSE_COLOURS: dict[str, tuple[str, Colour]] = {
-    "trim": ("trim", SERIES[0]),
-    "dive": ("depth changes", SERIES[2]),
-    "waves": ("waves", SERIES[1]),
-}
-_REMEDY_NAMES = {
-    "attitude-0": "attitude, exact",
-    "attitude-0.5": "attitude, 0.5°",
-    "attitude-2": "attitude, 2°",
-    "expected": "σp inflated",
-}
-REMEDIES = ("attitude-0", "attitude-0.5", "attitude-2", "expected")
+_CAUSE_COLOURS: dict[str, Colour] = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,17 +43,17 @@ def on_missions(results: Results, missions: dict[Mission, Excess]) -> Section:
     """What pitch does on missions."""
     two = [e for (_, _, _, variant), e in missions.items() if variant == "laisn-2"]
     groups, legend = [], []
-    for cause, (label, colour) in _CAUSE_COLOURS.items():
+    for cause, colour in _CAUSE_COLOURS.items():
         chosen = [e for e in two if e.real.cause == cause]
         if chosen:
             groups.append((np.array([e.lever for e in chosen]), np.array([e.part for e in chosen]), colour))
-            legend.append((colour, label))
+            legend.append((colour, CAUSES[cause]))
     scatter = svg(drawing.excess_over_lever(groups, "All missions, LAISN-2"), "excess")
     offsets = np.array(results.plan.offsets_m)
     panels = []
-    for cause, (label, _) in _CAUSE_COLOURS.items():
+    for cause, label in CAUSES.items():
         curves = []
-        for arm, colour in (("level", LEVEL), ("real", REAL), ("attitude-0.5", AWARE)):
+        for arm, colour in (("level", LEVEL), ("real", REAL), (STEADIED.key, AWARE)):
             error = [
                 float(
                     np.median(
@@ -106,7 +89,7 @@ def on_missions(results: Results, missions: dict[Mission, Excess]) -> Section:
             Figures(
                 panels=panels,
                 caption="Mean error of LAISN-2 behind a level leader, the real one, and the real one when it "
-                "broadcasts its attitude with an error of 0.5°.",
+                "broadcasts the attitude that its AHRS gives.",
                 legend=legend_of((LEVEL, "level leader"), (REAL, "real leader"), (AWARE, "attitude broadcast")),
             ),
             table,
@@ -129,86 +112,3 @@ def stage_4(results: Results) -> Section:
             stage_4_table(results.curves, offsets),
         ],
     )
-
-
-def remedies(results: Results, missions: dict[Mission, Excess]) -> Section:
-    """What each remedy is worth."""
-    arms = []
-    chosen = driven(missions, "laisn-2")
-    for arm, colour in zip(REMEDIES, (AWARE, SERIES[2], SERIES[4], SERIES[1]), strict=True):
-        share = np.array([e.removed(arm) for e in sorted(chosen, key=lambda e: e.real.pitch_rms_deg)])
-        arms.append((_REMEDY_NAMES[arm], share, colour))
-    names = {cause: label for cause, (label, _) in _CAUSE_COLOURS.items()}
-    captured = {
-        variant: [sum(getattr(e, arm).captured for (_, _, _, v), e in missions.items() if v == variant)
-                  for arm in ("level", "real")]
-        for variant in results.plan.variants
-    }  # fmt: skip
-    counts = "; ".join(f"{variant}: {real:,} against {level:,}" for variant, (level, real) in captured.items())
-    blocks: list[Block] = [
-        Text(
-            text="Attitude broadcast: the message carries the measured pitch and roll, and the follower draws its "
-            "circles about the places where the transmitters are, in three dimensions (`leader.broadcast_attitude`, "
-            "`navigation.use_attitude`). Inflated σp: the follower trusts fixes less by the pitch it must expect "
-            "(`navigation.expected_pitch_deg`)."
-        ),
-        route_table(missions, results.plan.routes, names),
-        remedy_table(missions, results.plan.variants, names),
-    ]
-    if chosen:
-        figure = svg(drawing.removed_shares(arms, "LAISN-2, a dot for each mission"), "removed")
-        caption = (
-            "1: nothing of the pitch-driven error is left. Below 0: worse than without. In each band pitch grows from "
-            "the lowest dot to the highest."
-        )
-        blocks.append(Figures(panels=[figure], caption=caption))
-        distrust = 100 * removed_in_all(chosen, "expected")
-        blocks.append(
-            Text(
-                text=f"Inflating σp removes {distrust:.0f} % of the sum: the other source is no better. With the "
-                "paper's log and compass a follower drifts by 0.24 m each second, always the same way, and whoever "
-                "trusts fixes less follows that drift. A systematic error is not cured by calling it noise."
-            )
-        )
-    blocks.append(
-        Text(
-            text="The middle transmitter does not see the tilt, but it breaks the symmetry about the leader's axis. "
-            "Runs captured on its wrong side behind the real leader, against the level one, in all missions: "
-            f"{counts}."
-        )
-    )
-    return Section(title="Remedies", blocks=blocks)
-
-
-def shortfalls(missions: dict[Mission, Excess]) -> list[Block]:
-    """Where the broadcast attitude falls short of what was hoped for, and why."""
-    blocks: list[Block] = []
-    for arm, wanted, sigma in (("attitude-0.5", 0.9, 0.5), ("attitude-0", 0.99, 0.0)):
-        for cause, (label, _) in _CAUSE_COLOURS.items():
-            chosen = driven(missions, "laisn-2", cause)
-            short = [e for e in chosen if e.removed(arm) < wanted]
-            if not short:
-                continue
-            gentle = sum(e.real.pitch_rms_deg < sigma * np.sqrt(10.0) for e in short)
-            why = (
-                f" In {gentle} of them the leader pitches by less than {sigma * np.sqrt(10.0):.1f}° rms."
-                if gentle
-                else ""
-            )
-            text = (
-                f"{_REMEDY_NAMES[arm]}, {label}: {len(short)} of {len(chosen)} missions (LAISN-2) keep more than "
-                f"{100 * (1 - wanted):.0f} % of their pitch-driven error; the largest such error is "
-                f"{max(e.part for e in short):.2f} m.{why}"
-            )
-            blocks.append(Notice(text=text, tone="warning"))
-    if blocks:
-        blocks.append(
-            Text(
-                text="Two reasons. A sensor error of 0.5° in each message is a pitch of 0.5° that nobody told the "
-                "follower: errors add in squares, so that it can take away nine tenths of the excess only where the "
-                "leader pitches by √10 times as much, 1.6° rms. And a mission near the leader's axis is a lottery "
-                "of captures: one run more or less on the wrong side moves its mean by decimetres, whatever the "
-                "pitch."
-            )
-        )
-    return blocks

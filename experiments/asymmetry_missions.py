@@ -11,14 +11,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from experiments.asymmetry_arms import AHRS, ARMS, Arm
 from experiments.asymmetry_conditions import OFFSETS_M, SEED, Condition, fleet, scenario
 from experiments.cells import PERCENTILES, Cell, CellResult
 from experiments.library import ROUTES
 from experiments.montecarlo import simulate
 from laisn.settings import NavigationSettings, Variant
+from sim.ahrs import apparent_tilt, measured_attitude, random_error
 from sim.errors import MissionTruth, SensorErrors
 from sim.flight import navigation_settings
 from sim.motion import move
+from sim.scenario import CONTROL_STEP_S
 from sim.sensors import errors_of, observe
 from sim.tilt import leveled
 from sim.trajectory import Trajectory
@@ -27,45 +30,6 @@ Floats = npt.NDArray[np.float64]
 
 _SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
 """Sites that sensing needs."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Arm:
-    """One way to fly a condition."""
-
-    key: str
-    label: str
-    level: bool = False
-    """The leader's transmitters are where a level leader has them."""
-    use_attitude: bool = False
-    """The leader broadcasts pitch and roll, and the follower places the transmitters by them."""
-    attitude_sigma_deg: float = 0.0
-    """Error of the broadcast attitude."""
-    expect_pitch: bool = False
-    """The follower inflates σp by the root mean square pitch of the mission."""
-    variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-1", "laisn-3-2")
-    """Flown in this arm."""
-
-
-LEVEL = Arm(key="level", label="level leader", level=True)
-REAL = Arm(key="real", label="real leader")
-_BOTH: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
-_TWO: tuple[Variant, ...] = ("laisn-2",)
-ARMS = (
-    LEVEL,
-    REAL,
-    Arm(key="attitude-0", label="attitude broadcast, exact", use_attitude=True, variants=_BOTH),
-    Arm(
-        key="attitude-0.5",
-        label="attitude broadcast, 0.5°",
-        use_attitude=True,
-        attitude_sigma_deg=0.5,
-        variants=_BOTH,
-    ),
-    Arm(key="attitude-2", label="attitude broadcast, 2°", use_attitude=True, attitude_sigma_deg=2.0, variants=_TWO),
-    Arm(key="expected", label="σp inflated by the expected pitch", expect_pitch=True, variants=_TWO),
-)
-ARM = {arm.key: arm for arm in ARMS}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +64,8 @@ class Row:
     arm: str
     runs: int
     e_p_mean_m: float
+    e_p_run_mean_m: tuple[float, ...]
+    """Of each run."""
     e_p_std_m: float
     e_p_95_m: float
     e_p_max_m: float
@@ -112,6 +78,10 @@ class Row:
     range_mean_m: float
     depth_offset_rms_m: float
     """True root mean square of Δz."""
+    inclinometer_rms_deg: float
+    """Error of pitch as the AHRS's inclinometer reads it."""
+    ahrs_rms_deg: float
+    """Error of pitch as the AHRS gives it."""
 
 
 def pair(trajectory: Trajectory, follower: int) -> Trajectory:
@@ -135,13 +105,20 @@ def pair(trajectory: Trajectory, follower: int) -> Trajectory:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensed:
-    """What one follower's sensors see behind the real leader and behind a level one."""
+    """What one follower's sensors see behind the real leader, behind a level one, and of the real one's AHRS."""
 
     real: MissionTruth
     level: MissionTruth
+    ahrs: MissionTruth
+    """As `real`, with the attitude that `AHRS` measures."""
     settings: NavigationSettings
     facts: dict[str, float]
     """Pitch and geometry of the mission: fields of `Row`."""
+
+
+def _rms_deg(error: Floats, sigma: float) -> float:
+    """Root mean square of an error over time and of an independent random one, both in [rad]."""
+    return float(np.rad2deg(np.sqrt(np.mean(error**2) + sigma**2)))
 
 
 def sense(both: Trajectory, condition: Condition, route: str, offset: float, duration: float) -> Sensed:
@@ -149,25 +126,40 @@ def sense(both: Trajectory, condition: Condition, route: str, offset: float, dur
     one = scenario(condition, route, offset, duration)
     apart = both.position[:, 1] - both.position[:, 0]
     pitch = np.rad2deg(both.pitch[:, 0])
+    steadied = measured_attitude(both, AHRS)
+    reading, left = np.deg2rad(AHRS.leader_attitude_sigma_deg), random_error(AHRS).sigma
+    real = observe(both, one)
+    sent = real.emission_step * round(real.dt / CONTROL_STEP_S)
     return Sensed(
-        real=observe(both, one),
+        real=real,
         level=observe(leveled(both), one),
+        ahrs=replace(real, sent_attitude=steadied[sent]),
         settings=navigation_settings(one, both, 0),
         facts={
             "pitch_rms_deg": float(np.sqrt(np.mean(pitch**2))),
             "pitch_max_deg": float(np.abs(pitch).max()),
             "range_mean_m": float(np.hypot(*apart[:, :2].T).mean()),
             "depth_offset_rms_m": float(np.sqrt(np.mean(apart[:, 2] ** 2))),
+            "inclinometer_rms_deg": _rms_deg(apparent_tilt(both)[:, 0] - both.pitch[:, 0], reading),
+            "ahrs_rms_deg": _rms_deg(steadied[:, 0] - both.pitch[:, 0], left),
         },
     )
 
 
-def _cell(sensed: Sensed, one_errors: SensorErrors, arm: Arm, variant: Variant, runs: int) -> Cell:
-    sigma = float(np.deg2rad(arm.attitude_sigma_deg))
+def cell(sensed: Sensed, errors: SensorErrors, arm: Arm, variant: Variant, runs: int) -> Cell:
+    """The runs of one arm and variant of a mission."""
+    random = random_error(arm.sensors)
     expected = float(np.deg2rad(sensed.facts["pitch_rms_deg"])) if arm.expect_pitch else 0.0
+    truth: MissionTruth = getattr(sensed, arm.seen)
     return Cell(
-        truth=sensed.level if arm.level else sensed.real,
-        errors=replace(one_errors, leader_pitch_sigma=sigma, leader_roll_sigma=sigma),
+        truth=truth,
+        errors=replace(
+            errors,
+            leader_pitch_sigma=random.sigma,
+            leader_roll_sigma=random.sigma,
+            leader_attitude_time=random.time,
+            leader_attitude_offset_sigma=float(np.deg2rad(arm.sensors.leader_attitude_offset_sigma_deg)),
+        ),
         settings=replace(
             sensed.settings, variant=variant, use_attitude=arm.use_attitude, expected_pitch=expected
         ),
@@ -177,11 +169,14 @@ def _cell(sensed: Sensed, one_errors: SensorErrors, arm: Arm, variant: Variant, 
 
 
 def row_of(result: CellResult, **others: Any) -> Row:
-    """A row of the table of results; `others` are the fields that no result holds."""
+    """A row of the table of results, which must hold each run; `others` are the fields that no result holds."""
+    if result.table is None:
+        raise ValueError("the result lacks its table of runs; simulate with keep_runs=True")
     return Row(
         **others,
         runs=result.runs,
         e_p_mean_m=result.errors.e_p_mean_m,
+        e_p_run_mean_m=tuple(result.table.e_p_mean_m.tolist()),
         e_p_std_m=result.errors.e_p_std_m,
         e_p_95_m=result.e_p_percentiles_m[PERCENTILES.index(95)],
         e_p_max_m=result.errors.e_p_max_m,
@@ -205,7 +200,7 @@ def fly_condition(condition: Condition, offset: float, plan: Plan) -> list[Row]:
             for variant in arm.variants:
                 if variant not in plan.variants:
                     continue
-                result = simulate(_cell(sensed, errors, arm, variant, plan.runs))
+                result = simulate(cell(sensed, errors, arm, variant, plan.runs), keep_runs=True)
                 rows.append(
                     row_of(
                         result,

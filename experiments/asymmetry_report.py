@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from experiments.asymmetry_arms import EXACT, STEADIED
 from experiments.asymmetry_conditions import SEED
-from experiments.asymmetry_findings import Results, on_missions, remedies, shortfalls, stage_4
+from experiments.asymmetry_excess import Excess, Mission, driven, paired, removed_in_all
+from experiments.asymmetry_findings import Results, on_missions, stage_4
 from experiments.asymmetry_missions import QUICK
 from experiments.asymmetry_opening import chart_section, one_message, question
-from experiments.asymmetry_tables import Excess, Mission, driven, gate_table, paired, planner_table, removed_in_all
+from experiments.asymmetry_remedies import remedies, shortfalls
+from experiments.asymmetry_tables import gate_table, planner_table
 from experiments.page import Film, Page, Section, Text, write
 from experiments.version import code_version
 
@@ -21,9 +24,9 @@ def _limits() -> Section:
                 "be measured on it, what a given pitch does need not. Followers keep a constant depth, so that "
                 "their depth offset varies while the leader dives. Waves keep their compass direction: what comes "
                 "from ahead on the leader's first leg comes from abeam on its second. Rays are straight, the sea "
-                "surface and the floor mirror without loss, and the error of the broadcast attitude is drawn anew "
-                "for each message; a constant misalignment of the sensor would act as that much pitch. The follower "
-                "routes fit the published ones; the originals were never published."
+                "surface and the floor mirror without loss. The AHRS is one of small MEMS units with gyros in "
+                "balance; what is left of a gyro's bias acts as the constant error does. The follower routes fit the "
+                "published ones; the originals were never published."
             ),
         ],
     )
@@ -34,14 +37,13 @@ def _summary(missions: dict[Mission, Excess]) -> str:
     if not chosen:
         return "In the conditions flown, pitch made no difference."
     worst = max(chosen, key=lambda e: e.part)
-    steep = [e for e in chosen if e.real.pitch_rms_deg >= 2.0]
-    removed = f"{100 * removed_in_all(steep, 'attitude-0.5'):.0f} %" if steep else "most"
+    exact, steadied = (f"{100 * removed_in_all(chosen, arm):.1f} %" for arm in (EXACT, STEADIED))
     return (
         "A pitching leader turns its followers' fixes about itself, by Δz sin φ abeam and more toward its axis. On "
         f"missions that adds up to {worst.part:.1f} m to the mean error (route {worst.real.route}, "
         f"{worst.real.depth_offset_m:g} m below, {worst.real.pitch_rms_deg:.1f}° rms), because estimates are pushed "
-        f"over the leader's axis. Broadcasting the attitude to 0.5° removes {removed} of it where the leader pitches "
-        "by 2° rms or more."
+        f"over the leader's axis. A leader that broadcasts its attitude takes that away: {exact} of it in sum if it "
+        f"knows its attitude exactly, {steadied} with an inclinometer of 0.5° that gyros steady."
     )
 
 
@@ -55,7 +57,7 @@ def write_report(results: Results, path: Path) -> None:
         chart_section(results.chart),
         on_missions(results, missions),
         stage_4(results),
-        remedies(results, missions),
+        remedies(missions, results.plan.routes, results.plan.offsets_m, results.plan.variants),
         *([Section(title="Where the remedy falls short", blocks=short)] if short else []),
         Section(
             title="Table for a planner",

@@ -1,60 +1,15 @@
 """Numbers of the pitch study as tables of its report."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.asymmetry_conditions import Condition, command
+from experiments.asymmetry_excess import Excess, Mission, mean_of
 from experiments.asymmetry_gates import GateRow
-from experiments.asymmetry_missions import ARMS, LEVEL, REAL, Row
 from experiments.asymmetry_planner import OFF_AXIS_DEG, PITCH_DEG, rules
 from experiments.asymmetry_tau import Curves, equivalent
 from experiments.page import Cell, Table, number, words
-
-Floats = npt.NDArray[np.float64]
-
-SMALLEST_PART_M = 0.02
-"""Missions in which pitch does less than this to the mean error say nothing about a remedy."""
-Mission = tuple[str, str, float, str]
-"""Condition, route, depth offset, variant."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Excess:
-    """What pitch, and what a remedy, does to one mission."""
-
-    level: Row
-    real: Row
-    arms: dict[str, Row]
-
-    @property
-    def part(self) -> float:
-        """The pitch-driven part of the mean position error [m]."""
-        return self.real.e_p_mean_m - self.level.e_p_mean_m
-
-    def removed(self, arm: str) -> float:
-        """Share of that part that a remedy removes."""
-        return (self.real.e_p_mean_m - self.arms[arm].e_p_mean_m) / self.part
-
-    @property
-    def lever(self) -> float:
-        """Δz sin φ, both root mean square [m]."""
-        return self.real.depth_offset_rms_m * float(np.sin(np.deg2rad(self.real.pitch_rms_deg)))
-
-
-def paired(rows: Iterable[Row]) -> dict[Mission, Excess]:
-    """Rows of the same mission, put together."""
-    found: dict[Mission, dict[str, Row]] = {}
-    for row in rows:
-        found.setdefault((row.condition, row.route, row.depth_offset_m, row.variant), {})[row.arm] = row
-    return {mission: Excess(level=arms[LEVEL.key], real=arms[REAL.key], arms=arms) for mission, arms in found.items()}
-
-
-def _mean(values: Iterable[float]) -> float:
-    given = [v for v in values if not np.isnan(v)]
-    return float(np.mean(given)) if given else float("nan")
 
 
 def _of(missions: dict[Mission, Excess], condition: str, offset: float, variant: str) -> list[Excess]:
@@ -79,11 +34,11 @@ def mission_table(
                     number(offset, 0),
                     number(two[0].real.pitch_rms_deg, 1),
                     number(two[0].real.pitch_max_deg, 1),
-                    number(_mean(e.level.e_p_mean_m for e in two), 2),
-                    number(_mean(e.real.e_p_mean_m for e in two), 2),
-                    number(_mean(e.part for e in two), 2),
-                    number(_mean(e.part for e in three), 2) if three else words("–"),
-                    number(_mean(tau), 3),
+                    number(mean_of(e.level.e_p_mean_m for e in two), 2),
+                    number(mean_of(e.real.e_p_mean_m for e in two), 2),
+                    number(mean_of(e.part for e in two), 2),
+                    number(mean_of(e.part for e in three), 2) if three else words("–"),
+                    number(mean_of(tau), 3),
                     number(sum(e.real.captured for e in two) - sum(e.level.captured for e in two), 0),
                     words(worst.real.route, title=line),
                     number(worst.part, 2),
@@ -102,77 +57,6 @@ def mission_table(
         "the command that flies its worst route.",
     )
     return table, "\n".join(lines)
-
-
-def driven(missions: dict[Mission, Excess], variant: str, cause: str | None = None) -> list[Excess]:
-    """Missions of a variant in which pitch does something, of one cause or of all."""
-    return [
-        e
-        for (_, _, _, flown), e in missions.items()
-        if flown == variant and e.part >= SMALLEST_PART_M and cause in (None, e.real.cause)
-    ]
-
-
-def removed_in_all(missions: Sequence[Excess], arm: str) -> float:
-    """Share of the pitch-driven parts of missions, added up, that a remedy removes."""
-    return sum(e.real.e_p_mean_m - e.arms[arm].e_p_mean_m for e in missions) / sum(e.part for e in missions)
-
-
-def remedy_table(missions: dict[Mission, Excess], variants: Sequence[str], causes: dict[str, str]) -> Table:
-    """How much of the pitch-driven part each remedy removes; `causes` gives each cause its name on the page."""
-    rows = []
-    for arm in ARMS[2:]:
-        for variant in variants:
-            for cause, name in causes.items():
-                chosen = [e for e in driven(missions, variant, cause) if arm.key in e.arms]
-                if not chosen:
-                    continue
-                share = np.array([e.removed(arm.key) for e in chosen])
-                rows.append(
-                    [
-                        words(arm.label),
-                        words(variant),
-                        words(name),
-                        number(len(chosen), 0),
-                        number(100 * removed_in_all(chosen, arm.key), 1),
-                        number(100 * float(np.median(share)), 1),
-                        number(100 * float(share.min()), 0),
-                        number(100 * float(np.mean(share >= 0.9)), 0),
-                        number(100 * float(np.mean(share >= 0.99)), 0),
-                    ]
-                )
-    return Table(
-        heads=("remedy", "variant", "cause", "missions", "of the sum", "median", "smallest", "≥ 90 %", "≥ 99 %"),
-        rows=rows,
-        groups=(("", 4), ("removed [%]", 3), ("share of missions [%]", 2)),
-        caption=f"Of the pitch-driven part, real less level, in all missions where it is {100 * SMALLEST_PART_M:g} cm "
-        "or more. Negative: the remedy harms.",
-    )
-
-
-def route_table(missions: dict[Mission, Excess], routes: Sequence[str], causes: dict[str, str]) -> Table:
-    """What pitch does on each route, and what is left of it, over all conditions and depth offsets of a cause."""
-    rows = []
-    for route in routes:
-        row: list[Cell] = [words(route)]
-        for cause in causes:
-            chosen = [
-                e
-                for (_, flown, _, variant), e in missions.items()
-                if (flown, variant, e.real.cause) == (route, "laisn-2", cause)
-            ]
-            row.append(number(_mean(e.part for e in chosen), 2))
-            for arm, wanted in (("attitude-0", 0.99), ("attitude-0.5", 0.9)):
-                share = removed_in_all(chosen, arm)
-                row.append(number(100 * share, 1, tone="" if share >= wanted else "maybe"))
-        rows.append(row)
-    return Table(
-        heads=("route", *("excess [m]", "exact [%]", "0.5° [%]") * len(causes)),
-        rows=rows,
-        groups=(("", 1), *((name, 3) for name in causes.values())),
-        caption="Mean excess of LAISN-2 on each route, and how much of it the broadcast attitude removes, exactly "
-        "known and to 0.5°. Marked: less than 99 % and 90 %.",
-    )
 
 
 def stage_4_table(curves: Curves, offsets: Sequence[float]) -> Table:

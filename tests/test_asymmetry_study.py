@@ -6,10 +6,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from experiments import asymmetry
+from experiments.asymmetry_arms import ARM, EXACT, LEVEL_BROADCAST, READINGS, STEADIED
 from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, command, fleet, scenario
-from experiments.asymmetry_missions import ARM, Plan, Row, fly_condition, pair, sense
+from experiments.asymmetry_excess import paired
+from experiments.asymmetry_missions import Plan, Row, fly_condition, pair, sense
 from experiments.asymmetry_planner import deepest_offset, worst_error
-from experiments.asymmetry_tables import paired
 from experiments.asymmetry_tau import Curve, equivalent
 from experiments.cells import Cell
 from experiments.library import load
@@ -36,10 +37,21 @@ def test_every_mission_is_flown_in_every_arm(rows):
 
 def test_exact_attitude_gives_the_level_leaders_error(rows):
     for excess in paired(rows).values():
-        assert_allclose(excess.arms["attitude-0"].e_p_mean_m, excess.level.e_p_mean_m, rtol=0.02)
+        assert_allclose(excess.arms[EXACT.key].e_p_mean_m, excess.level.e_p_mean_m, rtol=0.02)
         if excess.real.depth_offset_m == 10.0:
             assert excess.part > 0.1
-            assert excess.removed("attitude-0") > 0.95
+            assert excess.removed(EXACT) > 0.95
+
+
+def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
+    for excess in paired(rows).values():
+        if excess.real.depth_offset_m == 10.0:
+            assert excess.removed(STEADIED) > 0.9
+            # with the same sensor on a level leader, what pitch still does is less than what the sensor does
+            assert abs(excess.left(READINGS, LEVEL_BROADCAST)) < 0.02 * excess.part
+        # gyros and calm water: little is left of half a degree
+        assert 0.02 < excess.real.ahrs_rms_deg < 0.1
+        assert excess.real.inclinometer_rms_deg >= 0.5
 
 
 def test_level_and_real_leader_differ_in_nothing_but_the_ranges():
@@ -79,14 +91,15 @@ def test_equivalent_value_inverts_a_curve():
 
 def row(arm: str, mean: float) -> Row:
     return Row(condition="c", cause="trim", route="T3", depth_offset_m=5.0, variant="laisn-2", arm=arm, runs=60,
-               e_p_mean_m=mean, e_p_std_m=0.1, e_p_95_m=1.0, e_p_max_m=2.0, e_b_mean_deg=1.0, captured=0, gated=0,
-               pitch_rms_deg=5.0, pitch_max_deg=6.0, range_mean_m=40.0, depth_offset_rms_m=5.0)  # fmt: skip
+               e_p_mean_m=mean, e_p_run_mean_m=(mean,) * 60, e_p_std_m=0.1, e_p_95_m=1.0, e_p_max_m=2.0,
+               e_b_mean_deg=1.0, captured=0, gated=0, pitch_rms_deg=5.0, pitch_max_deg=6.0, range_mean_m=40.0,
+               depth_offset_rms_m=5.0, inclinometer_rms_deg=0.5, ahrs_rms_deg=0.05)  # fmt: skip
 
 
 def test_share_removed_and_lever():
     (excess,) = paired([row("level", 0.2), row("real", 0.7), row("attitude-0.5", 0.25)]).values()
     assert excess.part == pytest.approx(0.5)
-    assert excess.removed("attitude-0.5") == pytest.approx(0.9)
+    assert excess.removed(READINGS) == pytest.approx(0.9)
     assert excess.lever == pytest.approx(5.0 * np.sin(np.deg2rad(5.0)))
 
 
