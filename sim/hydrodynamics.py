@@ -5,8 +5,8 @@ Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021:
 Lamb, Hydrodynamics, 6th ed. 1932, Art. 124; the flow is taken as linear over the hull, its velocity, gradient and
 rates being those at the centre of buoyancy, where the body frame has its origin.
 
-Each physics step: `mj_step1` → `apply` → `mj_factorM` → `mj_step2`. `apply` writes the wrench to `qfrc_applied` and
-adds the added mass to `M`, so that it acts on accelerations that MuJoCo has yet to solve for.
+Each physics step: `mj_step1`, or its parts → `apply` → `mj_factorM` → `mj_step2`. `apply` writes the wrench to
+`qfrc_applied` and adds the added mass to `M`, so that it acts on accelerations that MuJoCo has yet to solve for.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled
-from sim.ocean import Water, elevation_at, flow
+from sim.ocean import AMPLITUDE, Water, elevation_at, flow
 from sim.vectors import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
 
 Floats = npt.NDArray[np.float64]
@@ -151,7 +151,7 @@ def immersion(c: Any, position: Vector, axis: Vector, time: float, waves: Floats
     """
     reach = 0.0
     for i in range(waves.shape[0]):
-        reach += abs(waves[i, 0])
+        reach += abs(waves[i, AMPLITUDE])
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
     if position[2] + abs(axis[2]) * ends + c.hull_radius <= -reach:
         return 1.0, 0.0

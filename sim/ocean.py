@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from laisn.compiled import compiled
+from laisn.compiled import compiled, inlined
+from laisn.elementary import sin_cos
 from sim.vectors import Matrix, Vector
 from sim.waves import FLOOR_DEPTH_M, Waves
 
@@ -20,8 +21,16 @@ Water = tuple[Floats, Floats]
 """An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
 
 current: velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor [m]; shape (5,).
-waves: amplitude [m], kx, ky [1/m], ω, ω at a fixed place [rad/s], phase [rad]; shape (n, 6).
+waves: one row for each component, shape (n, 11), columns as named below.
 """
+
+AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
+"""Of a component: [m]; east and north [1/m]; ω and ω at a fixed place [rad/s]; [rad]."""
+K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
+"""What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the velocity scale
+a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the floor."""
+_LEAST_EXPONENT = -700.0
+"""Keeps exp(kz) above zero; what is left of a wave is nothing there, and so is its mirror image."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,18 +76,22 @@ class Ocean:
         current = np.concatenate([surface, self.current_shear_1_s * towards, [self.floor_depth_m]])
         w = self.waves
         fixed = w.omega_rad_s + w.wavenumber_1_m @ surface
-        waves = np.column_stack([w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad])
-        return current, waves
+        k = np.hypot(w.wavenumber_1_m[:, 0], w.wavenumber_1_m[:, 1])
+        twice_depth = -2.0 * k * self.floor_depth_m
+        orbital = w.amplitude_m * w.omega_rad_s / -np.expm1(twice_depth)
+        given = [w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad]
+        derived = [k, w.wavenumber_1_m / k[:, None], orbital, np.exp(twice_depth)]
+        return current, np.column_stack([*given, *derived])
 
     @property
     def wave_parameters(self) -> Floats:
-        """The waves of `water`, shape (n, 6)."""
-        return self.water[1]
+        """Amplitude, kx, ky, ω, ω at a fixed place and phase of the waves, units as in `water`, shape (n, 6)."""
+        return self.water[1][:, : PHASE + 1]
 
     def elevation(self, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
         """Height of the surface above z = 0; x and y broadcast to the shape of the answer, [m], [s]."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
-        return _elevations(x.ravel(), y.ravel(), time, self.wave_parameters).reshape(x.shape)
+        return _elevations(x.ravel(), y.ravel(), time, self.water[1]).reshape(x.shape)
 
     def velocity(self, position: Floats, time: float) -> Floats:
         """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
@@ -96,9 +109,38 @@ def elevation_at(x: float, y: float, time: float, waves: Floats) -> float:
     """Height of the surface above z = 0 at one place [m]; `waves` of a `Water`."""
     height = 0.0
     for i in range(waves.shape[0]):
-        a, kx, ky, _, omega, phase = waves[i]
-        height += a * np.cos(kx * x + ky * y - omega * time + phase)
+        w = waves[i]
+        height += w[AMPLITUDE] * sin_cos(w[KX] * x + w[KY] * y - w[FIXED_OMEGA] * time + w[PHASE])[1]
     return height
+
+
+@inlined
+def _orbit(w: Floats, x: float, y: float, below: float, time: float) -> tuple[float, float, float, float]:
+    """How a component moves the water at a depth −`below` within the sea: level speed times the cosine and the sine
+    of its phase, upward speed times the cosine and the sine, [m/s].
+    """
+    sin, cos = sin_cos(w[KX] * x + w[KY] * y - w[FIXED_OMEGA] * time + w[PHASE])
+    # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
+    decay = np.exp(max(w[K] * below, _LEAST_EXPONENT))
+    mirrored = w[MIRROR] / decay
+    level, upward = w[ORBITAL] * (decay + mirrored), w[ORBITAL] * (decay - mirrored)
+    return level * cos, level * sin, upward * cos, upward * sin
+
+
+@compiled
+def velocity_at(position: Vector, time: float, water: Water) -> Vector:
+    """Velocity of the water at a point, in the world; [m], [s], [m/s]."""
+    x, y, z = position
+    current, waves = water
+    ux, uy, uz = current[0] + current[2] * z, current[1] + current[3] * z, 0.0
+    below = max(min(z, 0.0), -current[4])
+    for i in range(waves.shape[0]):
+        w = waves[i]
+        level, _, _, upward = _orbit(w, x, y, below, time)
+        ux += level * w[EAST]
+        uy += level * w[NORTH]
+        uz += upward
+    return ux, uy, uz
 
 
 @compiled
@@ -131,27 +173,21 @@ def flow(
     cx = cy = cz = 0.0
     below = max(min(z, 0.0), -depth)
     for i in range(waves.shape[0]):
-        a, kx, ky, omega, omega_fixed, phase = waves[i]
-        k = np.sqrt(kx * kx + ky * ky)
-        ex, ey = kx / k, ky / k
-        theta = kx * x + ky * y - omega_fixed * time + phase
-        sin, cos = np.sin(theta), np.cos(theta)
-        # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
-        mirror = np.exp(-2.0 * k * (below + depth))
-        scale = a * omega * np.exp(k * below) / (1.0 - np.exp(-2.0 * k * depth))
-        c, s = scale * (1.0 + mirror), scale * (1.0 - mirror)
-        along, rate, rise = ax * ex + ay * ey, kx * vx + ky * vy - omega_fixed, k * vz
+        w = waves[i]
+        omega, k, ex, ey = w[OMEGA], w[K], w[EAST], w[NORTH]
+        c_cos, c_sin, s_cos, s_sin = _orbit(w, x, y, below, time)
+        along, rate, rise = ax * ex + ay * ey, w[KX] * vx + w[KY] * vy - w[FIXED_OMEGA], k * vz
 
-        ux += c * cos * ex
-        uy += c * cos * ey
-        uz += s * sin
-        change = -c * sin * rate + s * cos * rise
+        ux += c_cos * ex
+        uy += c_cos * ey
+        uz += s_sin
+        change = s_cos * rise - c_sin * rate
         dx += change * ex
         dy += change * ey
-        dz += s * cos * rate + c * sin * rise
+        dz += s_cos * rate + c_sin * rise
 
         # potential flow: the gradient is symmetric and has no trace
-        gh, gz = -k * c * sin, k * s * cos
+        gh, gz = -k * c_sin, k * s_cos
         gxx += gh * ex * ex
         gxy += gh * ex * ey
         gyy += gh * ey * ey
@@ -161,8 +197,8 @@ def flow(
 
         # along the axis, the gradient is k (−c sin θ·along + s cos θ·az) horizontally and k (s cos θ·along +
         # c sin θ·az) vertically; −p and −q are their derivatives with θ, −k q and k p those with z
-        p = k * (c * cos * along + s * sin * az)
-        q = k * (s * sin * along - c * cos * az)
+        p = k * (c_cos * along + s_sin * az)
+        q = k * (s_sin * along - c_cos * az)
         bh = -p * rate - q * rise
         bx += bh * ex
         by += bh * ey
@@ -179,7 +215,7 @@ def water_velocity(position: Floats, time: float, water: Water, out: Floats) -> 
     """Write the velocity of the water at points of shape (n, 3) to `out`, likewise."""
     for i in range(position.shape[0]):
         point = (position[i, 0], position[i, 1], position[i, 2])
-        u = flow(point, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), time, water)[0]
+        u = velocity_at(point, time, water)
         for j in range(3):
             out[i, j] = u[j]
 
@@ -198,9 +234,8 @@ def _accelerations(position: Floats, time: float, water: Water) -> Floats:
     ahead = (1.0, 0.0, 0.0)
     for i in range(position.shape[0]):
         point = (position[i, 0], position[i, 1], position[i, 2])
-        u = flow(point, (0.0, 0.0, 0.0), ahead, time, water)[0]
         # along its own path, a particle's change of velocity is its acceleration
-        change = flow(point, u, ahead, time, water)[1]
+        change = flow(point, velocity_at(point, time, water), ahead, time, water)[1]
         for j in range(3):
             out[i, j] = change[j]
     return out

@@ -1,18 +1,23 @@
 """The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. It speaks of vehicles, not of qpos."""
 
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sim import attitude, coefficients, hydrodynamics
-from sim.ocean import Ocean, water_velocity
+from laisn.compiled import compiled
+from sim import attitude, coefficients, hydrodynamics, thrusters
+from sim.ocean import Ocean, Water, water_velocity
 from sim.vehicle import THRUSTERS, VehicleSetup, compose, resolve
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+
+_NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
+"""Hulls pass through one another and through the floor, whatever their geoms say."""
 
 
 class PlantError(RuntimeError):
@@ -31,6 +36,22 @@ class PlantError(RuntimeError):
         self.time = time
         self.last_pose = last_pose
         self.last_twist = last_twist
+
+
+@compiled
+def _load(
+    coefficients: Any,
+    state: tuple[Floats, Floats],
+    time: float,
+    water: Water,
+    solver: hydrodynamics.Solver,
+    push: tuple[Floats, Floats],
+) -> int:
+    """`thrusters.turn` and `hydrodynamics.apply` in one call: to get into compiled code costs as much as a hull's
+    forces.
+    """
+    thrusters.turn(push[0], state[0], push[1])
+    return hydrodynamics.apply(coefficients, state[0], state[1], time, water, solver)
 
 
 class Plant:
@@ -59,6 +80,7 @@ class Plant:
             raise ValueError(f"dt={dt} must be positive")
         spec = compose(setups, ocean.floor_depth_m)
         spec.option.timestep = dt
+        spec.option.disableflags |= _NO_CONTACT
         self.ocean = ocean
         self.dt = dt
         self.names = tuple(s.name for s in setups)
@@ -79,6 +101,19 @@ class Plant:
         self._command: Floats = data.ctrl.reshape(n, len(THRUSTERS))
         rows = model.M_rowadr.astype(np.int64).reshape(n, 6)
         self._solver: hydrodynamics.Solver = (rows, data.M, data.qfrc_applied.reshape(n, 6))
+        self._state = self.pose, self.twist
+        wrenches = thrusters.unit_wrenches(model, vehicles)
+        self._thrusters: tuple[Floats, Floats] = wrenches, data.actuator_moment.reshape(wrenches.shape)
+        # MuJoCo's sparse matrix of moments is to hold all six of each thruster; `mj_forward` leaves out those of zero
+        columns = np.repeat(np.arange(6 * n).reshape(n, 1, 6), len(THRUSTERS), axis=1)
+        self._layout = [
+            (sparse, full.astype(sparse.dtype))
+            for sparse, full in (
+                (data.moment_rownnz, np.full(model.nu, 6)),
+                (data.moment_rowadr, 6 * np.arange(model.nu)),
+                (data.moment_colind, columns.ravel()),
+            )
+        ]
 
         self.site_names = tuple(model.site(i).name for i in range(model.nsite))
         bodies = [v.body for v in vehicles]
@@ -122,12 +157,20 @@ class Plant:
         if bad >= 0:
             self._fail(f"the command of {self.names[bad]} is not finite", self.names[bad])
         self._command[:] = command
-        step1, apply, factor, step2 = mujoco.mj_step1, hydrodynamics.apply, mujoco.mj_factorM, mujoco.mj_step2
+        for sparse, full in self._layout:
+            sparse[:] = full
+        kinematics, centres, inertia = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_makeM
+        velocity, factor, step2 = mujoco.mj_fwdVelocity, mujoco.mj_factorM, mujoco.mj_step2
         for _ in range(n_substeps):
-            step1(model, data)
-            bad = apply(self._coefficients, self.pose, self.twist, data.time, self._water, self._solver)
+            # what `mj_step1` does, less what free hulls do not have (contacts, tendons, sensors), what nobody looks at
+            # (cameras, lights) and what `thrusters` does for less
+            kinematics(model, data)
+            centres(model, data)
+            inertia(model, data)
+            bad = _load(self._coefficients, self._state, data.time, self._water, self._solver, self._thrusters)
             if bad >= 0:
                 self._fail(f"the state of {self.names[bad]} is lost", self.names[bad])
+            velocity(model, data)
             factor(model, data)
             step2(model, data)
         mujoco.mj_kinematics(model, data)

@@ -106,14 +106,22 @@ class Trajectory:
     @cached_property
     def forward_speed(self) -> Floats:
         """Through the water, along the hull: what a speed log measures, shape (n, v), [m/s]."""
-        forward = attitude.rotate(self.quaternion, np.array([1.0, 0.0, 0.0]))
-        return np.asarray(np.einsum("nvi,nvi->nv", forward, self.velocity - self.water_velocity))
+        forward = attitude.forward(self.quaternion)
+        along = [axis * (self.velocity[..., i] - self.water_velocity[..., i]) for i, axis in enumerate(forward)]
+        return np.asarray(along[0] + along[1] + along[2])
 
     @cached_property
     def site_position(self) -> Floats:
         """All sites in the world, shape (n, s, 3), [m]."""
-        carried = attitude.rotate(self.quaternion[:, self.site_vehicle], self.site_offset)
-        return self.position[:, self.site_vehicle] + carried
+        out = self.position.take(self.site_vehicle, axis=1)
+        for v in np.unique(self.site_vehicle):
+            axes = attitude.axes(self.quaternion[:, v])
+            for s in np.flatnonzero(self.site_vehicle == v):
+                # most sites lie on an axis or two of their hull; what adds nothing is not computed
+                for j in np.flatnonzero(self.site_offset[s]):
+                    for i in range(3):
+                        out[:, s, i] += self.site_offset[s, j] * axes[j, i]
+        return out
 
     def at(self, time: npt.ArrayLike) -> tuple[Floats, Floats]:
         """Poses between grid points: positions by cubic Hermite, attitudes by spherical interpolation.

@@ -45,6 +45,18 @@ def test_rotate_agrees_with_scipy() -> None:
     np.testing.assert_allclose(attitude.rotate(quaternion, vector), expected, atol=1e-14)
 
 
+def test_axes_are_the_columns_of_scipys_matrix() -> None:
+    quaternion = Rotation.random(40, rng=np.random.default_rng(4)).as_quat()
+    axes = attitude.axes(quaternion[:, [3, 0, 1, 2]])
+    np.testing.assert_allclose(axes.transpose(2, 1, 0), Rotation.from_quat(quaternion).as_matrix(), atol=1e-14)
+    np.testing.assert_array_equal(attitude.forward(quaternion[:, [3, 0, 1, 2]]), axes[0])
+
+
+@given(heading=st.floats(-20.0, 20.0), pitch=TILT, roll=ANGLE)
+def test_heading_is_within_one_turn(heading: float, pitch: float, roll: float) -> None:
+    assert 0.0 <= attitude.heading(attitude.from_euler(heading, pitch, roll)) <= 2 * np.pi
+
+
 def test_slerp_agrees_with_scipy_and_takes_the_short_way() -> None:
     start, end = attitude.from_euler(0.1, 0.2, -0.3), attitude.from_euler(1.4, -0.5, 0.2)
     fractions = np.linspace(0, 1, 7)

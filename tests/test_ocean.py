@@ -90,6 +90,29 @@ def test_flow_derivatives_are_those_of_the_velocity() -> None:
         assert abs(np.trace(gradient)) < 1e-12
 
 
+def test_no_water_passes_the_floor() -> None:
+    ocean = sea()
+    points = np.column_stack([np.random.default_rng(3).uniform(-50, 50, (20, 2)), np.full(20, -ocean.floor_depth_m)])
+    np.testing.assert_allclose(ocean.velocity(points, 7.0)[:, 2], 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("z", [0.0, -0.5, -20.0, -180.0, -400.0, -4000.0])
+def test_in_deep_water_orbits_are_circles_that_shrink_with_depth(z: float) -> None:
+    """a ω exp(kz) at waves of 1.6 m over 4 km: exponents reach far beyond what a double can hold."""
+    ocean = Ocean(
+        floor_depth_m=4000.0, waves=Waves.regular(height_m=0.05, period_s=1.0, phase_rad=0.3, floor_depth_m=4000.0)
+    )
+    omega, t = 2 * np.pi, 0.4
+    k = omega**2 / G
+    radius = 0.025 * omega * np.exp(k * z)
+    theta = k * 2.0 - omega * t + 0.3
+    expected = radius * np.array([0.0, np.cos(theta), np.sin(theta)])
+    np.testing.assert_allclose(ocean.velocity(np.array([[5.0, 2.0, z]]), t)[0], expected, rtol=1e-9, atol=1e-290)
+    parts = flow((5.0, 2.0, z), (0.1, 0.2, 0.3), (0.0, 0.6, 0.8), t, ocean.water)
+    np.testing.assert_allclose(parts[0], expected, rtol=1e-9, atol=1e-290)
+    assert all(np.isfinite(part).all() for part in parts)
+
+
 def test_squeeze_is_the_gradient_of_the_linear_acceleration() -> None:
     """In small waves without current, particles accelerate by ∂u/∂t alone."""
     waves = Waves.regular(height_m=0.1, period_s=4.0, direction_rad=1.2, phase_rad=0.4, floor_depth_m=12.0)

@@ -4,11 +4,12 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.spatial.transform import Rotation
 
-from sim import attitude
+from sim import attitude, coefficients, hydrodynamics, thrusters
 from sim.ocean import Ocean
 from sim.plant import Plant, PlantError
-from sim.vehicle import VehicleSetup
+from sim.vehicle import VehicleSetup, resolve
 from sim.waves import Waves
 
 Floats = npt.NDArray[np.float64]
@@ -59,6 +60,55 @@ def test_views_follow_the_state() -> None:
     np.testing.assert_allclose(plant.site_positions, expected, atol=1e-12)
     assert plant.site_names[0] == "leader/tx_rear"
     assert plant.site_names[int(np.flatnonzero(v == 1)[0])] == "T2/hydrophone"
+
+
+def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
+    """The plant leaves out parts of `mj_step1`; with all of them the vehicles move alike."""
+    plant = Plant(setups(speed_m_s=1.0), rough_sea())
+    model, data = plant.model, mujoco.MjData(plant.model)
+    pose, twist = data.qpos.reshape(2, 7), data.qvel.reshape(2, 6)
+    pose[:], twist[:] = plant.pose, plant.twist
+    records = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)
+    solver = (model.M_rowadr.astype(np.int64).reshape(2, 6), data.M, data.qfrc_applied.reshape(2, 6))
+    command = np.array([[30.0, 8, -6, 3, -5], [12, -5, 6, -2, 3]])
+    data.ctrl[:] = command.ravel()
+    for _ in range(500):
+        mujoco.mj_step1(model, data)
+        assert hydrodynamics.apply(records, pose, twist, data.time, plant.ocean.water, solver) == -1
+        mujoco.mj_factorM(model, data)
+        mujoco.mj_step2(model, data)
+    plant.step(command, 500)
+    np.testing.assert_allclose(plant.pose, pose, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(plant.twist, twist, rtol=0, atol=1e-9)
+
+
+def test_moments_of_thrusters_are_those_of_mujoco() -> None:
+    """Of thrusters that point and twist anywhere, on hulls that lie anyhow."""
+    plant = Plant(setups(), Ocean.calm())
+    model, rng = plant.model, np.random.default_rng(6)
+    model.site_quat[:] = Rotation.random(model.nsite, rng=rng).as_quat()
+    model.site_sameframe[:] = 0
+    model.actuator_gear[:] = rng.normal(size=model.actuator_gear.shape)
+    data = mujoco.MjData(model)
+    pose = data.qpos.reshape(2, 7)
+    pose[:, 3:] = Rotation.random(2, rng=rng).as_quat()
+    mujoco.mj_forward(model, data)
+    expected = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(expected, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+    moments = np.empty((2, 5, 6))
+    wrenches = thrusters.unit_wrenches(model, [resolve(model, name) for name in plant.names])
+    thrusters.turn(wrenches, pose, moments)
+    np.testing.assert_allclose(moments[0], expected[:5, :6], atol=1e-12)
+    np.testing.assert_allclose(moments[1], expected[5:, 6:], atol=1e-12)
+    assert not expected[:5, 6:].any()
+
+
+def test_thruster_elsewhere_than_at_its_hull_is_refused() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    vehicles = [resolve(plant.model, name) for name in plant.names]
+    plant.model.actuator_trnid[6, 0] = plant.model.actuator_trnid[0, 0]
+    with pytest.raises(ValueError, match="actuator 'T2/thruster_lateral_bow' must act at a site of the body 'T2/hull'"):
+        thrusters.unit_wrenches(plant.model, vehicles)
 
 
 def test_thrust_follows_the_command_with_its_lag_and_within_its_limits() -> None:

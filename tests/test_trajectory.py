@@ -1,9 +1,11 @@
 """Trajectory: interpolation, sites, files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sim import attitude
 from sim.trajectory import Trajectory
@@ -56,6 +58,21 @@ def test_sites_are_carried_by_the_hull(trajectory: Trajectory) -> None:
     np.testing.assert_allclose(
         trajectory.site_at("leader/tx_front", [12.3])[0], trajectory.site_position[123, 0], atol=1e-9
     )
+
+
+def test_any_site_is_where_scipy_turns_it(trajectory: Trajectory) -> None:
+    rng = np.random.default_rng(5)
+    turns = Rotation.random(602, rng=rng)
+    moved = replace(
+        trajectory,
+        quaternion=turns.as_quat()[:, [3, 0, 1, 2]].reshape(301, 2, 4),
+        site_names=("a", "b", "c", "d"),
+        site_vehicle=np.array([1, 0, 1, 0]),
+        site_offset=np.vstack([rng.normal(size=(2, 3)), [[0, 0.3, -0.2]], np.zeros((1, 3))]),
+    )
+    for s, (vehicle, offset) in enumerate(zip(moved.site_vehicle, moved.site_offset, strict=True)):
+        carried = turns.apply(offset.copy()).reshape(301, 2, 3)[:, vehicle]
+        np.testing.assert_allclose(moved.site_position[:, s], moved.position[:, vehicle] + carried, atol=1e-13)
 
 
 def test_speed_log_measures_along_the_hull_through_the_water(trajectory: Trajectory) -> None:
