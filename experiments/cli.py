@@ -2,16 +2,12 @@
 
 import os
 import sys
-from collections.abc import Callable
-from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated
 
 import typer
 
-from experiments.failures import is_own
-
-Command = TypeVar("Command", bound=Callable[..., Any])
+from experiments.command_errors import plain_errors
 
 app = typer.Typer(
     name="laisn",
@@ -30,34 +26,8 @@ SetOption = Annotated[
 OutOption = Annotated[Path | None, typer.Option(help="folder for the results (default: one of its own in out/)")]
 
 
-def _plain_errors(command: Command) -> Command:
-    """Show an error as one message: exit code 2 for what the user can mend in the input, 1 for failures of our own.
-
-    LAISN_DEBUG=1 shows the traceback; so does every exception that nobody here has foreseen.
-    """
-
-    @wraps(command)
-    def wrapped(*args: Any, **kwargs: Any) -> Any:
-        try:
-            return command(*args, **kwargs)
-        except KeyboardInterrupt:
-            typer.secho("laisn: interrupted; finished files are kept, none is half-written", fg="yellow", err=True)
-            raise typer.Exit(130) from None
-        except Exception as error:
-            mendable = isinstance(error, (ValueError, OSError))
-            if os.environ.get("LAISN_DEBUG") or not (mendable or is_own(error)):
-                raise
-            text = str(error)
-            if isinstance(error, OSError) and error.strerror:
-                text = f"{error.filename or 'output'}: {error.strerror}"
-            typer.secho(f"laisn: {text}", fg="red", err=True)
-            raise typer.Exit(2 if mendable else 1) from None
-
-    return cast(Command, wrapped)
-
-
 @app.command()
-@_plain_errors
+@plain_errors
 def fly(
     scenario: ScenarioArgument,
     set_: SetOption = None,
@@ -78,7 +48,7 @@ def fly(
 
 
 @app.command()
-@_plain_errors
+@plain_errors
 def scenarios(
     name: Annotated[str | None, typer.Argument(help="print this one as TOML, a start for your own")] = None,
 ) -> None:
@@ -94,7 +64,7 @@ def scenarios(
 
 
 @app.command()
-@_plain_errors
+@plain_errors
 def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
     """Validate a scenario without flying it."""
     from experiments import library
@@ -104,7 +74,7 @@ def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
 
 
 @app.command()
-@_plain_errors
+@plain_errors
 def doctor() -> None:
     """Say what this machine can do, and what to install for the rest."""
     from experiments.doctor import examine
@@ -113,7 +83,7 @@ def doctor() -> None:
 
 
 @app.command()
-@_plain_errors
+@plain_errors
 def render(
     source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
     set_: SetOption = None,
@@ -133,7 +103,7 @@ def render(
 
 
 @app.command()
-@_plain_errors
+@plain_errors
 def replay(
     log: Annotated[Path, typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels")],
     variant: Annotated[
@@ -164,7 +134,7 @@ ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", he
 
 
 @app.command()
-@_plain_errors
+@plain_errors
 def reproduce(
     stage: Annotated[
         list[int] | None, typer.Option(help="a stage of the paper, 1 … 5; repeatable (default: all)")
@@ -198,7 +168,7 @@ def reproduce(
 
 
 @app.command()
-@_plain_errors
+@plain_errors
 def asymmetry(
     quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
     workers: WorkersOption = None,
@@ -230,7 +200,7 @@ LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 
 
 @log_app.command("info")
-@_plain_errors
+@plain_errors
 def log_info(log: LogArgument) -> None:
     """Say what a log holds."""
     from experiments import replaying
@@ -239,7 +209,7 @@ def log_info(log: LogArgument) -> None:
 
 
 @log_app.command("export")
-@_plain_errors
+@plain_errors
 def log_export(
     log: LogArgument,
     out: Annotated[Path, typer.Argument(help="folder for the tables")],
@@ -253,7 +223,7 @@ def log_export(
 
 
 @log_app.command("recover")
-@_plain_errors
+@plain_errors
 def log_recover(log: LogArgument) -> None:
     """Finish a log that a crash, a full disk or Ctrl-C left behind."""
     from sim.recovery import recover
@@ -263,6 +233,8 @@ def log_recover(log: LogArgument) -> None:
 
 def main() -> None:
     """Entry point of the console script."""
+    # Films are rendered by child processes, which choose their own; here a library that is missing must break nothing.
+    os.environ["MUJOCO_GL"] = "disable"
     app()
 
 

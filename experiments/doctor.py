@@ -1,24 +1,84 @@
 """What this machine can do, and what to install for the rest."""
 
 import platform
+import re
+import shlex
 import sys
-from importlib.metadata import version
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
+_PROJECT, _ABSENT = "laisn-sim", "is not installed"
 
 
 def versions() -> dict[str, str]:
     """Versions of this project and of the packages that shape its results."""
-    return {name: version(name) for name in ("laisn-sim", *PACKAGES)} | {"python": platform.python_version()}
+    return {name: version(name) for name in (_PROJECT, *PACKAGES)} | {"python": platform.python_version()}
+
+
+def _name(requirement: str) -> str:
+    return re.split(r"[^\w.-]", requirement, maxsplit=1)[0].lower()
+
+
+def _version(name: str) -> str:
+    """Version of an installed package; nothing if it is not there."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+def _fault(name: str, modules: Mapping[str, str]) -> str:
+    """Why a package cannot be used; nothing if it can."""
+    if not _version(name):
+        return _ABSENT
+    try:
+        import_module(modules.get(name, name.replace("-", "_")))
+    except Exception as error:
+        # a broken package may fail in any way; the doctor's part is to say so
+        return f"cannot be imported: {str(error).partition(chr(10))[0] or type(error).__name__}"
+    return ""
+
+
+def _modules() -> dict[str, str]:
+    """The module to import by the package's name; where a package has several, the one of its own name."""
+    found: dict[str, str] = {}
+    for module, packages in packages_distributions().items():
+        for package in packages:
+            name = package.lower()
+            if name not in found or module.lower() == name:
+                found[name] = module
+    return found
+
+
+def faults() -> dict[str, str]:
+    """What is wrong with the packages that this project requires, by requirement ("numba>=0.61"); empty if nothing."""
+    try:
+        required = [entry for entry in requires(_PROJECT) or () if "extra ==" not in entry]
+    except PackageNotFoundError:
+        return {_PROJECT: _ABSENT}
+    modules = _modules()
+    return {entry: fault for entry in required if (fault := _fault(_name(entry), modules))}
+
+
+def _remedy(broken: Mapping[str, str]) -> str:
+    if _PROJECT in broken:
+        return "in the project's folder: pip install -e ."
+    again = "" if set(broken.values()) == {_ABSENT} else "--force-reinstall "
+    return f"in the project's folder: rm -r .venv && make run; elsewhere: pip install {again}{shlex.join(broken)}"
 
 
 def _encodes_h264() -> bool:
-    import av
-    from av.error import FFmpegError
-
+    try:
+        import av
+        from av.error import FFmpegError
+    except ImportError:
+        return False
     try:
         return bool(av.codec.Codec("libx264", "w").is_encoder)
     except (FFmpegError, ValueError):
@@ -32,13 +92,19 @@ def examine() -> int:
     table = Table("", "", "", box=None, show_header=False, pad_edge=False)
 
     def row(fine: bool, what: str, detail: str) -> None:
-        table.add_row("[green]ok[/]" if fine else "[red]no[/]", what, detail)
+        table.add_row("[green]ok[/]" if fine else "[red]no[/]", what, escape(detail))
 
     able = sys.version_info >= (3, 11)
     row(able, "Python", f"{platform.python_version()}{'' if able else ', needs 3.11 or newer'}")
-    found = versions()
-    right = found["mujoco"].startswith("4.")
-    row(right, "MuJoCo", f"{found['mujoco']}{'' if right else ', needs 4.0.0'}")
+    number = _version("mujoco")
+    right = number.startswith("4.")
+    if number:
+        row(right, "MuJoCo", f"{number}{'' if right else ', needs 4.0.0'}")
+    broken = faults()
+    for entry, fault in broken.items():
+        row(False, _name(entry), fault)
+    if broken:
+        table.add_row("", "", escape(_remedy(broken)))
     backends = graphics.probe()
     renders = any(backend.works for backend in backends)
     for backend in backends:
@@ -46,9 +112,11 @@ def examine() -> int:
             row(backend.works, f"rendering with {backend.name}", backend.detail)
         else:
             table.add_row("--", f"rendering with {backend.name}", "not there, and not needed")
-    if not renders:
+    if not renders and not broken:
         table.add_row("", "", graphics.INSTALL)
     row(_encodes_h264(), "H.264", "film and camera channel")
-    row(True, "packages", ", ".join(f"{name} {number}" for name, number in found.items()))
+    named = {_name(entry) for entry in broken}
+    fine = (name for name in (_PROJECT, *PACKAGES) if name not in named)
+    row(True, "packages", ", ".join(f"{name} {number}" for name in fine if (number := _version(name))))
     Console().print(table)
-    return 0 if able and right else 1
+    return 0 if able and right and not broken else 1

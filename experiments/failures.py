@@ -3,6 +3,10 @@
 _PACKAGES = {"laisn", "sim", "experiments"}
 
 
+class DamagedResult(UserWarning):
+    """A stored result cannot be read; the text says which file, what is wrong with it, and what is done about it."""
+
+
 class CampaignError(RuntimeError):
     """A campaign cannot go on; every finished cell is stored."""
 

@@ -3,13 +3,14 @@
 import hashlib
 import json
 import os
+import warnings
 from dataclasses import replace
 from pathlib import Path
-from zipfile import BadZipFile
+from zipfile import is_zipfile
 
 import numpy as np
 
-from experiments.failures import CampaignError
+from experiments.failures import CampaignError, DamagedResult
 from experiments.version import code_version
 from sim.fleet import FleetError
 from sim.motion import DivergedError, move
@@ -58,13 +59,21 @@ def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
 
 
 def read(folder: Path, scenario: Scenario) -> Trajectory | None:
-    """The stored flight of a scenario's mission; None if there is none, or if it cannot be read."""
+    """The stored flight of a scenario's mission; None if it must be flown.
+
+    A damaged file warns and counts as missing.
+    """
     path = folder / f"{motion_key(scenario)}.npz"
     if not path.is_file():
         return None
     try:
+        if not is_zipfile(path):
+            raise ValueError("it is no .npz archive, or only a part of one")
         return Trajectory.load(path)
-    except (ValueError, OSError, BadZipFile, EOFError):
+    except Exception as error:
+        # foreign bytes make archives and arrays fail in many ways; here they are one
+        reason = str(error).partition("\n")[0].removeprefix(f"{path} ") or type(error).__name__
+        warnings.warn(f"{path} cannot be read and is flown again: {reason}", DamagedResult, stacklevel=2)
         return None
 
 

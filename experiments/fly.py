@@ -1,13 +1,13 @@
 """Fly one scenario and write its evidence: log, film, report, numbers, and the scenario that repeats it."""
 
 import json
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from experiments import results
 from experiments.doctor import versions
 from laisn import metrics
 from laisn.navigator import Navigator
@@ -41,16 +42,6 @@ class Stopwatch:
             yield
         finally:
             self.seconds[name] = time.perf_counter() - start
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file that appears under its name only when it is whole."""
-    temporary = path.with_name(path.name + ".part")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
@@ -154,22 +145,22 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
         console.print(f"[red]{flight.outcome.value}[/] (at {summary['flown_s']:g} s)")
 
 
-def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None:
-    """Fly a scenario, show what happens, and write every result into a folder.
+class Written(NamedTuple):
+    """A flight whose results are written, and what to say of it."""
 
-    Args:
-        scenario: to fly.
-        folder: for the results; made if it is not there.
-        with_video: render the film too.
+    flight: Flight
+    summary: dict[str, Any]
+    strays: list[Event]
+    """Vehicles that left the water."""
+    no_film: str
+    """Why there is no film; empty if there is one."""
 
-    Raises:
-        OSError, LogError: the folder cannot be written; nothing half-written is left under a final name.
-    """
+
+def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
+    """Fly a scenario and write its files into an empty folder; errors as of `fly_and_write`."""
     from experiments.report import flight_report
     from sim import log, render
 
-    folder.mkdir(parents=True, exist_ok=True)
-    console = Console()
     watch = Stopwatch()
     columns = (TextColumn("{task.description:<9}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=not console.is_terminal) as bars:
@@ -193,37 +184,54 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None
         events = sorted([*capture_events(flight), *strays], key=lambda event: event.time_s)
         summary = summarise(flight, errors)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+        write_log = partial(log.write, flight, folder / results.LOG, summary=summary_text, errors=errors, events=events)
         # the log comes first: whatever happens to the film, what was flown is kept
         with phase("log"):
-            log.write(flight, folder / "flight.mcap", summary=summary_text, errors=errors, events=events)
-        film, missing = folder / "flight.mp4", "not asked for"
-        film.unlink(missing_ok=True)
+            write_log()
+        film, no_film = folder / results.FILM, "not asked for"
         if with_video:
-            missing = ""
+            no_film = ""
             with phase("video") as update:
                 try:
                     frames = render.render(flight, film, errors=errors, video=scenario.video, progress=update)
                 except render.RenderError as error:
-                    missing = str(error)
+                    no_film = str(error)
                 else:
                     if scenario.video.in_log:
-                        log.write(
-                            flight,
-                            folder / "flight.mcap",
-                            summary=summary_text,
-                            errors=errors,
-                            events=events,
-                            video=frames,
-                        )
+                        write_log(video=frames)
         with phase("report"):
-            flight_report(flight, errors, summary, folder / "report.html", None if missing else film)
+            flight_report(flight, errors, summary, folder / results.REPORT, None if no_film else film)
     factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
-    write_whole(folder / "summary.json", summary_text)
-    write_whole(folder / "scenario.toml", dumps(scenario))
-    write_whole(folder / "timing.json", json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n")
-    show(console, flight, summary)
-    for event in strays:
+    timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
+    texts = {results.SUMMARY: summary_text, results.SCENARIO: dumps(scenario), results.TIMING: timing_text}
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return Written(flight, summary, strays, no_film)
+
+
+def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None:
+    """Fly a scenario, show what happens, and write every result into a folder.
+
+    The results of an earlier flight there are replaced together, once all of the new ones are written; until then they
+    stay as they were. `experiments.results` says what an interrupt leaves.
+
+    Args:
+        scenario: to fly.
+        folder: for the results; made if it is not there.
+        with_video: render the film too.
+
+    Raises:
+        OSError, LogError: the folder cannot be written; nothing half-written is left under a final name.
+    """
+    console = Console()
+    with results.one_flight(folder) as work:
+        written = _write_flight(scenario, work, console, with_video=with_video)
+        had_film = (folder / results.FILM).exists()
+    show(console, written.flight, written.summary)
+    for event in written.strays:
         console.print(f"[yellow]warning:[/] at {event.time_s:g} s {event.text}", highlight=False)
-    if with_video and missing:
-        console.print(f"[yellow]no film:[/] {missing}", highlight=False)
-    console.print(f"results in {folder}")
+    if with_video and written.no_film:
+        console.print(f"[yellow]no film:[/] {written.no_film}", highlight=False, soft_wrap=True)
+    if had_film and written.no_film:
+        console.print("[yellow]note:[/] the film of the earlier flight went with it", highlight=False)
+    console.print(f"results in {folder}", soft_wrap=True)

@@ -16,6 +16,10 @@ from typing import ClassVar, Literal
 import jinja2
 from markupsafe import Markup, escape
 
+from experiments.doctor import versions
+
+_SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
+"""Of what shapes numbers; the page says with which versions it was made."""
 _SHORT = 44
 """Text of a table cell up to this length stays on one line."""
 EMBEDDED_FILM_BYTES = 2_500_000
@@ -212,11 +216,14 @@ def _template(name: str) -> str:
 
 def render(page: Page) -> str:
     """The page as HTML text."""
+    found = versions()
+    made_with = ", ".join(f"{name} {found[package]}" for package, name in _SHOWN_VERSIONS.items())
     return (
         _environment()
         .get_template("page.html")
         .render(
             page=page,
+            made_with=made_with,
             style=Markup(_template("page.css")),
             script=Markup(_template("page.js")),
         )

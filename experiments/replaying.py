@@ -9,6 +9,8 @@ from rich.table import Table
 
 from sim.scenario_file import override, validate
 
+STATE_COLUMNS = ("x_m", "y_m", "vx_m_s", "vy_m_s")
+
 
 def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | None) -> None:
     """Navigate on the measurements of a log and print errors beside those of the log.
@@ -69,9 +71,8 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
     Raises:
         LogError: the log cannot be read or lacks a channel; ScenarioError: the scenario is at fault.
     """
-    import csv
-
     from experiments.library import load_flyable
+    from experiments.store import write_csv
     from laisn.estimates import FixKind
     from laisn.navigator import Navigator
     from sim import log_reader
@@ -82,7 +83,7 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
     scenario = load_flyable(source, assignments)
     # the starts alone are wanted of the routes
     begin = move(scenario.model_copy(update={"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}))
-    rows: list[tuple[str | float, ...]] = []
+    rows: list[dict[str, str | float]] = []
     table = Table("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]", box=None, pad_edge=False)
     for i, name in enumerate(begin.names[1:]):
         measured = log_reader.read_measurements(path, name)
@@ -94,13 +95,11 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
         table.add_row(
             name, str(len(estimates.state)), f"{measured.dt:g}", counts or "none", f"{last[0]:.2f}", f"{last[1]:.2f}"
         )
-        rows += [(name, (k + 1) * measured.dt, *state) for k, state in enumerate(estimates.state.tolist())]
+        for k, state in enumerate(estimates.state.tolist(), start=1):
+            rows.append({"follower": name, "time_s": k * measured.dt, **dict(zip(STATE_COLUMNS, state, strict=True))})
     Console().print(table)
     if out is not None:
-        with out.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s"))
-            writer.writerows(rows)
+        write_csv(out, rows)
         print(out)
 
 

@@ -13,7 +13,8 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from experiments.failures import CampaignError
+from experiments.failures import CampaignError, DamagedResult
+from experiments.leftovers import writer_runs
 from experiments.version import code_version
 
 Record = dict[str, Any]
@@ -26,10 +27,6 @@ PER_RUN = "run_"
 
 _MANIFEST = "campaign.json"
 _KEY = b"cell"
-
-
-class CorruptCell(UserWarning):
-    """A stored cell could not be read and is computed again."""
 
 
 def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[bytes, bytes] | None = None) -> None:
@@ -47,17 +44,6 @@ def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
     """Rows as columns; a row that lacks a column has None there."""
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
-
-
-def _runs(part: Path) -> bool:
-    """Whether the process that began a temporary file still runs: its number stands in the name."""
-    try:
-        os.kill(int(part.name.split(".")[-2]), 0)
-    except (ValueError, ProcessLookupError):
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 class Store:
@@ -88,7 +74,7 @@ class Store:
                 path.unlink()
         self._cells.mkdir(parents=True, exist_ok=True)
         for part in folder.rglob(".*.part"):
-            if not _runs(part):
+            if not writer_runs(part.name.split(".")[-2]):
                 part.unlink(missing_ok=True)
         manifest.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
 
@@ -113,7 +99,8 @@ class Store:
             if (table.schema.metadata or {}).get(_KEY) != key.encode():
                 raise ValueError("it is another cell's")
         except (pa.ArrowException, ValueError, OSError) as error:
-            warnings.warn(f"{path} cannot be read and is computed again: {error}", CorruptCell, stacklevel=3)
+            reason = str(error).partition("\n")[0]
+            warnings.warn(f"{path} cannot be read and is computed again: {reason}", DamagedResult, stacklevel=3)
             return None
         return table
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from functools import cache
@@ -12,6 +13,8 @@ BACKENDS = {"linux": ("egl", "osmesa"), "darwin": ("cgl",), "win32": ("wgl",)}.g
 
 INSTALL = "on Debian and Ubuntu: apt-get install libegl1 libopengl0 libgl1-mesa-dri"
 """What to do where nothing renders."""
+MISSING = f"no graphics library works here (laisn doctor says why); {INSTALL}"
+"""What to say where a picture was asked for and nothing renders."""
 
 _PATIENCE_S = 60.0
 _BALL = """
@@ -71,6 +74,9 @@ def _examine(backend: str) -> Backend:
         )
     except subprocess.TimeoutExpired:
         return Backend(backend, False, f"gave no picture within {_PATIENCE_S:g} s")
+    # PyOpenGL looks a function up in a library that it did not find
+    if re.search(r"'NoneType' object has no attribute '(gl|egl)\w+'", answer.stderr):
+        return Backend(backend, False, "its library is not installed")
     lines = (answer.stdout if answer.returncode == 0 else answer.stderr).strip().splitlines()
     # the exit may crash in the driver after a good picture, and the last line of a traceback is the reason
     return Backend(backend, answer.returncode == 0 and bool(lines), lines[-1] if lines else "ended without a word")

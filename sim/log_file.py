@@ -22,8 +22,9 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER_BYTES = 1 + 8 + 8 + 8 + 4
-DATA_END_BYTES = 1 + 8 + 4
+RECORD_HEAD_BYTES = 1 + 8
+FOOTER_BYTES = RECORD_HEAD_BYTES + 8 + 8 + 4
+DATA_END_BYTES = RECORD_HEAD_BYTES + 4
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
 """Attachments of a log."""
@@ -61,11 +62,32 @@ def _crc(stream: IO[bytes], start: int, stop: int, crc: int = 0) -> int:
     return crc
 
 
+def end_of_log(stream: IO[bytes]) -> int | None:
+    """Where the first whole MCAP file in a stream ends, whatever follows it; None if no end of one is there."""
+    size, place = stream.seek(0, os.SEEK_END), len(MAGIC)
+    while place + RECORD_HEAD_BYTES <= size:
+        stream.seek(place)
+        opcode, length = struct.unpack("<BQ", stream.read(RECORD_HEAD_BYTES))
+        place += RECORD_HEAD_BYTES + length
+        if opcode == Opcode.FOOTER:
+            stream.seek(min(place, size))
+            return place + len(MAGIC) if stream.read(len(MAGIC)) == MAGIC else None
+    return None
+
+
+def _refusal(path: Path, stream: IO[bytes], size: int, what: str) -> LogError:
+    """What is wrong with a file that does not end as it should: `what`, or bytes behind the end of a log."""
+    stop = end_of_log(stream)
+    if stop is not None and stop < size:
+        what = f"{size - stop} bytes follow the end of the log; laisn log recover makes a copy without them"
+    return LogError(f"{path}: {what}")
+
+
 def check(path: Path) -> None:
     """Check that an MCAP file is whole and that its bytes are those that were written.
 
     Raises:
-        LogError: it cannot be read, is none, is cut off, or fails a checksum.
+        LogError: it cannot be read, is none, is cut off, goes on behind its end, or fails a checksum.
     """
     with faults(path), path.open("rb") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
@@ -75,12 +97,12 @@ def check(path: Path) -> None:
         stream.seek(max(0, footer))
         end = stream.read()
         if footer < DATA_END_BYTES or end[0] != Opcode.FOOTER or not end.endswith(MAGIC):
-            raise LogError(f"{path}: cut off before its end; laisn log recover rescues what is there")
+            raise _refusal(path, stream, size, "cut off before its end; laisn log recover rescues what is there")
         summary_start, _, summary_crc = struct.unpack("<QQI", end[9:FOOTER_BYTES])
         summary_start = summary_start or footer
         data_end = summary_start - DATA_END_BYTES
         if not len(MAGIC) <= data_end < footer:
-            raise LogError(f"{path}: damaged: its footer points outside the file")
+            raise _refusal(path, stream, size, "damaged: its footer points outside the file")
         stream.seek(data_end)
         opcode, _, data_crc = struct.unpack("<BQI", stream.read(DATA_END_BYTES))
         intact = opcode == Opcode.DATA_END
@@ -88,7 +110,7 @@ def check(path: Path) -> None:
         intact = intact and data_crc in (0, _crc(stream, 0, data_end))
         through_footer = zlib.crc32(end[: FOOTER_BYTES - 4], _crc(stream, summary_start, footer))
         if not intact or summary_crc not in (0, through_footer):
-            raise LogError(f"{path}: damaged: a checksum does not fit its bytes")
+            raise _refusal(path, stream, size, "damaged: a checksum does not fit its bytes")
 
 
 def whole_records(path: Path) -> Iterator[Any]:

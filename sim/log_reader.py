@@ -98,7 +98,7 @@ def _measurements(path: Path, log: Contents, follower: str) -> tuple[Measurement
     return measurements, time_ns
 
 
-def read_measurements(path: Path, follower: str = "follower") -> Measurements:
+def read_measurements(path: Path | str, follower: str = "follower") -> Measurements:
     """What one follower heard and sensed, from any log with the channels `/NAME/motion` and `/NAME/reception`.
 
     A message belongs to the first filter step at or after its log time. Filter steps are the messages of
@@ -107,6 +107,7 @@ def read_measurements(path: Path, follower: str = "follower") -> Measurements:
     Raises:
         LogError: the log is damaged, lacks a channel or a field, or its filter steps have gaps.
     """
+    path = Path(path)
     log = contents(path, lambda topic: topic.endswith(("/motion", "/reception")))
     return _measurements(path, log, follower)[0]
 
@@ -162,12 +163,13 @@ def _trajectory(path: Path, log: Contents) -> Trajectory:
     )
 
 
-def read(path: Path) -> Flight:
+def read(path: Path | str) -> Flight:
     """The flight that `sim.log.write` wrote, equal to the bit.
 
     Raises:
         LogError: the log is damaged, or was not written by the simulator; the text names what is missing.
     """
+    path = Path(path)
     suffixes = ("/pose", "/state", "/motion", "/reception", "/filter", "/innovation")
     log = contents(path, lambda topic: topic.endswith(suffixes))
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]

@@ -1,6 +1,7 @@
-"""Logs that a crash, a full disk or Ctrl-C left unfinished, made whole."""
+"""Logs that a crash, a full disk or Ctrl-C left unfinished, or that have something behind their end, made whole."""
 
 import os
+import shutil
 from contextlib import suppress
 from pathlib import Path
 from typing import IO
@@ -10,7 +11,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from sim.flight import Outcome
-from sim.log_file import LogError, check, faults, partial_path, rescuable, whole_records
+from sim.log_file import LogError, check, end_of_log, faults, partial_path, rescuable, whole_records
 
 
 def _is_whole(path: Path) -> bool:
@@ -51,17 +52,42 @@ def _copy(source: Path, stream: IO[bytes], before_ns: int) -> None:
     writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
+def _ends_before(path: Path) -> int | None:
+    """Where the log in a file ends, if other bytes follow; else None."""
+    with path.open("rb") as stream:
+        stop = end_of_log(stream)
+        return stop if stop is not None and stop < stream.seek(0, os.SEEK_END) else None
+
+
+def _rescue(path: Path, work: Path) -> None:
+    """Write a whole log into `work`: the one that ends within the file, or else what is whole of one without an end."""
+    stop = _ends_before(path)
+    if stop is not None:
+        with path.open("rb") as source, work.open("wb") as stream:
+            shutil.copyfileobj(source, stream)
+            stream.truncate(stop)
+            stream.flush()
+            os.fsync(stream.fileno())
+        if _is_whole(work):
+            return
+    with work.open("wb") as stream:
+        _copy(path, stream, _last_instant(path))
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
 def recover(path: Path) -> Path:
     """Finish an unfinished log and give it its name; the flight in it ends where whole instants end.
 
+    A log that is whole and has other bytes behind its end is copied without these and keeps all of its flight.
     Messages lie in the file in order of time, so that all instants before the last one that was begun are whole;
     that last one is left out. The unfinished file is removed when the new one is in place.
 
     Args:
-        path: the unfinished log, "NAME.partial", or a log that was cut off.
+        path: the unfinished log, "NAME.partial", or a log that was cut off or goes on behind its end.
 
     Returns:
-        The finished log: NAME; or "NAME.recovered" + suffix beside a log that was cut off under its own name.
+        The finished log: NAME; or "NAME.recovered" + suffix beside a log that was at fault under its own name.
 
     Raises:
         LogError: the log is whole already, or holds nothing to rescue, or the result cannot be written.
@@ -80,10 +106,7 @@ def recover(path: Path) -> Path:
         raise LogError(f"{path}: holds no whole part of a log; there is nothing to recover")
     work = partial_path(target.with_name(f"{target.name}.recovery"))
     try:
-        with work.open("wb") as stream:
-            _copy(path, stream, _last_instant(path))
-            stream.flush()
-            os.fsync(stream.fileno())
+        _rescue(path, work)
         os.replace(work, target)
     except BaseException as error:
         with suppress(OSError):

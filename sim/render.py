@@ -81,10 +81,7 @@ def _check_file(path: Path, suffix: str) -> None:
 def _backend() -> str:
     found = graphics.working()
     if found is None:
-        reasons = "\n".join(f"  {b.name}: {b.detail}" for b in graphics.probe())
-        raise RenderError(
-            f"no graphics library renders here, so there is no film; all else works.\n{reasons}\n{graphics.INSTALL}"
-        )
+        raise RenderError(graphics.MISSING)
     return found.name
 
 

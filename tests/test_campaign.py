@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 
 from experiments import campaign, flights, store
 from experiments.campaign import CellPlan
-from experiments.failures import CampaignError
+from experiments.failures import CampaignError, DamagedResult
 from experiments.processes import Pool, WorkerDiedError
 from experiments.reproduce import fly_command
 from laisn import metrics
@@ -128,7 +129,7 @@ def test_a_damaged_cell_is_computed_again_with_a_warning(computed, damage):
     flipped = bytearray(whole)
     flipped[len(whole) // 4] ^= 0x40
     path.write_bytes(bytes(flipped) if damage is None else damage)
-    with pytest.warns(store.CorruptCell, match="computed again"):
+    with pytest.warns(DamagedResult, match="computed again"):
         assert campaign.run(plans(), folder, workers=1, quiet=True) == rows
     assert path.read_bytes() == whole
 
@@ -138,9 +139,50 @@ def test_a_cell_under_a_wrong_name_does_not_count(computed):
     first, second = (folder / "cells" / f"{plans()[i].key}.parquet" for i in (0, 1))
     whole = second.read_bytes()
     second.write_bytes(first.read_bytes())
-    with pytest.warns(store.CorruptCell, match="another cell"):
+    with pytest.warns(DamagedResult, match="another cell"):
         assert campaign.run(plans(), folder, workers=1, quiet=True) == rows
     assert second.read_bytes() == whole
+
+
+@pytest.mark.parametrize("damage", ["empty", "garbage", "cut off", "one array missing"])
+def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
+    given = scenario()
+    flown = campaign.mission(given, store.Store(tmp_path))
+    [path] = (tmp_path / "flights").iterdir()
+    whole = path.read_bytes()
+    if damage == "one array missing":
+        with np.load(path) as arrays:
+            kept = {name: arrays[name] for name in arrays if name != "velocity"}
+        np.savez(path, **kept)
+    else:
+        path.write_bytes({"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage])
+    with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is flown again: \w") as told:
+        again = campaign.mission(given, store.Store(tmp_path))
+    assert len(told) == 1
+    assert again.position.tobytes() == flown.position.tobytes()
+    assert path.read_bytes() == whole
+
+
+def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
+    given = scenario()
+    flown = flights.fly(given)
+    flights.store(tmp_path, given, flown)
+    [path] = tmp_path.iterdir()
+    whole = path.read_bytes()
+    refused = 0
+    for place in np.random.default_rng(5).choice(len(whole), 60, replace=False).tolist():
+        damaged = bytearray(whole)
+        damaged[place] ^= 0x20
+        path.write_bytes(damaged)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            found = flights.read(tmp_path, given)
+        if found is None:
+            refused += [warning.category for warning in told] == [DamagedResult]
+        else:
+            assert found.position.tobytes() == flown.position.tobytes()
+            assert found.velocity.tobytes() == flown.velocity.tobytes()
+    assert refused > 50
 
 
 def test_results_of_another_version_are_refused_and_kept(tmp_path):

@@ -2,19 +2,22 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from experiments import results
 from experiments.cli import app
-from experiments.failures import CampaignError
+from experiments.failures import CampaignError, DamagedResult
 from experiments.processes import WorkerDiedError
-from sim import log_reader
+from sim import graphics, log_reader
 from sim.fleet import FleetError
 
 SHORT = ["--set", "duration_s=20", "--no-video"]
@@ -124,6 +127,18 @@ def test_a_failure_of_our_own_is_one_message_and_exit_code_1(
     assert (result.exit_code, result.output.strip()) == (code, told)
 
 
+def test_a_damaged_result_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def warn(*_: object, **__: object) -> Path:
+        warnings.warn("cells/a.parquet cannot be read and is computed again: it is empty", DamagedResult, stacklevel=2)
+        return tmp_path
+
+    monkeypatch.setattr("experiments.reproduce.reproduce", warn)
+    result = CliRunner().invoke(app, ["reproduce"])
+    assert result.exit_code == 0
+    assert result.stderr == "laisn: cells/a.parquet cannot be read and is computed again: it is empty\n"
+    assert result.stdout == f"report in {tmp_path}\n"
+
+
 def test_an_exception_that_nobody_foresaw_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("from elsewhere")
@@ -133,17 +148,82 @@ def test_an_exception_that_nobody_foresaw_keeps_its_traceback(monkeypatch: pytes
     assert isinstance(result.exception, RuntimeError)
 
 
-def test_ctrl_c_leaves_no_half_written_file(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "experiments.cli", "fly", "T5", "--no-video", "--out", "stopped"]
-    child = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
-    folder = tmp_path / "stopped"
-    while not folder.exists() and child.poll() is None:
-        time.sleep(0.02)
-    os.kill(child.pid, signal.SIGINT)
+def files(folder: Path) -> dict[str, bytes]:
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def interrupted(folder: Path, begun: str, *options: str) -> str:
+    """Press Ctrl-C in a flight of T5 into a folder as soon as a file is there; what is told then."""
+    command = [sys.executable, "-m", "experiments.cli", "fly", "T5", *options, "--out", str(folder)]
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while not list(folder.glob(begun)) and child.poll() is None:
+        time.sleep(0.002)
+    child.send_signal(signal.SIGINT)
     _, told = child.communicate(timeout=60)
     assert child.returncode == 130
-    assert "interrupted" in told
-    assert {path.suffix for path in folder.iterdir()} <= {".partial"}
+    assert told.startswith("laisn: interrupted; ")
+    assert len(told.splitlines()) == 1
+    return told
+
+
+def test_ctrl_c_in_the_simulation_leaves_nothing(tmp_path: Path) -> None:
+    folder = tmp_path / "stopped"
+    assert "nothing of this flight is kept" in interrupted(folder, "unfinished-*", "--no-video")
+    assert list(folder.iterdir()) == []
+
+
+def test_ctrl_c_in_the_log_leaves_the_earlier_flight(flown: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "stopped"
+    shutil.copytree(flown / "first", folder)
+    told = interrupted(folder, "unfinished-*/flight.mcap.partial", "--no-video")
+    assert f"the earlier flight in {folder} is as it was" in told
+    left = files(folder)
+    assert {name: left.pop(name) for name in files(flown / "first")} == files(flown / "first")
+    assert all(name.startswith("unfinished-") for name in left)
+
+
+@pytest.mark.skipif(graphics.working() is None, reason=graphics.MISSING)
+def test_ctrl_c_in_the_film_leaves_the_earlier_flight_and_the_new_log(flown: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "stopped"
+    shutil.copytree(flown / "first", folder)
+    told = interrupted(folder, "unfinished-*/flight.mcap")
+    [log] = folder.glob("unfinished-*/*")
+    assert f"what there is of this flight is in {log.parent}; the earlier flight in {folder} is as it was" in told
+    left = files(folder)
+    assert log_reader.read(log).trajectory.time[-1] == 1000
+    assert left.pop(log.relative_to(folder).as_posix())
+    assert left == files(flown / "first")
+
+
+def press_ctrl_c(*_: object, **__: object) -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize(
+    ("where", "kept"),
+    [
+        ("sim.log.os.fsync", {"flight.mcap.partial"}),  # the log is written but has no name yet
+        ("sim.render.render", {"flight.mcap"}),
+        ("experiments.report.flight_report", {"flight.mcap"}),
+        ("experiments.fly.dumps", {"flight.mcap", "report.html"}),
+        ("experiments.results._exchange", set(results.FILES) - {"flight.mp4"}),
+    ],
+)
+def test_ctrl_c_in_any_phase_keeps_the_earlier_flight(
+    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str, kept: set[str]
+) -> None:
+    folder = tmp_path / "stopped"
+    shutil.copytree(flown / "first", folder)
+    (folder / "flight.mp4").write_bytes(b"film")
+    before = files(folder)
+    film = "--video" if where == "sim.render.render" else "--no-video"
+    with monkeypatch.context() as patch:
+        patch.setattr(where, press_ctrl_c)
+        result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=100", film, "--out", str(folder)])
+    assert result.exit_code == 130
+    after = files(folder)
+    assert {name: after.pop(name) for name in before} == before
+    assert {Path(name).name for name in after} >= kept
 
 
 def test_a_scenario_is_printed_as_a_start_for_ones_own(tmp_path: Path) -> None:
@@ -160,6 +240,79 @@ def test_doctor_names_what_it_tried() -> None:
     assert result.exit_code == 0
     for what in ("Python", "MuJoCo", "egl", "osmesa", "H.264"):
         assert what in result.output
+
+
+HIDDEN = """
+import importlib.machinery, sys
+from experiments.cli import main
+
+module, package = sys.argv[1], sys.argv[2]
+
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == module:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+find = importlib.machinery.PathFinder.find_distributions
+importlib.machinery.PathFinder.find_distributions = lambda *given: (d for d in find(*given) if d.name != package)
+sys.meta_path.insert(0, Hidden())
+sys.argv = ["laisn", "doctor"]
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "package", "told", "remedy"),
+    [
+        ("numba", "numba", "is not installed", "pip install 'numba>="),
+        ("mujoco", "mujoco", "is not installed", "pip install mujoco=="),
+        ("av", "", "cannot be imported: No module named 'av'", "pip install --force-reinstall 'av>="),
+        ("OpenGL", "", "cannot be imported: No module named 'OpenGL'", "pip install --force-reinstall 'pyopengl>="),
+        ("", "laisn-sim", "is not installed", "pip install -e ."),
+    ],
+)
+def test_doctor_names_a_package_that_is_missing_and_the_remedy(
+    module: str, package: str, told: str, remedy: str
+) -> None:
+    command = [sys.executable, "-c", HIDDEN, module, package]
+    environment = os.environ | {"COLUMNS": "200"}
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert (result.returncode, result.stderr) == (1, "")
+    lines = result.stdout.splitlines()
+    assert [line for line in lines if line.startswith("no") and told in line]
+    assert [line for line in lines if remedy in line]
+
+
+@pytest.mark.parametrize("wanted", ["osmesa", "no-such-thing"])
+def test_a_graphics_library_that_is_asked_for_and_missing_breaks_no_flight(wanted: str, tmp_path: Path) -> None:
+    code = "import sys; sys.argv = ['laisn', 'check', 'T5']; from experiments.cli import main; main()"
+    environment = os.environ | {"MUJOCO_GL": wanted}
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "T5: fine" in result.stdout
+
+
+def test_without_graphics_a_flight_says_in_one_line_what_its_film_lacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(graphics, "working", lambda: None)
+    result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=20", "--out", str(tmp_path)])
+    assert result.exit_code == 0
+    [line] = [line for line in result.output.splitlines() if "film" in line]
+    assert line == f"no film: no graphics library works here (laisn doctor says why); {graphics.INSTALL}"
+    assert not (tmp_path / "flight.mp4").exists()
+
+
+def test_a_film_goes_with_the_flight_that_it_shows(flown: Path, tmp_path: Path) -> None:
+    shutil.copytree(flown / "first", tmp_path / "T5")
+    (tmp_path / "T5" / "flight.mp4").write_bytes(b"film")
+    (tmp_path / "T5" / "notes.txt").write_text("mine")
+    result = CliRunner().invoke(app, ["fly", "T5", *SHORT, "--out", str(tmp_path / "T5")])
+    assert result.exit_code == 0
+    assert "the film of the earlier flight went with it" in result.output
+    names = {path.name for path in (tmp_path / "T5").iterdir()}
+    assert names == {*results.FILES, "notes.txt"} - {"flight.mp4"}
 
 
 def test_help_imports_nothing_heavy() -> None:

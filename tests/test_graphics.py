@@ -33,6 +33,13 @@ def test_a_backend_that_does_not_exist_is_reported_not_raised():
     assert "no-such-backend" in found.detail
 
 
+def test_a_library_that_is_not_installed_is_called_so(monkeypatch):
+    """PyOpenGL's own words for it say nothing to a newcomer."""
+    program = (sys.executable, "-c", "None.glGetError()")
+    monkeypatch.setattr(graphics, "child", lambda *_: (program, dict(os.environ)))
+    assert graphics._examine("osmesa") == graphics.Backend("osmesa", False, "its library is not installed")
+
+
 def test_a_child_imports_our_modules_whatever_the_working_directory_holds(tmp_path):
     for name in ("models", "sim", "json"):
         (tmp_path / name).mkdir()

@@ -76,6 +76,42 @@ def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, t
         recover(tmp_path / "cut.mcap")
 
 
+@pytest.mark.parametrize("what", ["a byte", "text", "zeros", "another log"])
+def test_bytes_behind_the_end_are_called_so_and_left_out(written: Path, tmp_path: Path, what: str) -> None:
+    whole = written.read_bytes()
+    rest = {"a byte": b"\0", "text": b"end of mission\n", "zeros": bytes(3000), "another log": whole}[what]
+    long = tmp_path / "long.mcap"
+    long.write_bytes(whole + rest)
+    for reader in (read, read_measurements, info):
+        with pytest.raises(
+            LogError, match=rf"long\.mcap: {len(rest)} bytes follow the end of the log; laisn log recover"
+        ):
+            reader(long)
+    rescued = recover(long)
+    assert rescued.name == "long.recovered.mcap"
+    assert rescued.read_bytes() == whole
+    assert long.exists()
+    partial_path(tmp_path / "b.mcap").write_bytes(whole + rest)
+    assert recover(tmp_path / "b.mcap.partial").read_bytes() == whole
+    assert not (tmp_path / "b.mcap.partial").exists()
+
+
+def test_a_damaged_log_with_bytes_behind_its_end_gives_no_damaged_copy(written: Path, tmp_path: Path) -> None:
+    damaged = bytearray(written.read_bytes())
+    damaged[len(damaged) // 2] ^= 0x10
+    (tmp_path / "a.mcap").write_bytes(bytes(damaged) + b"rest")
+    with pytest.raises(LogError, match=r"damaged beyond recovery|nothing to recover"):
+        recover(tmp_path / "a.mcap")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+
+
+def test_a_log_may_be_named_by_text(written: Path) -> None:
+    assert bits(read(str(written))) == bits(read(written))
+    assert read_measurements(str(written)).ranges.tobytes() == read_measurements(written).ranges.tobytes()
+    with pytest.raises(LogError, match=r"absent\.mcap: No such file"):
+        read("absent.mcap")
+
+
 def test_recovery_keeps_whole_instants(tmp_path: Path) -> None:
     """A log of several chunks, cut within one: a prefix of the flight comes back, all channels equally long."""
     flight = make_flight(200.0)

@@ -1,11 +1,15 @@
 """Reports: self-contained, the same bytes for the same content, nothing that escapes its place."""
 
 import re
+import sys
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
+import mujoco
+import numba
 import numpy as np
 import pytest
+import scipy
 
 from experiments import figures, page
 from experiments.figures import SERIES, Line
@@ -84,6 +88,14 @@ def test_a_page_is_whole_escaped_and_always_the_same():
     assert "&lt;i&gt;text&lt;/i&gt;" in html
     assert "Title & more" in checker.text
     assert "prefers-color-scheme: dark" in html
+
+
+def test_a_page_says_what_it_was_made_with():
+    """The packages' own words are the judge."""
+    [footer] = re.findall(r"<footer>(.*?)</footer>", page.render(sample_page()))
+    packages = {"MuJoCo": mujoco, "NumPy": np, "SciPy": scipy, "Numba": numba}
+    expected = [f"Python {sys.version.split()[0]}", *(f"{name} {p.__version__}" for name, p in packages.items())]
+    assert footer == f"Made with {', '.join(expected)}."
 
 
 def test_figures_are_well_formed_and_take_their_colours_from_the_page():
