@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.anatomy import Cause, dissect
-from experiments.asymmetry_example import Example
+from experiments.asymmetry_example import OFFSET_M, Example
 from experiments.fly import position_and_bearing_errors
 from laisn.navigator import Navigator
 from sim import graphics
@@ -69,10 +69,11 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     errors = pitch_errors(level)[(heard > first) & (heard <= last)]
     largest = float(np.nanmax(np.abs(errors), initial=0.0))
     added = Annotations(
-        label="level leader assumed",
+        caption=f"The leader pitches: where the follower, {OFFSET_M:g} m below, believes to be",
+        label="takes the leader for level",
         others=(
             OtherEstimate(
-                label="attitude-aware",
+                label="is told the pitch",
                 colour=AWARE_COLOUR,
                 position=excerpt(aware, start, end).estimates[0].state[:, :2],
             ),

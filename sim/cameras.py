@@ -35,8 +35,10 @@ _FREE = (0.26, 0.79, 0.04)
 """Left, right and upper edge of what the panels leave free, as shares of the frame."""
 _SIGHT_DOWN_M = 42.0
 """How far below the vehicles the view from above reaches."""
-_ASIDE = 0.08
-"""How far to the right the middle of that is, where the map is not in the way."""
+_LOW = (0.23, 0.30)
+"""Where vehicles this share of the frame's height off its middle may pass below the map: the half of the width that
+they take with the map in the way, and without."""
+_BELOW_MAP = 0.13
 _PROFILE_TURN = np.radians(152.0)
 """From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
 the leader at one side of the frame's middle and a far follower some 27° from it, at the other."""
@@ -55,6 +57,8 @@ class View:
     up: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     fovy_deg: float = 45.0
     """Vertical field of view."""
+    plane_m: float | None = None
+    """How far ahead the vehicles lie if all lie about as far, so that one scale holds for them [m]."""
 
     def __post_init__(self) -> None:
         if not np.linalg.norm(self.target - self.position) > 0:
@@ -112,6 +116,8 @@ class Shot(NamedTuple):
     """Where fog begins and where it hides everything [m]."""
     surface: bool
     """Whether the sea's surface is drawn; seen from above, it would hide everything."""
+    insets_left: bool = False
+    """Whether insets begin at the left edge, for a view whose vehicles keep to the right."""
 
 
 class Director:
@@ -192,14 +198,32 @@ class Director:
         reach = 1.5 + 1.6 * float(np.clip(self._now(self._error, moment.time), 1.0, 8.0))
         height = reach / np.tan(np.radians(60.0) / 2)
         eye = self._in_water(at + np.array([0.0, 0.0, height]))
-        return View(position=eye, target=at, up=np.array([0.0, 1.0, 0.0]), fovy_deg=60.0)
+        plane = float(eye[2] - at[2])
+        return View(position=eye, target=at, up=np.array([0.0, 1.0, 0.0]), fovy_deg=60.0, plane_m=plane)
 
-    def _aside(self, view: View, share: float) -> View:
-        """The same view with its target moved to the right by a share of the frame's width."""
-        distance = float(np.linalg.norm(view.target - view.position))
-        width = 2 * distance * np.tan(np.radians(view.fovy_deg) / 2) * self._aspect
-        shift = -share * width * view.axes[0]
-        return replace(view, position=view.position + shift, target=view.target + shift)
+    def _beside(self, target: Floats, direction: Floats, fovy_deg: float, wide: float, high: float, deep: float
+                ) -> View:  # fmt: skip
+        """A view of vehicles between panels: within `wide` across, `high` up and `deep` along the line of sight, [m].
+
+        They begin beside the panels at the left, and end before the map or, where all pass below it, further right.
+        """
+        upward = np.tan(np.radians(fovy_deg) / 2)
+
+        def distance(share: float) -> float:
+            slope = share * 2 * upward * self._aspect
+            return float(np.hypot(wide / slope, deep))
+
+        vertical = high / (_BELOW_MAP * 2 * upward) + deep
+        far = max(float(np.clip(vertical, distance(_LOW[1]), distance(_LOW[0]))), 6.0)
+        # half the width that the vehicles take from there
+        share = wide / max(np.sqrt(max(far**2 - deep**2, 0.0)), 1e-6) / (2 * upward * self._aspect)
+        eye = self._in_water(target + far * direction)
+        # close below the surface, that would end in a line
+        eye[2] = min(eye[2], 0.5 * target[2])
+        view = View(position=eye, target=target, fovy_deg=fovy_deg)
+        frame = 2 * float(np.linalg.norm(target - eye)) * upward * self._aspect
+        shift = (0.5 - (_FREE[0] + share)) * frame * view.axes[0]
+        return replace(view, position=eye + shift, target=target + shift)
 
     def _span(self, time: float) -> tuple[Floats, Floats]:
         return self._now(self._centre, time), self._now(self._half, time)
@@ -213,7 +237,8 @@ class Director:
         aside = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
         target = centre + frame * aside * [self._aspect, 1.0, 0.0]
         height = frame / 2 / np.tan(np.radians(45.0) / 2)
-        view = View(position=target + np.array([0.0, 0.0, height]), target=target, up=np.array([0.0, 1.0, 0.0]))
+        eye, up = target + np.array([0.0, 0.0, height]), np.array([0.0, 1.0, 0.0])
+        view = View(position=eye, target=target, up=up, plane_m=height)
         return view, (height - 5.0, height + _SIGHT_DOWN_M)
 
     def shot(self, camera: str, moment: Moment) -> Shot:
@@ -244,22 +269,23 @@ class Director:
             up = attitude.rotate(moment.quaternion[follower], np.array([0.0, 0.0, 1.0]))
             return Shot(View(position=eye, target=target, up=up, fovy_deg=55.0), (close_leader,), near_fog, True)
         if camera == "profile":
-            return Shot(self._profile(moment), ((self._beliefs(moment), follower),), near_fog, True)
+            inset = (self._beliefs(moment), follower)
+            return Shot(self._profile(moment), (inset,), near_fog, True, insets_left=self._side > 0)
         if camera == "leader":
             return Shot(self._close(moment, leader, 4.6), (close_follower,), near_fog, True)
         if camera not in CAMERAS:
             raise ValueError(f"unknown camera {camera!r}; available: {', '.join(CAMERAS)}")
         centre, half = self._span(moment.time)
+        # to the ends of the hulls
+        radius, high = float(np.hypot(half[0], half[1])) + 1.0, float(half[2])
         if camera == "side":
             ahead = self._towards_leader(moment.time)
-            across = np.array([ahead[1], -ahead[0], 0.0])
-            width = np.hypot(half[0], half[1])
-            distance = max(1.62 * width / np.tan(np.radians(40.0) / 2) / self._aspect, 6.0)
-            view = View(position=self._in_water(centre + distance * across), target=centre, fovy_deg=40.0)
-            view = self._aside(view, _ASIDE)
+            view = self._beside(centre, np.array([ahead[1], -ahead[0], 0.0]), 40.0, radius, high, 0.0)
+            distance = float(np.linalg.norm(view.target - view.position))
+            view = replace(view, plane_m=distance)
             return Shot(view, (close_follower,), (0.3 * distance, max(150.0, 2.2 * distance)), True)
         angle = 2 * np.pi * moment.film_time / 40.0
-        distance = max(1.7 * np.hypot(half[0], half[1]), 6.0) + 6.0
-        around = distance * np.array([np.cos(angle), np.sin(angle), 0.10])
-        view = self._aside(View(position=self._in_water(centre + around), target=centre, fovy_deg=50.0), _ASIDE)
+        around = np.array([np.cos(angle), np.sin(angle), 0.10])
+        view = self._beside(centre, around, 50.0, radius, high, radius)
+        distance = float(np.linalg.norm(view.target - view.position))
         return Shot(view, (), (0.2 * distance, max(150.0, 2.4 * distance)), True)

@@ -16,6 +16,10 @@ Floats = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
 Colour = tuple[float, ...]
 """Red, green, blue and, where given, opacity, each in [0, 1]."""
+PALE: Colour = (0.80, 0.92, 0.97)
+"""Of text that is read."""
+DIM: Colour = (0.60, 0.76, 0.83)
+"""Of text that explains it."""
 
 _HERE = IdentityTransform()
 
@@ -94,6 +98,12 @@ class Canvas:
         font = _font(max(6, round(abs(size) * self.scale)), size < 0)
         r, g, b, a = (round(255 * c) for c in _rgba(colour))
         self._draw.text(at, words, font=font, fill=(r, g, b, a), anchor=anchor)
+
+    def extent(self, words: str, size: float = 14) -> tuple[float, float]:
+        """Width of words and height of their line [px]; a size below zero means bold."""
+        font = _font(max(6, round(abs(size) * self.scale)), size < 0)
+        ascent, descent = font.getmetrics()
+        return float(font.getlength(words)), float(ascent + descent)
 
     def _flipped(self, points: Floats) -> Floats:
         return np.column_stack([points[:, 0], self.height - points[:, 1]])

@@ -88,7 +88,7 @@ class Studio:
         """The frame at `time` [s] of the mission, top row first, shape (height, width, 4); reused at every call."""
         moment = self._footage.at(time)
         shot = self._director.shot(self._camera, moment)
-        picture = self._stage.picture(moment, shot, self._overlay.inset_boxes(len(shot.insets)))
+        picture = self._stage.picture(moment, shot, self._overlay.inset_boxes(shot))
         self._overlay.canvas.load(picture)
         self._overlay.draw(moment, shot, title)
         return self._overlay.canvas.pixels

@@ -169,19 +169,20 @@ class Footage:
         return np.arange(-(-first // every) * every, now + 1, every, dtype=np.int64)
 
     def trail(self, vehicle: int, time: float, film_seconds: float) -> Floats:
-        """Where a vehicle's body origin was in the last `film_seconds` of film, oldest first, shape (p, 3), [m]."""
-        truth = self.flight.trajectory
-        past = truth.position[self._trail_grid(time, film_seconds), vehicle]
-        return np.concatenate([past, truth.at(time)[0][0, [vehicle]]])
+        """Where a vehicle was in the last `film_seconds` of film, oldest first, shape (p, 3), [m].
+
+        The leader's body origin, but a follower's hydrophone, for that is what it estimates.
+        """
+        truth, times = self.flight.trajectory, self.trail_times(time, film_seconds)
+        if vehicle:
+            return truth.site_at(f"{truth.names[vehicle]}/hydrophone", times)
+        return np.asarray(truth.at(times)[0][:, 0])
 
     def estimate_trail(self, follower: int, time: float, film_seconds: float) -> Floats:
-        """Where a follower believed to be, likewise, shape (p, 3), [m]."""
-        truth = self.flight.trajectory
-        grid = self._trail_grid(time, film_seconds)
-        depth = truth.position[grid, follower + 1, 2]
-        past = [self._estimate(follower, float(truth.time[g]), float(z)) for g, z in zip(grid, depth, strict=True)]
-        now = self._estimate(follower, time, float(truth.at(time)[0][0, follower + 1, 2]))
-        return np.array([*past, now])
+        """Where a follower believed to be, likewise, at its true depth, shape (p, 3), [m]."""
+        truth, times = self.flight.trajectory, self.trail_times(time, film_seconds)
+        depth = truth.site_at(f"{truth.names[follower + 1]}/hydrophone", times)[:, 2]
+        return np.array([self._estimate(follower, float(t), float(z)) for t, z in zip(times, depth, strict=True)])
 
     def on_plane(self, follower: int, positions: Floats, times: Floats) -> Floats:
         """Positions known at filter steps, at other times and at the hydrophone's depth; shapes (n, 2) to (p, 3), [m].

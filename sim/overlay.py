@@ -3,11 +3,14 @@
 import numpy as np
 import numpy.typing as npt
 
+from sim import labels
 from sim.annotations import Annotations
 from sim.cameras import Shot, View
 from sim.canvas import Canvas, Colour
+from sim.curve import Curve
 from sim.footage import Footage, Moment
-from sim.panels import LEADER, TRUTH, Curve, Map, card, colour_bar, numbers
+from sim.labels import Label
+from sim.panels import LEADER, NUMBERS, SIGMAS, TRUTH, Map, Place, caption, card, colour_bar, numbers, scale_bar
 from sim.scene import ESTIMATE, TRANSMITTER_COLOURS, Box
 
 Floats = npt.NDArray[np.float64]
@@ -17,6 +20,9 @@ _TRAIL_PIECES = 12
 _RAY_PIECES = 6
 _TITLE_FILM_S = 3.0
 _HULL_CLEAR_M = 0.45
+_ELLIPSE_PX = 9.0
+"""Half axis from which an ellipse of uncertainty is drawn, at 720 rows: below it would lie under the marker."""
+_ELLIPSE = np.linspace(0.0, 2 * np.pi, 49)
 _LABELS = 8
 """Followers beyond these go without a label."""
 _SMALL = (640, 360)
@@ -43,43 +49,68 @@ class Overlay:
         self._film_s = film_s
         self._panels = size[0] >= _SMALL[0] and size[1] >= _SMALL[1]
         s = self.canvas.scale
-        left, top, width, height = 16 * s, 258 * s, 292 * s, 84 * s
-        dt, p, b = footage.flight.measurements[0].dt, footage.position_error, np.degrees(footage.bearing_error)
-        truth = footage.flight.hydrophone(follower)[:, :2]
+        left, width, height, gap = 16 * s, 292 * s, 92 * s, 6 * s
+        upper, lower = ((left, (22 + NUMBERS) * s + n * (height + gap), width, height) for n in range(2))
+        dt, start, truth = footage.flight.measurements[0].dt, footage.start, footage.flight.hydrophone(follower)[:, :2]
         others = [(o.colour, np.linalg.norm(o.position - truth, axis=1)) for o in annotations.others]
-        self._curves = (
-            Curve("E_P", "m", dt, [(ESTIMATE, p[follower]), *others], (left, top, width, height)),
-            Curve("E_B", "°", dt, [(ESTIMATE, b[follower])], (left, top + height + 6 * s, width, height)),
-        )
+        errors = [*others, (ESTIMATE, footage.position_error[follower])]
+        self._curves = [Curve("position error E_P [m]", dt, errors, lower, start=start)]
+        if annotations.level_axis:
+            pitch = np.degrees(footage.flight.trajectory.pitch[footage.flight.step_index(), 0])
+            self._curves.append(Curve("leader's pitch [°]", dt, [(LEADER, pitch)], upper, start=start))
+        else:
+            self._curves = [Curve("position error E_P [m]", dt, errors, upper, start=start)]
+            bearing = np.degrees(np.abs(footage.bearing_error[follower]))
+            self._curves.append(Curve("bearing error E_B [°]", dt, [(ESTIMATE, bearing)], lower, start=start))
         side = 232 * s
-        self._map = Map(footage, follower, (size[0] - side - 16 * s, 16 * s, side, side), annotations.others)
-        self._bar = (size[0] - side - 16 * s, 22 * s + side, side, 62 * s)
+        corner = (size[0] - side - 16 * s, 16 * s, side, side)
+        self._map = Map(footage, follower, corner, annotations.others)
+        self._bar = (corner[0], 22 * s + side, side, 72 * s)
+        self._scale = (left, size[1] - 58 * s, 240 * s, 36 * s)
+        middle = left + width + gap
+        self._caption = (middle, 16 * s, corner[0] - gap - middle, 60 * s)
+        panels: list[Place] = [(left, 16 * s, width, NUMBERS * s), upper, lower, corner]
+        panels += [self._bar] if annotations.rays else []
+        panels += [self._caption] if annotations.caption else []
+        self._taken = panels if self._panels else []
+        below = max(top + height for x, top, _, height in panels if x >= corner[0])
+        columns: list[Place] = [
+            (0.0, 0.0, left + width, lower[1] + height),
+            (corner[0], 0.0, size[0] - corner[0], below),
+        ]
+        self._covered = [*columns, *panels[3:]] if self._panels else []
+        """Where no lines are drawn, for between panels snippets of them would remain."""
 
-    def inset_boxes(self, n: int) -> tuple[Box, ...]:
-        """Places of n insets, right to left along the lower edge: left, top, width, height [px]."""
+    def inset_boxes(self, shot: Shot) -> tuple[Box, ...]:
+        """Places of a shot's insets along the lower edge, from one side on: left, top, width, height [px]."""
         c = self.canvas
         width, height = round(0.25 * c.width), round(0.25 * c.height)
-        top = c.height - height - round(30 * c.scale)
-        gap = round(12 * c.scale)
-        return tuple((c.width - (i + 1) * (width + gap) - round(4 * c.scale), top, width, height) for i in range(n))
+        top, gap, edge = c.height - height - round(30 * c.scale), round(12 * c.scale), round(16 * c.scale)
+        lefts = [edge + i * (width + gap) for i in range(len(shot.insets))]
+        return tuple((x if shot.insets_left else c.width - width - x, top, width, height) for x in lefts)
 
     def draw(self, moment: Moment, shot: Shot, title: bool = True) -> None:
         """Everything over the picture that is on the canvas; the title at the start of the film, if wanted."""
         c = self.canvas
-        boxes = self.inset_boxes(len(shot.insets))
-        # insets lie over the lines of the whole picture
-        regions = [(slice(top, top + height), slice(left, left + width)) for left, top, width, height in boxes]
-        insets = [c.pixels[region].copy() for region in regions]
-        self._in_view(moment, shot.view, (0, 0, c.width, c.height), shot.fog[1], labels=True)
+        boxes = self.inset_boxes(shot)
+        # lines of the whole picture pass below insets and panels: across a curve they would look like one
+        regions = [
+            (slice(int(top), int(top + height) + 1), slice(int(left), int(left + width) + 1))
+            for left, top, width, height in (*boxes, *self._covered)
+        ]
+        kept = [c.pixels[region].copy() for region in regions]
+        self._in_view(moment, shot.view, (0, 0, c.width, c.height), shot.fog[1])
+        for region, pixels in zip(regions, kept, strict=True):
+            c.pixels[region] = pixels
         names = self._footage.flight.trajectory.names
-        for region, inset in zip(regions, insets, strict=True):
-            c.pixels[region] = inset
         for (view, vehicle), box in zip(shot.insets, boxes, strict=True):
             left, top, width, height = box
             frame = np.array([[left, top], [left + width, top], [left + width, top + height], [left, top + height]])
             c.line(np.vstack([frame, frame[:1]]), (0.7, 0.9, 1.0, 0.8), 1.5)
-            self._in_view(moment, view, box, 60.0, labels=False)
-            c.text((left + 8 * c.scale, top + 6 * c.scale), names[vehicle], LEADER if vehicle == 0 else TRUTH, -13)
+            self._in_view(moment, view, box, 60.0)
+            words = names[vehicle] + (", from above" if view.plane_m else "")
+            labels.plate(c, words, LEADER if vehicle == 0 else TRUTH, (left + 5 * c.scale, top + 4 * c.scale))
+            self._scale_bar(view, box, (left + 10 * c.scale, top + height - 26 * c.scale), 0.35)
         if self._panels:
             numbers(c, self._footage, moment, self._follower, self._ray_colours(moment, self._follower))
             for curve in self._curves:
@@ -87,10 +118,23 @@ class Overlay:
             self._map.draw(c, moment, self._others(moment))
             if self._added.rays:
                 colour_bar(c, self._added.rays, self._bar)
+            if self._added.caption:
+                others = [("◆", o.colour, o.label) for o in self._added.others]
+                legend = [("●", TRUTH, "truth"), ("◆", ESTIMATE, self._added.label), *others]
+                caption(c, self._added.caption, legend, self._caption)
+            words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
+            self._scale_bar(shot.view, (0, 0, c.width, c.height), self._scale[:2], 0.12, words)
+        labels.draw(self._labels(moment, shot.view), [*boxes, *self._taken, self._scale], c)
         self._footer(moment)
         shown = min(1.0, 4.0 * (1.0 - moment.film_time / min(_TITLE_FILM_S, 0.2 * self._film_s)))
-        if title and shown > 0 and self._panels:
+        if title and shown > 0 and self._panels and not self._added.caption:
             card(c, self._footage, shown)
+
+    def _scale_bar(self, view: View, box: Box, at: tuple[float, float], share: float, words: str = "") -> None:
+        """A bar of at most a share of the box's width, where one scale holds."""
+        if view.plane_m:
+            pixels_per_m = box[3] / 2 / np.tan(np.radians(view.fovy_deg) / 2) / view.plane_m
+            scale_bar(self.canvas, at, pixels_per_m, share * box[2], words)
 
     def _footer(self, moment: Moment) -> None:
         c, scenario = self.canvas, self._footage.flight.scenario
@@ -108,7 +152,7 @@ class Overlay:
         now = np.array([moment.time])
         return [self._footage.on_plane(self._follower, o.position, now)[0] for o in self._added.others]
 
-    def _in_view(self, moment: Moment, view: View, box: Box, sight: float, labels: bool) -> None:
+    def _in_view(self, moment: Moment, view: View, box: Box, sight: float) -> None:
         self._trails(moment, view, box)
         for f in range(len(moment.hydrophone)):
             colours = self._ray_colours(moment, f)
@@ -117,7 +161,8 @@ class Overlay:
                     ends = np.array([moment.transmitter[i], moment.hydrophone[f]])
                     strength = float(moment.ray[f, i]) * (1.0 if f == self._follower else 0.4)
                     self._ray(view, box, ends, colours[i], strength, sight)
-        self._markers(moment, view, box, labels)
+        self._ellipses(moment, view, box)
+        self._markers(moment, view, box)
 
     def _pieces(self, view: View, box: Box, points: Floats, pieces: int) -> list[tuple[Floats, float, float]]:
         """A polyline in about so many pieces: pixels within the box, mean distance ahead [m], mean place in [0, 1]."""
@@ -159,77 +204,82 @@ class Overlay:
         inside = ahead[0] > 0.15 and 0 <= pixels[0, 0] < width and 0 <= pixels[0, 1] < height
         return pixels[0] + [left, top] if inside else None
 
-    def _markers(self, moment: Moment, view: View, box: Box, labels: bool) -> None:
+    def _ellipses(self, moment: Moment, view: View, box: Box) -> None:
+        """The filters' uncertainty about their estimates, where it is large enough to be seen."""
+        height = box[3]
+        for centre, covariance in zip(moment.estimate, moment.covariance, strict=True):
+            variance, axes = np.linalg.eigh(covariance)
+            radii = SIGMAS * np.sqrt(np.maximum(variance, 0.0))
+            _, (ahead,) = view.project(centre, box[2], height)
+            pixels_per_m = height / 2 / np.tan(np.radians(view.fovy_deg) / 2) / max(float(ahead), 0.15)
+            if radii.max() * pixels_per_m < _ELLIPSE_PX * self.canvas.scale:
+                continue
+            flat = (np.column_stack([np.cos(_ELLIPSE), np.sin(_ELLIPSE)]) * radii) @ axes.T
+            ring = centre + np.column_stack([flat, np.zeros(len(flat))])
+            for pixels, _, _ in self._pieces(view, box, ring, len(ring)):
+                self.canvas.line(pixels, (*ESTIMATE, 0.9), 1.5)
+
+    def _markers(self, moment: Moment, view: View, box: Box) -> None:
         c, dark = self.canvas, (0.0, 0.05, 0.08, 0.9)
-        names = self._footage.flight.trajectory.names
         if self._added.level_axis:
-            self._level_axis(moment, view, box)
+            for pixels, _, _ in self._pieces(view, box, self._level_axis(moment), 1):
+                c.line(pixels, (1.0, 1.0, 1.0, 0.75), 1.3, (7, 5))
         for i, colour in enumerate(self._ray_colours(moment, self._follower)):
             place = self._place(view, box, moment.transmitter[i])
             if place is not None:
                 c.dot(place, 2.6, colour, dark)
-        self._other_markers(moment, view, box, labels)
-        for f, (truth, belief) in enumerate(zip(moment.hydrophone, moment.estimate, strict=True)):
-            there, thought = self._place(view, box, truth), self._place(view, box, belief)
+        pairs = [(self._follower, other, o.colour) for other, o in zip(self._others(moment), self._added.others,
+                                                                       strict=True)]  # fmt: skip
+        pairs += [(f, belief, ESTIMATE) for f, belief in enumerate(moment.estimate)]
+        for f, belief, colour in pairs:
+            there, thought = self._place(view, box, moment.hydrophone[f]), self._place(view, box, belief)
             if there is not None and thought is not None:
                 c.line(np.array([there, thought]), (1, 1, 1, 0.7), 1.2, (3, 3))
             if thought is not None:
-                c.diamond(thought, 6.0, ESTIMATE, dark)
+                c.diamond(thought, 6.0, colour, dark)
+        for truth in moment.hydrophone:
+            there = self._place(view, box, truth)
             if there is not None:
                 c.dot(there, 4.5, TRUTH, dark)
-            if labels and f < _LABELS:
-                if there is not None:
-                    self._label(there, f"{names[f + 1]}", TRUTH, -self._clear(view, truth))
-                if thought is not None and f == self._follower and np.isfinite(moment.position_error[f]):
-                    words = f"{self._added.label}, off by {moment.position_error[f]:.1f} m"
-                    self._label(thought, words, ESTIMATE, self._clear(view, belief))
-        leader = self._place(view, box, moment.position[0])
-        if labels and leader is not None:
-            away = float(np.linalg.norm(moment.position[0] - moment.hydrophone[self._follower]))
-            self._label(leader, f"{names[0]}, {away:.0f} m away", LEADER, -self._clear(view, moment.position[0]))
 
-    def _other_markers(self, moment: Moment, view: View, box: Box, labels: bool) -> None:
-        c, truth = self.canvas, moment.hydrophone[self._follower]
-        there = self._place(view, box, truth)
-        for number, (other, belief) in enumerate(zip(self._added.others, self._others(moment), strict=True)):
-            thought = self._place(view, box, belief)
-            if thought is None:
-                continue
-            if there is not None:
-                c.line(np.array([there, thought]), (1, 1, 1, 0.7), 1.2, (3, 3))
-            c.diamond(thought, 6.0, other.colour, (0.0, 0.05, 0.08, 0.9))
-            if labels:
-                off = float(np.hypot(*(belief - truth)[:2]))
-                # each in a row of its own, below that of the follower's own estimate
-                rise = self._clear(view, belief) + 24.0 * (number + 1) * c.scale
-                self._label(thought, f"{other.label}, off by {off:.1f} m", other.colour, rise, leftward=True)
+    def _labels(self, moment: Moment, view: View) -> list[Label]:
+        """Labels of the whole picture, the most important first."""
+        c, f, names = self.canvas, self._follower, self._footage.flight.trajectory.names
+        truth = moment.hydrophone[f]
+        away = float(np.linalg.norm(moment.position[0] - truth))
+        pitch = f", pitch {np.round(np.degrees(moment.pitch[0]), 1) + 0.0:+.1f}°" if self._added.level_axis else ""
+        wanted = [(moment.position[0], f"{names[0]}{pitch}, {away:.0f} m away", LEADER, -1)]
+        wanted.append((truth, names[f + 1], TRUTH, -1))
+        if np.isfinite(moment.position_error[f]):
+            off = f"{self._added.label}, off by {moment.position_error[f]:.1f} m"
+            wanted.append((moment.estimate[f], off, ESTIMATE, 1))
+        for belief, other in zip(self._others(moment), self._added.others, strict=True):
+            off = f"{other.label}, off by {float(np.hypot(*(belief - truth)[:2])):.1f} m"
+            wanted.append((belief, off, other.colour, 1))
+        some = [i for i in range(len(moment.hydrophone)) if i != f][: _LABELS - 1]
+        wanted += [(moment.hydrophone[i], names[i + 1], TRUTH, -1) for i in some]
+        if self._added.level_axis:
+            wanted.append((self._level_axis(moment)[0], "level", (1.0, 1.0, 1.0), 0))
+        found = []
+        for point, words, colour, side in wanted:
+            at = self._place(view, (0, 0, c.width, c.height), point)
+            if at is not None and not any(x <= at[0] <= x + w and y <= at[1] <= y + h for x, y, w, h in self._covered):
+                rise = side * self._clear(view, point) if side else -20.0 * c.scale
+                found.append(Label(at, words, colour, rise))
+        return found
 
-    def _level_axis(self, moment: Moment, view: View, box: Box) -> None:
-        """The leader's axis as it would lie in a level hull, a little longer than the hull."""
+    def _level_axis(self, moment: Moment) -> Floats:
+        """Ends, shape (2, 3), [m], of the leader's axis as it would lie in a level hull, a little longer than that."""
         rear, front = moment.transmitter[:2]
         middle, heading = moment.position[0], moment.heading[0]
         reach = 0.8 * float(np.linalg.norm(front - rear)) * np.array([np.sin(heading), np.cos(heading), 0.0])
-        for pixels, _, _ in self._pieces(view, box, np.array([middle - reach, middle + reach]), 1):
-            self.canvas.line(pixels, (1.0, 1.0, 1.0, 0.75), 1.3, (7, 5))
+        return np.array([middle - reach, middle + reach])
 
     def _clear(self, view: View, point: Floats) -> float:
         """Length of a label's line that leads clear of a hull at `point` [px]."""
         pixels, ahead = view.project(np.array([point, point + _HULL_CLEAR_M * view.axes[1]]), 1, self.canvas.height)
         rise = abs(pixels[1, 1] - pixels[0, 1]) / self.canvas.scale if ahead[0] > 0 else 0.0
         return float(np.clip(rise, 30.0, 90.0)) * self.canvas.scale
-
-    def _label(self, at: Floats, words: str, colour: Colour, rise: float, leftward: bool = False) -> None:
-        """Words above (`rise` below 0) or below a point, at the end of a line; to the right where there is room."""
-        c = self.canvas
-        side = np.sign(rise)
-        room = at[0] + c.scale * (20 + 8.5 * len(words)) < c.width
-        way, anchor = (1.0, "lm") if room and not leftward else (-1.0, "rm")
-        end = at + np.array([16.0 * c.scale * way, rise])
-        c.line(np.array([at + c.scale * np.array([4.0 * way, 7.5 * side]), end]), (*colour, 0.8), 1.2)
-        shade = (0.0, 0.05, 0.08, 0.8)
-        x, y = float(end[0]) + 4 * c.scale * way, float(end[1])
-        c.text((x + 1, y + 1), words, shade, -13, anchor)
-        c.text((x, y), words, colour, -13, anchor)
 
 
 def _clipped(pixels: Floats, width: int, height: int) -> Floats:

@@ -1,4 +1,4 @@
-"""The three-dimensional part of a frame: hulls, propellers, wash, ghosts of estimates and their uncertainty."""
+"""The three-dimensional part of a frame: hulls, propellers, wash and ghosts of estimates."""
 
 from types import TracebackType
 from typing import Any, Self
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from OpenGL import GL
 
-from sim import attitude, seascape
+from sim import antialiasing, attitude, seascape
 from sim.cameras import Shot, View
 from sim.footage import Moment
 from sim.ocean import Ocean
@@ -20,17 +20,21 @@ Box = tuple[int, int, int, int]
 
 ESTIMATE = (1.0, 0.25, 0.85)
 """Colour of what a follower believes."""
-TRANSMITTER_COLOURS = ((1.0, 0.55, 0.15), (0.35, 1.0, 0.55), (0.45, 0.75, 1.0))
-"""Rear, front and middle transmitter and their rays."""
+TRANSMITTER_COLOURS = ((0.95, 0.97, 1.0), (0.35, 1.0, 0.55), (0.45, 0.70, 1.0))
+"""Rear, front and middle transmitter and their rays; none is near the leader's orange or a follower's yellow, also to
+colour-blind eyes."""
 
 _WASH = (0.85, 0.97, 1.0)
-_SIGMAS = 2.0
 _GHOST_ALPHA = 0.30
 _GHOST_FULL_M = 1.5
 _GHOST_LEAST = 0.05
+_INSIDE = ("nozzle", "band")
+"""Parts that shine through a translucent hull and make blotches of it."""
 _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
 _BLADES = 3
+_HULL_REACH_M = 1.5
+"""From a vehicle's middle to beyond its ends, propeller included."""
 _AXES = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0], [0, 0, 1.0]])
 """Direction of positive thrust of each thruster in the body frame."""
 
@@ -70,6 +74,8 @@ class Stage:
             [mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_SITE, f"{n}/{t}") for t in THRUSTERS] for n in names
         ]
         self._thruster = self._model.site_pos[np.array(sites)]
+        parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
+        self._inside = {g for g, part in enumerate(parts) if part.startswith(_INSIDE)}
         self._gl = mujoco.GLContext(*size)
         self._gl.make_current()
         self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
@@ -81,6 +87,8 @@ class Stage:
         self._options = mujoco.MjvOption()
         self._sea = seascape.Sea(self._model, ocean)
         self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
+        self._smooth = np.zeros_like(self._pixels)
+        self._sampled = samples > 0
 
     def __enter__(self) -> Self:
         return self
@@ -113,10 +121,34 @@ class Stage:
         for (view, _), box in zip(shot.insets, insets, strict=True):
             if not self._sea.covers(view.target, 0.8 * _INSET_FOG[1]):
                 self._sea.show(view.target, _INSET_FOG[1], moment.time, moment.film_time, self._context)
+                mujoco.mj_kinematics(self._model, self._data)  # floor and surface have moved
             self._render(moment, view, box)
         frame = mujoco.MjrRect(0, 0, self.width, self.height)
         mujoco.mjr_readPixels(self._pixels, None, frame, self._context)
-        return self._pixels
+        if self._sampled:
+            return self._pixels
+        self._smooth[:] = self._pixels
+        self._smooth_hulls(moment, shot.view, (0, 0, self.width, self.height))
+        for (view, _), box in zip(shot.insets, insets, strict=True):
+            self._smooth_hulls(moment, view, box)
+        return self._smooth
+
+    def _smooth_hulls(self, moment: Moment, view: View, box: Box) -> None:
+        """Smooth the edges of what is seen near a vehicle; all else is water, without edges."""
+        left, top, width, height = box
+        pixels, ahead = view.project(moment.position, width, height)
+        focal = height / 2 / np.tan(np.radians(view.fovy_deg) / 2)
+        for (x, y), distance in zip(pixels, ahead, strict=True):
+            if distance < -_HULL_REACH_M:
+                continue
+            # a hull about the lens may be anywhere in the frame
+            near = distance < 1.2 * _HULL_REACH_M
+            reach = np.inf if near else focal * _HULL_REACH_M / (distance - _HULL_REACH_M)
+            x0, x1 = (int(np.clip(v, 0, width)) for v in (x - reach, x + reach))
+            y0, y1 = (int(np.clip(v, 0, height)) for v in (y - reach, y + reach))
+            # rows of a picture that was read from OpenGL count from below
+            first = self.height - (top + y1)
+            antialiasing.smooth(self._pixels, self._smooth, left + x0, first, x1 - x0, y1 - y0)
 
     def _fog(self, start: float, end: float) -> None:
         # MuJoCo hands its fog to OpenGL once, when the context is made
@@ -194,36 +226,23 @@ class Stage:
                     geom.emission = 0.8
 
     def _add_beliefs(self, moment: Moment) -> None:
-        """A ghost hull where each follower believes to be, on the ellipse of its uncertainty (2σ)."""
+        """A ghost hull where each follower believes to be."""
         scene = self._scene
         drawn = scene.ngeom
         shift = moment.estimate - moment.hydrophone
         # hull and ghost in one place would hide each other
         alpha = _GHOST_ALPHA * np.minimum(1.0, np.linalg.norm(shift, axis=1) / _GHOST_FULL_M)
-        bodies = {vehicle.body: f for f, vehicle in enumerate(self._vehicles[1:]) if alpha[f] > _GHOST_LEAST}
+        seen = {vehicle.body: f for f, vehicle in enumerate(self._vehicles[1:]) if alpha[f] > _GHOST_LEAST}
         for i in range(drawn):
             original = scene.geoms[i]
             if original.objtype != mujoco.mjtObj.mjOBJ_GEOM.value or original.objid < 0:
                 continue
-            f = bodies.get(int(self._model.geom_bodyid[original.objid]))
-            if f is None:
+            f = seen.get(int(self._model.geom_bodyid[original.objid]))
+            if f is None or original.objid in self._inside:
                 continue
             size, turn = np.array(original.size, np.float64), np.array(original.mat, np.float64)
             ghost = self._add(original.type, size, original.pos + shift[f], turn, (*ESTIMATE, float(alpha[f])))
             if ghost is not None:
+                # a cylinder's and a capsule's sizes would be turned about once more
+                ghost.size[:] = size
                 ghost.dataid, ghost.emission = original.dataid, 0.5
-        for f in range(len(moment.estimate)):
-            variance, axes = np.linalg.eigh(moment.covariance[f])
-            radii = _SIGMAS * np.sqrt(np.maximum(variance, 0.0))
-            turn = np.eye(3)
-            turn[:2, :2] = axes if np.linalg.det(axes) > 0 else axes[:, ::-1]
-            radii = radii if np.linalg.det(axes) > 0 else radii[::-1]
-            disc = self._add(
-                mujoco.mjtGeom.mjGEOM_ELLIPSOID.value,
-                np.array([*np.maximum(radii, 0.02), 0.004]),
-                moment.estimate[f],
-                turn,
-                (*ESTIMATE, 0.16),
-            )
-            if disc is not None:
-                disc.emission = 0.6

@@ -1,0 +1,101 @@
+"""Labels of what a frame shows: each beside its point, clear of panels, of markers and of one another."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sim.canvas import Canvas, Colour
+
+Floats = npt.NDArray[np.float64]
+Area = tuple[float, float, float, float]
+"""Left, top, width, height [px]."""
+
+_SIZE = 13
+_GAP = 3.0
+_MARKER = 8.0
+"""Half the side of the square that a marker keeps free, at 720 rows [px]."""
+_STEP = 22.0
+"""From one row of places for labels to the next, at 720 rows [px]."""
+_ROWS = 5
+_ASIDE = (16.0, 70.0)
+_GROUND: Colour = (0.0, 0.05, 0.08, 0.55)
+_FOOT = 24.0
+"""Height of the strip at the lower edge that belongs to the footer, at 720 rows [px]."""
+
+
+class Label(NamedTuple):
+    """Words for a point of the frame."""
+
+    at: Floats
+    """Shape (2,), [px]."""
+    words: str
+    colour: Colour
+    rise: float
+    """Length of the line to the words [px]; above the point if negative, below it if positive."""
+
+
+def _overlap(a: Area, b: Area) -> bool:
+    return a[0] < b[0] + b[2] and b[0] < a[0] + a[2] and a[1] < b[1] + b[3] and b[1] < a[1] + a[3]
+
+
+def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Area, Floats]]:
+    """Areas for the words, the most wanted first, with the end of the line that leads there."""
+    found = []
+    rows = [
+        side * label.rise + np.sign(side * label.rise) * _STEP * scale * n for side in (1, -1) for n in range(_ROWS)
+    ]
+    for aside in _ASIDE:
+        for rise in rows:
+            for way in (1.0, -1.0):
+                end = label.at + np.array([aside * scale * way, rise])
+                left = end[0] + 2 * scale if way > 0 else end[0] - 2 * scale - width
+                found.append(((float(left), float(end[1] - height / 2), width, height), end))
+    return found
+
+
+def place(labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas) -> list[tuple[Label, Area, Floats]]:
+    """Where labels go: a pure function of one frame, so that frames may be drawn in any order.
+
+    Args:
+        labels: the most important first.
+        taken: areas where no words may stand.
+        canvas: measures the words.
+
+    Returns:
+        Each label with its area and the end of its line, shape (2,), [px]; labels without room are left out.
+    """
+    s = canvas.scale
+    labels, full = list(labels), list(taken)
+    full.append((0.0, canvas.height - _FOOT * s, float(canvas.width), _FOOT * s))
+    half = _MARKER * s
+    markers = [(float(m.at[0]) - half, float(m.at[1]) - half, 2 * half, 2 * half) for m in labels]
+    placed = []
+    for label in labels:
+        width, height = canvas.extent(label.words, -_SIZE)
+        width, height = width + 2 * _GAP * s, height + 2 * _GAP * s
+        for area, end in _places(label, width, height, s):
+            left, top = area[:2]
+            inside = left >= 0 and top >= 0 and left + width <= canvas.width and top + height <= canvas.height
+            if inside and not any(_overlap(area, other) for other in (*full, *markers)):
+                full.append(area)
+                placed.append((label, area, end))
+                break
+    return placed
+
+
+def plate(canvas: Canvas, words: str, colour: Colour, at: tuple[float, float]) -> None:
+    """Words on a dark ground with its upper left corner `at` [px]."""
+    gap, (left, top), (width, height) = _GAP * canvas.scale, at, canvas.extent(words, -_SIZE)
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [width + 2 * gap, height + 2 * gap]
+    canvas.shape(corners + np.array(at), _GROUND)
+    canvas.text((left + gap, top + gap + height / 2), words, colour, -_SIZE, "lm")
+
+
+def draw(labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas) -> None:
+    """Put labels on the canvas, each at the end of a line from its point."""
+    for label, (left, top, _, _), end in place(labels, taken, canvas):
+        start = label.at + canvas.scale * np.array([4.0, 7.5]) * np.sign(end - label.at)
+        canvas.line(np.array([start, end]), (*label.colour[:3], 0.8), 1.2)
+        plate(canvas, label.words, label.colour, (left, top))
