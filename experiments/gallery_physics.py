@@ -100,7 +100,7 @@ def orbits() -> Drawn:
     for depth in (1.0, 2.0, 3.0, 4.0, 5.0):
         tank = Tank(xml, ocean, dt)
         tank.pose[0, :3] = [0, 0, -depth]
-        tank.twist[0, :3] = ocean.velocity(tank.pose[:, :3], -dt / 2)[0]
+        tank.twist[0, :3] = ocean.velocity(tank.pose[:, :3], 0.0)[0]
         path = []
         for _ in range(round(period / dt)):
             tank.step()

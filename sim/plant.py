@@ -41,21 +41,39 @@ class PlantError(RuntimeError):
 @compiled
 def _load(
     coefficients: Any,
-    state: tuple[Floats, Floats],
-    time: float,
+    state: tuple[Floats, Floats, Floats, Floats],
+    clock: tuple[float, float],
     water: Water,
     solver: hydrodynamics.Solver,
     push: tuple[Floats, Floats],
 ) -> int:
-    """`thrusters.turn` and `hydrodynamics.apply` in one call: to get into compiled code costs as much as a hull's
-    forces.
+    """Bring velocities from the middle of the last step to now, then `thrusters.turn` and `hydrodynamics.apply`.
+
+    All in one call: to get into compiled code costs as much as a hull's forces.
+
+    Args:
+        coefficients: as of `apply`.
+        state: pose and twist; acceleration of the last step and, overwritten, what it adds to the twist, shape (v, 6).
+        clock: time and half a step [s].
+        water: as of `apply`.
+        solver: as of `apply`.
+        push: unit wrenches and moments of `turn`.
     """
-    thrusters.turn(push[0], state[0], push[1])
-    return hydrodynamics.apply(coefficients, state[0], state[1], time, water, solver)
+    pose, twist, acceleration, gain = state
+    for i in range(twist.shape[0]):
+        for j in range(6):
+            gain[i, j] = clock[1] * acceleration[i, j]
+            twist[i, j] += gain[i, j]
+    thrusters.turn(push[0], pose, push[1])
+    return hydrodynamics.apply(coefficients, pose, twist, clock[0], water, solver)
 
 
 class Plant:
-    """Owns the compiled model and its state.
+    """Owns the compiled model and its state, and steps it to second order.
+
+    MuJoCo's semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps. Forces want those of
+    the instant, which are half a step later; the acceleration of the step before brings them there. For the velocities
+    this is the rule of Adams and Bashforth, v += dt (3 a - a_before) / 2, at no further evaluation of a force.
 
     Attributes:
         names: of the vehicles, shape (v,).
@@ -101,7 +119,10 @@ class Plant:
         self._command: Floats = data.ctrl.reshape(n, len(THRUSTERS))
         rows = model.M_rowadr.astype(np.int64).reshape(n, 6)
         self._solver: hydrodynamics.Solver = (rows, data.M, data.qfrc_applied.reshape(n, 6))
-        self._state = self.pose, self.twist
+        self._acceleration: Floats = data.qacc.reshape(n, 6)
+        self._gain = np.empty((n, 6))
+        self._state = self.pose, self.twist, self._acceleration, self._gain
+        self._half_step = dt / 2
         wrenches = thrusters.unit_wrenches(model, vehicles)
         self._thrusters: tuple[Floats, Floats] = wrenches, data.actuator_moment.reshape(wrenches.shape)
         # MuJoCo's sparse matrix of moments is to hold all six of each thruster; `mj_forward` leaves out those of zero
@@ -126,6 +147,35 @@ class Plant:
             self.twist[i, :3] = setup.speed_m_s * forward
         mujoco.mj_forward(model, data)
         self._last_pose, self._last_twist = self.pose.copy(), self.twist.copy()
+        self._begin()
+
+    def _prepare(self) -> None:
+        """All of a step but its end; twists are those of the middle of the last step before, and of now after."""
+        model, data = self.model, self.data
+        # what `mj_step1` does, less what free hulls do not have (contacts, tendons, sensors), what nobody looks at
+        # (cameras, lights) and what `thrusters` does for less
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        clock = data.time, self._half_step
+        bad = _load(self._coefficients, self._state, clock, self._water, self._solver, self._thrusters)
+        if bad >= 0:
+            self._fail(f"the state of {self.names[bad]} is lost", self.names[bad])
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_factorM(model, data)
+
+    def _begin(self) -> None:
+        """Find the accelerations of the start, which the first step takes for those of a step before."""
+        self._acceleration[:] = 0.0
+        self._lay_out()
+        self._prepare()
+        mujoco.mj_fwdActuation(self.model, self.data)
+        mujoco.mj_fwdAcceleration(self.model, self.data)
+        mujoco.mj_fwdConstraint(self.model, self.data)
+
+    def _lay_out(self) -> None:
+        for sparse, full in self._layout:
+            sparse[:] = full
 
     @property
     def time(self) -> float:
@@ -157,22 +207,14 @@ class Plant:
         if bad >= 0:
             self._fail(f"the command of {self.names[bad]} is not finite", self.names[bad])
         self._command[:] = command
-        for sparse, full in self._layout:
-            sparse[:] = full
-        kinematics, centres, inertia = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_makeM
-        velocity, factor, step2 = mujoco.mj_fwdVelocity, mujoco.mj_factorM, mujoco.mj_step2
+        self._lay_out()
+        prepare, step2, subtract, twist, gain = self._prepare, mujoco.mj_step2, np.subtract, self.twist, self._gain
+        twist -= self._half_step * self._acceleration
         for _ in range(n_substeps):
-            # what `mj_step1` does, less what free hulls do not have (contacts, tendons, sensors), what nobody looks at
-            # (cameras, lights) and what `thrusters` does for less
-            kinematics(model, data)
-            centres(model, data)
-            inertia(model, data)
-            bad = _load(self._coefficients, self._state, data.time, self._water, self._solver, self._thrusters)
-            if bad >= 0:
-                self._fail(f"the state of {self.names[bad]} is lost", self.names[bad])
-            velocity(model, data)
-            factor(model, data)
+            prepare()
+            subtract(twist, gain, twist)
             step2(model, data)
+        twist += self._half_step * self._acceleration
         mujoco.mj_kinematics(model, data)
         self._check_state()
         if data.warning.number.any():

@@ -11,7 +11,10 @@ Floats = npt.NDArray[np.float64]
 
 
 class Tank:
-    """The hull lies under the prefix "hull/"; `numerics` replace those of the MJCF, `strips` included."""
+    """The hull lies under the prefix "hull/"; `numerics` replace those of the MJCF, `strips` included.
+
+    `twist` belongs to the instant and may be set at any time; MuJoCo's own lies half a step earlier.
+    """
 
     def __init__(self, xml: str, ocean: Ocean, dt: float, numerics: dict[str, npt.ArrayLike] | None = None) -> None:
         child = mujoco.MjSpec.from_string(xml)
@@ -31,6 +34,7 @@ class Tank:
         self.coefficients = coefficients.read(self.model, ["hull"], ocean.density_kg_m3)
         self.water = ocean.water
         self.pose, self.twist = self.data.qpos.reshape(1, 7), self.data.qvel.reshape(1, 6)
+        self._before: Floats | None = None
 
     def prepare(self, wrench: npt.ArrayLike = 0.0) -> None:
         """All of a step but its end: with `wrench` (force, moment about the origin), in the body, shape (6,)."""
@@ -46,14 +50,20 @@ class Tank:
         mujoco.mj_factorM(self.model, self.data)
 
     def step(self, wrench: npt.ArrayLike = 0.0) -> None:
-        """Advance by one step."""
+        """Advance by one step, to second order as `sim.plant` does."""
+        before = self.acceleration(wrench) if self._before is None else self._before
+        half = self.model.opt.timestep / 2
         self.prepare(wrench)
+        self.twist -= half * before
         mujoco.mj_step2(self.model, self.data)
+        self._before = self.data.qacc.copy()
+        self.twist += half * self._before
 
     def acceleration(self, wrench: npt.ArrayLike = 0.0) -> Floats:
         """World acceleration of the origin and body angular acceleration, shape (6,), leaving the state as it is."""
         pose, twist, time = self.pose.copy(), self.twist.copy(), self.data.time
-        self.step(wrench)
+        self.prepare(wrench)
+        mujoco.mj_step2(self.model, self.data)
         self.pose[:], self.twist[:], self.data.time = pose, twist, time
         return self.data.qacc.copy()
 
