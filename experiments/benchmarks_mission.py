@@ -11,9 +11,9 @@ from experiments.benchmark_row import Row, least_time
 from experiments.fly import fly, position_and_bearing_errors
 from experiments.library import load
 from sim import graphics, render
-from sim import log as mission_log
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.fleet import TICK, fly_fleet
+from sim.log import writer
 from sim.plant import Plant
 from sim.scenario import Follower, Scenario
 
@@ -68,8 +68,8 @@ def log() -> list[Row]:
     errors = position_and_bearing_errors(flight)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.mcap"
-        seconds = least_time(lambda: mission_log.write(flight, path, errors=errors), 3)
-        statistics = mission_log.write(flight, path, errors=errors)
+        seconds = least_time(lambda: writer.write(flight, path, errors=errors), 3)
+        statistics = writer.write(flight, path, errors=errors)
     return [
         Row("messages", statistics.messages / 1000, "k"),
         Row("writing", statistics.messages / seconds / 1000, "k/s", statistics.messages / seconds / 50_000, "50 k/s"),

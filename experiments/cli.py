@@ -216,7 +216,7 @@ def log_export(
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
 ) -> None:
     """Write every channel of numbers as a table."""
-    from sim.log_export import export
+    from sim.log.export import export
 
     for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
         typer.echo(str(file))
@@ -226,7 +226,7 @@ def log_export(
 @plain_errors
 def log_recover(log: LogArgument) -> None:
     """Finish a log that a crash, a full disk or Ctrl-C left behind."""
-    from sim.recovery import recover
+    from sim.log.recovery import recover
 
     typer.echo(str(recover(log)))
 

@@ -10,9 +10,10 @@ from rich.progress import Progress
 
 from experiments.fly import fly, position_and_bearing_errors
 from experiments.library import load_flyable
-from sim import log_reader, render
+from sim import render
 from sim.cameras import CAMERAS
 from sim.flight import Flight
+from sim.log import reader
 from sim.scenario import Video
 
 
@@ -52,7 +53,7 @@ def _flight(source: str, assignments: Iterable[str]) -> Flight:
         return fly(load_flyable(source, assignments))[0]
     if list(assignments):
         raise render.RenderError("--set changes a scenario; a log was flown already")
-    return log_reader.read(path)
+    return reader.read(path)
 
 
 def film(source: str, assignments: Iterable[str], wish: Wish) -> Path:

@@ -20,7 +20,7 @@ from experiments.doctor import versions
 from laisn import metrics
 from laisn.navigator import Navigator
 from sim.flight import Flight, Outcome, navigate
-from sim.log_events import Event
+from sim.log.events import Event
 from sim.motion import DivergedError, move
 from sim.scenario import Scenario
 from sim.scenario_file import dumps
@@ -159,7 +159,8 @@ class Written(NamedTuple):
 def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
     """Fly a scenario and write its files into an empty folder; errors as of `fly_and_write`."""
     from experiments.report import flight_report
-    from sim import log, render
+    from sim import render
+    from sim.log import writer
 
     watch = Stopwatch()
     columns = (TextColumn("{task.description:<9}"), BarColumn(), TimeElapsedColumn())
@@ -184,7 +185,9 @@ def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vi
         events = sorted([*capture_events(flight), *strays], key=lambda event: event.time_s)
         summary = summarise(flight, errors)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-        write_log = partial(log.write, flight, folder / results.LOG, summary=summary_text, errors=errors, events=events)
+        write_log = partial(
+            writer.write, flight, folder / results.LOG, summary=summary_text, errors=errors, events=events
+        )
         # the log comes first: whatever happens to the film, what was flown is kept
         with phase("log"):
             write_log()

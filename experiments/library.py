@@ -65,7 +65,7 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
     from sim.assembly import ocean_of, route_of, vehicle_names
     from sim.cameras import CAMERAS
     from sim.kinematics import plan
-    from sim.log_clock import Clock
+    from sim.log.clock import Clock
 
     scenario = load(source, assignments)
     try:

@@ -27,12 +27,12 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
     """
     from experiments.fly import position_and_bearing_errors, show, summarise
     from laisn.navigator import Navigator
-    from sim import log, log_reader
     from sim.flight import navigation_settings
+    from sim.log import reader, writer
     from sim.scenario_file import ScenarioError
     from sim.sensors import observe
 
-    flown = log_reader.read(path)
+    flown = reader.read(path)
     given = [f"navigation.variant={variant}", *assignments]
     outside = [a for a in given if not a.startswith("navigation.")]
     if outside:
@@ -54,7 +54,7 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
         import json
 
         errors = position_and_bearing_errors(again)
-        log.write(again, out, summary=json.dumps(summarise(again, errors), indent=2) + "\n", errors=errors)
+        writer.write(again, out, summary=json.dumps(summarise(again, errors), indent=2) + "\n", errors=errors)
         console.print(f"log in {out}")
 
 
@@ -75,8 +75,8 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
     from experiments.store import write_csv
     from laisn.estimates import FixKind
     from laisn.navigator import Navigator
-    from sim import log_reader
     from sim.flight import navigation_settings
+    from sim.log import reader
     from sim.motion import move
     from sim.sensors import observe
 
@@ -86,7 +86,7 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
     rows: list[dict[str, str | float]] = []
     table = Table("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]", box=None, pad_edge=False)
     for i, name in enumerate(begin.names[1:]):
-        measured = log_reader.read_measurements(path, name)
+        measured = reader.read_measurements(path, name)
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
         estimates = Navigator(settings, observe(begin, scenario, i).start).run(measured)
         kinds = [FixKind(kind) for kind in estimates.fix_kind.tolist()]
@@ -105,7 +105,7 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
 
 def show_info(path: Path) -> None:
     """Print what a log holds; LogError if it cannot be read."""
-    from sim.log_info import info
+    from sim.log.info import info
 
     found = info(path)
     console = Console()

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from experiments.leftovers import writer_runs
-from sim.log_file import partial_path
+from sim.log.file import partial_path
 
 LOG, FILM, REPORT = "flight.mcap", "flight.mp4", "report.html"
 SUMMARY, SCENARIO, TIMING = "summary.json", "scenario.toml", "timing.json"

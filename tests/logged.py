@@ -7,9 +7,9 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic import errors_of, make_flight
 
-from sim import log
 from sim.flight import Flight
-from sim.log_events import Event
+from sim.log import writer
+from sim.log.events import Event
 
 
 def short_flight() -> Flight:
@@ -19,7 +19,7 @@ def short_flight() -> Flight:
 def write_log(flight: Flight, folder: Path) -> Path:
     path = folder / "mission.mcap"
     events = [Event(12.0, "warning", "mirror capture", "follower")]
-    log.write(flight, path, summary='{"runs": 1}', errors=errors_of(flight), events=events)
+    writer.write(flight, path, summary='{"runs": 1}', errors=errors_of(flight), events=events)
     return path
 
 

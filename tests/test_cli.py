@@ -17,8 +17,9 @@ from experiments import results
 from experiments.cli import app
 from experiments.failures import CampaignError, DamagedResult
 from experiments.processes import WorkerDiedError
-from sim import graphics, log_reader
+from sim import graphics
 from sim.fleet import FleetError
+from sim.log import reader
 
 SHORT = ["--set", "duration_s=20", "--no-video"]
 
@@ -59,7 +60,7 @@ def test_the_written_scenario_reflies_the_mission_to_the_byte(flown: Path) -> No
 def test_another_run_has_other_noise_and_the_same_motion(flown: Path) -> None:
     result = laisn("fly", "T5", *SHORT, "--run", "7", "--out", "run7", cwd=flown)
     assert result.returncode == 0, result.stderr
-    first, other = (log_reader.read(flown / name / "flight.mcap") for name in ("first", "run7"))
+    first, other = (reader.read(flown / name / "flight.mcap") for name in ("first", "run7"))
     assert (first.trajectory.position == other.trajectory.position).all()
     assert (first.measurements[0].speed != other.measurements[0].speed).any()
 
@@ -67,7 +68,7 @@ def test_another_run_has_other_noise_and_the_same_motion(flown: Path) -> None:
 def test_replay_gives_the_logged_estimates_again(flown: Path) -> None:
     result = laisn("replay", "first/flight.mcap", "--variant", "laisn-2", "--out", "again.mcap", cwd=flown)
     assert result.returncode == 0, result.stderr
-    first, again = (log_reader.read(flown / name) for name in ("first/flight.mcap", "again.mcap"))
+    first, again = (reader.read(flown / name) for name in ("first/flight.mcap", "again.mcap"))
     assert (first.estimates[0].state == again.estimates[0].state).all()
 
 
@@ -190,7 +191,7 @@ def test_ctrl_c_in_the_film_leaves_the_earlier_flight_and_the_new_log(flown: Pat
     [log] = folder.glob("unfinished-*/*")
     assert f"what there is of this flight is in {log.parent}; the earlier flight in {folder} is as it was" in told
     left = files(folder)
-    assert log_reader.read(log).trajectory.time[-1] == 1000
+    assert reader.read(log).trajectory.time[-1] == 1000
     assert left.pop(log.relative_to(folder).as_posix())
     assert left == files(flown / "first")
 
@@ -202,7 +203,7 @@ def press_ctrl_c(*_: object, **__: object) -> None:
 @pytest.mark.parametrize(
     ("where", "kept"),
     [
-        ("sim.log.os.fsync", {"flight.mcap.partial"}),  # the log is written but has no name yet
+        ("sim.log.writer.os.fsync", {"flight.mcap.partial"}),  # the log is written but has no name yet
         ("sim.render.render", {"flight.mcap"}),
         ("experiments.report.flight_report", {"flight.mcap"}),
         ("experiments.fly.dumps", {"flight.mcap", "report.html"}),

@@ -29,13 +29,13 @@ def ours(modules: set[str], package: str) -> set[str]:
     return {m for m in modules if m.split(".")[0] == package}
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "laisn").glob("*.py")), ids=lambda p: p.name)
+@pytest.mark.parametrize("path", sorted((ROOT / "laisn").rglob("*.py")), ids=lambda p: p.name)
 def test_laisn_knows_no_simulator(path: Path) -> None:
     modules = imported(path)
     assert not ours(modules, "sim") | ours(modules, "experiments") | ours(modules, "mujoco") | ours(modules, "models")
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "sim").glob("*.py")), ids=lambda p: p.name)
+@pytest.mark.parametrize("path", sorted((ROOT / "sim").rglob("*.py")), ids=lambda p: p.name)
 def test_the_world_speaks_only_the_vocabulary_of_navigation(path: Path) -> None:
     modules = imported(path)
     assert not ours(modules, "experiments")
@@ -43,6 +43,6 @@ def test_the_world_speaks_only_the_vocabulary_of_navigation(path: Path) -> None:
     assert ours(modules, "laisn") <= VOCABULARY | constants
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "laisn").glob("*.py")), ids=lambda p: p.name)
+@pytest.mark.parametrize("path", sorted((ROOT / "laisn").rglob("*.py")), ids=lambda p: p.name)
 def test_one_module_knows_filterpy(path: Path) -> None:
     assert ("filterpy" in {m.split(".")[0] for m in imported(path)}) == (path.name == "filter.py")

@@ -15,15 +15,15 @@ from mcap_protobuf.decoder import DecoderFactory
 from synthetic import bits, errors_of, make_flight
 
 from laisn.estimates import FixKind
-from sim import log
 from sim.flight import Flight, Outcome
-from sim.log_channels import slot_pose
-from sim.log_clock import Clock
-from sim.log_export import export
-from sim.log_file import LogError
-from sim.log_info import info
-from sim.log_reader import read, read_measurements
-from sim.log_schema import SCALAR_SCHEMAS, STAMP, Template
+from sim.log import writer
+from sim.log.channels import slot_pose
+from sim.log.clock import Clock
+from sim.log.export import export
+from sim.log.file import LogError
+from sim.log.info import info
+from sim.log.reader import read, read_measurements
+from sim.log.schema import SCALAR_SCHEMAS, STAMP, Template
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
 )
 def test_reading_gives_the_same_flight_to_the_bit(tmp_path: Path, options: dict[str, Any]) -> None:
     flight = make_flight(**options)
-    log.write(flight, tmp_path / "a.mcap")
+    writer.write(flight, tmp_path / "a.mcap")
     assert bits(read(tmp_path / "a.mcap")) == bits(flight)
     for i, name in enumerate(flight.trajectory.names[1:]):
         assert bits(read_measurements(tmp_path / "a.mcap", name)) == bits(flight.measurements[i])
@@ -64,14 +64,14 @@ def test_odd_numbers_and_several_fixes_a_step_survive(tmp_path: Path) -> None:
     state[0] = [-0.0, 5e-324, np.nextafter(1.0, 2.0), -np.inf]
     odd = dataclasses.replace(e, **thrice, state=state)
     flight = dataclasses.replace(flight, estimates=(odd,), outcome=Outcome.DIVERGED)
-    log.write(flight, tmp_path / "a.mcap")
+    writer.write(flight, tmp_path / "a.mcap")
     assert bits(read(tmp_path / "a.mcap")) == bits(flight)
     assert messages(tmp_path / "a.mcap", "/log")[-1].message == Outcome.DIVERGED.value
 
 
 def test_same_flight_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        log.write(make_flight(10.0, 2), tmp_path / name, video=[(0.0, b"x"), (3.0, b"y")])
+        writer.write(make_flight(10.0, 2), tmp_path / name, video=[(0.0, b"x"), (3.0, b"y")])
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     assert not list(tmp_path.glob("*.partial"))
 
@@ -184,7 +184,7 @@ def test_log_lines_tell_kinds_events_and_outcome(flight: Flight, written: Path) 
 
 def test_video_lies_among_the_messages_in_order_of_time(flight: Flight, tmp_path: Path) -> None:
     frames = [(0.5 * k, bytes([k])) for k in range(70)]
-    log.write(flight, tmp_path / "a.mcap", video=iter(frames))
+    writer.write(flight, tmp_path / "a.mcap", video=iter(frames))
     video = messages(tmp_path / "a.mcap", "/camera")
     assert [frame.data for frame in video] == [data for _, data in frames]
     assert video[3].format == "h264"
@@ -193,15 +193,15 @@ def test_video_lies_among_the_messages_in_order_of_time(flight: Flight, tmp_path
         times = [message.log_time for _, _, message in make_reader(stream).iter_messages(log_time_order=False)]
     assert times == sorted(times)
     with pytest.raises(ValueError, match="in order of time"):
-        log.write(flight, tmp_path / "b.mcap", video=[(2.0, b""), (1.0, b"")])
+        writer.write(flight, tmp_path / "b.mcap", video=[(2.0, b""), (1.0, b"")])
     assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
 
 
 def test_errors_must_fit_the_flight(flight: Flight, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="errors of follower have shapes"):
-        log.write(flight, tmp_path / "a.mcap", errors=[(np.zeros(3), np.zeros(3))])
+        writer.write(flight, tmp_path / "a.mcap", errors=[(np.zeros(3), np.zeros(3))])
     with pytest.raises(ValueError, match="the flight has 1"):
-        log.write(flight, tmp_path / "a.mcap", errors=errors_of(flight) * 2)
+        writer.write(flight, tmp_path / "a.mcap", errors=errors_of(flight) * 2)
 
 
 @pytest.mark.parametrize("table_format", ["parquet", "csv"])
@@ -234,7 +234,7 @@ def test_an_epoch_that_no_log_can_hold(flight: Flight, tmp_path: Path) -> None:
     for epoch in ("1969-12-31T23:59:59+00:00", "2231-01-01T00:00:00+00:00"):
         early = dataclasses.replace(flight, scenario=flight.scenario.model_copy(update={"epoch": epoch}))
         with pytest.raises(ValueError, match="outside 1970 … 2230"):
-            log.write(early, tmp_path / "a.mcap")
+            writer.write(early, tmp_path / "a.mcap")
     assert Clock("1970-01-02T01:00:00+01:00").epoch_ns == 86_400 * 10**9
     assert Clock("2026-01-01T00:00:00.000001+00:00").ns([0.1, 0.3]).tolist() == [
         1767225600_100_001_000,
@@ -248,7 +248,7 @@ def test_size_and_speed(tmp_path: Path) -> None:
     best = 0.0
     for _ in range(3):
         start = time.process_time()
-        statistics = log.write(flight, tmp_path / "a.mcap", errors=errors_of(flight))
+        statistics = writer.write(flight, tmp_path / "a.mcap", errors=errors_of(flight))
         best = max(best, statistics.messages / (time.process_time() - start))
     assert statistics.size < 10e6
     assert best > 50_000

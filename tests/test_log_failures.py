@@ -14,13 +14,13 @@ import pytest
 from logged import short_flight, write_log
 from synthetic import bits, make_flight
 
-from sim import log
 from sim.flight import Flight, Outcome
-from sim.log_export import export
-from sim.log_file import LogError, partial_path
-from sim.log_info import info
-from sim.log_reader import read, read_measurements
-from sim.recovery import recover
+from sim.log import writer
+from sim.log.export import export
+from sim.log.file import LogError, partial_path
+from sim.log.info import info
+from sim.log.reader import read, read_measurements
+from sim.log.recovery import recover
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_a_log_may_be_named_by_text(written: Path) -> None:
 def test_recovery_keeps_whole_instants(tmp_path: Path) -> None:
     """A log of several chunks, cut within one: a prefix of the flight comes back, all channels equally long."""
     flight = make_flight(200.0)
-    log.write(flight, tmp_path / "a.mcap")
+    writer.write(flight, tmp_path / "a.mcap")
     whole = (tmp_path / "a.mcap").read_bytes()
     partial = partial_path(tmp_path / "b.mcap")
     partial.write_bytes(whole[: len(whole) // 2])
@@ -147,13 +147,13 @@ import resource, signal, sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from pathlib import Path
 from synthetic import make_flight
-from sim import log
+from sim.log import writer
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 flight = make_flight(200.0)
 resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
 try:
-    log.write(flight, Path({str(folder)!r}) / "mission.mcap")
-except log.LogError as error:
+    writer.write(flight, Path({str(folder)!r}) / "mission.mcap")
+except writer.LogError as error:
     print(error)
 """
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -178,16 +178,16 @@ def test_when_the_disk_is_full_at_once_nothing_stays(tmp_path: Path) -> None:
 def test_no_space_left(flight: Flight, tmp_path: Path) -> None:
     (tmp_path / "a.mcap.partial").symlink_to("/dev/full")
     with pytest.raises(LogError, match=r"a\.mcap: cannot be written: No space left on device"):
-        log.write(flight, tmp_path / "a.mcap")
+        writer.write(flight, tmp_path / "a.mcap")
     assert not list(tmp_path.iterdir())
 
 
 def test_folders_that_cannot_be_written(flight: Flight, written: Path, tmp_path: Path) -> None:
     with pytest.raises(LogError, match="cannot be written: No such file or directory"):
-        log.write(flight, tmp_path / "absent" / "a.mcap")
+        writer.write(flight, tmp_path / "absent" / "a.mcap")
     (tmp_path / "file").touch()
     with pytest.raises(LogError, match="cannot be written: Not a directory"):
-        log.write(flight, tmp_path / "file" / "a.mcap")
+        writer.write(flight, tmp_path / "file" / "a.mcap")
     with pytest.raises(LogError, match="cannot be written"):
         export(written, tmp_path / "file" / "tables")
 
@@ -196,7 +196,7 @@ def test_folders_that_cannot_be_written(flight: Flight, written: Path, tmp_path:
 def test_a_folder_without_permission(flight: Flight, tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(LogError, match="cannot be written: Permission denied"):
-        log.write(flight, tmp_path / "a.mcap")
+        writer.write(flight, tmp_path / "a.mcap")
 
 
 def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> None:
@@ -208,7 +208,7 @@ def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> No
 
     (tmp_path / "a.mcap").write_bytes(b"older")
     with pytest.raises(KeyboardInterrupt):
-        log.write(make_flight(200.0), tmp_path / "a.mcap", video=frames())
+        writer.write(make_flight(200.0), tmp_path / "a.mcap", video=frames())
     assert (tmp_path / "a.mcap").read_bytes() == b"older"
     rescued = read(recover(tmp_path / "a.mcap.partial"))
     assert 50 < rescued.trajectory.time[-1] < 150
@@ -216,7 +216,7 @@ def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> No
 
 def test_footer_layout() -> None:
     """The footer record of the MCAP specification: opcode, length, two offsets and a checksum."""
-    from sim.log_file import DATA_END_BYTES, FOOTER_BYTES
+    from sim.log.file import DATA_END_BYTES, FOOTER_BYTES
 
     assert struct.calcsize("<BQQQI") == FOOTER_BYTES
     assert struct.calcsize("<BQI") == DATA_END_BYTES

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from synthetic import errors_of, make_flight
 
-from sim import log
 from sim.flight import Flight
-from sim.log_file import contents
-from sim.log_info import info
+from sim.log import writer
+from sim.log.file import contents
+from sim.log.info import info
 
 RERUN = shutil.which("rerun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
 NODE = shutil.which("node")
@@ -85,7 +85,7 @@ def flight() -> Flight:
 @pytest.fixture(scope="module")
 def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("interop") / "mission.mcap"
-    log.write(flight, path, errors=errors_of(flight), video=film(20))
+    writer.write(flight, path, errors=errors_of(flight), video=film(20))
     return path
 
 

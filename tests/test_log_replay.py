@@ -12,9 +12,9 @@ from mcap_protobuf.writer import Writer as ProtobufWriter
 from typer.testing import CliRunner
 
 from experiments.cli import app
-from sim.log_file import LogError
-from sim.log_reader import read, read_measurements
-from sim.log_schema import OWN_MOTION, RECEPTION
+from sim.log.file import LogError
+from sim.log.reader import read, read_measurements
+from sim.log.schema import OWN_MOTION, RECEPTION
 
 
 def write_foreign(path: Path, *, gap: bool = False, speed: float = 1.5, second_reception_s: float = 0.95) -> None:

@@ -11,8 +11,8 @@ from logged import messages, short_flight, write_log
 import models
 from sim.flight import Flight
 from sim.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
-from sim.log_file import contents
-from sim.log_hull import hull
+from sim.log.file import contents
+from sim.log.hull import hull
 
 LAYOUT = Path(__file__).resolve().parents[1] / "experiments" / "data" / "foxglove_layout.json"
 

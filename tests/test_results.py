@@ -7,7 +7,7 @@ import pytest
 
 from experiments import results
 from experiments.results import FILES, FILM, LOG, REPORT, one_flight
-from sim.log_file import partial_path
+from sim.log.file import partial_path
 
 
 def contents(folder: Path) -> dict[str, str]:

@@ -11,7 +11,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from sim.flight import Outcome
-from sim.log_file import LogError, check, end_of_log, faults, partial_path, rescuable, whole_records
+from sim.log.file import LogError, check, end_of_log, faults, partial_path, rescuable, whole_records
 
 
 def _is_whole(path: Path) -> bool:

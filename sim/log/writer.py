@@ -1,4 +1,4 @@
-"""A flight written as an MCAP log that Foxglove and Rerun draw; `sim.log_reader` reads it back to the bit."""
+"""A flight written as an MCAP log that Foxglove and Rerun draw; `sim.log.reader` reads it back to the bit."""
 
 import json
 import os
@@ -17,10 +17,10 @@ from mcap_protobuf.schema import register_schema
 
 from sim import scenario_file
 from sim.flight import Flight
-from sim.log_channels import Channel, Errors, channels
-from sim.log_clock import Clock, timestamp
-from sim.log_events import Event
-from sim.log_file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path, rescuable
+from sim.log.channels import Channel, Errors, channels
+from sim.log.clock import Clock, timestamp
+from sim.log.events import Event
+from sim.log.file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path, rescuable
 
 BLOCK_NS = 60 * 10**9
 """Time that is serialised at once: bounds the memory [ns]."""
@@ -158,7 +158,7 @@ def write(
     """Write a flight; the same arguments give the same bytes.
 
     The file grows under `partial_path(path)` and gets its name when it is whole. If writing fails, what can be
-    rescued with `sim.recovery` stays there, and nothing else.
+    rescued with `sim.log.recovery` stays there, and nothing else.
 
     Args:
         path: the log; an existing one is replaced.

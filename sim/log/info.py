@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from sim.log_file import LogError, check, faults
+from sim.log.file import LogError, check, faults
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from sim.log_file import LogError, Messages, contents, faults
+from sim.log.file import LogError, Messages, contents, faults
 
 Format = Literal["parquet", "csv"]
 

@@ -12,8 +12,8 @@ from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from sim import scenario_file
 from sim.flight import Flight, Outcome
-from sim.log_file import SCENARIO, VEHICLES, Contents, LogError, Messages, contents, faults, has_field, require
-from sim.log_schema import (
+from sim.log.file import SCENARIO, VEHICLES, Contents, LogError, Messages, contents, faults, has_field, require
+from sim.log.schema import (
     ANGULAR_VELOCITY,
     COVARIANCE,
     INNOVATION,
@@ -164,7 +164,7 @@ def _trajectory(path: Path, log: Contents) -> Trajectory:
 
 
 def read(path: Path | str) -> Flight:
-    """The flight that `sim.log.write` wrote, equal to the bit.
+    """The flight that `sim.log.writer.write` wrote, equal to the bit.
 
     Raises:
         LogError: the log is damaged, or was not written by the simulator; the text names what is missing.

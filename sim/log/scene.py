@@ -17,8 +17,8 @@ from google.protobuf.duration_pb2 import Duration
 from laisn.estimates import FixKind
 from laisn.messages import Ranges
 from sim.flight import Flight
-from sim.log_clock import timestamp
-from sim.log_hull import cylinder, hull, pose
+from sim.log.clock import timestamp
+from sim.log.hull import cylinder, hull, pose
 
 Floats = npt.NDArray[np.float64]
 Draw = Callable[[int, int], bytes]

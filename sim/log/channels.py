@@ -19,10 +19,10 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from sim import attitude
 from sim.flight import Flight
 from sim.geodesy import geodetic
-from sim.log_clock import Clock, timestamp
-from sim.log_events import Event, chronicle
-from sim.log_scene import BELIEF, TRUTH, draw_acoustics, draw_vehicles
-from sim.log_schema import (
+from sim.log.clock import Clock, timestamp
+from sim.log.events import Event, chronicle
+from sim.log.scene import BELIEF, TRUTH, draw_acoustics, draw_vehicles
+from sim.log.schema import (
     ERROR,
     FILTER_STATE,
     FIX,

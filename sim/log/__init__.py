@@ -1,0 +1,1 @@
+"""Flights as MCAP logs: `writer` and `reader`, and what they share."""
