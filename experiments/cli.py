@@ -151,7 +151,7 @@ def reproduce(
     cluster: ClusterOption = None,
 ) -> None:
     """Fly the paper's five stages; tables beside the published ones, figures, and its claims judged."""
-    from experiments import reproduce as reproduction
+    from experiments.reproduction import study as reproduction
 
     report = reproduction.reproduce(
         stage,

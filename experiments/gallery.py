@@ -13,11 +13,12 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
-from experiments import asymmetry_gallery, figures, gallery_physics, gallery_reproduction, route_keeping
+from experiments import asymmetry_gallery, figures, gallery_physics, route_keeping
 from experiments.figures import COLOURS, INK, MUTED, SERIES, Line
 from experiments.fly import fly, position_and_bearing_errors
 from experiments.library import ROUTES, load
 from experiments.report import error_lines
+from experiments.reproduction import gallery as gallery_reproduction
 from laisn.geometry import bearing
 from sim import render
 from sim.flight import Flight

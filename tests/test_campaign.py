@@ -16,7 +16,7 @@ from experiments import campaign, flights, store
 from experiments.campaign import CellPlan
 from experiments.failures import CampaignError, DamagedResult
 from experiments.processes import Pool, WorkerDiedError
-from experiments.reproduce import fly_command
+from experiments.reproduction.study import fly_command
 from laisn import metrics
 from laisn.navigator import Navigator
 from sim.fleet import FleetError

@@ -122,7 +122,7 @@ def test_a_failure_of_our_own_is_one_message_and_exit_code_1(
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("experiments.reproduce.reproduce", fail)
+    monkeypatch.setattr("experiments.reproduction.study.reproduce", fail)
     monkeypatch.delenv("LAISN_DEBUG", raising=False)
     result = CliRunner().invoke(app, ["reproduce"])
     assert (result.exit_code, result.output.strip()) == (code, told)
@@ -133,7 +133,7 @@ def test_a_damaged_result_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, t
         warnings.warn("cells/a.parquet cannot be read and is computed again: it is empty", DamagedResult, stacklevel=2)
         return tmp_path
 
-    monkeypatch.setattr("experiments.reproduce.reproduce", warn)
+    monkeypatch.setattr("experiments.reproduction.study.reproduce", warn)
     result = CliRunner().invoke(app, ["reproduce"])
     assert result.exit_code == 0
     assert result.stderr == "laisn: cells/a.parquet cannot be read and is computed again: it is empty\n"
@@ -144,7 +144,7 @@ def test_an_exception_that_nobody_foresaw_keeps_its_traceback(monkeypatch: pytes
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("from elsewhere")
 
-    monkeypatch.setattr("experiments.reproduce.reproduce", fail)
+    monkeypatch.setattr("experiments.reproduction.study.reproduce", fail)
     result = CliRunner().invoke(app, ["reproduce"])
     assert isinstance(result.exception, RuntimeError)
 

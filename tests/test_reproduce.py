@@ -6,10 +6,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from experiments import claims, reproduce, routes_study, stages
-from experiments.claim_tests import sector_errors
-from experiments.evidence import Evidence
 from experiments.library import ROUTES
+from experiments.reproduction import claims, routes_study, stages
+from experiments.reproduction import study as reproduce
+from experiments.reproduction.claim_tests import sector_errors
+from experiments.reproduction.evidence import Evidence
 from sim.scenario import Scenario
 
 

@@ -5,8 +5,8 @@ from importlib import resources
 
 import pytest
 
-from experiments import stages
 from experiments.library import ROUTES
+from experiments.reproduction import stages
 from sim.scenario import Follower
 
 

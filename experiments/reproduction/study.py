@@ -6,20 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from experiments import campaign, stages
+from experiments import campaign
 from experiments.campaign import CellPlan
-from experiments.claims import CLAIMS, Claim
-from experiments.evidence import Evidence, Judgement
 from experiments.library import ROUTES
 from experiments.page import write
-from experiments.reproduction import (
+from experiments.reproduction import stages
+from experiments.reproduction.claims import CLAIMS, Claim
+from experiments.reproduction.evidence import Evidence, Judgement
+from experiments.reproduction.record import (
     Reproduction,
     fly_once,
     followers_of_the_paper,
     mean_distance,
     plan_cells,
 )
-from experiments.stages import METRICS, Key, Motion, Setting
+from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.store import Record, Store, columns_of, write_csv, write_table
 from sim.scenario import Follower, Scenario
 
@@ -110,7 +111,7 @@ def reproduce(
     if motion not in ("physics", "kinematic"):
         raise ValueError(f"unknown motion {motion!r}; available: physics, kinematic")
     if missions is not None:
-        from experiments.reproduce_routes import study
+        from experiments.reproduction.routes_run import study
 
         folder = out or Path("out") / f"routes-{motion}"
         return study(
@@ -131,7 +132,7 @@ def reproduce(
 def _write(
     settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], rows: Mapping[Key, Record], folder: Path
 ) -> Path:
-    from experiments.reproduction_page import page_of
+    from experiments.reproduction.page import page_of
 
     store, published = Store(folder), stages.published()
     table = table_rows(settings, plans, rows, published)

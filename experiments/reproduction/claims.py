@@ -7,8 +7,8 @@ that a test needs, the same test is made on them too, so that a criterion which 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from experiments import claim_tests as tests
-from experiments.evidence import Evidence, Judgement
+from experiments.reproduction import claim_tests as tests
+from experiments.reproduction.evidence import Evidence, Judgement
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from experiments.campaign import CellPlan
 from experiments.page import write
-from experiments.reproduction import fly_once, plan_cells
-from experiments.routes_page import page_of
-from experiments.routes_study import Study, distributions, draw_followers, evidence_of, judge
-from experiments.stages import Motion, Setting
+from experiments.reproduction.record import fly_once, plan_cells
+from experiments.reproduction.routes_page import page_of
+from experiments.reproduction.routes_study import Study, distributions, draw_followers, evidence_of, judge
+from experiments.reproduction.stages import Motion, Setting
 from experiments.store import Record, Store, columns_of, write_csv, write_table
 
 

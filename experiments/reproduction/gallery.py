@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from experiments import figures
 from experiments.figures import FRAME, SERIES, Colour, Line
-from experiments.reproduce import reproduce
+from experiments.reproduction.study import reproduce
 
 GROUPS: tuple[tuple[str, Colour, str], ...] = (
     ("messages every 1 and 5 s, stages 1 to 3", SERIES[0], "o"),

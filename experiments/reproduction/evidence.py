@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from experiments.stages import Key
+from experiments.reproduction.stages import Key
 from experiments.store import Steps
 from laisn.settings import Variant
 

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments import campaign, stages
+from experiments import campaign
 from experiments.campaign import CellPlan
-from experiments.claims import Claim
-from experiments.evidence import Evidence, Judgement
 from experiments.library import ROUTES
-from experiments.stages import Key, Motion, Setting
+from experiments.reproduction import stages
+from experiments.reproduction.claims import Claim
+from experiments.reproduction.evidence import Evidence, Judgement
+from experiments.reproduction.stages import Key, Motion, Setting
 from experiments.store import Record, Steps, Store
 from laisn.settings import Variant
 from sim.scenario import Follower

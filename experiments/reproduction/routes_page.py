@@ -7,10 +7,10 @@ import numpy as np
 from experiments import figures
 from experiments.figures import FRAME, SERIES, Line
 from experiments.page import Cell, Figures, Page, Section, Table, Text, number, words
-from experiments.paper_tables import METRIC_NAMES, VARIANT_NAMES
-from experiments.reproduction_page import VERDICT_TONES
-from experiments.routes_study import CLAIM_RESAMPLES, CONFIDENCE, Study
-from experiments.stages import METRICS, Key
+from experiments.reproduction.page import VERDICT_TONES
+from experiments.reproduction.paper_tables import METRIC_NAMES, VARIANT_NAMES
+from experiments.reproduction.routes_study import CLAIM_RESAMPLES, CONFIDENCE, Study
+from experiments.reproduction.stages import METRICS, Key
 from experiments.store import Record
 from sim.random_routes import CLASSES
 from sim.trajectory import Trajectory

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from experiments.page import Block, Cell, Table, Text, number, ratio_tone, words
-from experiments.reproduction import Reproduction
-from experiments.stages import METRICS, Key, Setting
+from experiments.reproduction.record import Reproduction
+from experiments.reproduction.stages import METRICS, Key, Setting
 from laisn.settings import Variant
 
 VARIANT_NAMES: dict[Variant, str] = {"laisn-2": "LAISN-2", "laisn-3-1": "LAISN-3(1)", "laisn-3-2": "LAISN-3(2)"}

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from experiments.evidence import Evidence, Judgement, Verdict
+from experiments.reproduction.evidence import Evidence, Judgement, Verdict
 from experiments.store import Steps
 from laisn.settings import Variant
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from experiments import stages
-from experiments.claims import CLAIMS, Claim
-from experiments.evidence import Evidence, Judgement, Verdict
-from experiments.reproduction import mean_distance
-from experiments.stages import METRICS, Key, Motion, Setting
+from experiments.reproduction import stages
+from experiments.reproduction.claims import CLAIMS, Claim
+from experiments.reproduction.evidence import Evidence, Judgement, Verdict
+from experiments.reproduction.record import mean_distance
+from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.store import Record
 from sim.kinematics import plan as plan_motion
 from sim.missions import FOLLOWER_DEPTH, Route

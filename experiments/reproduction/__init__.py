@@ -1,0 +1,1 @@
+"""The paper's evaluation, flown again: `study` is where it begins."""
