@@ -18,7 +18,7 @@ from laisn.geometry import horizontal_range
 from laisn.messages import LeaderMessage
 from sim.acoustics import TRANSMITTERS, propagate
 from sim.echo import Path, locked_path
-from sim.flight import Flight
+from sim.flight import Flight, navigation_settings
 from sim.sensors import errors_of
 from sim.tilt import leveled
 
@@ -90,13 +90,12 @@ def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
     return np.array(flat).reshape(slant.shape)
 
 
-def dissect(flight: Flight, follower: int = 0, *, hydrophone_height: float = 0.0) -> Anatomy:
+def dissect(flight: Flight, follower: int = 0) -> Anatomy:
     """Take apart the range errors of one follower.
 
     Args:
         flight: any flight; its scenario says which causes were at work.
         follower: its index, 0 for the first.
-        hydrophone_height: of the follower's hydrophone above its depth sensor, as its navigator knows it [m].
     """
     scenario, trajectory, measured = flight.scenario, flight.trajectory, flight.measurements[follower]
     sound = propagate(trajectory, scenario, follower)
@@ -120,7 +119,8 @@ def dissect(flight: Flight, follower: int = 0, *, hydrophone_height: float = 0.0
 
     length = taken(sound.length)
     message = dict(zip(LeaderMessage._fields, measured.message[kept].T, strict=True))
-    measured_difference = message["depth"] - (measured.depth[measured.message_step[kept] - 1] - hydrophone_height)
+    height = navigation_settings(scenario, trajectory, follower).hydrophone_height
+    measured_difference = message["depth"] - (measured.depth[measured.message_step[kept] - 1] - height)
     d_level = np.linalg.norm(level[..., :2] - hydrophone[:, None, :2], axis=2)
     steps = {
         Cause.FORESHORTENING: np.linalg.norm(broadcast[..., :2] - hydrophone[:, None, :2], axis=2),

@@ -7,7 +7,7 @@ import numpy as np
 from experiments.anatomy import Anatomy, dissect
 from experiments.asymmetry_conditions import Condition, scenario
 from laisn.navigator import Navigator
-from sim.flight import Flight, navigate, navigation_settings
+from sim.flight import Flight, navigate
 from sim.motion import move
 
 ROUTE, OFFSET_M = "T6", 10.0
@@ -46,12 +46,11 @@ def fly_example(condition: Condition, duration: float) -> Example:
             ),
         }
     )
-    height = navigation_settings(one, trajectory, 0).hydrophone_height
     away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
     return Example(
         condition=condition,
         flight=flight,
-        anatomy=dissect(navigate(everything, trajectory, Navigator), hydrophone_height=height),
+        anatomy=dissect(navigate(everything, trajectory, Navigator)),
         telling=int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))]),
     )

@@ -218,12 +218,6 @@ def over_pitch(pitch_deg: Floats, curves: Sequence[tuple[str, Floats, Floats, Co
     return figure
 
 
-def anatomy_over_time(time: Floats, shares: Sequence[tuple[Floats, Colour]], title: str) -> Figure:
-    """What each cause does to D_front − D_rear over time; shares of shape (m,), [m], with their colours."""
-    lines = [Line(x=time, y=100.0 * share, colour=colour, width=0.8) for share, colour in shares]
-    return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title)
-
-
 def pitch_over_time(time: Floats, pitch_deg: Floats, title: str) -> Figure:
     """Pitch of the leader over time, shape (n,), [s] and [°]."""
     return panel(

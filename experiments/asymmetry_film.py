@@ -13,7 +13,7 @@ from laisn.navigator import Navigator
 from sim import graphics
 from sim.annotations import Annotations, OtherEstimate, RayErrors
 from sim.excerpt import excerpt
-from sim.flight import Flight, navigate, navigation_settings
+from sim.flight import Flight, navigate
 from sim.render import render
 from sim.scenario import Scenario, Video
 
@@ -40,8 +40,7 @@ def _attitude_aware(scenario: Scenario) -> Scenario:
 
 def pitch_errors(flight: Flight) -> Floats:
     """What pitch and roll of the leader alone add to the horizontal ranges of each message, shape (m, 3), [m]."""
-    height = navigation_settings(flight.scenario, flight.trajectory, 0).hydrophone_height
-    anatomy = dissect(flight, hydrophone_height=height)
+    anatomy = dissect(flight)
     heard = flight.measurements[0].message_step
     errors = np.full((heard.size, 3), np.nan)
     at = np.searchsorted(flight.trajectory.time[heard * flight.stride], anatomy.time)

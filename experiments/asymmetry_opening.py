@@ -5,40 +5,21 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from experiments import asymmetry_figures as drawing
-from experiments.anatomy import LABELS, Anatomy, Cause
+from experiments.anatomy import Cause
+from experiments.anatomy_page import asymmetry_over_time, share_table
+from experiments.anatomy_page import legend_of as legend_of_causes
 from experiments.asymmetry_conditions import command
 from experiments.asymmetry_example import DEPTH_SIGMA_M, EVERYTHING, OFFSET_M, ROUTE, Example
 from experiments.asymmetry_figures import LEVEL, REAL
 from experiments.figures import SERIES, Colour, svg
-from experiments.page import Code, Figures, Section, Table, Text, number, words
+from experiments.page import Code, Figures, Section, Text
 
-_ASYMMETRY = ((Cause.LEVER_ARM, SERIES[1]), (Cause.RANDOM, SERIES[0]), (Cause.MOTION, SERIES[2]))
+_TOLD = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
 
 
 def legend_of(*entries: tuple[Colour, str]) -> list[tuple[str, str]]:
     """A page's legend of colours."""
     return [(colour.variable, text) for colour, text in entries]
-
-
-def _anatomy_table(anatomy: Anatomy) -> Table:
-    rows = []
-    for cause in Cause:
-        share = 100 * anatomy.share[..., cause]
-        rows.append(
-            [
-                words(LABELS[cause]),
-                *(number(float(np.sqrt(np.nanmean(share[:, i] ** 2))), 1) for i in range(3)),
-                number(100 * float(np.sqrt(np.nanmean(anatomy.asymmetry[:, cause] ** 2))), 1),
-                number(100 * float(np.nanmax(np.abs(anatomy.asymmetry[:, cause]))), 1),
-            ]
-        )
-    return Table(
-        heads=("cause", "rear", "front", "middle", "rms", "largest"),
-        rows=rows,
-        groups=(("", 1), ("share of the range error, rms [cm]", 3), ("front less rear [cm]", 2)),
-        caption="Each range error is the exact sum of these shares. What both ends have in common moves the fix to and "
-        "fro along its ray; what differs turns it about the leader.",
-    )
 
 
 def question() -> Section:
@@ -66,7 +47,6 @@ def question() -> Section:
 def one_message(example: Example) -> Section:
     """How pitch gets into one fix."""
     anatomy, message = example.anatomy, drawing.Message(example.flight.trajectory, example.telling)
-    shares = [(anatomy.asymmetry[:, cause], colour) for cause, colour in _ASYMMETRY]
     time, pitch = example.flight.trajectory.time, np.rad2deg(example.flight.trajectory.pitch[:, 0])
     half = time <= min(200.0, float(time[-1]))
     seen = anatomy.time <= min(200.0, float(time[-1]))
@@ -96,18 +76,19 @@ def one_message(example: Example) -> Section:
             ),
             Figures(
                 panels=[
-                    svg(drawing.anatomy_over_time(anatomy.time[seen], [(s[seen], c) for s, c in shares],
-                                                  "What tells bow from stern"), "shares"),
+                    svg(asymmetry_over_time(anatomy.time[seen], {c: anatomy.asymmetry[seen, c] for c in _TOLD},
+                                            "What tells bow from stern"), "shares"),
                     svg(drawing.pitch_over_time(time[half], pitch[half], "Pitch of the leader"), "pitch"),
                 ],
                 caption="The same flight over its first minutes, with pings one after another. Only the lever arm "
                 "comes from the pitch; the random error is the paper's, with τ = 1 cm. Pings that take turns cost "
                 "as much: the leader moves on between them, and works in the waves.",
-                legend=legend_of(*((colour, LABELS[cause]) for cause, colour in _ASYMMETRY)),
+                legend=legend_of_causes(_TOLD),
             ),
-            _anatomy_table(anatomy),
+            share_table(anatomy),
             Text(
-                text="For this table every cause but echoes is switched on at once: travel time, pings "
+                text="What both ends have in common moves the fix to and fro along its ray; what differs turns it "
+                "about the leader. For this table every cause but echoes is switched on at once: travel time, pings "
                 f"{EVERYTHING['ping_slot_s']:g} s apart, a speed of sound believed "
                 f"{EVERYTHING['sound_speed_bias_m_s']:g} m/s too high, a clock "
                 f"{1e3 * float(EVERYTHING['clock_offset_s']):g} ms ahead, depths measured to {100 * DEPTH_SIGMA_M:g} "

@@ -128,6 +128,19 @@ def replay(
         replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out)
 
 
+@app.command()
+@plain_errors
+def anatomy(
+    source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
+    set_: SetOption = None,
+    out: Annotated[Path | None, typer.Option(help="write every share of every ping to this .csv or .parquet")] = None,
+) -> None:
+    """Say why ranges were off: pitch, motion, echoes, sound, clocks, noise, depth."""
+    from experiments import anatomy_page
+
+    anatomy_page.anatomise(source, set_ or (), out)
+
+
 WorkersOption = Annotated[int | None, typer.Option(help="local processes (default: one for each core)")]
 ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
 ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]

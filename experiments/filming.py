@@ -8,12 +8,10 @@ from typing import NamedTuple
 from pydantic import ValidationError
 from rich.progress import Progress
 
-from experiments.fly import fly, position_and_bearing_errors
-from experiments.library import load_flyable
+from experiments.fly import position_and_bearing_errors
+from experiments.source import flight_of
 from sim import render
 from sim.cameras import CAMERAS
-from sim.flight import Flight
-from sim.log import reader
 from sim.scenario import Video
 
 
@@ -47,15 +45,6 @@ def _video(video: Video, wish: Wish) -> Video:
         raise render.RenderError("; ".join(faults)) from None
 
 
-def _flight(source: str, assignments: Iterable[str]) -> Flight:
-    path = Path(source)
-    if path.suffix != ".mcap":
-        return fly(load_flyable(source, assignments))[0]
-    if list(assignments):
-        raise render.RenderError("--set changes a scenario; a log was flown already")
-    return reader.read(path)
-
-
 def film(source: str, assignments: Iterable[str], wish: Wish) -> Path:
     """Render the film, or one still, of a scenario or a log.
 
@@ -73,7 +62,7 @@ def film(source: str, assignments: Iterable[str], wish: Wish) -> Path:
     """
     if wish.camera is not None and wish.camera not in CAMERAS:
         raise render.RenderError(f"unknown camera {wish.camera!r}; available: {', '.join(CAMERAS)}")
-    flight = _flight(source, list(assignments))
+    flight = flight_of(source, list(assignments))
     video = _video(flight.scenario.video, wish)
     if not 0 <= wish.follower < len(flight.scenario.followers):
         raise render.RenderError(

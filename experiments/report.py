@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from experiments import figures
+from experiments import anatomy_page, figures
 from experiments.figures import FRAME, INK, MUTED, SERIES, Line
 from experiments.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words, write
 from laisn import metrics
@@ -263,6 +263,7 @@ def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], pa
                     )
                 ],
             ),
+            anatomy_page.section(flight),
             Section(
                 title="Scenario",
                 blocks=[

@@ -1,9 +1,12 @@
 """Shares add up, and each is what a closed form says when it acts alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from experiments import anatomy_page
 from experiments.anatomy import Anatomy, Cause, dissect
 from sim.acoustics import propagate
 from sim.errors import SensorErrors, measure
@@ -12,7 +15,7 @@ from sim.scenario import Acoustics, Scenario
 from sim.sensors import errors_of, observe
 from sim.trajectory import Trajectory
 from tests.straight import make_scenario, make_trajectory
-from tests.synthetic import make_estimates, make_flight
+from tests.synthetic import SITES, make_estimates, make_flight
 
 PITCH, DEPTH_OFFSET, HALF = np.deg2rad(5.0), 10.0, 1.0
 QUIET = SensorErrors(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
@@ -45,7 +48,8 @@ def test_shares_add_up_to_the_error():
     assert_allclose(anatomy.share.sum(axis=2)[heard], anatomy.error[heard], rtol=0, atol=1e-9)
     # the last number of the chain is the one the follower computes from its measurements
     own = flight.measurements[0]
-    dz = own.message[:, 5] - own.depth[own.message_step - 1]
+    # its hydrophone sits higher than its depth sensor
+    dz = own.message[:, 5] - (own.depth[own.message_step - 1] - SITES["follower"]["hydrophone"][2])
     assert_allclose(anatomy.used_range[heard], np.sqrt(own.ranges**2 - dz[:, None] ** 2)[heard], atol=1e-12)
 
 
@@ -124,3 +128,39 @@ def test_random_and_depth_errors_are_what_was_drawn():
     difference = own.message[:, 5] - own.depth[own.message_step - 1]
     level = noisy.level_range
     assert_allclose(alone, np.sqrt(level**2 + 3.0**2 - difference[:, None] ** 2) - level, atol=1e-9)
+
+
+def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_path):
+    flight = make_flight(60.0, 2)
+    rows = list(anatomy_page.records(flight))
+    assert len(rows) == sum(int(np.isfinite(heard.ranges).sum()) for heard in flight.measurements)
+    for row in rows:
+        shares = sum(row[f"{cause.name.lower()}_m"] for cause in Cause)
+        assert row["level_range_m"] + shares == pytest.approx(row["used_range_m"], abs=1e-9)
+    heard = flight.measurements[1]
+    front = [row for row in rows if row["follower"] == "follower2" and row["transmitter"] == "front"]
+    received = heard.message_step[np.isfinite(heard.ranges[:, 1])]
+    assert_allclose([row["time_s"] for row in front], received * heard.dt, atol=1e-9)
+
+
+def test_the_page_names_the_cause_of_the_asymmetry():
+    """Abeam of a leader at 5°, 10 m deeper: bow less stern is off by Δz L sin φ / D, and by nothing else."""
+    trajectory = make_trajectory((20.0, 0.0, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(0.0, PITCH, 0.0))
+    table = anatomy_page.share_table(dissect(flight_of(make_scenario(), trajectory, QUIET)))
+    shown = {row[0].text: [cell.sort for cell in row[1:]] for row in table.rows}
+    expected = 100 * DEPTH_OFFSET * 2 * HALF * np.sin(PITCH) / np.hypot(20.0, HALF)
+    rear, front, middle, rms, largest = shown.pop("lever arm")
+    assert [rms, largest, rear + front] == pytest.approx([expected] * 3, rel=0.01)
+    assert middle == pytest.approx(0.0, abs=1e-9)
+    assert set(shown) == {"foreshortening"}
+    assert shown["foreshortening"][3] < 0.02 * expected
+    assert table.caption.endswith("Not at work here: travel time and motion, echo, sound speed, clock, random error, "
+                                  "depth measurement.")  # fmt: skip
+
+
+def test_a_follower_that_hears_nothing_has_no_anatomy():
+    flight = make_flight(30.0)
+    deaf = replace(flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan))
+    section = anatomy_page.section(replace(flight, measurements=(deaf,)))
+    assert [block.text for block in section.blocks[1:]] == ["follower received no ping."]
+    assert list(anatomy_page.records(replace(flight, measurements=(deaf,)))) == []

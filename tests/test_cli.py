@@ -10,6 +10,7 @@ import time
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -292,6 +293,28 @@ def test_a_graphics_library_that_is_asked_for_and_missing_breaks_no_flight(wante
     result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert (result.returncode, result.stderr) == (0, "")
     assert "T5: fine" in result.stdout
+
+
+def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> None:
+    log, table = flown / "first" / "flight.mcap", tmp_path / "shares.csv"
+    result = CliRunner().invoke(app, ["anatomy", str(log), "--out", str(table)])
+    assert result.exit_code == 0
+    assert "lever arm" in result.output
+    heads, *rows = (line.split(",") for line in table.read_text().splitlines())
+    heard = reader.read(log).measurements[0].ranges
+    assert len(rows) == int(np.isfinite(heard).sum())
+    used = [float(row[heads.index("used_range_m")]) for row in rows if row[heads.index("transmitter")] == "rear"]
+    assert 0 < min(heard[:, 0] - used) < max(heard[:, 0] - used) < 1.0  # Δz is 2 m, so that slant ranges are longer
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [(["--set", "seed=3"], "--set changes a scenario"), (["--out", "a.xlsx"], "should end in .csv or .parquet")],
+)
+def test_what_cannot_be_taken_apart_is_named(flown: Path, options: list[str], told: str) -> None:
+    result = CliRunner().invoke(app, ["anatomy", str(flown / "first" / "flight.mcap"), *options])
+    assert result.exit_code == 2
+    assert told in " ".join(result.output.split())
 
 
 def test_without_graphics_a_flight_says_in_one_line_what_its_film_lacks(
