@@ -22,14 +22,11 @@ from sim.errors import MissionTruth, SensorErrors
 from sim.flight import navigation_settings
 from sim.motion import move
 from sim.scenario import CONTROL_STEP_S
-from sim.sensors import errors_of, observe
+from sim.sensors import SITES, errors_of, observe
 from sim.tilt import leveled
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
-
-_SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
-"""Sites that sensing needs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,21 +83,7 @@ class Row:
 
 def pair(trajectory: Trajectory, follower: int) -> Trajectory:
     """Leader and one follower out of a fleet, with the sites that sensing needs."""
-    vehicles = np.array([0, follower + 1])
-    kept = [
-        i
-        for i, name in enumerate(trajectory.site_names)
-        if trajectory.site_vehicle[i] in vehicles and name.rpartition("/")[2] in _SITES
-    ]
-    per_vehicle = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
-    return replace(
-        trajectory,
-        names=tuple(trajectory.names[v] for v in vehicles),
-        **{name: getattr(trajectory, name)[:, vehicles].copy() for name in per_vehicle},
-        site_names=tuple(trajectory.site_names[i] for i in kept),
-        site_vehicle=(trajectory.site_vehicle[kept] > 0).astype(np.int64),
-        site_offset=trajectory.site_offset[kept].copy(),
-    )
+    return trajectory.only((0, follower + 1), SITES)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -114,7 +114,7 @@ def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, 
 def simulate(scenario: Scenario, progress: Callable[[float], None] | None = None) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario; if it leaves finite numbers, what was flown before, and an outcome that says so."""
     try:
-        return move(scenario, progress), Outcome.COMPLETED
+        return move(scenario, progress, Navigator), Outcome.COMPLETED
     except DivergedError as error:
         return error.trajectory, Outcome.DIVERGED
 

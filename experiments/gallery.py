@@ -13,7 +13,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
-from experiments import asymmetry_gallery, figures, gallery_physics, route_keeping
+from experiments import asymmetry_gallery, closed_loop, figures, gallery_physics, route_keeping
 from experiments.figures import COLOURS, INK, MUTED, SERIES, Line
 from experiments.fly import fly, position_and_bearing_errors
 from experiments.library import ROUTES, load
@@ -121,7 +121,7 @@ def main() -> None:
             (MUTED, "B: 0 astern, −5 to starboard, 5 to port, ±10 ahead"),
         ],
     )
-    for name, (figure, legend) in gallery_physics.all_figures().items():
+    for name, (figure, legend) in (gallery_physics.all_figures() | {"closed-loop": closed_loop.picture()}).items():
         save(figure, name, legend)
     for name, (scenario, time, camera) in STILLS.items():
         photograph(name, flown[scenario], time, camera)

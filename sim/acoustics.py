@@ -113,16 +113,18 @@ def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> 
     Messages that are not in by the last filter step are left out.
 
     Args:
-        trajectory: of the scenario.
+        trajectory: of the scenario, or a stretch of it that begins at a filter step; messages sent after that are
+            followed.
         scenario: gives filter step, message interval, acoustics and floor.
         follower: its index, 0 for the first.
     """
     acoustics, floor, dt = scenario.acoustics, scenario.ocean.floor_depth_m, scenario.timing.filter_step_s
-    last = (trajectory.time.size - 1) // round(dt / CONTROL_STEP_S)
+    first = round(float(trajectory.time[0]) / dt)
+    last = first + (trajectory.time.size - 1) // round(dt / CONTROL_STEP_S)
     moving = acoustics.travel_time
     on_grid = not moving and acoustics.ping_slot_s == 0
     # integers count messages: an accumulated time would drop some
-    steps = np.arange(scenario.message_every, last + 1, scenario.message_every)
+    steps = np.arange(first // scenario.message_every + 1, last // scenario.message_every + 1) * scenario.message_every
     hydrophone = _reader(trajectory, f"{trajectory.names[follower + 1]}/hydrophone", on_grid=on_grid)
     sound = sound_speed(acoustics)
 

@@ -56,8 +56,13 @@ def random_error(sensors: Sensors) -> RandomError:
 
 
 def apparent_tilt(trajectory: Trajectory, vehicle: int = 0) -> Floats:
-    """Pitch and roll that specific force seems to show at a vehicle's origin, shape (n, 2), [rad]."""
-    acceleration = np.gradient(trajectory.velocity[:, vehicle], trajectory.dt, axis=0)
+    """Pitch and roll that specific force seems to show at a vehicle's origin, shape (n, 2), [rad].
+
+    Accelerations are means over the interval that ends at an instant, as the sensor knows them then; the first instant
+    has those of the second.
+    """
+    acceleration = np.diff(trajectory.velocity[:, vehicle], axis=0) / trajectory.dt
+    acceleration = np.concatenate([acceleration[:1], acceleration])
     force = acceleration + np.array([0.0, 0.0, GRAVITY])
     to_body = trajectory.quaternion[:, vehicle] * np.array([1.0, -1.0, -1.0, -1.0])
     forward, port, up = attitude.rotate(to_body, force).T

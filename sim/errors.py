@@ -85,13 +85,16 @@ class SensorErrors:
 class MissionTruth:
     """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages.
 
-    Raises ValueError if shapes disagree or `message_step` is not increasing within 1 … n.
+    Of a stretch of a mission, steps are counted from the mission's start: k = first_step + 1 … first_step + n.
+    Raises ValueError if shapes disagree or `message_step` is not increasing within these.
     """
 
     dt: float
     """Filter step Δt [s]."""
+    first_step: int = 0
+    """Step at which it begins."""
     start: Floats
-    """Known start (step 0) of the hydrophone: x, y [m] and velocity [m/s], shape (4,)."""
+    """State at the first step (known, if that is step 0) of the hydrophone: x, y [m] and velocity [m/s], shape (4,)."""
     speed: Floats
     """Of the follower through the water, along its hull, shape (n,), [m/s]."""
     heading: Floats
@@ -137,8 +140,9 @@ class MissionTruth:
             if value.shape != shape:
                 raise ValueError(f"MissionTruth.{name} has shape {value.shape}, expected {shape}")
             value.flags.writeable = False
-        if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
-            raise ValueError(f"MissionTruth.message_step must increase within 1 … {n}")
+        low, high = self.first_step + 1, self.first_step + n
+        if m and (self.message_step[0] < low or self.message_step[-1] > high or np.any(np.diff(self.message_step) < 1)):
+            raise ValueError(f"MissionTruth.message_step must increase within {low} … {high}")
 
 
 @inlined
@@ -225,6 +229,32 @@ def _heard_ranges(truth: MissionTruth, errors: SensorErrors, address: tuple[int,
     return np.choose(path, [truth.slant_range, surface, bottom])
 
 
+def sense_own(true: Floats, steps: Ints, errors: SensorErrors, *, seed: int, run: int, follower: int = 0) -> Floats:
+    """What a follower's own sensors read at some filter steps of a run: speed, heading and depth.
+
+    Args:
+        true: without errors, shape (n, 3), [m/s], [rad], [m].
+        steps: filter steps k of the rows, shape (n,).
+        errors: of the sensors.
+        seed: key of all random numbers.
+        run: of the campaign, 0, 1, …
+        follower: index of the follower.
+
+    Returns:
+        Shape (n, 3), units as of `true`.
+
+    Raises:
+        ValueError: seed or run is out of range.
+    """
+    motion, depth = (normals(seed, run, s.number(follower), steps) for s in (Stream.OWN_MOTION, Stream.DEPTH))
+    return _own(
+        true,
+        np.column_stack([motion, depth[:, 0]]),
+        np.array([errors.speed_bias, errors.heading_bias]),
+        np.array([errors.speed_sigma, errors.heading_sigma, errors.depth_sigma]),
+    )
+
+
 def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0) -> Measurements:
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
@@ -236,7 +266,7 @@ def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, f
         follower: index of the follower; followers share the leader's errors and nothing else.
 
     Returns:
-        The measurements, without the leader's statement about its heading.
+        The measurements, without the leader's statement about its heading; their steps are counted from the first one.
 
     Raises:
         ValueError: seed or run is out of range.
@@ -245,13 +275,10 @@ def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, f
     def drawn(stream: Stream, steps: Ints) -> Floats:
         return normals(seed, run, stream.number(follower), steps)
 
-    k, received, sent = np.arange(1, truth.speed.size + 1), truth.message_step, truth.emission_step
-    own = _own(
-        np.column_stack([truth.speed, truth.heading, truth.depth]),
-        np.column_stack([drawn(Stream.OWN_MOTION, k), drawn(Stream.DEPTH, k)[:, 0]]),
-        np.array([errors.speed_bias, errors.heading_bias]),
-        np.array([errors.speed_sigma, errors.heading_sigma, errors.depth_sigma]),
-    )
+    k = truth.first_step + np.arange(1, truth.speed.size + 1)
+    received, sent = truth.message_step, truth.emission_step
+    true = np.column_stack([truth.speed, truth.heading, truth.depth])
+    own = sense_own(true, k, errors, seed=seed, run=run, follower=follower)
     leader = _own(
         np.column_stack([truth.sent_speed, truth.sent_heading, truth.sent_position[:, 2]]),
         np.column_stack([drawn(Stream.LEADER_MOTION, sent), drawn(Stream.LEADER_DEPTH, sent)[:, 0]]),
@@ -289,7 +316,7 @@ def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, f
         speed=own[:, 0].copy(),
         heading=own[:, 1].copy(),
         depth=own[:, 2].copy(),
-        message_step=received,
+        message_step=received - truth.first_step,
         message=np.column_stack([columns.get(name, unknown) for name in LeaderMessage._fields]),
         ranges=ranges,
     )

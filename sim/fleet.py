@@ -1,6 +1,7 @@
 """A fleet flown by its autopilots: plant, guidance and autopilot make a Trajectory."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -42,18 +43,15 @@ class FleetError(RuntimeError):
         self.trajectory = trajectory
 
 
+Flown = Callable[[int], Trajectory]
+"""The mission since an instant, which its number on the grid names, until now."""
+Believing = Callable[[int, Flown], Floats]
+"""Where vehicles take themselves to be at an instant, shape (v, 2), [m]; NaN: where they are."""
+
+
 @compiled
-def _tick(
-    k: int,
-    state: tuple[Floats, Floats, Floats],
-    water: Water,
-    wanted: Floats,
-    autopilots: Any,
-    memory: tuple[Floats, Floats],
-    record: Floats,
-    command: Floats,
-) -> None:
-    """Record instant k and find the commands that hold until instant k + 1; memory is set up at k = 0."""
+def _note(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Floats) -> None:
+    """Record instant k."""
     pose, twist, thrust = state
     row = record[k]
     water_velocity(pose[:, POSITION], k * TICK, water, row[:, WATER])
@@ -61,17 +59,34 @@ def _tick(
         row[i, 0:7] = pose[i]
         row[i, 7:13] = twist[i]
         row[i, THRUST] = thrust[i]
-        around = row[i, WATER]
+
+
+@compiled
+def _steer(
+    k: int,
+    row: Floats,
+    wanted: Floats,
+    belief: Floats,
+    autopilots: Any,
+    memory: tuple[Floats, Floats],
+    command: Floats,
+) -> None:
+    """Find the commands that hold from the recorded instant k until k + 1; memory is set up at k = 0."""
+    for i in range(row.shape[0]):
+        pose, twist, around = row[i, 0:7], row[i, 7:13], row[i, WATER]
         if k == 0:
-            begin(wanted[k, i], pose[i], twist[i], around, memory[0][i])
-        steering = steer(wanted[k, i], pose[i], around, TICK, memory[0][i])
-        control(autopilots[i], steering, wanted[k, i], pose[i], twist[i], around, TICK, memory[1][i], command[i])
+            begin(wanted[k, i], pose, twist, around, memory[0][i])
+        where = belief[i] if np.isfinite(belief[i, 0]) else pose[:2]
+        steering = steer(wanted[k, i], where, around, TICK, memory[0][i])
+        control(autopilots[i], steering, wanted[k, i], pose, twist, around, TICK, memory[1][i], command[i])
 
 
-def _trajectory(plant: Plant, record: Floats) -> Trajectory | None:
+def _trajectory(plant: Plant, record: Floats, since: int = 0) -> Trajectory | None:
+    """What is recorded since an instant; None if that is no two instants."""
     n = record.shape[0]
-    if n < 2:
+    if n - since < 2:
         return None
+    record = record[since:]
     part = {
         name: np.ascontiguousarray(record[..., columns])
         for name, columns in {
@@ -85,12 +100,19 @@ def _trajectory(plant: Plant, record: Floats) -> Trajectory | None:
     }
     return Trajectory(
         names=plant.names,
-        time=np.arange(n, dtype=np.float64) * TICK,
+        time=np.arange(since, n, dtype=np.float64) * TICK,
         site_names=plant.site_names,
         site_vehicle=plant.site_vehicle.copy(),
         site_offset=plant.site_offset.copy(),
         **part,
     )
+
+
+def _flown(plant: Plant, record: Floats, since: int = 0) -> Trajectory:
+    flown = _trajectory(plant, record, since)
+    if flown is None:
+        raise ValueError(f"only {record.shape[0]} instants are flown, none after number {since}")
+    return flown
 
 
 def fly_fleet(
@@ -100,6 +122,7 @@ def fly_fleet(
     depth_control: Sequence[DepthControl] = (),
     *,
     limits: Sequence[Limits] | None = None,
+    believe: Believing | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Fly every vehicle of a plant along its route.
@@ -110,6 +133,7 @@ def fly_fleet(
         duration: [s]; a multiple of 0.1 s.
         depth_control: of each vehicle; empty: "pitch" for all.
         limits: what each vehicle can do; None: the paper's turn rate, acceleration and top speed.
+        believe: where vehicles take themselves to be when they steer; None: they know.
         progress: called with the mission time [s], every 50 s of it.
 
     Returns:
@@ -134,9 +158,12 @@ def fly_fleet(
     memory = np.zeros((v, GUIDANCE_MEMORY)), np.zeros((v, AUTOPILOT_MEMORY))
     command = np.zeros((v, 5))
     state, water = (plant.pose, plant.twist, plant.thrust), plant.ocean.water
-    step = plant.step
+    step, belief = plant.step, np.full((v, 2), np.nan)
     for k in range(ticks + 1):
-        _tick(k, state, water, wanted, autopilots, memory, record, command)
+        _note(k, state, water, record)
+        if believe is not None:
+            belief[:] = believe(k, partial(_flown, plant, record[: k + 1]))
+        _steer(k, record[k], wanted, belief, autopilots, memory, command)
         if k == ticks:
             break
         try:
@@ -145,6 +172,4 @@ def fly_fleet(
             raise FleetError(str(error), error.time, _trajectory(plant, record[: k + 1])) from error
         if progress is not None and k % _PROGRESS_TICKS == 0:
             progress(k * TICK)
-    flown = _trajectory(plant, record)
-    assert flown is not None  # one tick at least makes two instants
-    return flown
+    return _flown(plant, record)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from sim import kinematics
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
+from sim.feedback import Feedback, OnlineFactory
 from sim.fleet import FleetError, fly_fleet
 from sim.kinematics import Sites
 from sim.plant import Plant
@@ -19,17 +20,33 @@ class DivergedError(RuntimeError):
         self.trajectory = trajectory
 
 
-def move(scenario: Scenario, progress: Callable[[float], None] | None = None) -> Trajectory:
+def _feedback(scenario: Scenario, navigator: OnlineFactory | None) -> Feedback | None:
+    steering = [i for i, follower in enumerate(scenario.followers) if follower.steers_by == "estimate"]
+    if steering and navigator is None:
+        raise ValueError(
+            f"scenario {scenario.name!r}: followers.{steering[0]}.steers_by = 'estimate': its path depends on the "
+            "noise of the run, so that no campaign can fly it once for all runs; use `laisn fly --run N`"
+        )
+    return Feedback(scenario, navigator) if steering and navigator is not None else None
+
+
+def move(
+    scenario: Scenario,
+    progress: Callable[[float], None] | None = None,
+    navigator: OnlineFactory | None = None,
+) -> Trajectory:
     """Fly a scenario's vehicles along their routes.
 
     Args:
         scenario: `motion` chooses rigid bodies in water, or point motion in still water with the same sites.
         progress: called now and then with the share that is done, 0 … 1.
+        navigator: makes the navigators of followers that steer by their own estimates.
 
     Raises:
-        ValueError: a route cannot be flown, or the sea is impossible.
+        ValueError: a route cannot be flown, the sea is impossible, or a follower lacks its navigator.
         DivergedError: the simulation left finite numbers.
     """
+    feedback = _feedback(scenario, navigator)
     routes = routes_of(scenario)
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
@@ -41,6 +58,7 @@ def move(scenario: Scenario, progress: Callable[[float], None] | None = None) ->
             routes,
             scenario.duration_s,
             [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
+            believe=feedback,
             progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
         )
     except FleetError as error:

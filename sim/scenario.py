@@ -128,6 +128,9 @@ class Follower(Vehicle):
 
     name: Name = "follower"
     depth_m: NonNegative = Field(FOLLOWER_DEPTH, description="depth that the autopilot holds")
+    steers_by: Literal["truth", "estimate"] = Field(
+        "truth", description="position by which it keeps to its route: the true one, or what it believes itself"
+    )
 
 
 class Waves(Section):
@@ -326,6 +329,12 @@ class Scenario(Section):
                 raise ValueError(
                     f"ocean: the current at {name}'s {deepest:g} m would run at {drift:.3g} m/s; current_speed_m_s and "
                     f"current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
+                )
+        for follower in self.followers:
+            if follower.steers_by == "estimate" and self.motion == "kinematic":
+                raise ValueError(
+                    f"{follower.name}: steers_by = 'estimate' needs motion = 'physics'; the paper's point motion keeps "
+                    "to its route whatever the follower believes"
                 )
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             raise ValueError("navigation.use_attitude needs leader.broadcast_attitude = true")

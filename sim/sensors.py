@@ -1,6 +1,7 @@
 """Truth as one follower's sensors meet it: what a scenario's errors are added to."""
 
 import numpy as np
+import numpy.typing as npt
 
 from sim.acoustics import TRANSMITTERS as TRANSMITTERS
 from sim.acoustics import propagate
@@ -10,6 +11,12 @@ from sim.errors import MissionTruth, SensorErrors
 from sim.loss import Channel
 from sim.scenario import CONTROL_STEP_S, Scenario
 from sim.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+
+
+SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
+"""Sites of leader and follower that sensing needs."""
 
 
 def errors_of(scenario: Scenario) -> SensorErrors:
@@ -42,6 +49,20 @@ def errors_of(scenario: Scenario) -> SensorErrors:
     )
 
 
+def own_motion(trajectory: Trajectory, follower: int = 0) -> Floats:
+    """What a follower's own sensors see at every instant: speed, heading and depth, shape (n, 3), [m/s], [rad], [m]."""
+    v, name = follower + 1, trajectory.names[follower + 1]
+    depth = -trajectory.site_path(f"{name}/depth_sensor")[:, 2]
+    return np.column_stack([trajectory.forward_speed[:, v], trajectory.heading[:, v], depth])
+
+
+def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
+    """Where a follower's hydrophone begins, and how fast: x, y [m] and velocity [m/s], shape (4,)."""
+    v, name = follower + 1, trajectory.names[follower + 1]
+    hydrophone = trajectory.site_path(f"{name}/hydrophone")[0]
+    return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2]])
+
+
 def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> MissionTruth:
     """What the sensors of one follower see of a trajectory, without errors.
 
@@ -49,7 +70,8 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     hydrophone site at the instant of the ping.
 
     Args:
-        trajectory: of the scenario, on the control grid.
+        trajectory: of the scenario, on the control grid; or a stretch of it that begins at a filter step, for which
+            errors of the leader's attitude begin anew.
         scenario: gives filter step and message interval.
         follower: its index, 0 for the first.
 
@@ -61,12 +83,12 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     n = (trajectory.time.size - 1) // stride
     if n < 1:
         raise ValueError(f"the trajectory ends at {trajectory.time[-1]:g} s, before the first filter step of {dt:g} s")
-    grid = np.arange(1, n + 1) * stride
-    v, name = follower + 1, trajectory.names[follower + 1]
+    first, grid = round(float(trajectory.time[0]) / dt), np.arange(1, n + 1) * stride
+    name = trajectory.names[follower + 1]
     hydrophone = trajectory.site_position[:, trajectory.site(f"{name}/hydrophone")]
-    depth_sensor = trajectory.site_position[:, trajectory.site(f"{name}/depth_sensor")]
+    own = own_motion(trajectory, follower)[grid]
     sound = propagate(trajectory, scenario, follower)
-    sent = sound.emission_step * stride
+    sent = (sound.emission_step - first) * stride
     limit = scenario.acoustics.max_range_m or np.inf
     heard = np.where(sound.length[:, :, [Path.DIRECT]] <= limit, sound.range, np.nan)
     attitude = np.full((sent.size, 2), np.nan)
@@ -75,10 +97,11 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     leader = trajectory.position[:, 0]
     return MissionTruth(
         dt=dt,
-        start=np.concatenate([hydrophone[0, :2], trajectory.velocity[0, v, :2]]),
-        speed=trajectory.forward_speed[grid, v],
-        heading=trajectory.heading[grid, v],
-        depth=-depth_sensor[grid, 2],
+        first_step=first,
+        start=start_of(trajectory, follower),
+        speed=own[:, 0].copy(),
+        heading=own[:, 1].copy(),
+        depth=own[:, 2].copy(),
         hydrophone=hydrophone[grid, :2],
         leader_position=leader[grid, :2],
         leader_heading=trajectory.heading[grid, 0],

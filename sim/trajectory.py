@@ -1,6 +1,7 @@
 """Truth on a time grid: how the vehicles moved."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Self
@@ -12,6 +13,14 @@ from sim import attitude
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+
+def _carry(position: Floats, axes: Floats, offset: Floats) -> None:
+    """Move positions of body origins, shape (n, 3), to a site; `axes` of `attitude.axes`."""
+    # most sites lie on an axis or two of their hull; what adds nothing is not computed
+    for j in np.flatnonzero(offset):
+        for i in range(3):
+            position[:, i] += offset[j] * axes[j, i]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,11 +126,40 @@ class Trajectory:
         for v in np.unique(self.site_vehicle):
             axes = attitude.axes(self.quaternion[:, v])
             for s in np.flatnonzero(self.site_vehicle == v):
-                # most sites lie on an axis or two of their hull; what adds nothing is not computed
-                for j in np.flatnonzero(self.site_offset[s]):
-                    for i in range(3):
-                        out[:, s, i] += self.site_offset[s, j] * axes[j, i]
+                _carry(out[:, s], axes, self.site_offset[s])
         return out
+
+    def site_path(self, name: str) -> Floats:
+        """One site in the world, shape (n, 3), [m]: as in `site_position`, for the price of one."""
+        s = self.site(name)
+        v = self.site_vehicle[s]
+        out = self.position[:, v].copy()
+        if self.site_offset[s].any():
+            _carry(out, attitude.axes(self.quaternion[:, v]), self.site_offset[s])
+        return out
+
+    def only(self, vehicles: Sequence[int], sites: Collection[str]) -> Self:
+        """Some of the vehicles, the leader among them, with those of their sites that have one of these names.
+
+        Args:
+            vehicles: their indices, increasing, 0 first.
+            sites: names without vehicle, such as "hydrophone".
+        """
+        chosen = np.asarray(vehicles)
+        kept = [
+            i
+            for i, name in enumerate(self.site_names)
+            if self.site_vehicle[i] in chosen and name.rpartition("/")[2] in sites
+        ]
+        per_vehicle = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
+        return replace(
+            self,
+            names=tuple(self.names[v] for v in chosen),
+            **{name: getattr(self, name)[:, chosen] for name in per_vehicle},
+            site_names=tuple(self.site_names[i] for i in kept),
+            site_vehicle=np.searchsorted(chosen, self.site_vehicle[kept]),
+            site_offset=self.site_offset[kept],
+        )
 
     def at(self, time: npt.ArrayLike) -> tuple[Floats, Floats]:
         """Poses between grid points: positions by cubic Hermite, attitudes by spherical interpolation.
@@ -137,7 +175,7 @@ class Trajectory:
         """
         instants = np.atleast_1d(np.asarray(time, dtype=np.float64))
         start, end = self.time[0], self.time[-1]
-        if instants.min() < start - 1e-9 or instants.max() > end + 1e-9:
+        if instants.size and (instants.min() < start - 1e-9 or instants.max() > end + 1e-9):
             raise ValueError(f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s")
         place = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
         i = np.minimum(place.astype(np.int64), self.time.size - 2)

@@ -49,14 +49,31 @@ def test_a_hull_that_speeds_up_seems_to_raise_its_nose() -> None:
 
 
 def test_a_hull_that_turns_to_port_seems_to_heel_to_starboard() -> None:
-    # centripetal acceleration v²/R to port; differences over ±0.1 s take sin(ω Δt)/(ω Δt) of it
+    # centripetal acceleration v²/R to port, the mean of the last 0.1 s, in which the hull has turned on
     speed, radius = 1.5, 12.0
     rate = speed / radius
     angle = rate * 0.1 * np.arange(200)
     velocity = speed * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     circling = moved(velocity, attitude.from_euler(np.pi / 2 - angle))
-    expected = np.arctan(speed**2 / radius / G * np.sinc(rate * 0.1 / np.pi))
-    assert apparent_tilt(circling)[1:-1] == pytest.approx(np.tile([0.0, expected], (198, 1)), abs=1e-12)
+    half = rate * 0.1 / 2
+    mean = speed**2 / radius * np.sinc(half / np.pi)
+    heel = np.arctan(mean * np.cos(half) / G)
+    rise = np.arctan(mean * np.sin(half) / np.hypot(mean * np.cos(half), G))
+    assert apparent_tilt(circling)[1:] == pytest.approx(np.tile([rise, heel], (199, 1)), abs=1e-12)
+
+
+def test_the_sensor_knows_no_future() -> None:
+    rng = np.random.default_rng(2)
+    rough = moved(rng.normal(size=(60, 3)), attitude.from_euler(0.3, *(0.1 * rng.normal(size=(2, 60)))))
+    past = replace(
+        rough,
+        time=rough.time[:40],
+        **{
+            name: getattr(rough, name)[:40]
+            for name in ("position", "velocity", "quaternion", "angular_velocity", "water_velocity", "thrust")
+        },
+    )
+    np.testing.assert_array_equal(measured_attitude(past, FEELS), measured_attitude(rough, FEELS)[:40])
 
 
 @pytest.mark.parametrize("time_constant", [0.0, 2.0, 10.0])
@@ -67,10 +84,10 @@ def test_gyros_keep_waves_out(time_constant: float) -> None:
     surge = np.outer(amplitude / omega * np.sin(omega * time), [1.0, 0.0, 0.0])
     hull = moved(surge, attitude.from_euler(np.pi / 2))
     sensors = FEELS.model_copy(update={"leader_gyro_time_constant_s": time_constant})
-    pitch, roll = measured_attitude(hull, sensors)[-801:-1].T
+    pitch, roll = measured_attitude(hull, sensors)[-800:].T
     share = 1.0 - np.exp(-dt / time_constant) if time_constant else 1.0
     passed = share / abs(1 - (1 - share) * np.exp(-1j * omega * dt))
-    swing = amplitude / G * np.sinc(omega * dt / np.pi) * passed
+    swing = amplitude / G * np.sinc(omega * dt / (2 * np.pi)) * passed
     # 20 whole periods: the root mean square is that of a sine; arctan is linear to 1e-6 here
     assert np.sqrt(2 * np.mean(pitch**2)) == pytest.approx(swing, rel=1e-5)
     assert np.abs(roll).max() < 1e-12

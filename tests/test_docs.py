@@ -16,11 +16,13 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments import reference, route_keeping
+from experiments import closed_loop, reference, route_keeping
 from experiments.cli import app
+from experiments.fly import fly
 from experiments.library import FOLDER, names
 from sim import graphics
 from sim.scenario import Scenario
@@ -235,6 +237,23 @@ def test_readme_quotes_the_table_of_route_keeping() -> None:
         f"{max(roll):.1f}° of roll",
     ):
         assert quoted in readme
+
+
+def test_table_of_closed_loops_is_that_of_its_program() -> None:
+    """To fly it all takes minutes: one route in one run must fit the median of five that is printed for it."""
+    text = closed_loop.PATH.read_text(encoding="utf-8")
+    head = closed_loop.INTRODUCTION.format(duration=1000, last=closed_loop.RUNS[-1], lost=closed_loop.LOST_M)
+    assert text.startswith(head), "run python -m experiments.closed_loop"
+    assert text.endswith(closed_loop.NOTES), "run python -m experiments.closed_loop"
+    (row,) = [line for line in text.splitlines() if line.startswith("| T3 |")]
+    error, off, lost = (cell.strip() for cell in row.split("|")[2:5])
+    mission = closed_loop.steering(0, "laisn-2", "estimate")
+    alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
+    flight, _ = fly(alone)
+    measured = np.sqrt(np.mean(closed_loop.off_place(flight, 0) ** 2))
+    assert lost == f"0 of {len(closed_loop.RUNS)}"
+    assert measured == pytest.approx(float(off), rel=0.5)
+    assert measured == pytest.approx(float(error), rel=0.5)
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)

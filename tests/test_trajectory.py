@@ -73,6 +73,7 @@ def test_any_site_is_where_scipy_turns_it(trajectory: Trajectory) -> None:
     for s, (vehicle, offset) in enumerate(zip(moved.site_vehicle, moved.site_offset, strict=True)):
         carried = turns.apply(offset.copy()).reshape(301, 2, 3)[:, vehicle]
         np.testing.assert_allclose(moved.site_position[:, s], moved.position[:, vehicle] + carried, atol=1e-13)
+        np.testing.assert_array_equal(moved.site_path("abcd"[s]), moved.site_position[:, s])
 
 
 def test_speed_log_measures_along_the_hull_through_the_water(trajectory: Trajectory) -> None:
