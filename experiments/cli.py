@@ -193,8 +193,8 @@ def asymmetry(
     ] = None,
 ) -> None:
     """Study what a leader that pitches does to the ranges, and what helps."""
-    from experiments import asymmetry as study
-    from experiments import asymmetry_film
+    from experiments.asymmetry import film as asymmetry_film
+    from experiments.asymmetry import study
 
     folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
     wanted = not quick if film is None else film

@@ -13,7 +13,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
-from experiments import asymmetry_gallery, closed_loop, figures, gallery_physics, route_keeping
+from experiments import closed_loop, figures, gallery_physics, route_keeping
+from experiments.asymmetry import gallery as asymmetry_gallery
 from experiments.figures import COLOURS, INK, MUTED, SERIES, Line
 from experiments.fly import fly, position_and_bearing_errors
 from experiments.library import ROUTES, load

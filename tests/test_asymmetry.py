@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import models
-from experiments import asymmetry_map as chart
+from experiments.asymmetry import map as chart
 from laisn.geometry import angle_between
 from laisn.settings import VARIANTS, NavigationSettings
 from sim import attitude

@@ -5,13 +5,13 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.testing import assert_allclose
 
-from experiments import asymmetry
-from experiments.asymmetry_arms import ARM, EXACT, LEVEL_BROADCAST, READINGS, STEADIED
-from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, command, fleet, scenario
-from experiments.asymmetry_excess import paired
-from experiments.asymmetry_missions import Plan, Row, fly_condition, pair, sense
-from experiments.asymmetry_planner import deepest_offset, worst_error
-from experiments.asymmetry_tau import Curve, equivalent
+from experiments.asymmetry import study as asymmetry
+from experiments.asymmetry.arms import ARM, EXACT, LEVEL_BROADCAST, READINGS, STEADIED
+from experiments.asymmetry.conditions import CONDITIONS, QUICK_CONDITIONS, command, fleet, scenario
+from experiments.asymmetry.excess import paired
+from experiments.asymmetry.missions import Plan, Row, fly_condition, pair, sense
+from experiments.asymmetry.planner import deepest_offset, worst_error
+from experiments.asymmetry.tau import Curve, equivalent
 from experiments.cells import Cell
 from experiments.library import load
 from experiments.montecarlo import histories

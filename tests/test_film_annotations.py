@@ -10,9 +10,10 @@ from PIL import Image
 from synthetic import make_flight
 from typer.testing import CliRunner
 
-from experiments import asymmetry, asymmetry_film
-from experiments.asymmetry_conditions import QUICK_CONDITIONS
-from experiments.asymmetry_example import fly_example
+from experiments.asymmetry import film as asymmetry_film
+from experiments.asymmetry import study as asymmetry
+from experiments.asymmetry.conditions import QUICK_CONDITIONS
+from experiments.asymmetry.example import fly_example
 from experiments.cli import app
 from laisn.geometry import horizontal_range
 from sim import graphics, render

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.asymmetry_verdict import FALSE_ALARM, Verdict, counts, verdict
+from experiments.asymmetry.verdict import FALSE_ALARM, Verdict, counts, verdict
 
 RUNS = 60
 

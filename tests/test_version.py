@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from experiments import asymmetry, version
+from experiments import version
+from experiments.asymmetry import study
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("models", "laisn", "sim", "experiments")
@@ -91,7 +92,7 @@ def test_a_renamed_entry_is_noticed(tree: Path) -> None:
 
 def test_whatever_python_loads_for_the_studies_is_among_the_sources() -> None:
     """Python's own list of modules is the judge: campaigns, and the modules of the pitch study that compute."""
-    studies = [f"experiments.asymmetry_{name}" for name in asymmetry._SOURCES]
+    studies = [f"experiments.asymmetry.{name}" for name in study._SOURCES]
     code = f"import sys, experiments.campaign\nown = {PACKAGES!r}\n"
     code += "print(*(m for m in sys.modules if m.partition('.')[0] in own), sep='\\n')\n"
     code += f"import {', '.join(studies)}\n"

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from experiments.asymmetry_conditions import CALM, SEED, fleet, scenario
-from experiments.asymmetry_missions import Plan, pair
+from experiments.asymmetry.conditions import CALM, SEED, fleet, scenario
+from experiments.asymmetry.missions import Plan, pair
 from laisn import lanes
 from laisn.estimates import FixKind
 from laisn.settings import GateRule

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.anatomy import Cause, dissect
-from experiments.asymmetry_example import OFFSET_M, Example
+from experiments.asymmetry.example import OFFSET_M, Example
 from experiments.fly import position_and_bearing_errors
 from laisn.navigator import Navigator
 from sim import graphics

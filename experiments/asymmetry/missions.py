@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from experiments.asymmetry_arms import AHRS, ARMS, Arm
-from experiments.asymmetry_conditions import OFFSETS_M, SEED, Condition, fleet, scenario
+from experiments.asymmetry.arms import AHRS, ARMS, Arm
+from experiments.asymmetry.conditions import OFFSETS_M, SEED, Condition, fleet, scenario
 from experiments.cells import PERCENTILES, Cell, CellResult
 from experiments.library import ROUTES
 from experiments.montecarlo import simulate

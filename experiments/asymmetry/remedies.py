@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments import asymmetry_figures as drawing
-from experiments.asymmetry_arms import (
+from experiments.asymmetry import figures as drawing
+from experiments.asymmetry.arms import (
     CROOKED,
     EXACT,
     INFLATED,
@@ -14,9 +14,9 @@ from experiments.asymmetry_arms import (
     REMEDIES,
     STEADIED,
 )
-from experiments.asymmetry_excess import SMALLEST_PART_M, Excess, Mission, driven, mean_of, removed_in_all
-from experiments.asymmetry_figures import AWARE
-from experiments.asymmetry_verdict import Verdict, counts
+from experiments.asymmetry.excess import SMALLEST_PART_M, Excess, Mission, driven, mean_of, removed_in_all
+from experiments.asymmetry.figures import AWARE
+from experiments.asymmetry.verdict import Verdict, counts
 from experiments.figures import MUTED, SERIES, svg
 from experiments.page import Block, Cell, Figures, Notice, Section, Table, Text, number, words
 

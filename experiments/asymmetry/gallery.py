@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.asymmetry_figures import heat
-from experiments.asymmetry_map import full_grid, sweep
+from experiments.asymmetry.figures import heat
+from experiments.asymmetry.map import full_grid, sweep
 from laisn.settings import NavigationSettings
 
 PITCH_DEG, OFFSET_M = 5.0, 5.0

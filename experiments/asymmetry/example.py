@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.anatomy import Anatomy, dissect
-from experiments.asymmetry_conditions import Condition, scenario
+from experiments.asymmetry.conditions import Condition, scenario
 from laisn.navigator import Navigator
 from sim.flight import Flight, navigate
 from sim.motion import move

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.asymmetry_conditions import Condition, command
-from experiments.asymmetry_excess import Excess, Mission, mean_of
-from experiments.asymmetry_gates import GateRow
-from experiments.asymmetry_planner import OFF_AXIS_DEG, PITCH_DEG, rules
-from experiments.asymmetry_tau import Curves, equivalent
+from experiments.asymmetry.conditions import Condition, command
+from experiments.asymmetry.excess import Excess, Mission, mean_of
+from experiments.asymmetry.gates import GateRow
+from experiments.asymmetry.planner import OFF_AXIS_DEG, PITCH_DEG, rules
+from experiments.asymmetry.tau import Curves, equivalent
 from experiments.page import Cell, Table, number, words
 
 

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.asymmetry_arms import EXACT, STEADIED
-from experiments.asymmetry_conditions import SEED
-from experiments.asymmetry_excess import Excess, Mission, driven, paired, removed_in_all
-from experiments.asymmetry_findings import Results, on_missions, stage_4
-from experiments.asymmetry_missions import QUICK
-from experiments.asymmetry_opening import chart_section, one_message, question
-from experiments.asymmetry_remedies import remedies, shortfalls
-from experiments.asymmetry_tables import gate_table, planner_table
+from experiments.asymmetry.arms import EXACT, STEADIED
+from experiments.asymmetry.conditions import SEED
+from experiments.asymmetry.excess import Excess, Mission, driven, paired, removed_in_all
+from experiments.asymmetry.findings import Results, on_missions, stage_4
+from experiments.asymmetry.missions import QUICK
+from experiments.asymmetry.opening import chart_section, one_message, question
+from experiments.asymmetry.remedies import remedies, shortfalls
+from experiments.asymmetry.tables import gate_table, planner_table
 from experiments.page import Film, Page, Section, Text, write
 from experiments.version import code_version
 

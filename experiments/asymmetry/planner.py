@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from experiments.asymmetry_map import closed_form_error
+from experiments.asymmetry.map import closed_form_error
 
 Floats = npt.NDArray[np.float64]
 

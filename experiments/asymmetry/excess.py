@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from experiments.asymmetry_arms import LEVEL, REAL, Arm
-from experiments.asymmetry_missions import Row
-from experiments.asymmetry_verdict import Verdict, verdict
+from experiments.asymmetry.arms import LEVEL, REAL, Arm
+from experiments.asymmetry.missions import Row
+from experiments.asymmetry.verdict import Verdict, verdict
 
 Floats = npt.NDArray[np.float64]
 

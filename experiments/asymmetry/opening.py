@@ -4,13 +4,13 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from experiments import asymmetry_figures as drawing
 from experiments.anatomy import Cause
 from experiments.anatomy_page import asymmetry_over_time, share_table
 from experiments.anatomy_page import legend_of as legend_of_causes
-from experiments.asymmetry_conditions import command
-from experiments.asymmetry_example import DEPTH_SIGMA_M, EVERYTHING, OFFSET_M, ROUTE, Example
-from experiments.asymmetry_figures import LEVEL, REAL
+from experiments.asymmetry import figures as drawing
+from experiments.asymmetry.conditions import command
+from experiments.asymmetry.example import DEPTH_SIGMA_M, EVERYTHING, OFFSET_M, ROUTE, Example
+from experiments.asymmetry.figures import LEVEL, REAL
 from experiments.figures import SERIES, Colour, svg
 from experiments.page import Code, Figures, Section, Text
 

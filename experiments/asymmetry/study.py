@@ -13,14 +13,14 @@ from typing import Any
 
 import pyarrow as pa
 
-from experiments.asymmetry_conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition, command_line
-from experiments.asymmetry_example import Example, fly_example
-from experiments.asymmetry_findings import Results
-from experiments.asymmetry_gates import GateRow, fly_gates
-from experiments.asymmetry_map import full_grid, measure_map, quick_grid
-from experiments.asymmetry_missions import QUICK, Plan, Row, fly_condition
-from experiments.asymmetry_report import write_report
-from experiments.asymmetry_tau import Curve, Curves, fly_curves
+from experiments.asymmetry.conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition, command_line
+from experiments.asymmetry.example import Example, fly_example
+from experiments.asymmetry.findings import Results
+from experiments.asymmetry.gates import GateRow, fly_gates
+from experiments.asymmetry.map import full_grid, measure_map, quick_grid
+from experiments.asymmetry.missions import QUICK, Plan, Row, fly_condition
+from experiments.asymmetry.report import write_report
+from experiments.asymmetry.tau import Curve, Curves, fly_curves
 from experiments.flights import digest
 from experiments.processes import Pool
 from experiments.progress import progress
@@ -40,7 +40,7 @@ _SOURCES = ("arms", "conditions", "gates", "missions", "tau")
 
 @cache
 def _sources() -> str:
-    return digest([(Path(__file__).parent / f"asymmetry_{name}.py").read_text(encoding="utf-8") for name in _SOURCES])
+    return digest([(Path(__file__).parent / f"{name}.py").read_text(encoding="utf-8") for name in _SOURCES])
 
 
 def _key(name: str, plan: Plan) -> str:

@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from experiments import asymmetry_figures as drawing
-from experiments.asymmetry_arms import STEADIED
-from experiments.asymmetry_conditions import Condition
-from experiments.asymmetry_example import Example
-from experiments.asymmetry_excess import Excess, Mission
-from experiments.asymmetry_figures import AWARE, LEVEL, REAL
-from experiments.asymmetry_gates import GateRow
-from experiments.asymmetry_missions import Plan, Row
-from experiments.asymmetry_opening import legend_of
-from experiments.asymmetry_remedies import CAUSES
-from experiments.asymmetry_tables import mission_table, stage_4_table
-from experiments.asymmetry_tau import Curves
+from experiments.asymmetry import figures as drawing
+from experiments.asymmetry.arms import STEADIED
+from experiments.asymmetry.conditions import Condition
+from experiments.asymmetry.example import Example
+from experiments.asymmetry.excess import Excess, Mission
+from experiments.asymmetry.figures import AWARE, LEVEL, REAL
+from experiments.asymmetry.gates import GateRow
+from experiments.asymmetry.missions import Plan, Row
+from experiments.asymmetry.opening import legend_of
+from experiments.asymmetry.remedies import CAUSES
+from experiments.asymmetry.tables import mission_table, stage_4_table
+from experiments.asymmetry.tau import Curves
 from experiments.figures import SERIES, Colour, svg
 from experiments.page import Code, Figures, Section, Text
 
@@ -34,7 +34,7 @@ class Results:
     curves: Curves
     gates: tuple[GateRow, ...]
     chart: pa.Table
-    """As of `asymmetry_map.measure_map`."""
+    """As of `asymmetry.map.measure_map`."""
     example: Example
     film: Path | None
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from experiments.asymmetry_conditions import CALM, SEED, fleet, scenario
-from experiments.asymmetry_missions import Plan, pair
+from experiments.asymmetry.conditions import CALM, SEED, fleet, scenario
+from experiments.asymmetry.missions import Plan, pair
 from experiments.cells import Cell
 from experiments.montecarlo import simulate
 from laisn.settings import Variant

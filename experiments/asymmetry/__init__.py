@@ -1,0 +1,1 @@
+"""What a leader that is not level does to its followers: `study` is where it begins."""
