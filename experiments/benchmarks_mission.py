@@ -10,8 +10,9 @@ import numpy as np
 from experiments.benchmark_row import Row, least_time
 from experiments.fly import fly, position_and_bearing_errors
 from experiments.library import load
-from sim import graphics, render
+from sim import render
 from sim.assembly import ocean_of, routes_of, setups_of
+from sim.film import graphics
 from sim.fleet import TICK, fly_fleet
 from sim.log import writer
 from sim.plant import Plant

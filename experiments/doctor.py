@@ -87,7 +87,7 @@ def _encodes_h264() -> bool:
 
 def examine() -> int:
     """Print a table of abilities; 0 if a mission can be flown, 1 if not. Film alone may be missing."""
-    from sim import graphics
+    from sim.film import graphics
 
     table = Table("", "", "", box=None, show_header=False, pad_edge=False)
 

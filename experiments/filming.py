@@ -11,7 +11,7 @@ from rich.progress import Progress
 from experiments.fly import position_and_bearing_errors
 from experiments.source import flight_of
 from sim import render
-from sim.cameras import CAMERAS
+from sim.film.cameras import CAMERAS
 from sim.scenario import Video
 
 

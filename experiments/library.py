@@ -63,7 +63,7 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
             would break, if there is no such camera or if a log cannot hold the date.
     """
     from sim.assembly import ocean_of, route_of, vehicle_names
-    from sim.cameras import CAMERAS
+    from sim.film.cameras import CAMERAS
     from sim.kinematics import plan
     from sim.log.clock import Clock
 

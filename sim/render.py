@@ -16,10 +16,10 @@ import av
 import numpy as np
 import numpy.typing as npt
 
-from sim import graphics
-from sim.annotations import NOTHING, Annotations
-from sim.cameras import CAMERAS
-from sim.film import GROUP, Job, group_file
+from sim.film import graphics
+from sim.film.annotations import NOTHING, Annotations
+from sim.film.cameras import CAMERAS
+from sim.film.studio import GROUP, Job, group_file
 from sim.flight import Flight
 from sim.scenario import Video
 
@@ -27,6 +27,8 @@ Floats = npt.NDArray[np.float64]
 Errors = Sequence[tuple[Floats, Floats]]
 Progress = Callable[[float], None]
 
+_IMPORTS = "from pathlib import Path; from sim.film import studio"
+"""Of a child's program."""
 _STILL_SAMPLES = 4
 _LAST_WORDS = 12
 
@@ -120,7 +122,7 @@ def _rendered(job: Job, progress: Progress | None) -> Iterator[Path]:
     """A folder with all groups of pictures of the job, rendered by its children."""
     frames, done = job.times.size, 0
     workers = min(job.workers, job.groups)
-    program = "from pathlib import Path; from sim import film; film.main(Path(sys.argv[1]), int(sys.argv[2]))"
+    program = f"{_IMPORTS}; studio.main(Path(sys.argv[1]), int(sys.argv[2]))"
     with (
         _children(job, [(program, str(w)) for w in range(workers)]) as (folder, children),
         selectors.DefaultSelector() as selector,
@@ -244,7 +246,7 @@ def still(
     start, end = float(flight.trajectory.time[0]), float(flight.trajectory.time[-1])
     if not start <= time_s <= end:
         raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
-    program = "from pathlib import Path; from sim import film; film.main_still(Path(sys.argv[1]), float(sys.argv[2]))"
+    program = f"{_IMPORTS}; studio.main_still(Path(sys.argv[1]), float(sys.argv[2]))"
     with _children(job, [(program, repr(float(time_s)))]) as (folder, (child,)):
         _require_success(folder, 0, child)
         part = path.with_name(f".{path.name}.{os.getpid()}.part")

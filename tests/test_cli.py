@@ -18,7 +18,7 @@ from experiments import results
 from experiments.cli import app
 from experiments.failures import CampaignError, DamagedResult
 from experiments.processes import WorkerDiedError
-from sim import graphics
+from sim.film import graphics
 from sim.fleet import FleetError
 from sim.log import reader
 

@@ -24,7 +24,7 @@ from experiments import closed_loop, reference, route_keeping
 from experiments.cli import app
 from experiments.fly import fly
 from experiments.library import FOLDER, names
-from sim import graphics
+from sim.film import graphics
 from sim.scenario import Scenario
 from sim.scenario_file import parse
 

@@ -16,13 +16,14 @@ from experiments.asymmetry.conditions import QUICK_CONDITIONS
 from experiments.asymmetry.example import fly_example
 from experiments.cli import app
 from laisn.geometry import horizontal_range
-from sim import graphics, render
-from sim.annotations import NOTHING, Annotations, OtherEstimate, RayErrors, diverging
-from sim.cameras import Director
+from sim import render
 from sim.excerpt import excerpt
-from sim.footage import Footage
+from sim.film import graphics
+from sim.film.annotations import NOTHING, Annotations, OtherEstimate, RayErrors, diverging
+from sim.film.cameras import Director
+from sim.film.footage import Footage
+from sim.film.scene import ESTIMATE
 from sim.scenario import Video
-from sim.scene import ESTIMATE
 from sim.tilt import leveled
 
 needs_graphics = pytest.mark.skipif(

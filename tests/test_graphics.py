@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from sim import graphics
+from sim.film import graphics
 
 
 def test_probe_examines_every_backend_and_gives_reasons():
@@ -44,7 +44,7 @@ def test_a_child_imports_our_modules_whatever_the_working_directory_holds(tmp_pa
     for name in ("models", "sim", "json"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong module')")
-    command, environment = graphics.child("import json, sim.graphics; print(sys.argv[1])", ("fine",), "egl")
+    command, environment = graphics.child("import json, sim.film.graphics; print(sys.argv[1])", ("fine",), "egl")
     answer = subprocess.run(
         command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60
     )

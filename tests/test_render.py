@@ -15,15 +15,16 @@ import pytest
 from PIL import Image
 from synthetic import make_flight
 
-from sim import graphics, render
+from sim import render
 from sim.assembly import ocean_of
-from sim.cameras import CAMERAS, Director, View
-from sim.film import GROUP, Job
-from sim.footage import Footage
-from sim.overlay import TRUTH
+from sim.film import graphics
+from sim.film.cameras import CAMERAS, Director, View
+from sim.film.footage import Footage
+from sim.film.overlay import TRUTH
+from sim.film.scene import ESTIMATE
+from sim.film.seascape import _RIPPLES, WATER, Sea
+from sim.film.studio import GROUP, Job
 from sim.scenario import Video, Waves
-from sim.scene import ESTIMATE
-from sim.seascape import _RIPPLES, WATER, Sea
 
 needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
@@ -239,8 +240,8 @@ def test_every_camera_gives_a_picture_and_the_same_one_every_time(flight, tmp_pa
     program = """
 import dataclasses, pickle
 import numpy as np
-from sim.cameras import CAMERAS
-from sim.film import Studio, open_stage
+from sim.film.cameras import CAMERAS
+from sim.film.studio import Studio, open_stage
 job = pickle.load(open(sys.argv[1], "rb"))
 pictures = {}
 with open_stage(job) as stage:

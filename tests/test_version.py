@@ -49,7 +49,7 @@ def test_an_edit_of_what_computes_makes_another_version(tree: Path, unedited: st
 
 
 def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
-    modules = ("film", "render", "overlay", "panels", "scene", "cameras", "log/writer", "log/scene", "graphics")
+    modules = ("film/studio", "render", "film/overlay", "film/scene", "film/graphics", "log/writer", "log/scene")
     others = ("page.py", "cli.py", "report.py", "templates/page.css", "data/published_tables.csv")
     edited = [*(f"sim/{name}.py" for name in modules), *(f"experiments/{name}" for name in others)]
     assert after_edits(tree, *edited) == unedited

@@ -10,9 +10,9 @@ from experiments.anatomy import Cause, dissect
 from experiments.asymmetry.example import OFFSET_M, Example
 from experiments.fly import position_and_bearing_errors
 from laisn.navigator import Navigator
-from sim import graphics
-from sim.annotations import Annotations, OtherEstimate, RayErrors
 from sim.excerpt import excerpt
+from sim.film import graphics
+from sim.film.annotations import Annotations, OtherEstimate, RayErrors
 from sim.flight import Flight, navigate
 from sim.render import render
 from sim.scenario import Scenario, Video

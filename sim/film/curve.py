@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.ticker import MaxNLocator
 
-from sim.canvas import DIM, PALE, Canvas, Colour
+from sim.film.canvas import DIM, PALE, Canvas, Colour
 
 Floats = npt.NDArray[np.float64]
 Place = tuple[float, float, float, float]

@@ -3,15 +3,15 @@
 import numpy as np
 import numpy.typing as npt
 
-from sim import labels
-from sim.annotations import Annotations
-from sim.cameras import Shot, View
-from sim.canvas import Canvas, Colour
-from sim.curve import Curve
-from sim.footage import Footage, Moment
-from sim.labels import Label
-from sim.panels import LEADER, NUMBERS, SIGMAS, TRUTH, Map, Place, caption, card, colour_bar, numbers, scale_bar
-from sim.scene import ESTIMATE, TRANSMITTER_COLOURS, Box
+from sim.film import labels
+from sim.film.annotations import Annotations
+from sim.film.cameras import Shot, View
+from sim.film.canvas import Canvas, Colour
+from sim.film.curve import Curve
+from sim.film.footage import Footage, Moment
+from sim.film.labels import Label
+from sim.film.panels import LEADER, NUMBERS, SIGMAS, TRUTH, Map, Place, caption, card, colour_bar, numbers, scale_bar
+from sim.film.scene import ESTIMATE, TRANSMITTER_COLOURS, Box
 
 Floats = npt.NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sim.canvas import Canvas, Colour
+from sim.film.canvas import Canvas, Colour
 
 Floats = npt.NDArray[np.float64]
 Area = tuple[float, float, float, float]

@@ -67,7 +67,7 @@ def render_ball() -> str:
 
 
 def _examine(backend: str) -> Backend:
-    command, environment = child("from sim import graphics; print(graphics.render_ball())", (), backend)
+    command, environment = child("from sim.film import graphics; print(graphics.render_ball())", (), backend)
     try:
         answer = subprocess.run(
             command, env=environment, capture_output=True, text=True, timeout=_PATIENCE_S, check=False

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from OpenGL import GL
 
-from sim import antialiasing, attitude, seascape
-from sim.cameras import Shot, View
-from sim.footage import Moment
+from sim import attitude
+from sim.film import antialiasing, seascape
+from sim.film.cameras import Shot, View
+from sim.film.footage import Moment
 from sim.ocean import Ocean
 from sim.vehicle import THRUSTERS, resolve
 

@@ -13,14 +13,14 @@ import av
 import numpy as np
 import numpy.typing as npt
 
-from sim.annotations import NOTHING, Annotations
 from sim.assembly import ocean_of
-from sim.cameras import Director
+from sim.film.annotations import NOTHING, Annotations
+from sim.film.cameras import Director
+from sim.film.footage import Footage
+from sim.film.overlay import Overlay
+from sim.film.scene import Stage
 from sim.flight import Flight
-from sim.footage import Footage
-from sim.overlay import Overlay
 from sim.scenario import Video
-from sim.scene import Stage
 
 Floats = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.estimates import FixKind
-from sim.annotations import OtherEstimate, RayErrors, diverging
-from sim.canvas import DIM, PALE, Canvas, Colour
-from sim.footage import Footage, Moment
-from sim.scene import ESTIMATE
+from sim.film.annotations import OtherEstimate, RayErrors, diverging
+from sim.film.canvas import DIM, PALE, Canvas, Colour
+from sim.film.footage import Footage, Moment
+from sim.film.scene import ESTIMATE
 
 Floats = npt.NDArray[np.float64]
 Place = tuple[float, float, float, float]

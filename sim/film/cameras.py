@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
 from sim import attitude
-from sim.footage import Footage, Moment
+from sim.film.footage import Footage, Moment
 
 Floats = npt.NDArray[np.float64]
 

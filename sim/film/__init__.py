@@ -1,0 +1,1 @@
+"""What `sim.render` films with: the graphics library, scene, cameras and overlay."""
