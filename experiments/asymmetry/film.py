@@ -19,7 +19,7 @@ from sim.scenario import Scenario, Video
 
 Floats = npt.NDArray[np.float64]
 
-BEFORE_S, AFTER_S = 56.0, 24.0
+BEFORE_S, AFTER_S = 40.0, 20.0
 """Of the mission around the telling message."""
 ATTITUDE_SIGMA_DEG = 0.5
 """Error of the broadcast pitch and roll, drawn anew for each message."""

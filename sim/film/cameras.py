@@ -185,7 +185,7 @@ class Director:
         """The leader from the bow quarter away from the follower; steady, so that waves move the hull in the frame."""
         leader, back = self._now(self._leader, moment.time), -self._now(self._separation, moment.time)
         bearing = np.arctan2(back[0], back[1]) + self._side * _PROFILE_TURN
-        eye = self._in_water(leader + 5.8 * np.array([np.sin(bearing), np.cos(bearing), 0.0]))
+        eye = self._in_water(leader + 6.6 * np.array([np.sin(bearing), np.cos(bearing), 0.0]))
         look = bearing + np.pi + self._side * _PROFILE_LEADER
         # rather more than half-way down to the follower: the leader keeps room to heave, the follower to drift off
         down = 0.58 * np.arctan2(back[2], np.hypot(back[0], back[1]))

@@ -22,12 +22,24 @@ DIM: Colour = (0.60, 0.76, 0.83)
 """Of text that explains it."""
 
 _HERE = IdentityTransform()
+_SHIFTS = 4
 
 
 @lru_cache(maxsize=64)
 def _font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
     return ImageFont.truetype(str(folder / f"DejaVuSans{'-Bold' if bold else ''}.ttf"), size)
+
+
+@lru_cache(maxsize=4096)
+def _written(words: str, size: int, bold: bool, anchor: str, shift: tuple[float, float]) -> tuple[Any, int, int]:
+    """Words as a mask, and where its corner lies from their anchor [px]; most words of a frame were in the last one."""
+    font = _font(size, bold)
+    left, top, right, bottom = font.getbbox(words, anchor=anchor)
+    x, y = int(left) - 1, int(top) - 1
+    mask = Image.new("L", (int(right) - x + 2, int(bottom) - y + 2))
+    ImageDraw.Draw(mask).text((shift[0] - x, shift[1] - y), words, font=font, fill=255, anchor=anchor)
+    return mask, x, y
 
 
 def _rgba(colour: Colour, opacity: float = 1.0) -> tuple[float, float, float, float]:
@@ -95,9 +107,15 @@ class Canvas:
         self, at: tuple[float, float], words: str, colour: Colour = (1, 1, 1), size: float = 14, anchor: str = "la"
     ) -> None:
         """Words in DejaVu Sans; `anchor` as in Pillow; a size below zero means bold."""
-        font = _font(max(6, round(abs(size) * self.scale)), size < 0)
+        if not words:
+            return
         r, g, b, a = (round(255 * c) for c in _rgba(colour))
-        self._draw.text(at, words, font=font, fill=(r, g, b, a), anchor=anchor)
+        # words that move do so by quarters of a pixel
+        (x, dx), (y, dy) = (divmod(round(_SHIFTS * v), _SHIFTS) for v in at)
+        mask, left, top = _written(
+            words, max(6, round(abs(size) * self.scale)), size < 0, anchor, (dx / _SHIFTS, dy / _SHIFTS)
+        )
+        self._draw.bitmap((x + left, y + top), mask, fill=(r, g, b, a))
 
     def extent(self, words: str, size: float = 14) -> tuple[float, float]:
         """Width of words and height of their line [px]; a size below zero means bold."""
@@ -106,7 +124,9 @@ class Canvas:
         return float(font.getlength(words)), float(ascent + descent)
 
     def _flipped(self, points: Floats) -> Floats:
-        return np.column_stack([points[:, 0], self.height - points[:, 1]])
+        turned = np.array(points, dtype=np.float64)
+        np.subtract(self.height, turned[:, 1], turned[:, 1])
+        return turned
 
     def _fill(self, outline: Outline, fill: Colour, edge: Colour | None, width: float) -> None:
         gc = self._agg.new_gc()
