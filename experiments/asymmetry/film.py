@@ -23,7 +23,7 @@ BEFORE_S, AFTER_S = 40.0, 20.0
 """Of the mission around the telling message."""
 ATTITUDE_SIGMA_DEG = 0.5
 """Error of the broadcast pitch and roll, drawn anew for each message."""
-VIDEO = Video(camera="profile", speed_up=4.0)
+VIDEO = Video(camera="profile", speed_up=4.0, frame_rate_hz=24)
 AWARE_COLOUR = (0.30, 1.0, 0.60)
 
 
