@@ -180,6 +180,8 @@ def number(value: float | int | None, digits: int = 2, tone: str = "", title: st
     if value is None or math.isnan(value):
         return Cell(text="–", sort=math.inf, title=title)
     shown = f"{value:d}" if isinstance(value, int) else f"{value:.{digits}f}"
+    # what is rounded to zero has no sign
+    shown = shown.replace("-", "−" if float(shown) else "")
     return Cell(text=shown, sort=value, tone=tone, title=title)
 
 

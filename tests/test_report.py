@@ -166,6 +166,15 @@ def test_rows_must_fit_their_table():
         Table(heads=["a", "b"], rows=[[Cell(text="x")]])
 
 
+@pytest.mark.parametrize(
+    ("value", "text"), [(-0.004, "0.00"), (-0.006, "−0.01"), (-3, "−3"), (0, "0"), (1.005, "1.00"), (None, "–")]
+)
+def test_numbers_in_tables_have_a_minus_only_where_one_can_see_why(value, text):
+    cell = page.number(value)
+    assert cell.text == text
+    assert cell.sort == (np.inf if value is None else value)
+
+
 def test_small_films_are_embedded_and_large_ones_linked(tmp_path):
     small, large = tmp_path / "small.mp4", tmp_path / "large.mp4"
     small.write_bytes(b"film")
