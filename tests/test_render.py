@@ -98,6 +98,27 @@ def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
             assert shot.view.position[2] < 0
 
 
+@pytest.mark.parametrize("aside", [-6.0, -3.0, 0.0, 3.0, 6.0])
+def test_the_chasing_camera_keeps_the_estimate_clear_of_the_panels(flight, aside):
+    """Seen towards the leader, the estimate lies to the right of the follower, or to the left."""
+    away = flight.trajectory.position[flight.step_index(), 0] - flight.hydrophone(0)
+    right = np.column_stack([away[:, 1], -away[:, 0]]) / np.hypot(away[:, 0], away[:, 1])[:, None]
+    (found,) = flight.estimates
+    state = found.state.copy()
+    state[:, :2] = flight.hydrophone(0)[:, :2] + aside * right
+    parted = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
+    footage = Footage(parted, errors_of(parted), 20.0)
+    director = Director(footage, 0, 16 / 9)
+    for t in np.linspace(5.0, 55.0, 11):
+        moment = footage.at(t)
+        view = director.shot("chase", moment).view
+        pixels, _ = view.project(np.stack([moment.hydrophone[0], moment.estimate[0]]), 1280, 720)
+        # panels take the left, and the upper and lower right corners
+        assert (pixels[:, 0] > 308).all()
+        assert (pixels[:, 0] < 1032).all()
+        assert (pixels[:, 1] < 700).all()
+
+
 # footage
 
 

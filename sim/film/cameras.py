@@ -156,6 +156,11 @@ class Director:
         error = np.nan_to_num(footage.position_error[follower])
         steps = footage.start + footage.flight.measurements[0].dt * np.arange(1, error.size + 1)
         self._error = smooth(np.interp(self._time, steps, error))
+        # how far the estimate lies to the right of the follower, seen towards the leader
+        away = footage.flight.estimates[follower].state[:, :2] - footage.flight.hydrophone(follower)[:, :2]
+        east, north = (np.interp(self._time, steps, np.nan_to_num(along)) for along in away.T)
+        towards = self._separation[:, :2] / np.maximum(np.hypot(*self._separation[:, :2].T), 1e-6)[:, None]
+        self._aside = smooth(east * towards[:, 1] - north * towards[:, 0])
 
     def _now(self, values: Floats, time: float) -> Floats:
         place = np.interp(time, self._time, np.arange(self._time.size))
@@ -257,8 +262,11 @@ class Director:
             side = np.array([ahead[1], -ahead[0], 0.0])
             # far enough back to keep the estimate in the picture
             back = 5.0 + 1.2 * min(float(self._now(self._error, moment.time)), 12.0)
-            eye = self._in_water(at - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back])
-            view = View(position=eye, target=at + 9.0 * ahead - 0.6 * side + [0, 0, 0.2])
+            # and aside, so that follower and estimate both stand clear of the panels, most of which are at the left
+            aside = float(np.clip(self._now(self._aside, moment.time), -10.0, 10.0))
+            between = at + (0.5 if aside > 0 else 0.9) * aside * side
+            eye = self._in_water(between - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back])
+            view = View(position=eye, target=between + 9.0 * ahead - 0.6 * side + [0, 0, 0.2])
             return Shot(view, (close_leader,), near_fog, True)
         if camera in ("top", "pip"):
             view, fog = self._top(moment, 0.66 if camera == "pip" else 0.95)
