@@ -29,7 +29,7 @@ PATH = Path(__file__).resolve().parents[1] / "docs" / "closed-loop.md"
 VARIANTS: tuple[Variant, ...] = ("laisn-2", "laisn-3-1", "laisn-3-2")
 RUNS = range(5)
 LOST_M = 50.0
-"""A follower that ends farther than this from its place will not find back."""
+"""A follower that ends farther than this from its place is called lost [m]."""
 
 INTRODUCTION = """# Followers that steer by their own estimates
 
@@ -77,7 +77,8 @@ NOTES = """
 - Who swims abeam or well off the leader's axis keeps its place about as closely as it knows it: the loop adds nothing.
 - Near the axis two transmitters do not suffice. An estimate that is captured at the mirror image of the truth moves to
   port when the follower moves to starboard. Steering by it turns the sign of the feedback, and the follower leaves its
-  place for good. What is an error of a metre or two on paper costs the vehicle at sea.
+  place by hundreds of metres. Once the leader turns, its mirror image no longer goes where log and compass say; some
+  followers find back then, minutes later. What is an error of a metre or two on paper may cost the vehicle at sea.
 - The third transmitter, 0.1 m off the axis, is worth little in E_P ([README](../README.md#studies)) and everything
   here, if its ranges are fused as in LAISN-3(2). One after the other, as in LAISN-3(1), they do not hold every route.
 """
