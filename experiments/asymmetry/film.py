@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.anatomy import Cause, dissect
+from experiments.asymmetry.arms import AHRS
 from experiments.asymmetry.example import OFFSET_M, Example
 from experiments.fly import position_and_bearing_errors
 from laisn.navigator import Navigator
@@ -21,19 +22,18 @@ Floats = npt.NDArray[np.float64]
 
 BEFORE_S, AFTER_S = 40.0, 20.0
 """Of the mission around the telling message."""
-ATTITUDE_SIGMA_DEG = 0.5
-"""Error of the broadcast pitch and roll, drawn anew for each message."""
 VIDEO = Video(camera="profile", speed_up=4.0, frame_rate_hz=24)
 AWARE_COLOUR = (0.30, 1.0, 0.60)
 
 
 def _attitude_aware(scenario: Scenario) -> Scenario:
-    """The same mission for a follower that places the transmitters by the broadcast attitude."""
+    """The same mission for a follower that places the transmitters by the attitude that the leader's AHRS measures."""
+    sensor = {name: getattr(AHRS, name) for name in AHRS.model_fields_set}
     return scenario.model_copy(
         update={
             "leader": scenario.leader.model_copy(update={"broadcast_attitude": True}),
             "navigation": scenario.navigation.model_copy(update={"use_attitude": True}),
-            "sensors": scenario.sensors.model_copy(update={"leader_attitude_sigma_deg": ATTITUDE_SIGMA_DEG}),
+            "sensors": scenario.sensors.model_copy(update=sensor),
         }
     )
 

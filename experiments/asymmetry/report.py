@@ -83,7 +83,11 @@ def write_report(results: Results, path: Path) -> None:
         _limits(),
     ]  # fmt: skip
     if results.film:
-        film = Film(path=results.film, caption="Following sea: the leader pitches, and the estimates with it.")
+        caption = (
+            "Following sea: the leader pitches. One estimate takes it for level, the other is told the pitch that the "
+            "leader's AHRS measures."
+        )
+        film = Film(path=results.film, caption=caption)
         sections = [*sections[:2], Section(title="Film", blocks=[film]), *sections[2:]]
     facts = [
         ("conditions", str(len(results.conditions))),
