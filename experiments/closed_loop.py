@@ -19,9 +19,8 @@ from experiments.route_keeping import scenario
 from laisn import metrics
 from laisn.settings import Variant
 from sim.assembly import routes_of
-from sim.flight import Flight
-from sim.kinematics import plan
 from sim.scenario import Scenario
+from sim.tracking import off_place
 
 Floats = npt.NDArray[np.float64]
 
@@ -96,20 +95,13 @@ def steering(run: int, variant: Variant, steers_by: str) -> Scenario:
     )
 
 
-def off_place(flight: Flight, follower: int) -> Floats:
-    """Distance of a follower from where its route has it, at all instants, shape (n,), [m]."""
-    place = plan(routes_of(flight.scenario)[follower + 1], None).at(flight.trajectory.time)
-    position = flight.trajectory.position[:, follower + 1]
-    return np.hypot(position[:, 0] - place.east, position[:, 1] - place.north)
-
-
 def measure(run: int, variant: Variant, steers_by: str) -> list[tuple[float, float, float]]:
     """Mean E_P, RMS distance off its place, and that distance at the end, of each follower, [m]."""
     flight, _ = fly(steering(run, variant, steers_by))
-    rows = []
+    time, routes, rows = flight.trajectory.time, routes_of(flight.scenario), []
     for i, estimates in enumerate(flight.estimates):
         error = metrics.position_errors(estimates.state[:, :2], flight.hydrophone(i)[:, :2])
-        off = off_place(flight, i)
+        off = off_place(routes[i + 1], time, flight.trajectory.position[:, i + 1, :2])
         rows.append((float(error.mean()), float(np.sqrt(np.mean(off**2))), float(off[-1])))
     return rows
 

@@ -19,11 +19,13 @@ from experiments import results
 from experiments.doctor import versions
 from laisn import metrics
 from laisn.navigator import Navigator
+from sim.assembly import routes_of
 from sim.flight import Flight, Outcome, navigate
 from sim.log.events import Event
 from sim.motion import DivergedError, move
 from sim.scenario import Scenario
 from sim.scenario_file import dumps
+from sim.tracking import off_place
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
@@ -91,10 +93,20 @@ def stray_events(flight: Flight) -> list[Event]:
     return events
 
 
+def off_place_rms(flight: Flight) -> list[float]:
+    """Of each follower: RMS distance from where its route has it, [m]."""
+    time, position = flight.trajectory.time, flight.trajectory.position[..., :2]
+    routes = routes_of(flight.scenario)
+    return [
+        float(np.sqrt(np.mean(off_place(routes[v], time, position[:, v]) ** 2)))
+        for v in range(1, len(flight.trajectory.names))
+    ]
+
+
 def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, Any]:
     """What `summary.json` holds: the same for the same scenario and version, whatever the machine."""
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
-    names = flight.trajectory.names[1:]
+    names, astray = flight.trajectory.names[1:], off_place_rms(flight)
     return {
         "scenario": flight.scenario.name,
         "seed": flight.scenario.seed,
@@ -104,7 +116,8 @@ def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, 
         "variant": flight.scenario.navigation.variant,
         **asdict(pooled),
         "followers": {
-            name: asdict(metrics.summarise(*errors[i])) | {"fixes": metrics.fix_counts(flight.estimates[i])}
+            name: asdict(metrics.summarise(*errors[i]))
+            | {"off_place_rms_m": astray[i], "fixes": metrics.fix_counts(flight.estimates[i])}
             for i, name in enumerate(names)
         },
         "versions": versions(),
@@ -135,11 +148,13 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
 
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     """Print a short table of errors, and how the flight ended if it did not end well."""
-    table = Table("follower", "E_P max", "mean", "σ", "E_B max", "mean", "σ", box=None, pad_edge=False)
+    steered = any(follower.steers_by == "estimate" for follower in flight.scenario.followers)
+    heads = ("follower", "E_P max", "mean", "σ", "E_B max", "mean", "σ", *(["off its place"] if steered else []))
+    table = Table(*heads, box=None, pad_edge=False)
     for name, row in summary["followers"].items():
         metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
         degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
-        table.add_row(name, *metres, *degrees)
+        table.add_row(name, *metres, *degrees, *([f"{row['off_place_rms_m']:.2f} m"] if steered else []))
     console.print(table)
     if flight.outcome is not Outcome.COMPLETED:
         console.print(f"[red]{flight.outcome.value}[/] (at {summary['flown_s']:g} s)")

@@ -150,16 +150,23 @@ def _range_panels(flight: Flight) -> list[str]:
 def _results(flight: Flight, summary: Mapping[str, Any]) -> Table:
     fixes = sorted({kind for row in summary["followers"].values() for kind in row.get("fixes", {})})
     heads = ["follower", "E_P max [m]", "mean", "σ", "E_B max [°]", "mean", "σ"]
-    heads += [kind.replace("_", " ").lower() for kind in fixes]
+    heads += ["rms [m]", *(kind.replace("_", " ").lower() for kind in fixes)]
     rows = []
     for name, row in summary["followers"].items():
         cells: list[Cell] = [words(name)]
         cells += [number(row.get(f"e_p_{what}_m")) for what in ("max", "mean", "std")]
         cells += [number(row.get(f"e_b_{what}_deg")) for what in ("max", "mean", "std")]
+        cells.append(number(row.get("off_place_rms_m")))
         cells += [number(int(row.get("fixes", {}).get(kind, 0))) for kind in fixes]
         rows.append(cells)
-    groups = [("", 1), ("position error", 3), ("bearing error", 3)] + ([("fixes", len(fixes))] if fixes else [])
-    return Table(heads=heads, rows=rows, groups=groups, caption="Errors over all filter steps, and kinds of fix.")
+    groups = [("", 1), ("position error", 3), ("bearing error", 3), ("off its place", 1)]
+    return Table(
+        heads=heads,
+        rows=rows,
+        groups=groups + ([("fixes", len(fixes))] if fixes else []),
+        caption="Errors of the estimate over all filter steps; how far the follower is from where its route has it; "
+        "kinds of fix.",
+    )
 
 
 def _troubles(flight: Flight, errors: Errors) -> list[Notice]:

@@ -59,6 +59,22 @@ def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     return nearest
 
 
+def off_place(route: Route, time: Floats, position: Floats, limits: Limits | None = None) -> Floats:
+    """Distance to where the point motion along the route is at each instant; other arguments as of `cross_track`.
+
+    Args:
+        route: its waypoints.
+        time: shape (n,), [s].
+        position: east and north, shape (n, 2), [m].
+        limits: with which the route is flown; None: the paper's.
+
+    Returns:
+        Shape (n,), [m].
+    """
+    place = plan(route, limits).at(time)
+    return np.hypot(position[:, 0] - place.east, position[:, 1] - place.north)
+
+
 def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
     """When each waypoint is nearest, less its time on the route; arguments as of `cross_track`.
 

@@ -16,13 +16,12 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from experiments import closed_loop, reference, route_keeping
 from experiments.cli import app
-from experiments.fly import fly
+from experiments.fly import fly, off_place_rms
 from experiments.library import FOLDER, names
 from sim.film import graphics
 from sim.scenario import Scenario
@@ -250,7 +249,7 @@ def test_table_of_closed_loops_is_that_of_its_program() -> None:
     mission = closed_loop.steering(0, "laisn-2", "estimate")
     alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
     flight, _ = fly(alone)
-    measured = np.sqrt(np.mean(closed_loop.off_place(flight, 0) ** 2))
+    (measured,) = off_place_rms(flight)
     assert lost == f"0 of {len(closed_loop.RUNS)}"
     assert measured == pytest.approx(float(off), rel=0.5)
     assert measured == pytest.approx(float(error), rel=0.5)

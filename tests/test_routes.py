@@ -9,7 +9,7 @@ from sim.kinematics import plan
 from sim.missions import Route
 from sim.ocean import Ocean
 from sim.plant import Plant
-from sim.tracking import arrival_errors, cross_track, tracking
+from sim.tracking import arrival_errors, cross_track, off_place, tracking
 from sim.vehicle import VehicleSetup
 from sim.waves import Waves
 
@@ -101,6 +101,13 @@ def test_cross_track_is_the_distance_to_the_legs():
     position = np.array([[3.0, 50.0], [4.0, 97.0], [10.0, 98.0], [50.0, 101.0]])
     # the second point is due on the first leg (4 m), but nearer to the second one (3 m)
     assert cross_track(route, time, position) == pytest.approx([3.0, 3.0, 2.0, 1.0])
+
+
+def test_off_its_place_is_who_is_beside_or_late():
+    route = Route.timed("straight", [[0, 0, 0], [100, 0, 100]], 5.0)
+    time = np.array([30.0, 50.0, 70.0])
+    position = np.array([[3.0, 30.0], [0.0, 46.0], [-3.0, 74.0]])
+    assert off_place(route, time, position) == pytest.approx([3.0, 4.0, 5.0], abs=0.01)
 
 
 def test_arrival_is_when_a_waypoint_is_nearest():
