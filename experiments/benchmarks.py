@@ -24,7 +24,8 @@ from laisn.lane_rows import LANES, Tuning
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
-from sim.errors import MissionTruth, SensorErrors, measure
+from sim.errors import SensorErrors, measure
+from sim.mission_truth import MissionTruth
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -24,8 +24,8 @@ from experiments.store import Record, Steps, Store
 from experiments.version import code_version
 from laisn import metrics
 from laisn.lane_rows import LANES
-from sim.errors import MissionTruth
 from sim.flight import navigation_settings
+from sim.mission_truth import MissionTruth
 from sim.scenario import Scenario
 from sim.sensors import errors_of, observe
 from sim.trajectory import Trajectory

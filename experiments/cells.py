@@ -12,7 +12,8 @@ from laisn.estimates import FixKind
 from laisn.lane_rows import LANES
 from laisn.metrics import Summary
 from laisn.settings import NavigationSettings
-from sim.errors import MissionTruth, SensorErrors
+from sim.errors import SensorErrors
+from sim.mission_truth import MissionTruth
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

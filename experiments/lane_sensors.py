@@ -11,7 +11,6 @@ from laisn.lane_rows import LANES
 from sim import gauss_markov
 from sim.echo import path_taken
 from sim.errors import (
-    MissionTruth,
     SensorErrors,
     attitude_reading,
     heading_reading,
@@ -21,6 +20,7 @@ from sim.errors import (
     speed_reading,
 )
 from sim.loss import Channel, is_bad, is_lost
+from sim.mission_truth import MissionTruth
 from sim.noise import Stream, two_normals, two_units, uniform, words
 
 Floats = npt.NDArray[np.float64]

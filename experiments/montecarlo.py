@@ -30,7 +30,8 @@ from laisn import lane_rows as row
 from laisn import lanes
 from laisn.compiled import compiled_lanes
 from laisn.lane_rows import LANES, Tuning
-from sim.errors import MissionTruth, SensorErrors
+from sim.errors import SensorErrors
+from sim.mission_truth import MissionTruth
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

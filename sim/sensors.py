@@ -7,8 +7,9 @@ from sim.acoustics import TRANSMITTERS as TRANSMITTERS
 from sim.acoustics import propagate
 from sim.ahrs import measured_attitude, random_error
 from sim.echo import Path
-from sim.errors import MissionTruth, SensorErrors
+from sim.errors import SensorErrors
 from sim.loss import Channel
+from sim.mission_truth import MissionTruth
 from sim.scenario import CONTROL_STEP_S, Scenario
 from sim.trajectory import Trajectory
 

@@ -10,7 +10,8 @@ import pytest
 from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.ahrs import apparent_tilt, measured_attitude, random_error
-from sim.errors import MissionTruth, SensorErrors, measure
+from sim.errors import SensorErrors, measure
+from sim.mission_truth import MissionTruth
 from sim.scenario import Sensors
 from sim.sensors import errors_of, observe
 from sim.trajectory import Trajectory

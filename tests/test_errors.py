@@ -5,7 +5,8 @@ import numpy.typing as npt
 import pytest
 
 from laisn.messages import LeaderMessage, Measurements
-from sim.errors import MissionTruth, SensorErrors, measure
+from sim.errors import SensorErrors, measure
+from sim.mission_truth import MissionTruth
 from sim.noise import Stream, normals, uniforms
 
 SEED, RUN = 11, 4

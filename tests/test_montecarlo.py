@@ -13,7 +13,8 @@ from laisn import POSITION, metrics
 from laisn.lane_rows import LANES
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
-from sim.errors import MissionTruth, SensorErrors, measure
+from sim.errors import SensorErrors, measure
+from sim.mission_truth import MissionTruth
 
 Floats = npt.NDArray[np.float64]
 

@@ -18,8 +18,9 @@ from experiments.library import ROUTES
 from experiments.montecarlo import simulate
 from laisn.settings import NavigationSettings, Variant
 from sim.ahrs import apparent_tilt, measured_attitude, random_error
-from sim.errors import MissionTruth, SensorErrors
+from sim.errors import SensorErrors
 from sim.flight import navigation_settings
+from sim.mission_truth import MissionTruth
 from sim.motion import move
 from sim.scenario import CONTROL_STEP_S
 from sim.sensors import SITES, errors_of, observe

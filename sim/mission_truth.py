@@ -1,0 +1,73 @@
+"""What one follower's sensors see of a mission, before errors: the seam between motion and measurement."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionTruth:
+    """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages.
+
+    Of a stretch of a mission, steps are counted from the mission's start: k = first_step + 1 … first_step + n.
+    Raises ValueError if shapes disagree or `message_step` is not increasing within these.
+    """
+
+    dt: float
+    """Filter step Δt [s]."""
+    first_step: int = 0
+    """Step at which it begins."""
+    start: Floats
+    """State at the first step (known, if that is step 0) of the hydrophone: x, y [m] and velocity [m/s], shape (4,)."""
+    speed: Floats
+    """Of the follower through the water, along its hull, shape (n,), [m/s]."""
+    heading: Floats
+    """Of the follower, shape (n,), [rad]."""
+    depth: Floats
+    """Of the follower's depth sensor, shape (n,), [m]."""
+    hydrophone: Floats
+    """Horizontal position that is estimated, shape (n, 2), [m]."""
+    leader_position: Floats
+    """Of the leader's body origin, shape (n, 2), [m]."""
+    leader_heading: Floats
+    """Shape (n,), [rad]."""
+    message_step: Ints
+    """Step k at which a message is available, shape (m,), increasing."""
+    emission_step: Ints
+    """Step at which the leader sent it, shape (m,): address of the leader's noise, which all followers share."""
+    timestamp: Floats
+    """Emission on the leader's clock, shape (m,), [s]."""
+    sent_position: Floats
+    """Leader's body origin at emission: east, north and depth, shape (m, 3), [m]."""
+    sent_heading: Floats
+    """Leader's heading at emission, shape (m,), [rad]."""
+    sent_speed: Floats
+    """Leader's speed at emission, shape (m,), [m/s]."""
+    sent_attitude: Floats
+    """Leader's pitch and roll at emission as measured, but for random errors, shape (m, 2), [rad]; NaN if they are not
+    broadcast."""
+    slant_range: Floats
+    """To the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
+    echo_range: Floats | None = None
+    """The same by way of the surface and of the bottom, shape (2, m, 3), [m]; None if echoes are not modelled."""
+
+    def __post_init__(self) -> None:
+        n, m = self.speed.size, self.message_step.size
+        expected = {"start": (4,), "hydrophone": (n, 2), "leader_position": (n, 2), "slant_range": (m, 3)}
+        expected |= dict.fromkeys(("speed", "heading", "depth", "leader_heading"), (n,))
+        expected |= dict.fromkeys(("message_step", "emission_step", "timestamp", "sent_heading", "sent_speed"), (m,))
+        expected |= {"sent_position": (m, 3), "sent_attitude": (m, 2)}
+        if self.echo_range is not None:
+            expected["echo_range"] = (2, m, 3)
+        for name, shape in expected.items():
+            value = getattr(self, name)
+            if value.shape != shape:
+                raise ValueError(f"MissionTruth.{name} has shape {value.shape}, expected {shape}")
+            value.flags.writeable = False
+        low, high = self.first_step + 1, self.first_step + n
+        if m and (self.message_step[0] < low or self.message_step[-1] > high or np.any(np.diff(self.message_step) < 1)):
+            raise ValueError(f"MissionTruth.message_step must increase within {low} … {high}")
