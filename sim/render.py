@@ -12,7 +12,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import av
 import numpy as np
 import numpy.typing as npt
 
@@ -194,6 +193,8 @@ def render(
 
 def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
     """Wrap access units as they are: one for each frame, in order."""
+    import av
+
     raw = path.with_name(f"{path.name}.h264")
     try:
         # a demuxer reads size, profile and headers off the first unit

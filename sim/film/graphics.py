@@ -40,6 +40,9 @@ def child(program: str, arguments: tuple[str, ...], backend: str, threads: int =
     start = f"import sys\nsys.path[:] = {json.dumps(sys.path)}\n{program}"
     environment = os.environ | {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
     environment.pop("PYOPENGL_PLATFORM", None)
+    if sys.platform == "linux":
+        # else PyOpenGL takes GLX if it is imported before MuJoCo has chosen for it
+        environment["PYOPENGL_PLATFORM"] = backend
     return [sys.executable, "-P", "-c", start, *arguments], environment
 
 

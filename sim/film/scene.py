@@ -6,7 +6,6 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from OpenGL import GL
 
 from sim import attitude
 from sim.film import antialiasing, seascape
@@ -158,6 +157,9 @@ class Stage:
             antialiasing.smooth(self._pixels, self._smooth, left + x0, first, x1 - x0, y1 - y0)
 
     def _fog(self, start: float, end: float) -> None:
+        # loads the graphics library, which a process that only imports this file may not have
+        from OpenGL import GL
+
         # MuJoCo hands its fog to OpenGL once, when the context is made
         GL.glFogf(GL.GL_FOG_START, start)
         GL.glFogf(GL.GL_FOG_END, end)

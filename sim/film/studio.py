@@ -9,7 +9,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import numpy.typing as npt
 
@@ -102,6 +101,8 @@ def open_stage(job: Job) -> Stage:
 
 def encoder(video: Video) -> Any:
     """An H.264 encoder for one group of pictures: Annex B, no B-frames, a packet for each frame."""
+    import av
+
     codec = av.CodecContext.create("libx264", "w")
     codec.width, codec.height, codec.pix_fmt = video.width_px, video.height_px, "yuv420p"
     codec.time_base = Fraction(1, video.frame_rate_hz)
@@ -114,6 +115,8 @@ def encoder(video: Video) -> Any:
 
 def encode(frames: Iterator[Bytes], video: Video) -> Iterator[bytes]:
     """Access units of one group of pictures, in Annex B form, one for each frame."""
+    import av
+
     codec = encoder(video)
     for number, pixels in enumerate(frames):
         picture = av.VideoFrame.from_ndarray(pixels, format="rgba").reformat(
