@@ -14,6 +14,8 @@ from experiments.figures import SERIES, Line, panel, svg
 from experiments.page import Block, Figures, Notice, Section, Table, Text, number, words
 from experiments.source import flight_of
 from experiments.store import Record, columns_of, write_csv, write_table
+from experiments.terminal import literal, tell
+from laisn.failure import LaisnError
 from sim.flight import Flight
 
 Floats = npt.NDArray[np.float64]
@@ -132,13 +134,15 @@ def records(flight: Flight) -> Iterator[Record]:
 def _show(console: Console, flight: Flight) -> None:
     for i, name in enumerate(flight.trajectory.names[1:]):
         table = share_table(dissect(flight, i))
-        shown = rich.table.Table(title=f"{name}: rms shares of the range errors \\[cm]", title_justify="left", box=None)
+        shown = rich.table.Table(
+            title=literal(f"{name}: rms shares of the range errors [cm]"), title_justify="left", box=None
+        )
         heads = ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
         for n, head in enumerate(heads):
             shown.add_column(head, justify="right" if n else "left")
         for row in table.rows:
-            shown.add_row(*(cell.text for cell in row))
-        shown.caption, shown.caption_justify = table.caption, "left"
+            shown.add_row(*(literal(cell.text) for cell in row))
+        shown.caption, shown.caption_justify = literal(table.caption), "left"
         console.print(shown)
 
 
@@ -151,17 +155,18 @@ def anatomise(source: str, assignments: Sequence[str], out: Path | None) -> None
         out: `.csv` or `.parquet` file with a row for each ping received; None: none.
 
     Raises:
-        ValueError: the name of the file ends otherwise, or overrides were given for a log.
+        LaisnError: the name of the file ends otherwise, or overrides were given for a log.
         LogError, ScenarioError, OSError: the source is at fault, or the file cannot be written.
     """
     if out is not None and out.suffix not in {".csv", ".parquet"}:
-        raise ValueError(f"--out {out}: should end in .csv or .parquet")
+        raise LaisnError(f"--out {out}: should end in .csv or .parquet")
     flight = flight_of(source, assignments)
-    _show(Console(), flight)
+    console = Console()
+    _show(console, flight)
     if out is not None:
         rows = list(records(flight))
         if out.suffix == ".csv":
             write_csv(out, rows)
         else:
             write_table(out, columns_of(rows))
-        print(out)
+        tell(console, out)

@@ -23,6 +23,7 @@ from experiments.progress import progress
 from experiments.store import Record, Steps, Store
 from experiments.version import code_version
 from laisn import metrics
+from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from sim.flight import navigation_settings
 from sim.mission_truth import MissionTruth
@@ -44,7 +45,7 @@ _BATCH_STEPS = 20_000_000
 class CellPlan:
     """What a cell is to be: a scenario, the number of its runs and what to keep.
 
-    Raises ValueError if there is no run, or no such follower.
+    Raises LaisnError if there is no run, or no such follower.
     """
 
     scenario: Scenario
@@ -55,9 +56,9 @@ class CellPlan:
 
     def __post_init__(self) -> None:
         if self.runs < 1:
-            raise ValueError(f"runs is {self.runs}, expected at least 1")
+            raise LaisnError(f"runs is {self.runs}, expected at least 1")
         if not 0 <= self.follower < len(self.scenario.followers):
-            raise ValueError(f"follower is {self.follower}, the scenario has {len(self.scenario.followers)}")
+            raise LaisnError(f"follower is {self.follower}, the scenario has {len(self.scenario.followers)}")
 
     @cached_property
     def key(self) -> str:

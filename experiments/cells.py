@@ -9,6 +9,7 @@ import numpy.typing as npt
 from experiments import lane_metrics as metric
 from laisn.compiled import compiled_lanes
 from laisn.estimates import FixKind
+from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.metrics import Summary
 from laisn.settings import NavigationSettings
@@ -105,11 +106,11 @@ class CellSums:
         self._interval = float(np.median(gaps)) if gaps.size else float(cell.truth.speed.size)
 
     def add(self, runs: range, tally: Floats, histograms: Ints) -> None:
-        """Add a block; ValueError naming the run if an estimate left finite numbers."""
+        """Add a block; LaisnError naming the run if an estimate left finite numbers."""
         table = tally.reshape(-1, LANES)[:, : len(runs)]
         diverged = np.flatnonzero(~np.isfinite(table[metric.SUM_P // LANES]))
         if diverged.size:
-            raise ValueError(f"the estimate of run {runs[int(diverged[0])]} left finite numbers; check the settings")
+            raise LaisnError(f"the estimate of run {runs[int(diverged[0])]} left finite numbers; check the settings")
         _add_in_order(self._total, table)
         worst = int(np.argmax(table[metric.MAX_P // LANES]))
         if table[metric.MAX_P // LANES, worst] > self._largest[metric.MAX_P // LANES]:

@@ -26,6 +26,12 @@ SetOption = Annotated[
 OutOption = Annotated[Path | None, typer.Option(help="folder for the results (default: one of its own in out/)")]
 
 
+def _say(text: object) -> None:
+    from sim.screen import plain
+
+    typer.echo(plain(text))
+
+
 @app.command()
 @plain_errors
 def fly(
@@ -70,7 +76,7 @@ def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
     from experiments import library
 
     checked = library.load_flyable(scenario, set_ or ())
-    typer.echo(f"{scenario}: fine ({checked.duration_s:g} s, {len(checked.followers)} follower(s))")
+    _say(f"{scenario}: fine ({checked.duration_s:g} s, {len(checked.followers)} follower(s))")
 
 
 @app.command()
@@ -177,7 +183,7 @@ def reproduce(
         force=force,
         cluster=cluster,
     )
-    typer.echo(f"report in {report}")
+    _say(f"report in {report}")
 
 
 @app.command()
@@ -206,7 +212,7 @@ def asymmetry(
         force=force,
         film=asymmetry_film.film if wanted else None,
     )
-    typer.echo(f"report in {report}")
+    _say(f"report in {report}")
 
 
 LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
@@ -232,7 +238,7 @@ def log_export(
     from sim.log.export import export
 
     for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
-        typer.echo(str(file))
+        _say(file)
 
 
 @log_app.command("recover")
@@ -241,7 +247,7 @@ def log_recover(log: LogArgument) -> None:
     """Finish a log that a crash, a full disk or Ctrl-C left behind."""
     from sim.log.recovery import recover
 
-    typer.echo(str(recover(log)))
+    _say(recover(log))
 
 
 def main() -> None:

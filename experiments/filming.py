@@ -13,6 +13,7 @@ from experiments.source import flight_of
 from sim import render
 from sim.film.cameras import CAMERAS
 from sim.scenario import Video
+from sim.screen import plain
 
 
 class Wish(NamedTuple):
@@ -84,5 +85,5 @@ def film(source: str, assignments: Iterable[str], wish: Wish) -> Path:
                 follower=wish.follower,
                 progress=lambda done: bars.update(task, completed=done),
             )
-    print(path)
+    print(plain(path))
     return path

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from experiments import results
 from experiments.doctor import versions
+from experiments.terminal import literal, tell
 from laisn import metrics
 from laisn.navigator import Navigator
 from sim.assembly import routes_of
@@ -154,10 +155,10 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     for name, row in summary["followers"].items():
         metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
         degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
-        table.add_row(name, *metres, *degrees, *([f"{row['off_place_rms_m']:.2f} m"] if steered else []))
+        table.add_row(literal(name), *metres, *degrees, *([f"{row['off_place_rms_m']:.2f} m"] if steered else []))
     console.print(table)
     if flight.outcome is not Outcome.COMPLETED:
-        console.print(f"[red]{flight.outcome.value}[/] (at {summary['flown_s']:g} s)")
+        tell(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, "red")
 
 
 class Written(NamedTuple):
@@ -247,9 +248,9 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None
         had_film = (folder / results.FILM).exists()
     show(console, written.flight, written.summary)
     for event in written.strays:
-        console.print(f"[yellow]warning:[/] at {event.time_s:g} s {event.text}", highlight=False)
+        tell(console, f"at {event.time_s:g} s {event.text}", "warning:")
     if with_video and written.no_film:
-        console.print(f"[yellow]no film:[/] {written.no_film}", highlight=False, soft_wrap=True)
+        tell(console, written.no_film, "no film:")
     if had_film and written.no_film:
-        console.print("[yellow]note:[/] the film of the earlier flight went with it", highlight=False)
-    console.print(f"results in {folder}", soft_wrap=True)
+        tell(console, "the film of the earlier flight went with it", "note:")
+    tell(console, f"results in {folder}")

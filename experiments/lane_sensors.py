@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from laisn import lane_rows as row
 from laisn.compiled import compiled_lanes
+from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from sim import gauss_markov
 from sim.echo import path_taken
@@ -95,11 +96,11 @@ def compiled_errors(errors: SensorErrors) -> Errors:
 
 
 def address(seed: int, first_run: int, follower: int) -> Address:
-    """Address of the noise of a block of one follower; ValueError if seed or run is out of range."""
+    """Address of the noise of a block of one follower; LaisnError if seed or run is out of range."""
     if not 0 <= seed < 2**64:
-        raise ValueError(f"seed is {seed}, expected 0 … 2^64 − 1")
+        raise LaisnError(f"seed is {seed}, expected 0 … 2^64 − 1")
     if not 0 <= first_run < 2**32 - LANES:
-        raise ValueError(f"run is {first_run}, expected 0 … 2^32 − {LANES + 1}")
+        raise LaisnError(f"run is {first_run}, expected 0 … 2^32 − {LANES + 1}")
     streams = (np.uint64(Stream[name.upper()].number(follower)) for name in Address._fields[2:])
     return Address(np.uint64(seed), np.uint64(first_run), *streams)
 

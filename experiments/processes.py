@@ -11,6 +11,7 @@ import joblib
 
 from experiments.failures import CampaignError
 from experiments.version import code_version
+from laisn.failure import LaisnError
 
 Result = TypeVar("Result")
 
@@ -42,17 +43,17 @@ class Pool:
             cluster: address of a Dask scheduler; its workers are used instead.
 
         Raises:
-            ValueError: there is no worker.
+            LaisnError: there is no worker.
         """
         if workers < 1:
-            raise ValueError(f"workers is {workers}, expected at least 1")
+            raise LaisnError(f"workers is {workers}, expected at least 1")
         self.size = workers
         self._cluster = cluster
         self._stack = ExitStack()
         self._backend = "sequential" if workers == 1 else "loky"
 
     def __enter__(self) -> Self:
-        """Start; ValueError if the cluster cannot be used."""
+        """Start; LaisnError if the cluster cannot be used."""
         if self._cluster is not None:
             self.size = self._stack.enter_context(_Cluster(self._cluster)).workers
             self._backend = "dask"
@@ -89,12 +90,12 @@ class _Cluster:
         try:
             import distributed
         except ImportError:
-            raise ValueError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
+            raise LaisnError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
         try:
             connect: Callable[..., Any] = distributed.Client
             self._client = connect(address, timeout=_CONNECT_S)
         except (OSError, ValueError) as error:
-            raise ValueError(f"no Dask scheduler answers at {address} within {_CONNECT_S} s ({error})") from None
+            raise LaisnError(f"no Dask scheduler answers at {address} within {_CONNECT_S} s ({error})") from None
         try:
             self.workers = self._check(address)
         except BaseException:
@@ -102,21 +103,21 @@ class _Cluster:
             raise
 
     def _check(self, address: str) -> int:
-        """Number of threads of the cluster; ValueError naming workers that cannot compute for us."""
+        """Number of threads of the cluster; LaisnError naming workers that cannot compute for us."""
         threads = {
             name: info["nthreads"] for name, info in self._client.scheduler_info(n_workers=-1)["workers"].items()
         }
         if not threads:
-            raise ValueError(f"the Dask scheduler at {address} has no workers")
+            raise LaisnError(f"the Dask scheduler at {address} has no workers")
         # Functions of the standard library alone: a worker without this package could not even take one of ours.
         found = self._client.run(importlib.util.find_spec, "experiments", on_error="return")
         lacking = sorted(name for name, spec in found.items() if spec is None or isinstance(spec, BaseException))
         if lacking:
-            raise ValueError(f"laisn-sim is not installed on these workers of {address}: {', '.join(lacking)}")
+            raise LaisnError(f"laisn-sim is not installed on these workers of {address}: {', '.join(lacking)}")
         versions = self._client.run(code_version, on_error="return")
         others = sorted(f"{name} ({found})" for name, found in versions.items() if found != code_version())
         if others:
-            raise ValueError(f"this is version {code_version()}, but workers of {address} have: {', '.join(others)}")
+            raise LaisnError(f"this is version {code_version()}, but workers of {address} have: {', '.join(others)}")
         return sum(threads.values())
 
     def __enter__(self) -> Self:

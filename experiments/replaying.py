@@ -7,6 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from experiments.terminal import literal, tell
 from sim.scenario_file import override, validate
 
 STATE_COLUMNS = ("x_m", "y_m", "vx_m_s", "vy_m_s")
@@ -48,14 +49,14 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
     again = replace(flown, scenario=scenario, estimates=estimates)
     console = Console()
     for title, flight in ((f"as flown, {flown.scenario.navigation.variant}", flown), (f"replayed, {variant}", again)):
-        console.print(f"[bold]{title}[/]")
+        console.print(literal(title, "bold"))
         show(console, flight, summarise(flight, position_and_bearing_errors(flight)))
     if out is not None:
         import json
 
         errors = position_and_bearing_errors(again)
         writer.write(again, out, summary=json.dumps(summarise(again, errors), indent=2) + "\n", errors=errors)
-        console.print(f"log in {out}")
+        tell(console, f"log in {out}")
 
 
 def replay_measurements(path: Path, source: str, assignments: Iterable[str], out: Path | None) -> None:
@@ -93,14 +94,20 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
         counts = ", ".join(f"{kinds.count(k)} {k.name.lower().replace('_', ' ')}" for k in FixKind if k in kinds)
         last = estimates.state[-1]
         table.add_row(
-            name, str(len(estimates.state)), f"{measured.dt:g}", counts or "none", f"{last[0]:.2f}", f"{last[1]:.2f}"
+            literal(name),
+            str(len(estimates.state)),
+            f"{measured.dt:g}",
+            counts or "none",
+            f"{last[0]:.2f}",
+            f"{last[1]:.2f}",
         )
         for k, state in enumerate(estimates.state.tolist(), start=1):
             rows.append({"follower": name, "time_s": k * measured.dt, **dict(zip(STATE_COLUMNS, state, strict=True))})
-    Console().print(table)
+    console = Console()
+    console.print(table)
     if out is not None:
         write_csv(out, rows)
-        print(out)
+        tell(console, out)
 
 
 def show_info(path: Path) -> None:
@@ -109,12 +116,12 @@ def show_info(path: Path) -> None:
 
     found = info(path)
     console = Console()
-    console.print(f"{path}: {found.size / 1e6:.2f} MB, {found.duration_s:g} s from {found.start.isoformat()}")
+    tell(console, f"{path}: {found.size / 1e6:.2f} MB, {found.duration_s:g} s from {found.start.isoformat()}")
     table = Table("channel", "schema", "messages", box=None, pad_edge=False)
     for channel in found.channels:
-        table.add_row(channel.topic, channel.schema, str(channel.messages))
+        table.add_row(literal(channel.topic), literal(channel.schema), str(channel.messages))
     console.print(table)
     for name, size in found.attachments.items():
-        console.print(f"attachment {name}: {size} bytes")
+        tell(console, f"attachment {name}: {size} bytes")
     for name, record in found.metadata.items():
-        console.print(f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}", soft_wrap=True)
+        tell(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from experiments.fly import fly
 from experiments.library import load_flyable
+from laisn.failure import LaisnError
 from sim.flight import Flight
 from sim.log import reader
 
@@ -17,12 +18,12 @@ def flight_of(source: str, assignments: Iterable[str] = ()) -> Flight:
         assignments: overrides of a scenario, "key=value".
 
     Raises:
-        ValueError: overrides were given for a log.
+        LaisnError: overrides were given for a log.
         LogError, ScenarioError: the source is at fault.
     """
     path = Path(source)
     if path.suffix != ".mcap":
         return fly(load_flyable(source, assignments))[0]
     if list(assignments):
-        raise ValueError(f"{path}: --set changes a scenario; a log was flown already")
+        raise LaisnError(f"{path}: --set changes a scenario; a log was flown already")
     return reader.read(path)

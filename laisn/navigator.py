@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from laisn import POSITION, fix
 from laisn.estimates import Estimates, FixKind
+from laisn.failure import LaisnError
 from laisn.filter import Filter
 from laisn.fix import Circles, Fix
 from laisn.gate import Gate
@@ -81,12 +82,12 @@ class Navigator:
         """
         self._step += 1
         if not np.all(np.isfinite(own)):
-            raise ValueError(f"step {self._step}: own motion {own} is not finite")
+            raise LaisnError(f"step {self._step}: own motion {own} is not finite")
         if reception is not None:
             if not np.all(np.isfinite(reception.message[:6])):
-                raise ValueError(f"step {self._step}: leader message {reception.message} is not finite")
+                raise LaisnError(f"step {self._step}: leader message {reception.message} is not finite")
             if np.any(np.isinf(reception.ranges)):
-                raise ValueError(
+                raise LaisnError(
                     f"step {self._step}: range {reception.ranges} is infinite; NaN stands for a missing one"
                 )
         self._filter.predict(self._acceleration(own, reception))

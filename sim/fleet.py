@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled
+from laisn.failure import LaisnError
 from sim.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design
 from sim.guidance import GUIDANCE_MEMORY, begin, reference, steer
 from sim.kinematics import Limits
@@ -29,7 +30,7 @@ COLUMNS = 21
 _PROGRESS_TICKS = 500
 
 
-class FleetError(RuntimeError):
+class FleetError(LaisnError):
     """A flight that could not go on.
 
     Attributes:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from laisn.failure import LaisnError
 from sim import attitude
 from sim.missions import Route
 from sim.trajectory import Trajectory
@@ -154,14 +155,14 @@ def _leg_speed(distance: float, time: float, speed: float, acceleration: float) 
 
 
 def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) -> tuple[float, float]:
-    """Speed [m/s], and time at that speed [s], of the straight way to the turn at waypoint k; ValueError if impossible.
+    """Speed [m/s], and time at that speed [s], of the straight way to the turn at waypoint k; LaisnError if impossible.
 
     The planner has left the last turn and heads for the waypoint, where a corner of `cut` [rad] is to be cut.
     """
     where = f"route {route.name!r}, waypoint {k + 1}"
     mean_speed = route.leg_speed[k - 1]
     if mean_speed > limits.speed_max * (1 + 1e-9):
-        raise ValueError(f"{where}: {mean_speed:.3g} m/s required, the limit is {limits.speed_max:.3g} m/s")
+        raise LaisnError(f"{where}: {mean_speed:.3g} m/s required, the limit is {limits.speed_max:.3g} m/s")
     east, north = route.waypoint[k, 0] - planner.east, route.waypoint[k, 1] - planner.north
     straight = float(east * np.sin(planner.course) + north * np.cos(planner.course))
     # along the arc to its middle the way is shorter than to the corner by speed × saved
@@ -170,7 +171,7 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) ->
     speed = _leg_speed(straight, left + saved, planner.speed, limits.acceleration)
     if not SPEED_MIN <= speed <= limits.speed_max * (1 + 1e-9):
         asked = f"{max(straight, 0.0) / left:.3g} m/s on average" if left > 0 else "more time"
-        raise ValueError(
+        raise LaisnError(
             f"{where}: {asked} required after {planner.speed:.3g} m/s; out of reach with "
             f"{limits.acceleration:.3g} m/s² and speeds from {SPEED_MIN} to {limits.speed_max:.3g} m/s"
         )
@@ -178,7 +179,7 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) ->
     radius = speed / limits.turn_rate
     spare = straight - radius * np.tan(cut / 2) - 0.5 * (planner.speed + speed) * ramp
     if spare < -1e-9:
-        raise ValueError(
+        raise LaisnError(
             f"{where}: a leg of {route.leg_length[k - 1]:.3g} m is {-spare:.3g} m too short for its changes of "
             f"speed and course: {planner.speed:.3g} to {speed:.3g} m/s, then a turn of {np.rad2deg(cut):.0f}° "
             f"(radius {radius:.3g} m)"
@@ -190,7 +191,7 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
     """The motion along a route, on time at every waypoint.
 
     Raises:
-        ValueError: the vehicle cannot fly the route; names the route, the waypoint (counted from 1), what it requires
+        LaisnError: the vehicle cannot fly the route; names the route, the waypoint (counted from 1), what it requires
             and the limit.
     """
     limits = limits or Limits()
@@ -203,7 +204,7 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
     turn = _turn_towards(planner, points[1], limits.turn_rate) if abs(_wrap(course[0] - start)) > 1e-12 else 0.0
     for k in range(1, len(points)):
         if np.isnan(turn):
-            raise ValueError(
+            raise LaisnError(
                 f"route {route.name!r}, waypoint {k + 1}: it lies within the turning circle of "
                 f"{planner.speed / limits.turn_rate:.3g} m radius that begins at waypoint {k}"
             )
@@ -243,10 +244,10 @@ def fly(
         sites: on the hulls; None: no sites.
 
     Raises:
-        ValueError: a route cannot be flown, or there is not one for each vehicle.
+        LaisnError: a route cannot be flown, or there is not one for each vehicle.
     """
     if len(names) != len(routes):
-        raise ValueError(f"{len(names)} vehicles need as many routes, got {len(routes)}")
+        raise LaisnError(f"{len(names)} vehicles need as many routes, got {len(routes)}")
     time: Floats = np.arange(round(duration / dt) + 1, dtype=np.float64) * dt
     n, v = time.size, len(routes)
     position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))

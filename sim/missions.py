@@ -9,6 +9,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from laisn.failure import LaisnError
+
 Floats = npt.NDArray[np.float64]
 
 START_SPEED = 1.0
@@ -24,7 +26,7 @@ FOLLOWER_DEPTH = 10.0
 class DepthProfile:
     """Depth over time, linear between points; before the first and after the last point it is held.
 
-    Raises ValueError if a depth is negative or the times do not increase from 0.
+    Raises LaisnError if a depth is negative or the times do not increase from 0.
     """
 
     time: Floats
@@ -36,13 +38,13 @@ class DepthProfile:
 
     def __post_init__(self) -> None:
         if self.time.ndim != 1 or self.time.size < 1 or self.time.shape != self.depth.shape:
-            raise ValueError(
+            raise LaisnError(
                 f"a depth profile needs as many times as depths, got {self.time.shape} and {self.depth.shape}"
             )
         if self.time[0] != 0 or np.any(np.diff(self.time) <= 0):
-            raise ValueError(f"times of a depth profile must increase from 0, got {self.time.tolist()} s")
+            raise LaisnError(f"times of a depth profile must increase from 0, got {self.time.tolist()} s")
         if not (np.all(np.isfinite(self.depth)) and self.depth.min() >= 0):
-            raise ValueError(f"depths must be finite and not negative, got {self.depth.tolist()} m")
+            raise LaisnError(f"depths must be finite and not negative, got {self.depth.tolist()} m")
         for array in (self.time, self.depth):
             array.flags.writeable = False
 
@@ -56,14 +58,14 @@ class DepthProfile:
         """Points [[time, depth], …], shape (n, 2), [s] and [m]."""
         table = np.array(points, dtype=np.float64)
         if table.ndim != 2 or table.shape[1] != 2:
-            raise ValueError(f"a depth profile needs points of shape (n, 2), got {table.shape}")
+            raise LaisnError(f"a depth profile needs points of shape (n, 2), got {table.shape}")
         return cls(time=table[:, 0].copy(), depth=table[:, 1].copy())
 
     @classmethod
     def saw_tooth(cls, mean: float, amplitude: float, period: float) -> Self:
         """From the mean down by `amplitude`, up by twice that and back, again and again; [m], [m], [s]."""
         if not period > 0:
-            raise ValueError(f"the period of a saw-tooth must be positive, got {period} s")
+            raise LaisnError(f"the period of a saw-tooth must be positive, got {period} s")
         return cls(
             time=np.array([0.0, 0.25, 0.75, 1.0]) * period,
             depth=mean + amplitude * np.array([0.0, 1.0, -1.0, 0.0]),
@@ -83,7 +85,7 @@ class DepthProfile:
 class Route:
     """Waypoints, each with the time at which the vehicle is to be there; straight legs between them.
 
-    After the last waypoint the vehicle goes straight on. Raises ValueError naming route and waypoint if shapes
+    After the last waypoint the vehicle goes straight on. Raises LaisnError naming route and waypoint if shapes
     disagree, a number is not finite, times do not increase from 0 or two consecutive waypoints coincide.
     """
 
@@ -101,23 +103,23 @@ class Route:
     def __post_init__(self) -> None:
         n = self.time.size
         if n < 2 or self.time.shape != (n,) or self.waypoint.shape != (n, 2):
-            raise ValueError(
+            raise LaisnError(
                 f"route {self.name!r}: expected times (n,) and waypoints (n, 2) with n ≥ 2, "
                 f"got {self.time.shape} and {self.waypoint.shape}"
             )
         if not (np.all(np.isfinite(self.time)) and np.all(np.isfinite(self.waypoint))):
-            raise ValueError(f"route {self.name!r}: a time or a coordinate is not finite")
+            raise LaisnError(f"route {self.name!r}: a time or a coordinate is not finite")
         if self.time[0] != 0:
-            raise ValueError(f"route {self.name!r}: waypoint 1 must be at 0 s, got {self.time[0]:g} s")
+            raise LaisnError(f"route {self.name!r}: waypoint 1 must be at 0 s, got {self.time[0]:g} s")
         for i in np.flatnonzero(np.diff(self.time) <= 0):
-            raise ValueError(
+            raise LaisnError(
                 f"route {self.name!r}, waypoint {i + 2}: its time {self.time[i + 1]:g} s is not later than "
                 f"{self.time[i]:g} s of the waypoint before"
             )
         for i in np.flatnonzero(self.leg_length == 0):
-            raise ValueError(f"route {self.name!r}: waypoints {i + 1} and {i + 2} coincide")
+            raise LaisnError(f"route {self.name!r}: waypoints {i + 1} and {i + 2} coincide")
         if not self.start_speed > 0:
-            raise ValueError(f"route {self.name!r}: start_speed is {self.start_speed}, expected a positive speed")
+            raise LaisnError(f"route {self.name!r}: start_speed is {self.start_speed}, expected a positive speed")
         for array in (self.time, self.waypoint):
             array.flags.writeable = False
 
@@ -128,7 +130,7 @@ class Route:
         """Waypoints [[time, east, north], …], shape (n, 3), [s], [m], [m]."""
         table = np.array(points, dtype=np.float64)
         if table.ndim != 2 or table.shape[1] != 3:
-            raise ValueError(f"route {name!r}: timed waypoints have shape (n, 3), got {table.shape}")
+            raise LaisnError(f"route {name!r}: timed waypoints have shape (n, 3), got {table.shape}")
         profile = depth if isinstance(depth, DepthProfile) else DepthProfile.constant(depth)
         return cls(
             name=name,
@@ -146,9 +148,9 @@ class Route:
         """
         table = np.array(points, dtype=np.float64)
         if table.ndim != 2 or table.shape[1] != 2:
-            raise ValueError(f"route {name!r}: waypoints without times have shape (n, 2), got {table.shape}")
+            raise LaisnError(f"route {name!r}: waypoints without times have shape (n, 2), got {table.shape}")
         if not speed > 0:
-            raise ValueError(f"route {name!r}: speed is {speed}, expected a positive speed")
+            raise LaisnError(f"route {name!r}: speed is {speed}, expected a positive speed")
         length = np.hypot(*np.diff(table, axis=0).T)
         profile = depth if isinstance(depth, DepthProfile) else DepthProfile.constant(depth)
         time = np.concatenate([[0.0], np.cumsum(length)]) / speed
@@ -187,12 +189,12 @@ def route(name: str, depth: float | DepthProfile | None = None) -> Route:
         depth: constant [m] or profile; None: 8 m for the leader, 10 m for followers.
 
     Raises:
-        ValueError: there is no such route.
+        LaisnError: there is no such route.
     """
     if name == "L":
         return Route.at_speed("L", LEADER_L, START_SPEED, LEADER_DEPTH if depth is None else depth)
     if name not in _followers():
         first, *_, last = _followers()
-        raise ValueError(f"unknown route {name!r}; available: {first} … {last}, L")
+        raise LaisnError(f"unknown route {name!r}; available: {first} … {last}, L")
     points = _followers()[name]
     return Route.timed(name, points, FOLLOWER_DEPTH if depth is None else depth, start_heading=np.pi / 2)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from laisn.failure import LaisnError
 from sim import kinematics
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.feedback import Feedback, OnlineFactory
@@ -12,7 +13,7 @@ from sim.scenario import Scenario
 from sim.trajectory import Trajectory
 
 
-class DivergedError(RuntimeError):
+class DivergedError(LaisnError):
     """The simulation left finite numbers; `trajectory` holds what was flown before."""
 
     def __init__(self, message: str, trajectory: Trajectory) -> None:
@@ -23,7 +24,7 @@ class DivergedError(RuntimeError):
 def _feedback(scenario: Scenario, navigator: OnlineFactory | None) -> Feedback | None:
     steering = [i for i, follower in enumerate(scenario.followers) if follower.steers_by == "estimate"]
     if steering and navigator is None:
-        raise ValueError(
+        raise LaisnError(
             f"scenario {scenario.name!r}: followers.{steering[0]}.steers_by = 'estimate': its path depends on the "
             "noise of the run, so that no campaign can fly it once for all runs; use `laisn fly --run N`"
         )
@@ -43,7 +44,7 @@ def move(
         navigator: makes the navigators of followers that steer by their own estimates.
 
     Raises:
-        ValueError: a route cannot be flown, the sea is impossible, or a follower lacks its navigator.
+        LaisnError: a route cannot be flown, the sea is impossible, or a follower lacks its navigator.
         DivergedError: the simulation left finite numbers.
     """
     feedback = _feedback(scenario, navigator)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from laisn.compiled import compiled, inlined
 from laisn.elementary import fma, from_bits, integer, log, sin_cos_quarter, to_bits, turned
+from laisn.failure import LaisnError
 
 Floats = npt.NDArray[np.float64]
 
@@ -159,7 +160,7 @@ def _address(
     """Checked address of an array of draws."""
     for name, value, bits in (("seed", seed, 64), ("run", run, 32), ("stream", stream, 32)):
         if not 0 <= value < 2**bits:
-            raise ValueError(f"{name} is {value}, expected 0 … 2^{bits} − 1")
+            raise LaisnError(f"{name} is {value}, expected 0 … 2^{bits} − 1")
     numbers = np.atleast_1d(np.asarray(steps, dtype=np.int64))
     if numbers.size and not (numbers.min() >= 0 and numbers.max() < 2**32):
         raise ValueError(f"steps are {numbers.min()} … {numbers.max()}, expected 0 … 2^32 − 1")

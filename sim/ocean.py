@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
+from laisn.failure import LaisnError
 from sim.vectors import Matrix, Vector
 from sim.waves import FLOOR_DEPTH_M, Waves
 
@@ -37,7 +38,7 @@ _LEAST_EXPONENT = -700.0
 class Ocean:
     """Current, waves, density and depth of a sea.
 
-    Raises ValueError if a value is not finite or not possible, or the waves belong to another depth.
+    Raises LaisnError if a value is not finite or not possible, or the waves belong to another depth.
     """
 
     current_speed_m_s: float = 0.0
@@ -53,12 +54,12 @@ class Ocean:
     def __post_init__(self) -> None:
         for name in ("current_speed_m_s", "current_direction_rad", "current_shear_1_s"):
             if not np.isfinite(getattr(self, name)):
-                raise ValueError(f"Ocean.{name}={getattr(self, name)} must be finite")
+                raise LaisnError(f"Ocean.{name}={getattr(self, name)} must be finite")
         for name in ("density_kg_m3", "floor_depth_m"):
             if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"Ocean.{name}={getattr(self, name)} must be positive and finite")
+                raise LaisnError(f"Ocean.{name}={getattr(self, name)} must be positive and finite")
         if self.waves.amplitude_m.size and self.waves.floor_depth_m != self.floor_depth_m:
-            raise ValueError(
+            raise LaisnError(
                 f"the waves were made for a floor at {self.waves.floor_depth_m:g} m, Ocean.floor_depth_m is "
                 f"{self.floor_depth_m:g} m"
             )

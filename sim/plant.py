@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled
+from laisn.failure import LaisnError
 from sim import attitude, coefficients, hydrodynamics, thrusters
 from sim.ocean import Ocean, Water, water_velocity
 from sim.vehicle import THRUSTERS, VehicleSetup, compose, resolve
@@ -20,7 +21,7 @@ _NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBi
 """Hulls pass through one another and through the floor, whatever their geoms say."""
 
 
-class PlantError(RuntimeError):
+class PlantError(LaisnError):
     """A simulation that cannot go on: which vehicle, when, and its last good state.
 
     Attributes:

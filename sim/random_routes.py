@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from laisn.failure import LaisnError
 from sim.kinematics import Limits, Motion, plan
 from sim.missions import FOLLOWER_DEPTH, Route
 from sim.missions import route as library_route
@@ -20,7 +21,7 @@ _CHECK_INTERVAL = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class RouteClass:
-    """What the routes of a class have in common. Raises ValueError if a bound is not possible.
+    """What the routes of a class have in common. Raises LaisnError if a bound is not possible.
 
     Waypoints are drawn in polar coordinates about the leader: its distance evenly, and its bearing evenly within one
     of the sectors, which are equally likely.
@@ -48,9 +49,9 @@ class RouteClass:
         } | {f"sectors[{i}]": sector for i, sector in enumerate(self.sectors)}
         for name, (low, high) in ranges.items():
             if not 0 <= low < high < np.inf:
-                raise ValueError(f"{name}: expected 0 ≤ low < high, got {low:g} and {high:g}")
+                raise LaisnError(f"{name}: expected 0 ≤ low < high, got {low:g} and {high:g}")
         if not self.sectors or not self.leg_time[0] > 0 or not self.heading_difference_max > 0:
-            raise ValueError("a route class needs a sector, legs that take time and a heading difference above 0")
+            raise LaisnError("a route class needs a sector, legs that take time and a heading difference above 0")
 
 
 CLASSES: dict[str, RouteClass] = {
@@ -87,7 +88,7 @@ def _acceptable(
         return False
     try:
         motion = plan(route, limits).at(time[: ends[1] + 1])
-    except ValueError:
+    except LaisnError:
         return False
     n = motion.east.size
     distance = np.hypot(motion.east - leader.east[:n], motion.north - leader.north[:n])
@@ -112,7 +113,7 @@ def random_route(
         limits: of the follower; None: the paper's, with the top speed of the class.
 
     Raises:
-        ValueError: no route of the class was found.
+        LaisnError: no route of the class was found.
     """
     limits = limits or Limits(speed_max=route_class.speed_max)
     time = np.arange(0.0, duration + _CHECK_INTERVAL, _CHECK_INTERVAL)
@@ -135,4 +136,4 @@ def random_route(
             # a dead end: take back the last legs, or draw another start
             points = points[:-2] if len(points) > 2 else [(0.0, *_about(moving, 0, rng, route_class))]
             failed = 0
-    raise ValueError(f"no route found in {_TRIES} tries; {route_class} asks for more than the vehicle can do")
+    raise LaisnError(f"no route found in {_TRIES} tries; {route_class} asks for more than the vehicle can do")

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from laisn.failure import LaisnError
 from sim.film import graphics
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.cameras import CAMERAS
@@ -32,7 +33,7 @@ _STILL_SAMPLES = 4
 _LAST_WORDS = 12
 
 
-class RenderError(ValueError):
+class RenderError(LaisnError):
     """A film that cannot be made, and why."""
 
 

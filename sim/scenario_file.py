@@ -10,10 +10,11 @@ from typing import Any, get_args
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
+from laisn.failure import LaisnError
 from sim.scenario import Scenario
 
 
-class ScenarioError(ValueError):
+class ScenarioError(LaisnError):
     """A scenario that cannot be flown; the text names source, key, value and expectation of every fault."""
 
 

@@ -12,6 +12,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from laisn.failure import LaisnError
+
 Floats = npt.NDArray[np.float64]
 
 _LEVEL_M = 1e-3
@@ -22,7 +24,7 @@ _LEVEL_M = 1e-3
 class SoundSpeed:
     """Speed of sound, linear between depths and constant above the first and below the last.
 
-    Raises ValueError if shapes disagree, depths do not increase or a speed is not positive.
+    Raises LaisnError if shapes disagree, depths do not increase or a speed is not positive.
     """
 
     depth: Floats
@@ -32,11 +34,11 @@ class SoundSpeed:
 
     def __post_init__(self) -> None:
         if self.depth.ndim != 1 or self.depth.size < 1 or self.depth.shape != self.speed.shape:
-            raise ValueError(f"a profile needs as many depths as speeds, got {self.depth.shape} and {self.speed.shape}")
+            raise LaisnError(f"a profile needs as many depths as speeds, got {self.depth.shape} and {self.speed.shape}")
         if self.depth[0] < 0 or np.any(np.diff(self.depth) <= 0):
-            raise ValueError(f"depths of a sound-speed profile must increase, got {self.depth.tolist()} m")
+            raise LaisnError(f"depths of a sound-speed profile must increase, got {self.depth.tolist()} m")
         if not (np.all(np.isfinite(self.speed)) and self.speed.min() > 0):
-            raise ValueError(f"speeds of sound must be positive, got {self.speed.tolist()} m/s")
+            raise LaisnError(f"speeds of sound must be positive, got {self.speed.tolist()} m/s")
         self.depth.flags.writeable = False
         self.speed.flags.writeable = False
 
@@ -50,7 +52,7 @@ class SoundSpeed:
         """Points [[depth, speed], …], shape (n, 2), [m] and [m/s]."""
         table = np.array(points, dtype=np.float64)
         if table.ndim != 2 or table.shape[1] != 2:
-            raise ValueError(f"a sound-speed profile needs points of shape (n, 2), got {table.shape}")
+            raise LaisnError(f"a sound-speed profile needs points of shape (n, 2), got {table.shape}")
         return cls(depth=table[:, 0].copy(), speed=table[:, 1].copy())
 
     def at(self, depth: npt.ArrayLike) -> Floats:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 import models
+from laisn.failure import LaisnError
 from sim import attitude
 
 THRUSTERS = (
@@ -25,7 +26,7 @@ Positive pushes forward, to port, up.
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleSetup:
-    """One vehicle of a scenario. Raises ValueError if a value is not possible."""
+    """One vehicle of a scenario. Raises LaisnError if a value is not possible."""
 
     name: str
     model: str
@@ -49,17 +50,17 @@ class VehicleSetup:
 
     def __post_init__(self) -> None:
         if not self.name or "/" in self.name:
-            raise ValueError(f"vehicle name {self.name!r} must not be empty or contain '/'")
+            raise LaisnError(f"vehicle name {self.name!r} must not be empty or contain '/'")
         models.path(self.model)
         for name in ("heading_rad", "speed_m_s", "excess_buoyancy_n", "cg_offset_x_m", "cg_offset_z_m"):
             if not np.isfinite(getattr(self, name)):
-                raise ValueError(f"{self.name}: {name}={getattr(self, name)} must be finite")
+                raise LaisnError(f"{self.name}: {name}={getattr(self, name)} must be finite")
         if len(self.position_m) != 3 or not np.isfinite(self.position_m).all():
-            raise ValueError(f"{self.name}: position_m={self.position_m} must be three finite numbers")
+            raise LaisnError(f"{self.name}: position_m={self.position_m} must be three finite numbers")
         for name in ("baseline_m", "middle_offset_m"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
-                raise ValueError(f"{self.name}: {name}={value} must be positive and finite")
+                raise LaisnError(f"{self.name}: {name}={value} must be positive and finite")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,11 +79,11 @@ def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None) 
     """The ocean with vehicles attached, each under the prefix "name/".
 
     Raises:
-        ValueError: two vehicles share a name, there is no vehicle, or a vehicle lacks the site that is to be moved.
+        LaisnError: two vehicles share a name, there is no vehicle, or a vehicle lacks the site that is to be moved.
     """
     names = [s.name for s in setups]
     if not names or len(set(names)) != len(names):
-        raise ValueError(f"vehicles need distinct names, and there must be one at least; given: {names}")
+        raise LaisnError(f"vehicles need distinct names, and there must be one at least; given: {names}")
     spec = mujoco.MjSpec.from_file(str(models.path("ocean")))
     if floor_depth_m is not None:
         # crests of the relief reach up to the floor's depth, so that what is above it is clear
@@ -99,7 +100,7 @@ def _edited(setup: VehicleSetup) -> mujoco.MjSpec:
         spec.delete(key)  # the keyframe of one vehicle alone does not fit the composed model
     hull = spec.body("hull")
     if hull is None:
-        raise ValueError(f"{setup.name}: the model {setup.model!r} is no vehicle, it has no body 'hull'")
+        raise LaisnError(f"{setup.name}: the model {setup.model!r} is no vehicle, it has no body 'hull'")
     hull.ipos = hull.ipos + np.array([setup.cg_offset_x_m, 0.0, setup.cg_offset_z_m])
     hull.pos = np.asarray(setup.position_m)
     hull.quat = attitude.from_euler(setup.heading_rad)
@@ -114,19 +115,19 @@ def _edited(setup: VehicleSetup) -> mujoco.MjSpec:
     for name, (axis, value) in moves.items():
         site = spec.site(name)
         if site is None:
-            raise ValueError(f"{setup.name}: the model {setup.model!r} has no site {name!r} to move")
+            raise LaisnError(f"{setup.name}: the model {setup.model!r} has no site {name!r} to move")
         site.pos[axis] = value
     return spec
 
 
 def resolve(model: Any, name: str) -> Vehicle:
-    """Ids of the vehicle `name`; ValueError if the model has no such vehicle or it lacks a thruster."""
+    """Ids of the vehicle `name`; LaisnError if the model has no such vehicle or it lacks a thruster."""
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
     actuators = tuple(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{name}/{t}") for t in THRUSTERS)
     if body < 0 or min(actuators) < 0:
         missing = [f"{name}/hull"] * (body < 0)
         missing += [f"{name}/{t}" for t, i in zip(THRUSTERS, actuators, strict=True) if i < 0]
-        raise ValueError(f"the model lacks {', '.join(missing)}")
+        raise LaisnError(f"the model lacks {', '.join(missing)}")
     joint = model.body_jntadr[body]
     return Vehicle(
         name=name,

@@ -10,6 +10,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from laisn.failure import LaisnError
+
 Floats = npt.NDArray[np.float64]
 
 GRAVITY = 9.81
@@ -36,7 +38,7 @@ def wavenumber(omega: npt.ArrayLike, depth_m: float) -> Floats:
 class Waves:
     """Components η = Σ a cos(k·x − ω t + φ), ω being what someone drifting with the current sees.
 
-    Raises ValueError if the shapes disagree or a value is not finite.
+    Raises LaisnError if the shapes disagree or a value is not finite.
     """
 
     amplitude_m: Floats
@@ -56,9 +58,9 @@ class Waves:
         for name, shape in shapes.items():
             value = getattr(self, name)
             if value.shape != shape:
-                raise ValueError(f"Waves.{name} has shape {value.shape}, expected {shape}")
+                raise LaisnError(f"Waves.{name} has shape {value.shape}, expected {shape}")
             if not np.isfinite(value).all():
-                raise ValueError(f"Waves.{name} holds values that are not finite")
+                raise LaisnError(f"Waves.{name} holds values that are not finite")
             value.flags.writeable = False
 
     @classmethod
@@ -80,7 +82,7 @@ class Waves:
         """One component; height crest to trough, `direction_rad` is the compass direction it runs towards.
 
         Raises:
-            ValueError: period or depth is not positive, the height negative or more than such a wave can have.
+            LaisnError: period or depth is not positive, the height negative or more than such a wave can have.
         """
         _require_positive(period_s=period_s, floor_depth_m=floor_depth_m)
         omega = np.array([2 * np.pi / period_s])
@@ -114,12 +116,12 @@ class Waves:
         standard deviation of the components' directions (0: long-crested).
 
         Raises:
-            ValueError: a period, a depth or the number of components is not positive, the spread negative, or the
+            LaisnError: a period, a depth or the number of components is not positive, the spread negative, or the
                 height negative or more than a regular wave of the peak's length could have.
         """
         _require_positive(peak_period_s=peak_period_s, floor_depth_m=floor_depth_m, n_components=n_components)
         if not 0 <= spread_rad < np.inf:
-            raise ValueError(f"spread_rad={spread_rad} must not be negative")
+            raise LaisnError(f"spread_rad={spread_rad} must not be negative")
         peak = 2 * np.pi / peak_period_s
         k_peak = float(wavenumber(peak, floor_depth_m))
         _require_unbroken("significant_height_m", significant_height_m, k_peak, floor_depth_m)
@@ -146,11 +148,11 @@ class Waves:
 def _require_positive(**values: float) -> None:
     for name, value in values.items():
         if not value > 0:
-            raise ValueError(f"{name}={value} must be positive")
+            raise LaisnError(f"{name}={value} must be positive")
 
 
 def _require_unbroken(name: str, height_m: float, wavenumber_1_m: float, floor_depth_m: float) -> None:
     """Miche's limit of steepness, 0.142 tanh(k h) (Miche 1944)."""
     highest = 0.142 * np.tanh(wavenumber_1_m * floor_depth_m) * 2 * np.pi / wavenumber_1_m
     if not 0 <= height_m <= highest:
-        raise ValueError(f"{name}={height_m} must lie between 0 and {highest:.3g} m, where waves of this length break")
+        raise LaisnError(f"{name}={height_m} must lie between 0 and {highest:.3g} m, where waves of this length break")

@@ -1,23 +1,28 @@
 """The command: what it writes, that it repeats to the byte, and what it says to bad input."""
 
+import errno
 import json
 import os
 import shutil
 import signal
+import stat
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from experiments import results
 from experiments.cli import app
 from experiments.failures import CampaignError, DamagedResult
 from experiments.processes import WorkerDiedError
+from experiments.version import code_version
+from laisn.failure import LaisnError
 from sim.film import graphics
 from sim.fleet import FleetError
 from sim.log import reader
@@ -108,25 +113,84 @@ def test_bad_input_gets_one_screen_and_exit_code_2(arguments: list[str], expecte
     assert len(result.output.splitlines()) <= 24
 
 
-@pytest.mark.parametrize(
-    ("error", "code", "told"),
-    [
-        (WorkerDiedError("a worker process died"), 1, "laisn: a worker process died"),
-        (CampaignError("the sources changed while it ran"), 1, "laisn: the sources changed while it ran"),
-        (FleetError("the state of T2 is lost", 0.0, None), 1, "laisn: the state of T2 is lost"),
-        (ValueError("unknown stage 9"), 2, "laisn: unknown stage 9"),
-    ],
-)
-def test_a_failure_of_our_own_is_one_message_and_exit_code_1(
-    error: Exception, code: int, told: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
+    """What the command does when a study raises an error."""
+
     def fail(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr("experiments.reproduction.study.reproduce", fail)
     monkeypatch.delenv("LAISN_DEBUG", raising=False)
-    result = CliRunner().invoke(app, ["reproduce"])
-    assert (result.exit_code, result.output.strip()) == (code, told)
+    return CliRunner().invoke(app, ["reproduce"])
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (WorkerDiedError("a worker process died"), "laisn: a worker process died"),
+        (CampaignError("the sources changed while it ran"), "laisn: the sources changed while it ran"),
+        (FleetError("the state of T2 is lost", 0.0, None), "laisn: the state of T2 is lost"),
+        (LaisnError("unknown stage 9"), "laisn: unknown stage 9"),
+        (LaisnError("one\ntwo \x1b[2J"), "laisn: one\ntwo \\x1b[2J"),
+        (OSError(errno.ENOSPC, "No space left on device", "out/a"), "laisn: out/a: No space left on device"),
+    ],
+)
+def test_what_a_user_can_mend_is_one_message_and_exit_code_2(
+    error: Exception, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = failing(error, monkeypatch)
+    assert (result.exit_code, result.output.strip()) == (2, told)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ValueError("operands could not be broadcast together"),
+        RuntimeError("from elsewhere"),
+        OSError("no number of the system's"),
+        KeyError("x"),
+        RecursionError(),
+    ],
+)
+def test_a_fault_of_the_program_is_one_line_that_says_where_its_traceback_is(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    error.add_note("nothing of this flight is kept")
+    result = failing(error, monkeypatch)
+    assert result.exit_code == 1
+    [report] = tmp_path.iterdir()
+    line, note = result.output.splitlines()
+    assert line.startswith(f"laisn: this is a fault of the program ({type(error).__name__}")
+    assert line.endswith(f"the traceback is in {report}")
+    assert note == "nothing of this flight is kept"
+    assert stat.S_IMODE(report.stat().st_mode) == 0o600
+    written = report.read_text()
+    assert "Traceback (most recent call last)" in written
+    assert f"in fail\n    raise error\n{type(error).__name__}" in written
+    assert written.startswith(f"laisn {code_version()}, Python ")
+
+
+def test_a_fault_whose_traceback_finds_no_place_is_told_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", "/dev/null")
+    result = failing(RuntimeError("from elsewhere"), monkeypatch)
+    assert result.exit_code == 1
+    assert "the traceback could not be written (Not a directory); LAISN_DEBUG=1 shows it" in result.output
+
+
+def test_debugging_shows_every_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("experiments.reproduction.study.reproduce", lambda *_, **__: 1 // 0)
+    monkeypatch.setenv("LAISN_DEBUG", "1")
+    assert isinstance(CliRunner().invoke(app, ["reproduce"]).exception, ZeroDivisionError)
+
+
+def test_no_message_is_longer_than_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    long = failing(LaisnError("\n".join(f"fault {i}" for i in range(1000))), monkeypatch).output.splitlines()
+    assert long[:2] == ["laisn: fault 0", "fault 1"]
+    assert long[-1] == f"  … and {1000 - (len(long) - 1)} more"
+    assert len(long) <= 24
+    wide = failing(LaisnError("x" * 10**6), monkeypatch).output
+    assert len(wide) <= 24 * 80
 
 
 def test_a_damaged_result_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -139,15 +203,6 @@ def test_a_damaged_result_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, t
     assert result.exit_code == 0
     assert result.stderr == "laisn: cells/a.parquet cannot be read and is computed again: it is empty\n"
     assert result.stdout == f"report in {tmp_path}\n"
-
-
-def test_an_exception_that_nobody_foresaw_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise RuntimeError("from elsewhere")
-
-    monkeypatch.setattr("experiments.reproduction.study.reproduce", fail)
-    result = CliRunner().invoke(app, ["reproduce"])
-    assert isinstance(result.exception, RuntimeError)
 
 
 def files(folder: Path) -> dict[str, bytes]:

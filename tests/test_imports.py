@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 VOCABULARY = {"laisn", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry", "laisn.compiled",
-              "laisn.elementary"}  # fmt: skip
+              "laisn.elementary", "laisn.failure"}  # fmt: skip
 ALLOWED_SIM_IN_LAISN: set[str] = set()
 
 

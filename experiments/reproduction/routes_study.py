@@ -16,6 +16,7 @@ from experiments.reproduction.evidence import Evidence, Judgement, Verdict
 from experiments.reproduction.record import mean_distance
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.store import Record
+from laisn.failure import LaisnError
 from sim.kinematics import plan as plan_motion
 from sim.missions import FOLLOWER_DEPTH, Route
 from sim.random_routes import CLASSES, random_route
@@ -60,10 +61,10 @@ def draw_followers(missions: int, seed: int) -> dict[str, Follower]:
     """Followers on drawn routes: more missions leave those before as they were.
 
     Raises:
-        ValueError: fewer than two missions, of which no interval could be made.
+        LaisnError: fewer than two missions, of which no interval could be made.
     """
     if missions < 2:
-        raise ValueError(f"missions is {missions}, expected at least 2 of each class")
+        raise LaisnError(f"missions is {missions}, expected at least 2 of each class")
     return {
         f"{name}-{number}": Follower(waypoints=_flyable(name, [seed, index, number]), depth_m=FOLLOWER_DEPTH)
         for index, name in enumerate(CLASSES)
@@ -78,10 +79,10 @@ def _flyable(name: str, address: Sequence[int]) -> tuple[tuple[float, float, flo
         points = np.column_stack([route.time, route.waypoint.round(1)])
         try:
             plan_motion(Route.timed(name, points, FOLLOWER_DEPTH))
-        except ValueError:
+        except LaisnError:
             continue
         return tuple((float(t), float(x), float(y)) for t, x, y in points)
-    raise ValueError(f"no route of class {name} can be flown")
+    raise LaisnError(f"no route of class {name} can be flown")
 
 
 def bootstrap(values: Floats, rng: np.random.Generator) -> Interval:

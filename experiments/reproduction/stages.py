@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Literal
 
+from laisn.failure import LaisnError
 from laisn.settings import GateRule, Variant
 from sim.missions import LEADER_DEPTH
 from sim.scenario import Acoustics, Follower, Leader, Navigation, Scenario, Sensors, Timing
@@ -105,11 +106,11 @@ Key = tuple[str, str, Variant]
 
 
 def settings_of(stages: Iterable[int] | None) -> tuple[Setting, ...]:
-    """Settings of some stages; None: of all. ValueError naming an unknown stage."""
+    """Settings of some stages; None: of all. LaisnError naming an unknown stage."""
     wanted = STAGES if stages is None else tuple(stages)
     for stage in wanted:
         if stage not in STAGES:
-            raise ValueError(f"unknown stage {stage}; available: {', '.join(map(str, STAGES))}")
+            raise LaisnError(f"unknown stage {stage}; available: {', '.join(map(str, STAGES))}")
     return tuple(s for s in SETTINGS if s.stage in wanted)
 
 

@@ -22,6 +22,7 @@ from experiments.reproduction.record import (
 )
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.store import Record, Store, columns_of, write_csv, write_table
+from laisn.failure import LaisnError
 from sim.scenario import Follower, Scenario
 
 
@@ -104,12 +105,12 @@ def reproduce(
         The report.
 
     Raises:
-        ValueError: unknown stage or motion, no runs, a folder of another version, an unusable cluster.
+        LaisnError: unknown stage or motion, no runs, a folder of another version, an unusable cluster.
         WorkerDiedError: a process died; what was computed is stored.
     """
     settings = stages.settings_of(stage or None)
     if motion not in ("physics", "kinematic"):
-        raise ValueError(f"unknown motion {motion!r}; available: physics, kinematic")
+        raise LaisnError(f"unknown motion {motion!r}; available: physics, kinematic")
     if missions is not None:
         from experiments.reproduction.routes_run import study
 

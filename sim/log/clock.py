@@ -7,13 +7,15 @@ import numpy as np
 import numpy.typing as npt
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from laisn.failure import LaisnError
+
 Ints = npt.NDArray[np.int64]
 
 
 class Clock:
     """Turns times since the start of the mission [s] into times since 1970 [ns].
 
-    Raises ValueError if the epoch lies before 1970.
+    Raises LaisnError if the epoch lies before 1970.
     """
 
     def __init__(self, epoch: str) -> None:
@@ -21,7 +23,7 @@ class Clock:
         self.epoch_ns = since_1970 // timedelta(microseconds=1) * 1000
         # signed 64 bits end in 2262
         if not 0 <= self.epoch_ns < 2**63 - 10**18:
-            raise ValueError(f"epoch {epoch} lies outside 1970 … 2230, the years that a log can hold")
+            raise LaisnError(f"epoch {epoch} lies outside 1970 … 2230, the years that a log can hold")
 
     def ns(self, time_s: npt.ArrayLike) -> Ints:
         """Times since 1970 [ns], of the same shape."""

@@ -18,6 +18,8 @@ from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding
 from mcap_protobuf.decoder import DecoderFactory
 
+from laisn.failure import LaisnError
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
@@ -30,7 +32,7 @@ SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summa
 """Attachments of a log."""
 
 
-class LogError(ValueError):
+class LogError(LaisnError):
     """A log that cannot be written or read; the text says which file, what is wrong and what helps."""
 
 

@@ -1,0 +1,9 @@
+"""The one base of all exceptions that a user can do something about."""
+
+
+class LaisnError(ValueError):
+    """What was given cannot be used, or the machine lacks something; the text says what was expected and what exists.
+
+    The command shows the text alone. Any other exception is a fault of the program. It is a `ValueError`, so that
+    who calls a function from Python may catch it without knowing this class.
+    """

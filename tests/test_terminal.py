@@ -1,0 +1,96 @@
+"""What a terminal shows of names that others chose: the same characters, and nothing that steers it."""
+
+import io
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from rich.console import Console
+from rich.table import Table
+from typer.testing import CliRunner
+
+from experiments import replaying
+from experiments.cli import app
+from experiments.terminal import literal, tell
+from sim.log.info import ChannelInfo, LogInfo
+from sim.screen import plain, screenful
+
+NAMES = st.text(st.sampled_from("[]/\\:=#@ab red\x00\x1b\x07\r\n\t\x9b\u202e\u2028\ud800😀°"), max_size=30) | st.text()
+
+
+def shown(console: Console) -> str:
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def terminal() -> Console:
+    """With colours, and wide enough that no line is broken."""
+    return Console(file=io.StringIO(), force_terminal=True, color_system="truecolor", width=10_000)
+
+
+@given(NAMES)
+@example("out[/tmp]")
+@example("[/red]")
+@example("[red]")
+@example("\\[a]\\")
+@example(":smile:")
+@example("[link=http://x]y")
+@example("\x1b]0;title\x07")
+@example("\ud800")
+def test_a_name_is_shown_as_it_is_and_steers_nothing(name: str) -> None:
+    as_it_is = plain(name)
+    assert as_it_is.isprintable() or re.search(r"\s", as_it_is)
+    assert not set(as_it_is) & set("\x00\x1b\x07\r\n\t\x9b\u202e\u2028\ud800")
+    as_it_is.encode()
+    console = terminal()
+    tell(console, name, "note:", "red")
+    assert shown(console) == f"\x1b[31mnote: \x1b[0m{as_it_is}\n"
+    console = terminal()
+    table = Table("x", box=None, pad_edge=False, show_header=False)
+    table.add_row(literal(name))
+    console.print(table)
+    assert shown(console).rstrip() == as_it_is.rstrip()
+
+
+def test_visible_text_stays_as_it_is() -> None:
+    text = "σ = 2° – “Łódź” … 水 [x] \\ :a:"
+    assert plain(text) == text
+
+
+@given(st.lists(NAMES, max_size=60), st.integers(4, 40))
+def test_a_screen_holds_every_message(lines: list[str], rows: int) -> None:
+    told = screenful(lines, rows)
+    assert sum(max(1, -(-len(line) // 80)) for line in told) <= rows + 1
+    left_out = re.fullmatch(r"  … and (\d+) more", told[-1]) if told else None
+    assert len(told) - bool(left_out) + (int(left_out[1]) if left_out else 0) == len(lines)
+
+
+def test_topics_of_a_log_are_no_markup(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    nasty = "[/red][bold]\x1b[2J"
+    seen = LogInfo(
+        path=Path("a.mcap"),
+        size=1,
+        start=datetime(2026, 1, 1, tzinfo=UTC),
+        duration_s=1.0,
+        channels=(ChannelInfo(nasty, nasty, 1),),
+        attachments={nasty: 1},
+        metadata={nasty: {nasty: nasty}},
+    )
+    monkeypatch.setattr("sim.log.info.info", lambda _: seen)
+    replaying.show_info(Path("[/x]"))
+    told = capsys.readouterr().out
+    assert told.startswith("[/x]: ")
+    assert told.count("[/red][bold]\\x1b[2J") == 6
+    assert "\x1b" not in told
+
+
+@pytest.mark.parametrize("folder", ["out[/tmp]", "[red]x", "a\x1b[2Jb"])
+def test_a_folder_named_like_markup_takes_a_flight(folder: str, tmp_path: Path) -> None:
+    out = tmp_path / folder
+    result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=2", "--no-video", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert f"results in {plain(out)}" in result.output
+    assert (out / "summary.json").is_file()
