@@ -23,7 +23,18 @@ ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
 ]
-OutOption = Annotated[Path | None, typer.Option(help="folder for the results (default: one of its own in out/)")]
+
+
+def _folder(text: str) -> Path:
+    if not text.strip():
+        raise typer.BadParameter("the name of the folder is empty; '.' is the current one")
+    return Path(text)
+
+
+OutOption = Annotated[
+    Path | None,
+    typer.Option(parser=_folder, metavar="FOLDER", help="folder for the results (default: one of its own in out/)"),
+]
 
 
 def _say(text: object) -> None:
@@ -44,13 +55,14 @@ def fly(
 ) -> None:
     """Fly one mission; write log, film, report and numbers."""
     from experiments import fly as flying
-    from experiments.library import load_flyable
+    from experiments.library import load_flyable, name_of
 
     extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
     checked = load_flyable(scenario, [*(set_ or []), *extra])
+    source = Path(scenario)
     # a file keeps its own folder, whatever name it was copied with
-    name = Path(scenario).stem if Path(scenario).suffix == ".toml" else checked.name
-    flying.fly_and_write(checked, out or Path("out") / name, with_video=video)
+    name = name_of(source) if source.suffix == ".toml" else checked.name
+    flying.fly_and_write(checked, out or Path("out") / name, with_video=video, source=source)
 
 
 @app.command()
@@ -231,7 +243,7 @@ def log_info(log: LogArgument) -> None:
 @plain_errors
 def log_export(
     log: LogArgument,
-    out: Annotated[Path, typer.Argument(help="folder for the tables")],
+    out: Annotated[Path, typer.Argument(parser=_folder, metavar="OUT", help="folder for the tables")],
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
 ) -> None:
     """Write every channel of numbers as a table."""

@@ -228,7 +228,7 @@ def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vi
     return Written(flight, summary, strays, no_film)
 
 
-def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None:
+def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
     """Fly a scenario, show what happens, and write every result into a folder.
 
     The results of an earlier flight there are replaced together, once all of the new ones are written; until then they
@@ -238,11 +238,14 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool) -> None
         scenario: to fly.
         folder: for the results; made if it is not there.
         with_video: render the film too.
+        source: file that the scenario was read from; None: there is none.
 
     Raises:
+        LaisnError: the flight would replace files in the folder that no flight has written.
         OSError, LogError: the folder cannot be written; nothing half-written is left under a final name.
     """
     console = Console()
+    results.require_safe(folder, source, partial(dumps, scenario))
     with results.one_flight(folder) as work:
         written = _write_flight(scenario, work, console, with_video=with_video)
         had_film = (folder / results.FILM).exists()

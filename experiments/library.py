@@ -1,5 +1,6 @@
 """The built-in scenarios, and how a user's scenario is found."""
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,12 @@ def names() -> tuple[str, ...]:
     return (*ROUTES, *sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
+def name_of(path: Path) -> str:
+    """A name for what a file holds, after the file; letters that no name may have become hyphens."""
+    name = re.sub(r"[^A-Za-z0-9_.-]", "-", path.stem)[:64]
+    return name if re.match(r"[A-Za-z0-9]", name) else f"scenario{name}"[:64]
+
+
 def load(source: str, assignments: Iterable[str]) -> Scenario:
     """A built-in scenario or a TOML file, with overrides applied.
 
@@ -50,7 +57,7 @@ def load(source: str, assignments: Iterable[str]) -> Scenario:
         if path.suffix != ".toml" and not path.exists():
             raise ScenarioError(f"unknown scenario {source!r}; available: {', '.join(names())}, or a TOML file")
         table = read(path)
-        table.setdefault("name", path.stem)
+        table.setdefault("name", name_of(path))
     given = list(assignments)
     return validate(override(table, given), " ".join([source, *(f"--set {a}" for a in given)]))
 

@@ -8,9 +8,20 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.terminal import literal, tell
+from laisn.failure import LaisnError
 from sim.scenario_file import override, validate
 
 STATE_COLUMNS = ("x_m", "y_m", "vx_m_s", "vy_m_s")
+
+
+def _require_own_file(out: Path | None, suffix: str, source: Path) -> None:
+    """LaisnError if what is to be written is named as something else, or would replace the log that is read."""
+    if out is None:
+        return
+    if out.suffix != suffix:
+        raise LaisnError(f"--out {out}: should end in {suffix}")
+    if out.exists() and source.exists() and out.samefile(source):
+        raise LaisnError(f"--out {out}: is the log that is read; give the new one another name")
 
 
 def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | None) -> None:
@@ -24,6 +35,7 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
 
     Raises:
         LogError: the log cannot be read.
+        LaisnError: the new log would replace the one that is read, or its name does not end in .mcap.
         ScenarioError: variant or overrides are at fault, or touch more than navigation.
     """
     from experiments.fly import position_and_bearing_errors, show, summarise
@@ -33,6 +45,7 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
     from sim.scenario_file import ScenarioError
     from sim.sensors import observe
 
+    _require_own_file(out, ".mcap", path)
     flown = reader.read(path)
     given = [f"navigation.variant={variant}", *assignments]
     outside = [a for a in given if not a.startswith("navigation.")]
@@ -71,6 +84,7 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
 
     Raises:
         LogError: the log cannot be read or lacks a channel; ScenarioError: the scenario is at fault.
+        LaisnError: the name of the file for the estimates does not end in .csv.
     """
     from experiments.library import load_flyable
     from experiments.store import write_csv
@@ -81,6 +95,7 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
     from sim.motion import move
     from sim.sensors import observe
 
+    _require_own_file(out, ".csv", path)
     scenario = load_flyable(source, assignments)
     # the starts alone are wanted of the routes
     begin = move(scenario.model_copy(update={"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}))

@@ -2,11 +2,12 @@
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from experiments.leftovers import writer_runs
+from laisn.failure import LaisnError
 from sim.log.file import partial_path
 
 LOG, FILM, REPORT = "flight.mcap", "flight.mp4", "report.html"
@@ -15,6 +16,44 @@ FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING)
 """What a flight may leave in its folder; other files there are the user's."""
 
 _UNFINISHED = "unfinished-"
+
+
+_ELSEWHERE = "choose another folder with --out"
+
+
+def require_safe(folder: Path, source: Path | None = None, again: Callable[[], str] = str) -> None:
+    """Refuse a folder in which a flight would replace what no flight has written.
+
+    Args:
+        folder: for the results of a flight; it need not be there.
+        source: scenario file that is flown, if there is one.
+        again: gives the text of the scenario that the flight will write; a source that holds just this may be replaced.
+
+    Raises:
+        LaisnError: says what would be lost, and what to do instead.
+    """
+    if not folder.is_dir():
+        if folder.exists() or folder.is_symlink():
+            raise LaisnError(f"{folder}: is a file, results need a folder; {_ELSEWHERE}")
+        return
+    there = [folder / name for name in FILES if os.path.lexists(folder / name)]
+    for path in there:
+        if path.is_symlink() or not path.is_file():
+            what = "a folder" if path.is_dir() and not path.is_symlink() else "no plain file"
+            raise LaisnError(f"{path}: is {what}, and a flight writes a file of that name; move it, or {_ELSEWHERE}")
+        if source is not None and source.exists() and path.samefile(source) and path.read_bytes() != again().encode():
+            raise LaisnError(
+                f"{path}: is the scenario to be flown, and the flight would replace it with a copy of its own; "
+                f"rename it, or {_ELSEWHERE}"
+            )
+    # what a kill leaves of a flight is ours too
+    flown = ((folder / SUMMARY).exists() and (folder / SCENARIO).exists()) or any(folder.glob(f"{_UNFINISHED}*"))
+    if there and not flown:
+        names = ", ".join(path.name for path in there)
+        raise LaisnError(
+            f"{folder}: holds {names}, but no flight ({SUMMARY} and {SCENARIO}) that has written this; a new flight "
+            f"would replace it: move it, or {_ELSEWHERE}"
+        )
 
 
 def _exchange(folder: Path, work: Path) -> None:

@@ -76,6 +76,8 @@ def _job(
 def _check_file(path: Path, suffix: str) -> None:
     if path.suffix.lower() != suffix:
         raise RenderError(f"{path} should end in {suffix}")
+    if path.is_dir():
+        raise RenderError(f"{path} is a folder; give the file another name")
     if not path.resolve().parent.is_dir():
         raise RenderError(f"the folder {path.resolve().parent} does not exist")
 

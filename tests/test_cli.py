@@ -113,6 +113,50 @@ def test_bad_input_gets_one_screen_and_exit_code_2(arguments: list[str], expecte
     assert len(result.output.splitlines()) <= 24
 
 
+def test_a_flight_replaces_nothing_of_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / "own"
+    own.mkdir()
+    text = "# my notes\nduration_s = 2\n[[followers]]\nroute = 'T5'\n"
+    (own / "scenario.toml").write_text(text)
+    for out, told in (
+        ("own", "scenario.toml"),
+        ("", "is empty"),
+        (" ", "is empty"),
+        ("own/scenario.toml", "is a file"),
+    ):
+        result = CliRunner().invoke(app, ["fly", "own/scenario.toml", "--no-video", "--out", out])
+        assert result.exit_code == 2
+        assert told in result.output
+    assert files(tmp_path) == {"own/scenario.toml": text.encode()}
+
+
+@pytest.mark.parametrize(("file", "folder"), [("...toml", "scenario.."), ("..toml", "scenario."), ("a b.toml", "a-b")])
+def test_a_scenario_of_any_name_gets_a_folder_within_out(
+    file: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "below").mkdir()
+    monkeypatch.chdir(tmp_path / "below")
+    Path(file).write_text("duration_s = 2\n[[followers]]\nroute = 'T5'\n")
+    result = CliRunner().invoke(app, ["fly", file, "--no-video"])
+    assert result.exit_code == 0, result.output
+    assert {p.name for p in tmp_path.iterdir()} == {"below"}
+    assert {p.name for p in Path().iterdir()} == {file, "out"}
+    assert [p.name for p in Path("out").iterdir()] == [folder]
+
+
+@pytest.mark.parametrize(
+    ("out", "told"), [("first/flight.mcap", "is the log that is read"), ("a.toml", "end in .mcap")]
+)
+def test_a_replay_replaces_no_log(flown: Path, monkeypatch: pytest.MonkeyPatch, out: str, told: str) -> None:
+    monkeypatch.chdir(flown)
+    before = files(flown)
+    result = CliRunner().invoke(app, ["replay", "first/flight.mcap", "--out", out])
+    assert result.exit_code == 2
+    assert told in " ".join(result.output.split())
+    assert files(flown) == before
+
+
 def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
     """What the command does when a study raises an error."""
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from experiments import results
-from experiments.results import FILES, FILM, LOG, REPORT, one_flight
+from experiments.results import FILES, FILM, LOG, REPORT, SCENARIO, SUMMARY, one_flight, require_safe
+from laisn.failure import LaisnError
 from sim.log.file import partial_path
 
 
@@ -125,3 +126,54 @@ def test_what_dead_processes_left_is_removed_and_what_others_write_is_not(folder
         (folder / f"unfinished-{owner}").mkdir()
     fly(folder, "new")
     assert [p.name for p in folder.iterdir() if p.is_dir()] == [f"unfinished-{os.getppid()}"]
+
+
+def test_a_folder_that_is_new_empty_or_holds_a_flight_is_safe(folder: Path, tmp_path: Path) -> None:
+    require_safe(tmp_path / "new" / "deep")
+    (tmp_path / "empty").mkdir()
+    require_safe(tmp_path / "empty")
+    require_safe(folder)
+    (folder / LOG).unlink()  # of a flight, the log is often moved away
+    require_safe(folder)
+
+
+def test_what_a_kill_left_between_two_moves_is_safe(folder: Path) -> None:
+    (folder / SUMMARY).unlink()
+    (folder / "unfinished-1").mkdir()
+    require_safe(folder)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_no_flight_wrote_is_not_replaced(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(LaisnError, match=rf"holds {name}, but no flight .* choose another folder with --out"):
+        require_safe(tmp_path)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_folder_or_a_link_with_the_name_of_a_result_is_not_replaced(folder: Path, tmp_path: Path, name: str) -> None:
+    (folder / name).rename(tmp_path / "target")
+    (folder / name).mkdir()
+    with pytest.raises(LaisnError, match=rf"{name}: is a folder, .* move it, or choose another folder with --out"):
+        require_safe(folder)
+    (folder / name).rmdir()
+    for target in ("target", "missing"):
+        (folder / name).symlink_to(tmp_path / target)
+        with pytest.raises(LaisnError, match=rf"{name}: is no plain file"):
+            require_safe(folder)
+        (folder / name).unlink()
+
+
+def test_a_scenario_is_not_replaced_by_its_own_flight(folder: Path, tmp_path: Path) -> None:
+    link = tmp_path / "link.toml"
+    link.hardlink_to(folder / SCENARIO)
+    for source in (folder / SCENARIO, folder / ".." / folder.name / SCENARIO, link):
+        require_safe(folder, source, lambda: "earlier")
+        with pytest.raises(LaisnError, match="is the scenario to be flown"):
+            require_safe(folder, source, lambda: "a copy with every default written out")
+
+
+def test_results_need_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(LaisnError, match="is a file, results need a folder"):
+        require_safe(tmp_path / "file")
