@@ -20,10 +20,10 @@ check: $(VENV)/.dev
 	$(BIN)/mypy
 
 bench: $(VENV)/.dev
-	$(BIN)/python -m experiments.benchmarks
+	$(BIN)/python -m experiments.benchmarks.run
 
 figures: $(VENV)/.runtime
-	$(BIN)/python -m experiments.gallery
+	$(BIN)/python -m experiments.gallery.draw
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from sim import missions, scenario
-from sim.missions import DepthProfile, Route
-from sim.ocean import Ocean
-from sim.vehicle import VehicleSetup
-from sim.waves import Waves
+from sim.scenario import routes as missions
+from sim.scenario import settings as scenario
+from sim.scenario.routes import DepthProfile, Route
+from sim.vehicle.mjcf import VehicleSetup
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves
 
 _WAVES_KEY = 0x5EA
 """Keeps the sea's random numbers apart from all others that come from the same seed."""

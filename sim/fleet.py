@@ -9,14 +9,14 @@ import numpy.typing as npt
 
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
-from sim.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design
-from sim.guidance import GUIDANCE_MEMORY, begin, reference, steer
-from sim.kinematics import Limits
-from sim.missions import Route
-from sim.ocean import Water, water_velocity
-from sim.plant import Plant, PlantError
-from sim.scenario import CONTROL_STEP_S
+from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design
+from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer
+from sim.scenario.point_motion import Limits
+from sim.scenario.routes import Route
+from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
+from sim.vehicle.plant import Plant, PlantError
+from sim.water.ocean import Water, water_velocity
 
 Floats = npt.NDArray[np.float64]
 

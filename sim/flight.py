@@ -11,9 +11,9 @@ import numpy.typing as npt
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings
-from sim.errors import measure
-from sim.scenario import CONTROL_STEP_S, Scenario
-from sim.sensors import errors_of, observe
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.observation import errors_of, observe
+from sim.sensing.sensor_errors import measure
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]

@@ -3,14 +3,14 @@
 from collections.abc import Callable
 
 from laisn.failure import LaisnError
-from sim import kinematics
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
-from sim.feedback import Feedback, OnlineFactory
+from sim.closed_loop import Feedback, OnlineFactory
 from sim.fleet import FleetError, fly_fleet
-from sim.kinematics import Sites
-from sim.plant import Plant
-from sim.scenario import Scenario
+from sim.scenario import point_motion as kinematics
+from sim.scenario.point_motion import Sites
+from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
+from sim.vehicle.plant import Plant
 
 
 class DivergedError(LaisnError):

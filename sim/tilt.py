@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from sim import attitude
+from sim.geometry import attitude
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]

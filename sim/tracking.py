@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sim.kinematics import Limits, plan
-from sim.missions import Route
+from sim.scenario.point_motion import Limits, plan
+from sim.scenario.routes import Route
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from sim import attitude
+from sim.geometry import attitude
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from sim import attitude
-from sim.scenario import Acoustics, Follower, Leader, Ocean, Scenario, Timing
+from sim.geometry import attitude
+from sim.scenario.settings import Acoustics, Follower, Leader, Ocean, Scenario, Timing
 from sim.trajectory import Trajectory
 
 SITES = {

@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
-from sim import attitude
 from sim.flight import Flight
-from sim.scenario import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing
+from sim.geometry import attitude
+from sim.scenario.settings import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]

@@ -19,13 +19,15 @@ from typing import NamedTuple
 import pytest
 from typer.testing import CliRunner
 
-from experiments import closed_loop, reference, route_keeping
-from experiments.cli import app
-from experiments.fly import fly, off_place_rms
-from experiments.library import FOLDER, names
+from experiments.closed_loop import study as closed_loop
+from experiments.command import scenario_reference as reference
+from experiments.command.cli import app
+from experiments.flight.fly import fly, off_place_rms
+from experiments.flight.library import FOLDER, names
+from experiments.route_keeping import study as route_keeping
 from sim.film import graphics
-from sim.scenario import Scenario
-from sim.scenario_file import parse
+from sim.scenario.file import parse
+from sim.scenario.settings import Scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -202,7 +204,9 @@ def test_python_examples_are_only_those_in_the_folder() -> None:
 
 
 def test_reference_of_scenarios_is_up_to_date() -> None:
-    assert reference.PATH.read_text(encoding="utf-8") == reference.text(), "run python -m experiments.reference"
+    assert reference.PATH.read_text(encoding="utf-8") == reference.text(), (
+        "run python -m experiments.command.scenario_reference"
+    )
 
 
 def numbers(row: str) -> list[float]:
@@ -213,14 +217,16 @@ def test_table_of_route_keeping_is_up_to_date() -> None:
     """The first minute alone cannot tell, so one whole route is flown; other machines may round otherwise."""
     reports = route_keeping.measure(route_keeping.scenario(("T8",)))
     text = route_keeping.PATH.read_text(encoding="utf-8")
-    assert text.startswith(route_keeping.INTRODUCTION.format(duration=1000)), "run python -m experiments.route_keeping"
+    assert text.startswith(route_keeping.INTRODUCTION.format(duration=1000)), (
+        "run python -m experiments.route_keeping.study"
+    )
     table = [line for line in text.splitlines() if line.startswith("| ")]
     for report, name in zip(reports, ("leader, L", "T8"), strict=True):
         (row,) = [line for line in table if line.startswith(f"| {name} |")]
         digits = [10.0 ** -len(cell.strip().partition(".")[2]) for cell in row.split("|")[2:-1]]
         fresh = numbers(route_keeping.row(report, name))
         for printed, new, digit in zip(numbers(row), fresh, digits, strict=True):
-            assert abs(printed - new) <= 1.01 * digit, f"{row}; run python -m experiments.route_keeping"
+            assert abs(printed - new) <= 1.01 * digit, f"{row}; run python -m experiments.route_keeping.study"
 
 
 def test_readme_quotes_the_table_of_route_keeping() -> None:
@@ -242,8 +248,8 @@ def test_table_of_closed_loops_is_that_of_its_program() -> None:
     """To fly it all takes minutes: one route in one run must fit the median of five that is printed for it."""
     text = closed_loop.PATH.read_text(encoding="utf-8")
     head = closed_loop.INTRODUCTION.format(duration=1000, last=closed_loop.RUNS[-1], lost=closed_loop.LOST_M)
-    assert text.startswith(head), "run python -m experiments.closed_loop"
-    assert text.endswith(closed_loop.NOTES), "run python -m experiments.closed_loop"
+    assert text.startswith(head), "run python -m experiments.closed_loop.study"
+    assert text.endswith(closed_loop.NOTES), "run python -m experiments.closed_loop.study"
     (row,) = [line for line in text.splitlines() if line.startswith("| T3 |")]
     error, off, lost = (cell.strip() for cell in row.split("|")[2:5])
     mission = closed_loop.steering(0, "laisn-2", "estimate")

@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 from typer.testing import CliRunner
 
-from experiments import replaying
-from experiments.cli import app
+from experiments.command import replaying
+from experiments.command.cli import app
 from experiments.terminal import literal, tell
 from sim.log.info import ChannelInfo, LogInfo
 from sim.screen import plain, screenful

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from experiments.library import ROUTES, load
-from sim.scenario import Scenario
+from experiments.flight.library import ROUTES, load
+from sim.scenario.settings import Scenario
 
 OFFSETS_M = (0.0, 2.0, 5.0, 10.0)
 """Depth of the follower below the leader's mean depth."""

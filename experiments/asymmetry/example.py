@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.anatomy import Anatomy, dissect
 from experiments.asymmetry.conditions import Condition, scenario
+from experiments.flight.anatomy import Anatomy, dissect
 from laisn.navigator import Navigator
 from sim.flight import Flight, navigate
 from sim.motion import move

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse
 from matplotlib.ticker import FixedLocator
 
-from experiments.figures import FRAME, INK, MUTED, SERIES, Colour, Line, panel
-from sim import attitude
+from experiments.pages.figures import FRAME, INK, MUTED, SERIES, Colour, Line, panel
+from sim.geometry import attitude
 from sim.tilt import leveled
 from sim.trajectory import Trajectory
 

@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from experiments.anatomy import Cause, dissect
-from experiments.asymmetry.arms import AHRS
 from experiments.asymmetry.example import OFFSET_M, Example
-from experiments.fly import position_and_bearing_errors
+from experiments.asymmetry.remedies import AHRS
+from experiments.flight.anatomy import Cause, dissect
+from experiments.flight.fly import position_and_bearing_errors
 from laisn.navigator import Navigator
 from sim.excerpt import excerpt
 from sim.film import graphics
 from sim.film.annotations import Annotations, OtherEstimate, RayErrors
+from sim.film.render import render
 from sim.flight import Flight, navigate
-from sim.render import render
-from sim.scenario import Scenario, Video
+from sim.scenario.settings import Scenario, Video
 
 Floats = npt.NDArray[np.float64]
 

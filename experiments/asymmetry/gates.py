@@ -9,11 +9,11 @@ from experiments.asymmetry.missions import Plan, pair
 from laisn import lanes
 from laisn.estimates import FixKind
 from laisn.settings import GateRule
-from sim.echo import Path, locked_path
-from sim.errors import measure
 from sim.flight import navigation_settings
 from sim.motion import move
-from sim.sensors import errors_of, observe
+from sim.sensing.echo import Path, locked_path
+from sim.sensing.observation import errors_of, observe
+from sim.sensing.sensor_errors import measure
 
 RULES: tuple[GateRule, ...] = ("off", "v-max", "v-measured")
 INTERVALS_S = (1.0, 5.0)

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from experiments.asymmetry.arms import AHRS, ARMS, Arm
 from experiments.asymmetry.conditions import OFFSETS_M, SEED, Condition, fleet, scenario
-from experiments.cells import PERCENTILES, Cell, CellResult
-from experiments.library import ROUTES
-from experiments.montecarlo import simulate
+from experiments.asymmetry.remedies import AHRS, ARMS, Arm
+from experiments.campaign.cells import PERCENTILES, Cell, CellResult
+from experiments.campaign.montecarlo import simulate
+from experiments.flight.library import ROUTES
 from laisn.settings import NavigationSettings, Variant
-from sim.ahrs import apparent_tilt, measured_attitude, random_error
-from sim.errors import SensorErrors
 from sim.flight import navigation_settings
-from sim.mission_truth import MissionTruth
 from sim.motion import move
-from sim.scenario import CONTROL_STEP_S
-from sim.sensors import SITES, errors_of, observe
+from sim.scenario.settings import CONTROL_STEP_S
+from sim.sensing.ahrs import apparent_tilt, measured_attitude, random_error
+from sim.sensing.observation import SITES, errors_of, observe
+from sim.sensing.sensor_errors import SensorErrors
+from sim.sensing.truth import MissionTruth
 from sim.tilt import leveled
 from sim.trajectory import Trajectory
 

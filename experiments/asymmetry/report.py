@@ -3,16 +3,16 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.asymmetry.arms import EXACT, STEADIED
+from experiments.asymmetry.added_error import Excess, Mission, driven, paired, removed_in_all
 from experiments.asymmetry.conditions import SEED
-from experiments.asymmetry.excess import Excess, Mission, driven, paired, removed_in_all
-from experiments.asymmetry.findings import Results, on_missions, stage_4
 from experiments.asymmetry.missions import QUICK
-from experiments.asymmetry.opening import chart_section, one_message, question
-from experiments.asymmetry.remedies import remedies, shortfalls
+from experiments.asymmetry.missions_page import Results, on_missions, stage_4
+from experiments.asymmetry.question_page import chart_section, one_message, question
+from experiments.asymmetry.remedies import EXACT, STEADIED
+from experiments.asymmetry.remedies_page import remedies, shortfalls
 from experiments.asymmetry.tables import gate_table, planner_table
-from experiments.page import Film, Page, Section, Text, write
-from experiments.version import code_version
+from experiments.campaign.version import code_version
+from experiments.pages.page import Film, Page, Section, Text, write
 
 
 def _limits() -> Section:

@@ -15,17 +15,17 @@ import pyarrow as pa
 
 from experiments.asymmetry.conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition, command_line
 from experiments.asymmetry.example import Example, fly_example
-from experiments.asymmetry.findings import Results
 from experiments.asymmetry.gates import GateRow, fly_gates
 from experiments.asymmetry.map import full_grid, measure_map, quick_grid
 from experiments.asymmetry.missions import QUICK, Plan, Row, fly_condition
+from experiments.asymmetry.missions_page import Results
 from experiments.asymmetry.report import write_report
 from experiments.asymmetry.tau import Curve, Curves, fly_curves
-from experiments.flights import digest
-from experiments.processes import Pool
-from experiments.progress import progress
-from experiments.store import Record, Store, columns_of, write_table
-from experiments.version import code_version
+from experiments.campaign.missions import digest
+from experiments.campaign.processes import Pool
+from experiments.campaign.progress import progress
+from experiments.campaign.store import Record, Store, columns_of, write_table
+from experiments.campaign.version import code_version
 from laisn.settings import NavigationSettings
 
 Table = list[dict[str, Any]]

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from experiments.asymmetry.added_error import Excess, Mission, mean_of
 from experiments.asymmetry.conditions import Condition, command
-from experiments.asymmetry.excess import Excess, Mission, mean_of
 from experiments.asymmetry.gates import GateRow
 from experiments.asymmetry.planner import OFF_AXIS_DEG, PITCH_DEG, rules
 from experiments.asymmetry.tau import Curves, equivalent
-from experiments.page import Cell, Table, number, words
+from experiments.pages.page import Cell, Table, number, words
 
 
 def _of(missions: dict[Mission, Excess], condition: str, offset: float, variant: str) -> list[Excess]:

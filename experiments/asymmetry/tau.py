@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from experiments.asymmetry.conditions import CALM, SEED, fleet, scenario
 from experiments.asymmetry.missions import Plan, pair
-from experiments.cells import Cell
-from experiments.montecarlo import simulate
+from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import simulate
 from laisn.settings import Variant
 from sim.flight import navigation_settings
 from sim.motion import move
-from sim.sensors import errors_of, observe
+from sim.sensing.observation import errors_of, observe
 from sim.tilt import leveled, tilted
 
 Floats = npt.NDArray[np.float64]

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from experiments.reproduction.evidence import Evidence, Judgement, Verdict
-from experiments.store import Steps
+from experiments.campaign.store import Steps
+from experiments.reproduction.verdict import Evidence, Judgement, Verdict
 from laisn.settings import Variant
 
 Floats = npt.NDArray[np.float64]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from experiments.reproduction import claim_tests as tests
-from experiments.reproduction.evidence import Evidence, Judgement
+from experiments.reproduction.verdict import Evidence, Judgement
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,8 @@ import numpy as np
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
-from experiments import figures
-from experiments.figures import FRAME, SERIES, Colour, Line
+from experiments.pages import figures
+from experiments.pages.figures import FRAME, SERIES, Colour, Line
 from experiments.reproduction.study import reproduce
 
 GROUPS: tuple[tuple[str, Colour, str], ...] = (

@@ -5,15 +5,15 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from experiments import figures
-from experiments.figures import FRAME, MUTED, SERIES, Line
-from experiments.page import Block, Cell, Figures, Notice, Page, Section, Table, Text, number, words
-from experiments.report import ERROR_LEGEND, without_wraps
+from experiments.pages import figures
+from experiments.pages.figures import FRAME, MUTED, SERIES, Line
+from experiments.pages.flight_report import ERROR_LEGEND, without_wraps
+from experiments.pages.page import Block, Cell, Figures, Notice, Page, Section, Table, Text, number, words
 from experiments.reproduction import paper_tables as tables
-from experiments.reproduction.evidence import Judgement
 from experiments.reproduction.paper_tables import VARIANT_NAMES
 from experiments.reproduction.record import FIGURES, ErrorFigure, Reproduction
 from experiments.reproduction.stages import METRICS, Key
+from experiments.reproduction.verdict import Judgement
 from sim.trajectory import Trajectory
 
 VERDICT_TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "no data": ""}

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from experiments.page import Block, Cell, Table, Text, number, ratio_tone, words
+from experiments.pages.page import Block, Cell, Table, Text, number, ratio_tone, words
 from experiments.reproduction.record import Reproduction
 from experiments.reproduction.stages import METRICS, Key, Setting
 from laisn.settings import Variant

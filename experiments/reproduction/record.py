@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments import campaign
-from experiments.campaign import CellPlan
-from experiments.library import ROUTES
+from experiments.campaign import campaign
+from experiments.campaign.campaign import CellPlan
+from experiments.campaign.store import Record, Steps, Store
+from experiments.flight.library import ROUTES
 from experiments.reproduction import stages
 from experiments.reproduction.claims import Claim
-from experiments.reproduction.evidence import Evidence, Judgement
 from experiments.reproduction.stages import Key, Motion, Setting
-from experiments.store import Record, Steps, Store
+from experiments.reproduction.verdict import Evidence, Judgement
 from laisn.settings import Variant
-from sim.scenario import Follower
+from sim.scenario.settings import Follower
 from sim.trajectory import Trajectory
 
 

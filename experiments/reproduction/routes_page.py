@@ -4,15 +4,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from experiments import figures
-from experiments.figures import FRAME, SERIES, Line
-from experiments.page import Cell, Figures, Page, Section, Table, Text, number, words
+from experiments.campaign.store import Record
+from experiments.pages import figures
+from experiments.pages.figures import FRAME, SERIES, Line
+from experiments.pages.page import Cell, Figures, Page, Section, Table, Text, number, words
 from experiments.reproduction.page import VERDICT_TONES
 from experiments.reproduction.paper_tables import METRIC_NAMES, VARIANT_NAMES
 from experiments.reproduction.routes_study import CLAIM_RESAMPLES, CONFIDENCE, Study
 from experiments.reproduction.stages import METRICS, Key
-from experiments.store import Record
-from sim.random_routes import CLASSES
+from sim.scenario.random_routes import CLASSES
 from sim.trajectory import Trajectory
 
 _DRAWN = 12

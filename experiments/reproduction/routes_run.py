@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from experiments.campaign import CellPlan
-from experiments.page import write
+from experiments.campaign.campaign import CellPlan
+from experiments.campaign.store import Record, Store, columns_of, write_csv, write_table
+from experiments.pages.page import write
 from experiments.reproduction.record import fly_once, plan_cells
 from experiments.reproduction.routes_page import page_of
 from experiments.reproduction.routes_study import Study, distributions, draw_followers, evidence_of, judge
 from experiments.reproduction.stages import Motion, Setting
-from experiments.store import Record, Store, columns_of, write_csv, write_table
 
 
 def study(

@@ -10,17 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from experiments.campaign.store import Record
 from experiments.reproduction import stages
 from experiments.reproduction.claims import CLAIMS, Claim
-from experiments.reproduction.evidence import Evidence, Judgement, Verdict
 from experiments.reproduction.record import mean_distance
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
-from experiments.store import Record
+from experiments.reproduction.verdict import Evidence, Judgement, Verdict
 from laisn.failure import LaisnError
-from sim.kinematics import plan as plan_motion
-from sim.missions import FOLLOWER_DEPTH, Route
-from sim.random_routes import CLASSES, random_route
-from sim.scenario import Follower
+from sim.scenario.point_motion import plan as plan_motion
+from sim.scenario.random_routes import CLASSES, random_route
+from sim.scenario.routes import FOLLOWER_DEPTH, Route
+from sim.scenario.settings import Follower
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]

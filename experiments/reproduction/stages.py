@@ -12,8 +12,8 @@ from typing import Literal
 
 from laisn.failure import LaisnError
 from laisn.settings import GateRule, Variant
-from sim.missions import LEADER_DEPTH
-from sim.scenario import Acoustics, Follower, Leader, Navigation, Scenario, Sensors, Timing
+from sim.scenario.routes import LEADER_DEPTH
+from sim.scenario.settings import Acoustics, Follower, Leader, Navigation, Scenario, Sensors, Timing
 
 Motion = Literal["physics", "kinematic"]
 
@@ -182,7 +182,7 @@ def published() -> dict[Key, dict[str, float]]:
     Raises:
         ValueError: a row belongs to none of `SETTINGS`.
     """
-    text = (resources.files("experiments") / "data" / "published_tables.csv").read_text(encoding="utf-8")
+    text = (resources.files("experiments.reproduction") / "data" / "published_tables.csv").read_text(encoding="utf-8")
     known = {_identity(columns(s)): s.name for s in SETTINGS if s.table not in {"text", "alternative"}}
     rows: dict[Key, dict[str, float]] = {}
     for number, row in enumerate(csv.DictReader(text.splitlines()), start=2):

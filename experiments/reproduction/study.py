@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from experiments import campaign
-from experiments.campaign import CellPlan
-from experiments.library import ROUTES
-from experiments.page import write
+from experiments.campaign import campaign
+from experiments.campaign.campaign import CellPlan
+from experiments.campaign.store import Record, Store, columns_of, write_csv, write_table
+from experiments.flight.library import ROUTES
+from experiments.pages.page import write
 from experiments.reproduction import stages
 from experiments.reproduction.claims import CLAIMS, Claim
-from experiments.reproduction.evidence import Evidence, Judgement
 from experiments.reproduction.record import (
     Reproduction,
     fly_once,
@@ -21,9 +21,9 @@ from experiments.reproduction.record import (
     plan_cells,
 )
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
-from experiments.store import Record, Store, columns_of, write_csv, write_table
+from experiments.reproduction.verdict import Evidence, Judgement
 from laisn.failure import LaisnError
-from sim.scenario import Follower, Scenario
+from sim.scenario.settings import Follower, Scenario
 
 
 def _differences(given: Any, default: Any, path: str) -> list[tuple[str, Any]]:

@@ -1,1 +1,1 @@
-"""What `sim.render` films with: the graphics library, scene, cameras and overlay."""
+"""What `sim.film.render` films with: the graphics library, scene, cameras and overlay."""

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
-from sim import attitude
 from sim.film.footage import Footage, Moment
+from sim.geometry import attitude
 
 Floats = npt.NDArray[np.float64]
 

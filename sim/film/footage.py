@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.estimates import FixKind
-from sim import attitude
 from sim.flight import Flight
+from sim.geometry import attitude
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

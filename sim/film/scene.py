@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sim import attitude
 from sim.film import antialiasing, seascape
 from sim.film.cameras import Shot, View
 from sim.film.footage import Moment
-from sim.ocean import Ocean
-from sim.vehicle import THRUSTERS, resolve
+from sim.geometry import attitude
+from sim.vehicle.mjcf import THRUSTERS, resolve
+from sim.water.ocean import Ocean
 
 Floats = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]

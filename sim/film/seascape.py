@@ -1,6 +1,6 @@
 """What the film shows of the sea: floor and surface as height fields that travel with the camera, fog, light.
 
-Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.ocean.Ocean.elevation`) with ripples
+Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.ocean.Ocean.elevation`) with ripples
 of a few centimetres on top, so that a calm sea still shimmers; the relief of the floor lies below the simulated depth.
 """
 
@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sim.ocean import Ocean
-from sim.vehicle import VehicleSetup, compose
+from sim.vehicle.mjcf import VehicleSetup, compose
+from sim.water.ocean import Ocean
 
 Floats = npt.NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from sim.film.footage import Footage
 from sim.film.overlay import Overlay
 from sim.film.scene import Stage
 from sim.flight import Flight
-from sim.scenario import Video
+from sim.scenario.settings import Video
 
 Floats = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]

@@ -16,9 +16,9 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
-from sim import attitude
 from sim.flight import Flight
-from sim.geodesy import geodetic
+from sim.geometry import attitude
+from sim.geometry.geodesy import geodetic
 from sim.log.clock import Clock, timestamp
 from sim.log.events import Event, chronicle
 from sim.log.scene import BELIEF, TRUTH, draw_acoustics, draw_vehicles
@@ -34,7 +34,7 @@ from sim.log.schema import (
     Template,
     slot,
 )
-from sim.scenario import CONTROL_STEP_S
+from sim.scenario.settings import CONTROL_STEP_S
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
-from sim import scenario_file
 from sim.flight import Flight, Outcome
 from sim.log.file import SCENARIO, VEHICLES, Contents, LogError, Messages, contents, faults, has_field, require
 from sim.log.schema import (
@@ -26,6 +25,7 @@ from sim.log.schema import (
     VELOCITY,
     WATER_VELOCITY,
 )
+from sim.scenario import file as scenario_file
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]

@@ -15,12 +15,12 @@ from mcap.well_known import MessageEncoding
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from sim import scenario_file
 from sim.flight import Flight
 from sim.log.channels import Channel, Errors, channels
 from sim.log.clock import Clock, timestamp
 from sim.log.events import Event
 from sim.log.file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path, rescuable
+from sim.scenario import file as scenario_file
 
 BLOCK_NS = 60 * 10**9
 """Time that is serialised at once: bounds the memory [ns]."""

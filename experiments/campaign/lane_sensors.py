@@ -1,0 +1,275 @@
+"""Measurements of a block of runs, made where they are used: `sim.sensing.sensor_errors.measure` for lanes, with the same bits."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn import lane_rows as row
+from laisn.compiled import compiled_lanes
+from laisn.failure import LaisnError
+from laisn.lane_rows import LANES
+from sim.sensing import gauss_markov
+from sim.sensing.echo import path_taken
+from sim.sensing.loss import Channel, is_bad, is_lost
+from sim.sensing.noise import Stream, two_normals, two_units, uniform, words
+from sim.sensing.sensor_errors import (
+    SensorErrors,
+    attitude_reading,
+    heading_reading,
+    longest,
+    plain_reading,
+    range_reading,
+    speed_reading,
+)
+from sim.sensing.truth import MissionTruth
+
+Floats = npt.NDArray[np.float64]
+
+# Rows of draws.
+_FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
+
+
+class Errors(NamedTuple):
+    """`SensorErrors` as compiled code takes them; the same fields."""
+
+    speed_bias: float
+    speed_sigma: float
+    heading_bias: float
+    heading_sigma: float
+    depth_sigma: float
+    leader_speed_bias: float
+    leader_speed_sigma: float
+    leader_heading_bias: float
+    leader_heading_sigma: float
+    leader_depth_sigma: float
+    leader_pitch_sigma: float
+    leader_roll_sigma: float
+    leader_attitude_offset_sigma: float
+    range_tau: tuple[float, float, float]
+    range_scale_mean: float
+    range_scale_sigma: float
+    echo_chance: tuple[float, float]
+    channel: Channel
+
+
+class Address(NamedTuple):
+    """Where the noise of a block is found: seed, first run, and the number of each stream."""
+
+    seed: np.uint64
+    first_run: np.uint64
+    own_motion: np.uint64
+    depth: np.uint64
+    range_uniform: np.uint64
+    range_scale: np.uint64
+    leader_motion: np.uint64
+    leader_depth: np.uint64
+    leader_attitude: np.uint64
+    echo: np.uint64
+    loss: np.uint64
+
+
+# Columns of `sent_rows` behind those of a block's rows.
+_ECHOES, _KEPT, _FRESH = 10, 16, 17
+
+
+def sent_rows(truth: MissionTruth, errors: SensorErrors) -> Floats:
+    """True content of the messages and true ranges to them, in the order of a block's rows from EAST to R3.
+
+    Ranges by way of the surface and of the bottom follow, NaN if the truth has none, then the weights of the leader's
+    wandering attitude error.
+    """
+    position = truth.sent_position
+    echoes = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
+    return np.column_stack(
+        [
+            position[:, :2], truth.sent_heading, truth.sent_speed, position[:, 2], truth.sent_attitude,
+            truth.slant_range, *echoes,
+            gauss_markov.weights(truth.emission_step, truth.dt, errors.leader_attitude_time),
+        ]
+    )  # fmt: skip
+
+
+def compiled_errors(errors: SensorErrors) -> Errors:
+    """Sensor errors as compiled code takes them."""
+    return Errors(*(getattr(errors, name) for name in Errors._fields))
+
+
+def address(seed: int, first_run: int, follower: int) -> Address:
+    """Address of the noise of a block of one follower; LaisnError if seed or run is out of range."""
+    if not 0 <= seed < 2**64:
+        raise LaisnError(f"seed is {seed}, expected 0 … 2^64 − 1")
+    if not 0 <= first_run < 2**32 - LANES:
+        raise LaisnError(f"run is {first_run}, expected 0 … 2^32 − {LANES + 1}")
+    streams = (np.uint64(Stream[name.upper()].number(follower)) for name in Address._fields[2:])
+    return Address(np.uint64(seed), np.uint64(first_run), *streams)
+
+
+class Noise(NamedTuple):
+    """Draws of a block, and where they come from."""
+
+    draws: Floats
+    """Three rows of uniforms, or two of normals."""
+    address: Address
+    burst: npt.NDArray[np.bool_]
+    """Whether a lane is within a burst of loss."""
+    wandering: Floats
+    """Two rows: what wanders of the leader's pitch and roll errors, of unit variance."""
+    offset: Floats
+    """Two rows: what stays of them throughout a run, likewise."""
+
+
+@compiled_lanes
+def _draw_uniforms(noise: Noise, stream: np.uint64, step: int) -> None:
+    """Three uniforms in (0, 1) for each lane."""
+    draws, address = noise.draws, noise.address
+    for lane in range(LANES):
+        w0, w1, w2, _ = words(address.seed, address.first_run + np.uint64(lane), stream, np.uint64(step))
+        draws[_FIRST + lane], draws[_SECOND + lane], draws[_THIRD + lane] = uniform(w0), uniform(w1), uniform(w2)
+
+
+@compiled_lanes
+def _draw_normals(noise: Noise, stream: np.uint64, step: int) -> None:
+    """Two normals for each lane."""
+    draws, address = noise.draws, noise.address
+    for lane in range(LANES):
+        w0, w1, w2, w3 = words(address.seed, address.first_run + np.uint64(lane), stream, np.uint64(step))
+        draws[_FIRST + lane], draws[_SECOND + lane] = two_units(w0, w1, w2, w3)
+    for lane in range(LANES):
+        draws[_FIRST + lane], draws[_SECOND + lane] = two_normals(draws[_FIRST + lane], draws[_SECOND + lane])
+
+
+@compiled_lanes
+def new_noise(address: Address) -> Noise:
+    """Room for the draws of a block, and the errors that its runs keep."""
+    pair = 2 * LANES
+    noise = Noise(np.zeros(3 * LANES), address, np.zeros(LANES, dtype=np.bool_), np.zeros(pair), np.empty(pair))
+    _draw_normals(noise, address.leader_attitude, 0)
+    noise.offset[:] = noise.draws[:pair]
+    return noise
+
+
+@compiled_lanes
+def _draw_if(needed: bool, noise: Noise, stream: np.uint64, step: int) -> None:
+    """As `_draw_normals`; zeros where the errors have no use for normals, which reads the same."""
+    if needed:
+        _draw_normals(noise, stream, step)
+    else:
+        noise.draws[:] = 0.0
+
+
+@compiled_lanes
+def sense_own(block: Floats, noise: Noise, errors: Errors, speed: float, heading: float, k: int) -> None:
+    """Read speed log and compass at step k."""
+    draws = noise.draws
+    _draw_normals(noise, noise.address.own_motion, k)
+    for lane in range(LANES):
+        block[row.SPEED + lane] = speed_reading(speed, errors.speed_bias, errors.speed_sigma, draws[_FIRST + lane])
+        block[row.HEADING + lane] = heading_reading(
+            heading, errors.heading_bias, errors.heading_sigma, draws[_SECOND + lane]
+        )
+
+
+@compiled_lanes
+def _read_echoes(block: Floats, noise: Noise, errors: Errors, sent: Floats, steps: tuple[int, int]) -> None:
+    """Measure ranges on pings and on echoes taken for them: rows R1 … R3, of which R1 holds ψ."""
+    draws = noise.draws
+    received, emitted = steps
+    surface, bottom = errors.echo_chance
+    _draw_uniforms(noise, noise.address.echo, emitted)
+    true = np.empty(3 * LANES)
+    for j in range(3):
+        for lane in range(LANES):
+            i = j * LANES + lane
+            true[i] = sent[_ECHOES - 3 + j + 3 * path_taken(draws[i], surface, bottom)]
+    _draw_uniforms(noise, noise.address.range_uniform, received)
+    for lane in range(LANES):
+        psi = block[row.R1 + lane]
+        far = longest(true[lane], true[LANES + lane], true[2 * LANES + lane])
+        for j in range(3):
+            i = j * LANES + lane
+            block[row.R1 + i] = range_reading(true[i], far, errors.range_tau[j], draws[i], psi)
+
+
+@compiled_lanes
+def _lose(block: Floats, noise: Noise, errors: Errors, emitted: int) -> None:
+    """Ranges of lost messages become NaN."""
+    draws, burst = noise.draws, noise.burst
+    _draw_uniforms(noise, noise.address.loss, emitted)
+    for lane in range(LANES):
+        burst[lane] = is_bad(burst[lane], draws[_FIRST + lane], errors.channel)
+        if is_lost(burst[lane], draws[_SECOND + lane], errors.channel):
+            block[row.R1 + lane] = block[row.R2 + lane] = block[row.R3 + lane] = np.nan
+
+
+@compiled_lanes
+def _read_attitude(block: Floats, noise: Noise, errors: Errors, sent: Floats, emitted: int) -> None:
+    """Read the leader's pitch and roll."""
+    draws, wandering, offset = noise.draws, noise.wandering, noise.offset
+    kept, fresh, constant = sent[_KEPT], sent[_FRESH], errors.leader_attitude_offset_sigma
+    tilting = errors.leader_pitch_sigma > 0.0 or errors.leader_roll_sigma > 0.0
+    _draw_if(tilting, noise, noise.address.leader_attitude, emitted)
+    for i in range(2 * LANES):
+        wandering[i] = gauss_markov.advanced(wandering[i], kept, fresh, draws[i])
+    for lane in range(LANES):
+        i, j = _FIRST + lane, _SECOND + lane
+        pitch = attitude_reading(sent[5], constant, offset[i], errors.leader_pitch_sigma, wandering[i])
+        roll = attitude_reading(sent[6], constant, offset[j], errors.leader_roll_sigma, wandering[j])
+        block[row.PITCH + lane], block[row.ROLL + lane] = pitch, roll
+
+
+@compiled_lanes
+def sense_message(
+    block: Floats, noise: Noise, errors: Errors, sent: Floats, depth: float, steps: tuple[int, int]
+) -> None:
+    """Receive a message, measure its ranges and read one's depth.
+
+    Args:
+        block: its rows DEPTH and EAST … R3 are filled.
+        noise: of the block.
+        errors: of the sensors.
+        sent: a row of `sent_rows`.
+        depth: true depth of the follower's sensor [m].
+        steps: of reception and of emission.
+    """
+    draws, address = noise.draws, noise.address
+    east, north, heading, speed, leader_depth, rear, front, middle = (
+        sent[0], sent[1], sent[2], sent[3], sent[4], sent[7], sent[8], sent[9]
+    )  # fmt: skip
+    received, emitted = steps
+    _draw_if(errors.depth_sigma > 0.0, noise, address.depth, received)
+    for lane in range(LANES):
+        block[row.DEPTH + lane] = plain_reading(depth, errors.depth_sigma, draws[_FIRST + lane])
+        block[row.EAST + lane], block[row.NORTH + lane] = east, north
+    _draw_if(
+        errors.leader_speed_sigma > 0.0 or errors.leader_heading_sigma > 0.0, noise, address.leader_motion, emitted
+    )
+    for lane in range(LANES):
+        block[row.LEADER_SPEED + lane] = speed_reading(
+            speed, errors.leader_speed_bias, errors.leader_speed_sigma, draws[_FIRST + lane]
+        )
+        block[row.LEADER_HEADING + lane] = heading_reading(
+            heading, errors.leader_heading_bias, errors.leader_heading_sigma, draws[_SECOND + lane]
+        )
+    _draw_if(errors.leader_depth_sigma > 0.0, noise, address.leader_depth, emitted)
+    for lane in range(LANES):
+        block[row.LEADER_DEPTH + lane] = plain_reading(leader_depth, errors.leader_depth_sigma, draws[_FIRST + lane])
+    _read_attitude(block, noise, errors, sent, emitted)
+    _draw_normals(noise, address.range_scale, received)
+    for lane in range(LANES):
+        psi = plain_reading(errors.range_scale_mean, errors.range_scale_sigma, draws[_FIRST + lane])
+        # Kept in the row of the first range until the uniforms are drawn.
+        block[row.R1 + lane] = psi
+    if errors.echo_chance[0] + errors.echo_chance[1] > 0.0:
+        _read_echoes(block, noise, errors, sent, steps)
+    else:
+        _draw_uniforms(noise, address.range_uniform, received)
+        far = longest(rear, front, middle)
+        tau_rear, tau_front, tau_middle = errors.range_tau
+        for lane in range(LANES):
+            psi = block[row.R1 + lane]
+            block[row.R1 + lane] = range_reading(rear, far, tau_rear, draws[_FIRST + lane], psi)
+            block[row.R2 + lane] = range_reading(front, far, tau_front, draws[_SECOND + lane], psi)
+            block[row.R3 + lane] = range_reading(middle, far, tau_middle, draws[_THIRD + lane], psi)
+    if errors.channel.loss_chance + errors.channel.burst_chance > 0.0:
+        _lose(block, noise, errors, emitted)

@@ -1,0 +1,164 @@
+"""Monte Carlo campaigns: noise, navigation and metrics fused over runs, in memory that does not grow with them.
+
+Runs are flown in blocks side by side. Every block is computed alone and added up in the order of runs, so that results
+depend neither on the number of threads nor on how runs are split into blocks, to the bit. Run k takes exactly the noise
+that `sim.sensing.sensor_errors.measure(…, run=k)` gives a single flight.
+"""
+
+import os
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from experiments.campaign import lane_metrics as metric
+from experiments.campaign.cells import Cell, CellResult, CellSums
+from experiments.campaign.lane_sensors import (
+    Address,
+    Errors,
+    address,
+    compiled_errors,
+    new_noise,
+    sense_message,
+    sense_own,
+    sent_rows,
+)
+from laisn import lane_rows as row
+from laisn import lanes
+from laisn.compiled import compiled_lanes
+from laisn.lane_rows import LANES, Tuning
+from sim.sensing.sensor_errors import SensorErrors
+from sim.sensing.truth import MissionTruth
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+_NO_HISTORY = np.empty((0, 4 * LANES))
+
+
+class _Truth(NamedTuple):
+    """`MissionTruth` as compiled code takes it."""
+
+    start: Floats
+    own: Floats
+    """Speed, heading, depth and hydrophone x, y of the follower; x, y and heading of the leader; shape (n, 8)."""
+    message_step: Ints
+    emission_step: Ints
+    sent: Floats
+
+
+def _compiled_truth(truth: MissionTruth, errors: SensorErrors) -> _Truth:
+    own = np.column_stack(
+        [truth.speed, truth.heading, truth.depth, truth.hydrophone, truth.leader_position, truth.leader_heading]
+    )
+    received, emitted = truth.message_step.astype(np.int64), truth.emission_step.astype(np.int64)
+    return _Truth(truth.start.astype(np.float64), own, received, emitted, sent_rows(truth, errors))
+
+
+@compiled_lanes
+def _fly_block(
+    truth: _Truth, errors: Errors, t: Tuning, address: Address, lanes_used: int, history: Floats
+) -> tuple[Floats, Ints]:
+    """Tally and histograms of a block; states go to `history`, shape (n, 4 LANES), unless it is empty."""
+    n, m = truth.own.shape[0], truth.message_step.size
+    noise = new_noise(address)
+    block = row.new_block(truth.start, t)
+    tally = np.zeros(metric.SIZE)
+    bins = np.zeros(2 * LANES, dtype=np.int64)
+    histograms = np.zeros((2, metric.BINS), dtype=np.int64)
+    fixes = lanes.fix_rows(t.variant)
+    i = 0
+    for k in range(1, n + 1):
+        now = truth.own[k - 1]
+        sense_own(block, noise, errors, now[0], now[1], k)
+        received = i < m and truth.message_step[i] == k
+        if received:
+            sense_message(block, noise, errors, truth.sent[i], now[2], (k, truth.emission_step[i]))
+            i += 1
+        lanes.advance(block, t, k, received)
+        if received:
+            metric.tally_fixes(block, tally, fixes)
+        metric.tally_step(block, tally, bins, (now[3], now[4]), (now[5], now[6], now[7]))
+        metric.fill_histograms(bins, histograms, lanes_used)
+        if history.size > 0:
+            history[k - 1] = block[row.X : row.X + 4 * LANES]
+    return tally, histograms
+
+
+def _blocks(cell: Cell) -> Iterator[range]:
+    """Runs of each block of a cell."""
+    for i in range(0, len(cell.runs), LANES):
+        yield cell.runs[i : i + LANES]
+
+
+def _fly(cell: Cell, truth: _Truth, runs: range, history: Floats) -> tuple[Floats, Ints]:
+    errors, t = compiled_errors(cell.errors), row.tuning(cell.settings)
+    return _fly_block(truth, errors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
+
+
+def _tasks(cells: Sequence[Cell]) -> Iterator[tuple[Cell, _Truth, range]]:
+    """All blocks of all cells in their order."""
+    for cell in cells:
+        truth = _compiled_truth(cell.truth, cell.errors)
+        for runs in _blocks(cell):
+            yield cell, truth, runs
+
+
+def _flown(cells: Sequence[Cell], workers: int) -> Iterator[tuple[Floats, Ints]]:
+    """Tallies of all blocks in their order."""
+    if workers == 1:
+        for task in _tasks(cells):
+            yield _fly(*task, _NO_HISTORY)
+        return
+    pending: deque[Future[tuple[Floats, Ints]]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        for task in _tasks(cells):
+            pending.append(pool.submit(_fly, *task, _NO_HISTORY))
+            # What is under way or waits is bounded, and with it the memory.
+            if len(pending) > 4 * workers:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
+
+
+def simulate_many(
+    cells: Sequence[Cell], *, threads: int | None = None, keep_runs: bool = False
+) -> Iterator[CellResult]:
+    """Fly all cells; blocks of all of them share the threads.
+
+    Args:
+        cells: of the campaign.
+        threads: to compute with; None for all cores that this process may use.
+        keep_runs: give a table of each run as well.
+
+    Yields:
+        The result of each cell, in their order, as soon as it is complete.
+
+    Raises:
+        ValueError: an estimate left finite numbers, or a seed or run is out of range.
+    """
+    flown = _flown(cells, threads or len(os.sched_getaffinity(0)))
+    for cell in cells:
+        sums = CellSums(cell, keep_runs)
+        for runs in _blocks(cell):
+            sums.add(runs, *next(flown))
+        yield sums.result()
+
+
+def simulate(cell: Cell, *, threads: int | None = 1, keep_runs: bool = False) -> CellResult:
+    """Fly one cell; arguments and errors as in `simulate_many`."""
+    return next(simulate_many([cell], threads=threads, keep_runs=keep_runs))
+
+
+def histories(cell: Cell) -> Floats:
+    """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
+    truth, n = _compiled_truth(cell.truth, cell.errors), cell.truth.speed.size
+    parts = []
+    for runs in _blocks(cell):
+        history = np.empty((n, 4 * LANES))
+        _fly(cell, truth, runs, history)
+        parts.append(history.reshape(n, 4, LANES)[..., : len(runs)])
+    return np.concatenate(parts, axis=-1)

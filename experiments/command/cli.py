@@ -1,0 +1,273 @@
+"""The `laisn` command. Heavy imports stay inside the commands, so that `--help` answers at once."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.command.errors import plain_errors
+
+app = typer.Typer(
+    name="laisn",
+    help="Simulate a leader and its followers under water, navigated by acoustic ranges (LAISN).",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+log_app = typer.Typer(help="Look into logs, export and mend them.", no_args_is_help=True)
+app.add_typer(log_app, name="log")
+
+ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
+]
+
+
+def _folder(text: str) -> Path:
+    if not text.strip():
+        raise typer.BadParameter("the name of the folder is empty; '.' is the current one")
+    return Path(text)
+
+
+OutOption = Annotated[
+    Path | None,
+    typer.Option(parser=_folder, metavar="FOLDER", help="folder for the results (default: one of its own in out/)"),
+]
+
+
+def _say(text: object) -> None:
+    from sim.screen import plain
+
+    typer.echo(plain(text))
+
+
+@app.command()
+@plain_errors
+def fly(
+    scenario: ScenarioArgument,
+    set_: SetOption = None,
+    seed: Annotated[int | None, typer.Option(help="key of all random numbers")] = None,
+    run: Annotated[int | None, typer.Option(help="fly with the noise of this run of a campaign")] = None,
+    out: OutOption = None,
+    video: Annotated[bool, typer.Option("--video/--no-video", help="render the film")] = True,
+) -> None:
+    """Fly one mission; write log, film, report and numbers."""
+    from experiments.flight import fly as flying
+    from experiments.flight.library import load_flyable, name_of
+
+    extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
+    checked = load_flyable(scenario, [*(set_ or []), *extra])
+    source = Path(scenario)
+    # a file keeps its own folder, whatever name it was copied with
+    name = name_of(source) if source.suffix == ".toml" else checked.name
+    flying.fly_and_write(checked, out or Path("out") / name, with_video=video, source=source)
+
+
+@app.command()
+@plain_errors
+def scenarios(
+    name: Annotated[str | None, typer.Argument(help="print this one as TOML, a start for your own")] = None,
+) -> None:
+    """List the built-in scenarios, or print one."""
+    from experiments.flight import library
+
+    if name is None:
+        library.show()
+    else:
+        from sim.scenario.file import dumps
+
+        sys.stdout.write(dumps(library.load(name, ())))
+
+
+@app.command()
+@plain_errors
+def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
+    """Validate a scenario without flying it."""
+    from experiments.flight import library
+
+    checked = library.load_flyable(scenario, set_ or ())
+    _say(f"{scenario}: fine ({checked.duration_s:g} s, {len(checked.followers)} follower(s))")
+
+
+@app.command()
+@plain_errors
+def doctor() -> None:
+    """Say what this machine can do, and what to install for the rest."""
+    from experiments.command.doctor import examine
+
+    raise typer.Exit(examine())
+
+
+@app.command()
+@plain_errors
+def render(
+    source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
+    set_: SetOption = None,
+    camera: Annotated[
+        str | None, typer.Option(help="chase, pip, top, side, follower, leader, profile or orbit")
+    ] = None,
+    size: Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="such as 1920x1080")] = None,
+    speed_up: Annotated[float | None, typer.Option(help="seconds of mission in a second of film")] = None,
+    follower: Annotated[int, typer.Option(help="index of the follower to keep to")] = 0,
+    still: Annotated[float | None, typer.Option(metavar="T", help="one picture at mission time T [s]")] = None,
+    out: Annotated[Path | None, typer.Option(help="file (default NAME.mp4 or NAME.png)")] = None,
+) -> None:
+    """Film a scenario or a log, or take a picture of it."""
+    from experiments.command import filming
+
+    filming.film(source, set_ or (), filming.Wish(camera, size, speed_up, follower, still, out))
+
+
+@app.command()
+@plain_errors
+def replay(
+    log: Annotated[Path, typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels")],
+    variant: Annotated[
+        str | None, typer.Option(help="laisn-2 (default), laisn-3-1, laisn-3-2, laisn-best or laisn-main")
+    ] = None,
+    set_: SetOption = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(metavar="SCENARIO", help="for a log of measurements alone: start, baseline, navigation"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="write the flight with the new estimates as a log; with --scenario a CSV file")
+    ] = None,
+) -> None:
+    """Navigate once more on the measurements of a log, with another variant or other settings."""
+    from experiments.command import replaying
+
+    if scenario is None:
+        replaying.replay(log, variant or "laisn-2", set_ or (), out)
+    else:
+        chosen = [f"navigation.variant={variant}"] if variant else []
+        replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out)
+
+
+@app.command()
+@plain_errors
+def anatomy(
+    source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
+    set_: SetOption = None,
+    out: Annotated[Path | None, typer.Option(help="write every share of every ping to this .csv or .parquet")] = None,
+) -> None:
+    """Say why ranges were off: pitch, motion, echoes, sound, clocks, noise, depth."""
+    from experiments.pages import anatomy_page
+
+    anatomy_page.anatomise(source, set_ or (), out)
+
+
+WorkersOption = Annotated[int | None, typer.Option(help="local processes (default: one for each core)")]
+ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
+ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]
+
+
+@app.command()
+@plain_errors
+def reproduce(
+    stage: Annotated[
+        list[int] | None, typer.Option(help="a stage of the paper, 1 … 5; repeatable (default: all)")
+    ] = None,
+    motion: Annotated[str, typer.Option(help="physics, or the paper's point motion: kinematic")] = "physics",
+    runs: Annotated[int, typer.Option(help="runs of each cell")] = 60,
+    missions: Annotated[
+        int | None, typer.Option(help="draw this many routes for each class instead of the paper's eight")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="key of all random numbers")] = 1,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
+) -> None:
+    """Fly the paper's five stages; tables beside the published ones, figures, and its claims judged."""
+    from experiments.reproduction import study as reproduction
+
+    report = reproduction.reproduce(
+        stage,
+        motion=motion,  # type: ignore[arg-type]  # reproduce names the motions
+        runs=runs,
+        missions=missions,
+        seed=seed,
+        workers=workers,
+        out=out,
+        force=force,
+        cluster=cluster,
+    )
+    _say(f"report in {report}")
+
+
+@app.command()
+@plain_errors
+def asymmetry(
+    quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
+    film: Annotated[
+        bool | None, typer.Option("--film/--no-film", help="film one condition (default: unless --quick)")
+    ] = None,
+) -> None:
+    """Study what a leader that pitches does to the ranges, and what helps."""
+    from experiments.asymmetry import film as asymmetry_film
+    from experiments.asymmetry import study
+
+    folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
+    wanted = not quick if film is None else film
+    report = study.run(
+        folder,
+        quick=quick,
+        workers=workers,
+        cluster=cluster,
+        force=force,
+        film=asymmetry_film.film if wanted else None,
+    )
+    _say(f"report in {report}")
+
+
+LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
+
+
+@log_app.command("info")
+@plain_errors
+def log_info(log: LogArgument) -> None:
+    """Say what a log holds."""
+    from experiments.command import replaying
+
+    replaying.show_info(log)
+
+
+@log_app.command("export")
+@plain_errors
+def log_export(
+    log: LogArgument,
+    out: Annotated[Path, typer.Argument(parser=_folder, metavar="OUT", help="folder for the tables")],
+    format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
+) -> None:
+    """Write every channel of numbers as a table."""
+    from sim.log.export import export
+
+    for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
+        _say(file)
+
+
+@log_app.command("recover")
+@plain_errors
+def log_recover(log: LogArgument) -> None:
+    """Finish a log that a crash, a full disk or Ctrl-C left behind."""
+    from sim.log.recovery import recover
+
+    _say(recover(log))
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    # Films are rendered by child processes, which choose their own; here a library that is missing must break nothing.
+    os.environ["MUJOCO_GL"] = "disable"
+    app()
+
+
+if __name__ == "__main__":
+    main()

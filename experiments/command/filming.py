@@ -1,0 +1,89 @@
+"""Film and stills, from a scenario or from a log."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from pydantic import ValidationError
+from rich.progress import Progress
+
+from experiments.flight.fly import position_and_bearing_errors
+from experiments.flight.source import flight_of
+from sim.film import render
+from sim.film.cameras import CAMERAS
+from sim.scenario.settings import Video
+from sim.screen import plain
+
+
+class Wish(NamedTuple):
+    """What a user asked of a film; None leaves it to the scenario."""
+
+    camera: str | None
+    size: str | None
+    speed_up: float | None
+    follower: int
+    still: float | None
+    out: Path | None
+
+
+def _video(video: Video, wish: Wish) -> Video:
+    """The scenario's film settings with the user's wishes; RenderError naming the option."""
+    wanted = video.model_dump()
+    if wish.camera is not None:
+        wanted["camera"] = wish.camera
+    if wish.size is not None:
+        match = re.fullmatch(r"(\d+)x(\d+)", wish.size)
+        if match is None:
+            raise render.RenderError(f"--size {wish.size}: expected WIDTHxHEIGHT, such as 1280x720")
+        wanted["width_px"], wanted["height_px"] = int(match[1]), int(match[2])
+    if wish.speed_up is not None:
+        wanted["speed_up"] = wish.speed_up
+    try:
+        return Video.model_validate(wanted)
+    except ValidationError as error:
+        faults = (f"{fault['loc'][0]}: {fault['msg']} (given: {fault['input']})" for fault in error.errors())
+        raise render.RenderError("; ".join(faults)) from None
+
+
+def film(source: str, assignments: Iterable[str], wish: Wish) -> Path:
+    """Render the film, or one still, of a scenario or a log.
+
+    Args:
+        source: scenario name, TOML file or `.mcap` log.
+        assignments: overrides of a scenario.
+        wish: camera, size and so on.
+
+    Returns:
+        The file.
+
+    Raises:
+        RenderError: a wish cannot be met.
+        LogError, ScenarioError: the source is at fault.
+    """
+    if wish.camera is not None and wish.camera not in CAMERAS:
+        raise render.RenderError(f"unknown camera {wish.camera!r}; available: {', '.join(CAMERAS)}")
+    flight = flight_of(source, list(assignments))
+    video = _video(flight.scenario.video, wish)
+    if not 0 <= wish.follower < len(flight.scenario.followers):
+        raise render.RenderError(
+            f"--follower {wish.follower}: there are followers 0 … {len(flight.scenario.followers) - 1}"
+        )
+    errors = position_and_bearing_errors(flight)
+    if wish.still is not None:
+        path = wish.out or Path(f"{flight.scenario.name}.png")
+        render.still(flight, wish.still, path, errors=errors, video=video, follower=wish.follower)
+    else:
+        path = wish.out or Path(f"{flight.scenario.name}.mp4")
+        with Progress() as bars:
+            task = bars.add_task("film", total=1.0)
+            render.render(
+                flight,
+                path,
+                errors=errors,
+                video=video,
+                follower=wish.follower,
+                progress=lambda done: bars.update(task, completed=done),
+            )
+    print(plain(path))
+    return path

@@ -1,0 +1,142 @@
+"""Navigation once more on a log, and what a log holds."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from experiments.terminal import literal, tell
+from laisn.failure import LaisnError
+from sim.scenario.file import override, validate
+
+STATE_COLUMNS = ("x_m", "y_m", "vx_m_s", "vy_m_s")
+
+
+def _require_own_file(out: Path | None, suffix: str, source: Path) -> None:
+    """LaisnError if what is to be written is named as something else, or would replace the log that is read."""
+    if out is None:
+        return
+    if out.suffix != suffix:
+        raise LaisnError(f"--out {out}: should end in {suffix}")
+    if out.exists() and source.exists() and out.samefile(source):
+        raise LaisnError(f"--out {out}: is the log that is read; give the new one another name")
+
+
+def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | None) -> None:
+    """Navigate on the measurements of a log and print errors beside those of the log.
+
+    Args:
+        path: log of a flight.
+        variant: which LAISN.
+        assignments: overrides of the scenario's navigation, `navigation.key=value`.
+        out: log for the new estimates; None: none.
+
+    Raises:
+        LogError: the log cannot be read.
+        LaisnError: the new log would replace the one that is read, or its name does not end in .mcap.
+        ScenarioError: variant or overrides are at fault, or touch more than navigation.
+    """
+    from experiments.flight.fly import position_and_bearing_errors, show, summarise
+    from laisn.navigator import Navigator
+    from sim.flight import navigation_settings
+    from sim.log import reader, writer
+    from sim.scenario.file import ScenarioError
+    from sim.sensing.observation import observe
+
+    _require_own_file(out, ".mcap", path)
+    flown = reader.read(path)
+    given = [f"navigation.variant={variant}", *assignments]
+    outside = [a for a in given if not a.startswith("navigation.")]
+    if outside:
+        raise ScenarioError(f"--set {outside[0]}: a replay can change navigation only; what was measured is fixed")
+    table = override(flown.scenario.model_dump(mode="json", exclude_none=True), given)
+    scenario = validate(table, f"{path} {' '.join(f'--set {a}' for a in given)}")
+    estimates = tuple(
+        Navigator(navigation_settings(scenario, flown.trajectory, i), observe(flown.trajectory, scenario, i).start).run(
+            measured
+        )
+        for i, measured in enumerate(flown.measurements)
+    )
+    again = replace(flown, scenario=scenario, estimates=estimates)
+    console = Console()
+    for title, flight in ((f"as flown, {flown.scenario.navigation.variant}", flown), (f"replayed, {variant}", again)):
+        console.print(literal(title, "bold"))
+        show(console, flight, summarise(flight, position_and_bearing_errors(flight)))
+    if out is not None:
+        import json
+
+        errors = position_and_bearing_errors(again)
+        writer.write(again, out, summary=json.dumps(summarise(again, errors), indent=2) + "\n", errors=errors)
+        tell(console, f"log in {out}")
+
+
+def replay_measurements(path: Path, source: str, assignments: Iterable[str], out: Path | None) -> None:
+    """Navigate on the measurements of a real vehicle's log and print where that ends; nothing is known of the truth.
+
+    Args:
+        path: log with `/NAME/motion` and `/NAME/reception` of every follower of the scenario.
+        source: scenario; its followers' names and starts, the leader's baseline and the navigation are used. The
+            filter step is the log's.
+        assignments: overrides of the scenario.
+        out: CSV file for the estimates (x, y, vx, vy after each step); None: none.
+
+    Raises:
+        LogError: the log cannot be read or lacks a channel; ScenarioError: the scenario is at fault.
+        LaisnError: the name of the file for the estimates does not end in .csv.
+    """
+    from experiments.campaign.store import write_csv
+    from experiments.flight.library import load_flyable
+    from laisn.estimates import FixKind
+    from laisn.navigator import Navigator
+    from sim.flight import navigation_settings
+    from sim.log import reader
+    from sim.motion import move
+    from sim.sensing.observation import observe
+
+    _require_own_file(out, ".csv", path)
+    scenario = load_flyable(source, assignments)
+    # the starts alone are wanted of the routes
+    begin = move(scenario.model_copy(update={"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}))
+    rows: list[dict[str, str | float]] = []
+    table = Table("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]", box=None, pad_edge=False)
+    for i, name in enumerate(begin.names[1:]):
+        measured = reader.read_measurements(path, name)
+        settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
+        estimates = Navigator(settings, observe(begin, scenario, i).start).run(measured)
+        kinds = [FixKind(kind) for kind in estimates.fix_kind.tolist()]
+        counts = ", ".join(f"{kinds.count(k)} {k.name.lower().replace('_', ' ')}" for k in FixKind if k in kinds)
+        last = estimates.state[-1]
+        table.add_row(
+            literal(name),
+            str(len(estimates.state)),
+            f"{measured.dt:g}",
+            counts or "none",
+            f"{last[0]:.2f}",
+            f"{last[1]:.2f}",
+        )
+        for k, state in enumerate(estimates.state.tolist(), start=1):
+            rows.append({"follower": name, "time_s": k * measured.dt, **dict(zip(STATE_COLUMNS, state, strict=True))})
+    console = Console()
+    console.print(table)
+    if out is not None:
+        write_csv(out, rows)
+        tell(console, out)
+
+
+def show_info(path: Path) -> None:
+    """Print what a log holds; LogError if it cannot be read."""
+    from sim.log.info import info
+
+    found = info(path)
+    console = Console()
+    tell(console, f"{path}: {found.size / 1e6:.2f} MB, {found.duration_s:g} s from {found.start.isoformat()}")
+    table = Table("channel", "schema", "messages", box=None, pad_edge=False)
+    for channel in found.channels:
+        table.add_row(literal(channel.topic), literal(channel.schema), str(channel.messages))
+    console.print(table)
+    for name, size in found.attachments.items():
+        tell(console, f"attachment {name}: {size} bytes")
+    for name, record in found.metadata.items():
+        tell(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")

@@ -1,0 +1,141 @@
+"""Anatomy of a range: each error split into its causes, exactly and additively.
+
+A follower turns the slant range R_i into a horizontal one, D_i = √(R_i² − Δz²), and draws its circle about the place
+where transmitter i of a level leader would be. The circle has the right radius if D_i is the horizontal distance D°_i
+between that place and the hydrophone at the moment of the fix. The error D_i − D°_i is taken apart by letting one
+cause after another act, from the level leader to the number that the follower uses; a cause's share is what D changes
+by when it joins. The shares telescope, so that they add up to the error whatever its size; where two causes act
+together, their (second-order) interaction goes to the later one.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.geometry import horizontal_range
+from laisn.messages import LeaderMessage
+from sim.flight import Flight, navigation_settings
+from sim.sensing.acoustics import TRANSMITTERS, propagate
+from sim.sensing.echo import Path, locked_path
+from sim.sensing.observation import errors_of
+from sim.tilt import leveled
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Cause(IntEnum):
+    """Why a horizontal range is wrong, in the order in which the causes join."""
+
+    FORESHORTENING = 0
+    """Pitch and roll move the transmitter horizontally."""
+    LEVER_ARM = 1
+    """Pitch and roll move it up or down, off the depth that the leader measures."""
+    MOTION = 2
+    """Leader and follower move between broadcast pose, ping, arrival and fix."""
+    ECHO = 3
+    """The receiver took an echo for the ping."""
+    SOUND_SPEED = 4
+    """The follower believes in another speed of sound."""
+    CLOCK = 5
+    """The follower's clock is not the leader's."""
+    RANDOM = 6
+    """Random error of the range (paper, Eq. 28)."""
+    DEPTH = 7
+    """Depths are measured with errors, and the hydrophone is not where the follower's depth puts it."""
+
+
+LABELS = {
+    Cause.FORESHORTENING: "foreshortening",
+    Cause.LEVER_ARM: "lever arm",
+    Cause.MOTION: "travel time and motion",
+    Cause.ECHO: "echo",
+    Cause.SOUND_SPEED: "sound speed",
+    Cause.CLOCK: "clock",
+    Cause.RANDOM: "random error",
+    Cause.DEPTH: "depth measurement",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Anatomy:
+    """Range errors of m messages by cause; arrays over transmitters hold rear, front, middle."""
+
+    time: Floats
+    """Of the fixes, shape (m,), [s]."""
+    level_range: Floats
+    """D°: the horizontal range that would be right for a level leader, shape (m, 3), [m]."""
+    used_range: Floats
+    """D: the one that the follower uses, shape (m, 3), [m]; NaN where no ping was received."""
+    share: Floats
+    """Of each cause in D − D°, shape (m, 3, causes), [m]."""
+
+    @property
+    def error(self) -> Floats:
+        """D − D°, shape (m, 3), [m]."""
+        return self.used_range - self.level_range
+
+    @property
+    def asymmetry(self) -> Floats:
+        """What each cause does to D_front − D_rear, shape (m, causes), [m]."""
+        return np.asarray(self.share[:, 1] - self.share[:, 0])
+
+
+def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
+    """Horizontal ranges as the follower computes them; shapes (m, 3) and (m,) or (m, 3)."""
+    slant, depth_difference = np.broadcast_arrays(slant, depth_difference.reshape(slant.shape[0], -1))
+    flat = [horizontal_range(r, dz) for r, dz in zip(slant.ravel().tolist(), depth_difference.ravel(), strict=True)]
+    return np.array(flat).reshape(slant.shape)
+
+
+def dissect(flight: Flight, follower: int = 0) -> Anatomy:
+    """Take apart the range errors of one follower.
+
+    Args:
+        flight: any flight; its scenario says which causes were at work.
+        follower: its index, 0 for the first.
+    """
+    scenario, trajectory, measured = flight.scenario, flight.trajectory, flight.measurements[follower]
+    sound = propagate(trajectory, scenario, follower)
+    _, row, kept = np.intersect1d(sound.message_step, measured.message_step, return_indices=True)
+    emission = sound.emission_step[row]
+    fix, sent = measured.message_step[kept] * flight.stride, emission * flight.stride
+
+    sites = [trajectory.site(name) for name in TRANSMITTERS]
+    broadcast = trajectory.site_position[sent][:, sites]
+    level = leveled(trajectory).site_position[sent][:, sites]
+    hydrophone = trajectory.site_position[fix, trajectory.site(f"{trajectory.names[follower + 1]}/hydrophone")]
+    depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
+
+    path = np.full((row.size, 3), int(Path.DIRECT))
+    errors = errors_of(scenario)
+    if errors.echoes:
+        path = locked_path(scenario.seed, scenario.run, follower, emission, errors.echo_chance)
+
+    def taken(values: Floats) -> Floats:
+        return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])
+
+    length = taken(sound.length)
+    message = dict(zip(LeaderMessage._fields, measured.message[kept].T, strict=True))
+    height = navigation_settings(scenario, trajectory, follower).hydrophone_height
+    measured_difference = message["depth"] - (measured.depth[measured.message_step[kept] - 1] - height)
+    d_level = np.linalg.norm(level[..., :2] - hydrophone[:, None, :2], axis=2)
+    steps = {
+        Cause.FORESHORTENING: np.linalg.norm(broadcast[..., :2] - hydrophone[:, None, :2], axis=2),
+        Cause.LEVER_ARM: _on_plane(np.linalg.norm(broadcast - hydrophone[:, None], axis=2), depth_difference),
+        Cause.MOTION: _on_plane(sound.length[row, :, Path.DIRECT], depth_difference),
+        Cause.ECHO: _on_plane(length, depth_difference),
+        Cause.SOUND_SPEED: _on_plane(length * taken(sound.slowness_ratio), depth_difference),
+        Cause.CLOCK: _on_plane(taken(sound.range), depth_difference),
+        Cause.RANDOM: _on_plane(measured.ranges[kept], depth_difference),
+        Cause.DEPTH: _on_plane(measured.ranges[kept], measured_difference),
+    }
+    chain = np.stack([d_level, *(steps[cause] for cause in Cause)], axis=2)
+    return Anatomy(
+        time=trajectory.time[fix],
+        level_range=d_level,
+        used_range=chain[..., -1],
+        share=np.diff(chain, axis=2),
+    )

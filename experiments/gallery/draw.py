@@ -1,0 +1,135 @@
+"""The pictures of README and docs: `make figures` writes `docs/pictures`. All that they show is flown or computed here.
+
+Works in a checkout only: the figures about physics are drawn from the very functions that the tests judge.
+"""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from PIL import Image
+
+from experiments.asymmetry import gallery as asymmetry_gallery
+from experiments.closed_loop import study as closed_loop
+from experiments.flight.fly import fly, position_and_bearing_errors
+from experiments.flight.library import ROUTES, load
+from experiments.gallery import physics as gallery_physics
+from experiments.pages import figures
+from experiments.pages.figures import COLOURS, INK, MUTED, SERIES, Line
+from experiments.pages.flight_report import error_lines
+from experiments.reproduction import gallery as gallery_reproduction
+from experiments.route_keeping import study as route_keeping
+from laisn.geometry import bearing
+from sim.film import render
+from sim.flight import Flight
+from sim.motion import move
+
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures"
+
+STILLS = {
+    "mission": ("T8", 420.0, "chase"),
+    "swarm": ("swarm", 400.0, "top"),
+    "waves": ("following-sea", 200.0, "orbit"),
+    "diving": ("diving", 75.0, "leader"),
+}
+"""Name of the picture: built-in scenario, mission time [s], camera."""
+
+Legend = Sequence[tuple[figures.Colour, str]]
+
+
+def save(figure: Figure, name: str, legend: Legend = ()) -> None:
+    """Write a figure as SVG on white, its legend as coloured words above the axes on the right."""
+    axes = figure.axes[0]
+    for number, (colour, words) in enumerate(reversed(legend)):
+        axes.annotate(
+            words, (1.0, 1.0), xytext=(0, 5 + 10 * number), xycoords="axes fraction", textcoords="offset points",
+            ha="right", fontsize=8, color=colour.placeholder,
+        )  # fmt: skip
+    path = FOLDER / f"{name}.svg"
+    with mpl.rc_context({"svg.hashsalt": "laisn-sim", "svg.fonttype": "none", "font.size": 8.5}):
+        figure.set_canvas(FigureCanvasSVG(figure))
+        figure.savefig(
+            path, format="svg", metadata={"Date": None}, facecolor="white", bbox_inches="tight", pad_inches=0.08
+        )
+    text = path.read_text(encoding="utf-8")
+    for colour in COLOURS:
+        text = text.replace(colour.placeholder, colour.light)
+    path.write_text(text, encoding="utf-8")
+
+
+def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
+    """Write a still of a flight as JPEG."""
+    video = flight.scenario.video.model_copy(update={"camera": camera, "width_px": 1280, "height_px": 720})
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / "still.png"
+        render.still(flight, time, picture, errors=position_and_bearing_errors(flight), video=video)
+        Image.open(picture).convert("RGB").save(FOLDER / f"{name}.jpg", quality=84, optimize=True, progressive=True)
+
+
+def routes() -> Figure:
+    """The leader's L and the eight follower routes, as flown."""
+    truth = move(route_keeping.scenario())
+    styles = [
+        (INK, "-", 1.8),
+        *((colour, "-", 1.0) for colour in SERIES),
+        (SERIES[0], "--", 1.0),
+        (SERIES[1], "--", 1.0),
+    ]
+    lines = [
+        Line(x=truth.position[::5, v, 0], y=truth.position[::5, v, 1], colour=colour, dash=dash, width=width)
+        for v, (colour, dash, width) in enumerate(styles)
+    ]
+    figure = figures.panel(lines, x_label="east [m]", y_label="north [m]", equal=True, height=4.0)
+    for v, (name, (colour, dash, _)) in enumerate(zip(("leader", *ROUTES), styles, strict=True)):
+        words = name if dash == "-" else f"{name}, dashed"
+        figure.axes[0].annotate(words, (0.03, 0.93 - 0.06 * v), xycoords="axes fraction", color=colour.placeholder)
+    return figure
+
+
+def errors(flight: Flight) -> Figure:
+    """E_P, E_B and B of a flight over time, as the paper draws them."""
+    steps = flight.step_index()
+    position, bearing_error = position_and_bearing_errors(flight)[0]
+    leader = flight.trajectory.position[steps, 0]
+    offset = flight.hydrophone(0)[:, :2] - leader[:, :2]
+    heading = flight.trajectory.heading[steps, 0]
+    direction = np.array([bearing(h, e, n) for h, (e, n) in zip(heading, offset, strict=True)])
+    lines = error_lines(flight.trajectory.time[steps], position, bearing_error, direction)
+    return figures.panel(lines, x_label="time [s]", y_label="E_P [m], E_B [°]", height=2.9)
+
+
+def main() -> None:
+    """Write all pictures."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    save(routes(), "routes")
+    save(asymmetry_gallery.map_picture(), "asymmetry")
+    save(
+        gallery_reproduction.picture(),
+        "reproduction",
+        [
+            (colour, f"{mark} {name}")
+            for (name, colour, _), mark in zip(gallery_reproduction.GROUPS, "●◆■▲", strict=True)
+        ],
+    )
+    flown = {name: fly(load(name, ()))[0] for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}}
+    save(
+        errors(flown["T5"]),
+        "errors",
+        [
+            (SERIES[0], "E_P [m]"),
+            (SERIES[1], "E_B [°]"),
+            (MUTED, "B: 0 astern, −5 to starboard, 5 to port, ±10 ahead"),
+        ],
+    )
+    for name, (figure, legend) in (gallery_physics.all_figures() | {"closed-loop": closed_loop.picture()}).items():
+        save(figure, name, legend)
+    for name, (scenario, time, camera) in STILLS.items():
+        photograph(name, flown[scenario], time, camera)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,172 @@
+"""The anatomy of a flight's ranges for readers: in its report, as a file, and in the terminal."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import rich.table
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from experiments.campaign.store import Record, columns_of, write_csv, write_table
+from experiments.flight.anatomy import LABELS, Anatomy, Cause, dissect
+from experiments.flight.source import flight_of
+from experiments.pages.figures import SERIES, Line, panel, svg
+from experiments.pages.page import Block, Figures, Notice, Section, Table, Text, number, words
+from experiments.terminal import literal, tell
+from laisn.failure import LaisnError
+from sim.flight import Flight
+
+Floats = npt.NDArray[np.float64]
+
+TRANSMITTERS = ("rear", "front", "middle")
+COLOUR = dict(
+    zip(
+        (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO),
+        SERIES,
+        strict=True,
+    )
+)
+"""Of the causes that can tell bow from stern; clock and sound speed are the same for both, or nearly."""
+_NOTICEABLE_M = 1e-6
+_DRAWN_FOLLOWERS = 3
+
+
+def _rms(values: Floats) -> float:
+    """Root mean square of what is there, shape (n,); NaN if nothing is."""
+    there = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(there**2))) if there.size else np.nan
+
+
+def _largest(values: Floats) -> float:
+    return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else np.nan
+
+
+def share_table(anatomy: Anatomy, caption: str = "") -> Table:
+    """Root mean square of each cause's share in the range errors, and in the asymmetry of bow and stern."""
+    at_work = [cause for cause in Cause if _largest(anatomy.share[..., cause]) > _NOTICEABLE_M]
+    rows = [
+        [
+            words(LABELS[cause]),
+            *(number(100 * _rms(anatomy.share[:, i, cause]), 1) for i in range(3)),
+            number(100 * _rms(anatomy.asymmetry[:, cause]), 1),
+            number(100 * _largest(anatomy.asymmetry[:, cause]), 1),
+        ]
+        for cause in at_work
+    ]
+    idle = ", ".join(LABELS[cause] for cause in Cause if cause not in at_work)
+    return Table(
+        heads=("cause", *TRANSMITTERS, "rms", "largest"),
+        rows=rows,
+        groups=(("", 1), ("share of the range error, rms [cm]", 3), ("front less rear [cm]", 2)),
+        caption=f"{caption}Each range error is the exact sum of these shares."
+        + (f" Not at work here: {idle}." if idle else ""),
+    )
+
+
+def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str) -> Figure:
+    """What causes do to D_front − D_rear over time; shares of shape (m,), [m]."""
+    lines = [Line(x=time, y=100.0 * share, colour=COLOUR[cause], width=0.8) for cause, share in shares.items()]
+    return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title)
+
+
+def legend_of(causes: Sequence[Cause]) -> list[tuple[str, str]]:
+    """Of `asymmetry_over_time`."""
+    return [(COLOUR[cause].variable, LABELS[cause]) for cause in causes]
+
+
+def section(flight: Flight) -> Section:
+    """Why the ranges of a flight were off: for its report."""
+    names = flight.trajectory.names[1:]
+    told = flight.scenario.navigation.use_attitude
+    beliefs = (
+        "are told its pitch and roll, so that lever arm and foreshortening do not reach their fixes"
+        if told
+        else ("believe that it is level")
+    )
+    blocks: list[Block] = [
+        Text(
+            text="Against the ranges to a level leader, each measured one is off for causes that add up exactly. What "
+            "they do to the difference of bow and stern turns a fix about the leader; what they do to both alike "
+            f"moves it to and fro along its ray. Followers here {beliefs}. `laisn anatomy` writes every share of every "
+            "ping."
+        )
+    ]
+    drawn, panels, tables = set(), [], []
+    for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
+        anatomy = dissect(flight, i)
+        if not np.isfinite(anatomy.error).any():
+            blocks.append(Notice(text=f"{name} received no ping."))
+            continue
+        shares = {cause: anatomy.asymmetry[:, cause] for cause in COLOUR}
+        shares = {cause: share for cause, share in shares.items() if _largest(share) > _NOTICEABLE_M}
+        drawn |= set(shares)
+        panels.append(svg(asymmetry_over_time(anatomy.time, shares, f"{name}: bow against stern"), f"anatomy{i}"))
+        tables.append(share_table(anatomy, f"{name}. " if len(names) > 1 else ""))
+    if panels:
+        first = "" if len(names) <= _DRAWN_FOLLOWERS else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers."
+        blocks.append(
+            Figures(
+                panels=panels,
+                caption=f"What each cause does to the difference of front and rear range.{first}",
+                legend=legend_of([cause for cause in COLOUR if cause in drawn]),
+            )
+        )
+    return Section(title="Anatomy of the ranges", blocks=[*blocks, *tables])
+
+
+def records(flight: Flight) -> Iterator[Record]:
+    """Every share of every range of a flight: a record for each ping that was received."""
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        anatomy = dissect(flight, i)
+        for m, t in np.argwhere(np.isfinite(anatomy.used_range)).tolist():
+            yield {
+                "follower": name,
+                "time_s": float(anatomy.time[m]),
+                "transmitter": TRANSMITTERS[t],
+                "level_range_m": float(anatomy.level_range[m, t]),
+                "used_range_m": float(anatomy.used_range[m, t]),
+                **{f"{cause.name.lower()}_m": float(anatomy.share[m, t, cause]) for cause in Cause},
+            }
+
+
+def _show(console: Console, flight: Flight) -> None:
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        table = share_table(dissect(flight, i))
+        shown = rich.table.Table(
+            title=literal(f"{name}: rms shares of the range errors [cm]"), title_justify="left", box=None
+        )
+        heads = ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
+        for n, head in enumerate(heads):
+            shown.add_column(head, justify="right" if n else "left")
+        for row in table.rows:
+            shown.add_row(*(literal(cell.text) for cell in row))
+        shown.caption, shown.caption_justify = literal(table.caption), "left"
+        console.print(shown)
+
+
+def anatomise(source: str, assignments: Sequence[str], out: Path | None) -> None:
+    """Take the ranges of a scenario or a log apart, show the shares, and write them if asked to.
+
+    Args:
+        source: scenario name, TOML file or `.mcap` log.
+        assignments: overrides of a scenario.
+        out: `.csv` or `.parquet` file with a row for each ping received; None: none.
+
+    Raises:
+        LaisnError: the name of the file ends otherwise, or overrides were given for a log.
+        LogError, ScenarioError, OSError: the source is at fault, or the file cannot be written.
+    """
+    if out is not None and out.suffix not in {".csv", ".parquet"}:
+        raise LaisnError(f"--out {out}: should end in .csv or .parquet")
+    flight = flight_of(source, assignments)
+    console = Console()
+    _show(console, flight)
+    if out is not None:
+        rows = list(records(flight))
+        if out.suffix == ".csv":
+            write_csv(out, rows)
+        else:
+            write_table(out, columns_of(rows))
+        tell(console, out)

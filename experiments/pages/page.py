@@ -1,0 +1,239 @@
+"""Reports: one self-contained HTML page out of sections of text, tables, figures, code and films.
+
+A page needs no network and no framework; the same content gives the same bytes.
+"""
+
+import base64
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import jinja2
+from markupsafe import Markup, escape
+
+from experiments.command.doctor import versions
+
+_SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
+"""Of what shapes numbers; the page says with which versions it was made."""
+_SHORT = 44
+"""Text of a table cell up to this length stays on one line."""
+EMBEDDED_FILM_BYTES = 2_500_000
+"""Larger films are linked: Base64 adds a third, and a page stays below 5 MB."""
+
+
+_SYMBOL = re.compile(r"\b(?:([EHσμτ]|Δt)_([A-Za-z0-9θ]+)|(Δt))\b")
+
+
+def symbols(text: str) -> Markup:
+    """Escaped text in which symbols such as E_P and H_T carry their index below the line."""
+
+    def marked(symbol: re.Match[str]) -> str:
+        return f"<i>{symbol[3]}</i>" if symbol[3] else f"<i>{symbol[1]}</i><sub>{symbol[2]}</sub>"
+
+    return Markup(_SYMBOL.sub(marked, str(escape(text))))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Text:
+    """A paragraph; `code` in back quotes is set as code."""
+
+    kind: ClassVar[str] = "text"
+    text: str
+
+    @property
+    def html(self) -> Markup:
+        """The paragraph with code and symbols marked up; everything else is escaped."""
+        parts = self.text.split("`")
+        marked = (Markup("<code>{}</code>").format(p) if i % 2 else symbols(p) for i, p in enumerate(parts))
+        return Markup("").join(marked)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Code:
+    """Preformatted text, such as a scenario or a command."""
+
+    kind: ClassVar[str] = "code"
+    text: str
+    title: str = ""
+    folded: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Notice:
+    """Something that the reader must not miss."""
+
+    kind: ClassVar[str] = "notice"
+    text: str
+    tone: Literal["failure", "warning", "note"] = "note"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """A table cell: what is shown, by what it sorts, and how it is coloured."""
+
+    text: str
+    sort: float | str = ""
+    tone: str = ""
+    """Class of the page's style: ratio-low2, ratio-low1, ratio-even, ratio-high1 … ratio-high3, yes, no, maybe."""
+    title: str = ""
+    """Shown when the pointer rests on the cell."""
+
+    @property
+    def numeric(self) -> bool:
+        """Whether it is set to the right, as numbers are."""
+        return not isinstance(self.sort, str)
+
+    @property
+    def style(self) -> str:
+        """Classes: numbers to the right, short text on one line, long text in a column that can be read."""
+        width = "n" if self.numeric else "long" if len(self.text) > _SHORT else "short"
+        return " ".join(filter(None, (width, self.tone)))
+
+    @property
+    def key(self) -> str:
+        """What the page sorts by."""
+        return repr(self.sort) if self.numeric else str(self.sort or self.text)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A sortable table; `groups` is an optional row above the heads: (text, columns)."""
+
+    kind: ClassVar[str] = "table"
+    heads: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    caption: str = ""
+    groups: Sequence[tuple[str, int]] = ()
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.heads):
+                raise ValueError(f"a row of {len(row)} cells in a table of {len(self.heads)} columns: {self.caption}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """Panels side by side under one caption; `legend` pairs a CSS colour variable with a text."""
+
+    kind: ClassVar[str] = "figures"
+    panels: Sequence[str]
+    """SVG elements of `figures.svg`."""
+    caption: str
+    legend: Sequence[tuple[str, str]] = ()
+
+    @property
+    def drawings(self) -> list[Markup]:
+        """The panels as trusted markup: they come from `figures.svg`, which escapes its label."""
+        return [Markup(panel) for panel in self.panels]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Film:
+    """A film beside the page: embedded if small, linked if not."""
+
+    kind: ClassVar[str] = "film"
+    path: Path
+    caption: str = ""
+
+    @property
+    def source(self) -> str:
+        """Data of a small film, name of a large one."""
+        if self.path.stat().st_size > EMBEDDED_FILM_BYTES:
+            return self.path.name
+        return "data:video/mp4;base64," + base64.b64encode(self.path.read_bytes()).decode()
+
+
+Block = Text | Code | Notice | Table | Figures | Film
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A headed part of a page."""
+
+    title: str
+    blocks: Sequence[Block]
+
+    @property
+    def anchor(self) -> str:
+        """Id to link to."""
+        return "".join(c if c.isalnum() else "-" for c in self.title.lower()).strip("-")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A report."""
+
+    title: str
+    summary: str
+    facts: Sequence[tuple[str, str]]
+    """What was run: seed, version, command to repeat it and so on."""
+    sections: Sequence[Section]
+
+
+def number(value: float | int | None, digits: int = 2, tone: str = "", title: str = "") -> Cell:
+    """A number with a fixed count of decimals; a dash for None and NaN, sorted last."""
+    if value is None or math.isnan(value):
+        return Cell(text="–", sort=math.inf, title=title)
+    shown = f"{value:d}" if isinstance(value, int) else f"{value:.{digits}f}"
+    # what is rounded to zero has no sign
+    shown = shown.replace("-", "−" if float(shown) else "")
+    return Cell(text=shown, sort=value, tone=tone, title=title)
+
+
+def words(text: str, tone: str = "", title: str = "") -> Cell:
+    """A cell of text."""
+    return Cell(text=text, tone=tone, title=title)
+
+
+def ratio_tone(ratio: float) -> str:
+    """Colour of ours over theirs: even within a fifth, then up to 1.5, 2 and beyond, either way."""
+    if math.isnan(ratio):
+        return ""
+    size = abs(math.log(ratio)) if ratio > 0 else math.inf
+    level = sum(size > math.log(bound) for bound in (1.2, 1.5, 2.0))
+    return "ratio-even" if level == 0 else f"ratio-{'high' if ratio > 1 else 'low'}{level}"
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_template),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["symbols"] = symbols
+    return environment
+
+
+def _template(name: str) -> str:
+    return (resources.files("experiments.pages") / "templates" / name).read_text(encoding="utf-8")
+
+
+def render(page: Page) -> str:
+    """The page as HTML text."""
+    found = versions()
+    made_with = ", ".join(f"{name} {found[package]}" for package, name in _SHOWN_VERSIONS.items())
+    return (
+        _environment()
+        .get_template("page.html")
+        .render(
+            page=page,
+            made_with=made_with,
+            style=Markup(_template("page.css")),
+            script=Markup(_template("page.js")),
+        )
+    )
+
+
+def write(page: Page, path: Path) -> None:
+    """Write the page under a temporary name and rename it, so that no reader meets half a page."""
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_text(render(page), encoding="utf-8")
+    temporary.replace(path)

@@ -1,0 +1,241 @@
+"""Autopilot: from heading, speed and depth wanted to the forces of five thrusters, ten times a second.
+
+Every loop gives the vehicle the dynamics of a well damped second (speed: first) order system, from its own inertia and
+drag: PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
+Control, 2nd ed. 2021, Chapter 15). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 × lag
+of the thrusters), where the lag costs the loop little damping. All others follow from it:
+
+    heading, pitch    ω, relative damping 1; integral ω/10
+    sway              side slip is taken out with ω/2, so that the vehicle goes where it points, also in turns
+    speed             ω/2; integral ω/10
+    depth             ω/5 through pitch, integral ω/20; ω/2 through heave, integral ω/10
+
+Depth is held by one loop that asks for a vertical force. How the force comes about is a mode:
+
+    "pitch"    what hulls of this kind do: the hull pitches to the angle of climb, and by the angle of incidence whose
+               lift is the force. What it cannot lift (above 12° of incidence), and everything when it is slow (below
+               0.6 m/s the share grows, to all below 0.3 m/s), the vertical thrusters carry.
+    "thrust"   the vertical thrusters carry all, the hull is held level.
+
+Thrusters: moments come before forces (`sim.control.allocation`). Integrals stand still while their thruster is at its limit
+and they would push further (anti-windup by conditional integration).
+"""
+
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled
+from sim.control.allocation import clip, share
+from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING, wrap
+from sim.vehicle import coefficients
+from sim.vehicle.plant import Plant
+
+Floats = npt.NDArray[np.float64]
+DepthControl = Literal["pitch", "thrust"]
+
+HEADING_INTEGRAL, SPEED_INTEGRAL, PITCH_INTEGRAL, DEPTH_INTEGRAL, PITCH_COMMAND = range(5)
+"""Columns of what the autopilot remembers from tick to tick: [N m], [N], [N m], [N], [rad]."""
+AUTOPILOT_MEMORY = 5
+
+CLIMB_MAX = float(np.deg2rad(20.0))
+"""Steepest climb and dive [rad]."""
+INCIDENCE_MAX = float(np.deg2rad(12.0))
+"""Most incidence that is used for lift [rad]; hulls of this kind stall soon after."""
+PITCH_RATE_MAX = float(np.deg2rad(5.0))
+"""Of the pitch command [rad/s]."""
+SPEED_HEAVE, SPEED_PITCH = 0.3, 0.6
+"""Below the first the vertical thrusters alone hold depth, above the second the hull does [m/s]."""
+
+DESIGN = np.dtype(
+    [
+        ("omega", np.float64),  # bandwidth of the attitude loops [rad/s]
+        ("surge_mass", np.float64),  # [kg], added mass included, as below
+        ("sway_mass", np.float64),
+        ("heave_mass", np.float64),
+        ("pitch_inertia", np.float64),  # [kg m²]
+        ("yaw_inertia", np.float64),
+        ("righting", np.float64),  # [N m/rad]
+        ("drag_linear", np.float64),  # surge [N s/m], with its fade [s/m]
+        ("drag_fade", np.float64),
+        ("drag", np.float64),  # surge [N s²/m²]
+        ("lift", np.float64),  # vertical force per incidence and speed² [N s²/m² per rad]
+        ("fin_side", np.float64),  # side force of the fins per turn rate and speed [N s²/m per rad]
+        # damping moment: [N m s], per speed [N s² per rad], per rate [N m s² per rad²]
+        ("yaw_damping", np.float64, (3,)),
+        ("pitch_damping", np.float64, (3,)),
+        ("by_pitch", np.float64),  # 1: depth by pitch, 0: by thrust
+        ("lateral", np.float64, (2,)),  # levers of bow and stern thruster [m]
+        ("vertical", np.float64, (2,)),
+        ("limits", np.float64, (5, 2)),  # lowest and highest thrust [N]
+    ],
+    align=True,
+)
+"""What the autopilot of one vehicle knows about it."""
+
+
+def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray[np.void]:
+    """Autopilots of all vehicles, from their MJCF as the plant has compiled it.
+
+    Args:
+        plant: of v vehicles.
+        depth_control: how each vehicle holds its depth, shape (v,).
+
+    Returns:
+        Records of DESIGN, shape (v,), read-only.
+
+    Raises:
+        ValueError: there is not one mode for each vehicle, or a mode is unknown.
+    """
+    if len(depth_control) != len(plant.names) or not set(depth_control) <= {"pitch", "thrust"}:
+        raise ValueError(
+            f"expected a mode of depth control, 'pitch' or 'thrust', for each of {', '.join(plant.names)}; "
+            f"got {depth_control}"
+        )
+    model = plant.model
+    water = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)
+    records = np.zeros(len(plant.names), DESIGN)
+    for i, (record, c, name) in enumerate(zip(records, water, plant.names, strict=True)):
+        body = model.body(f"{name}/hull")
+        mass, added, centre = float(body.mass[0]), np.diag(c["added_mass"]), body.ipos
+        fin = 0.5 * c["density"] * c["fin_lift_slope"] * c["fin_area"]
+        record["omega"] = 1.0 / (4.0 * model.actuator(f"{name}/thruster_main").dynprm[0])
+        record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
+        record["pitch_inertia"] = body.inertia[1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
+        record["yaw_inertia"] = body.inertia[2] + mass * centre[0] ** 2 + added[5]
+        record["righting"] = -mass * c["gravity"] * centre[2]
+        record["drag_linear"], record["drag_fade"] = c["linear_damping"][0], c["linear_damping_fade"][0]
+        area, drag_coefficient, lift_slope, _ = c["hull_lift"]
+        record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
+        record["lift"] = 0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + fin[1]
+        record["fin_side"] = -fin[0] * c["fin_x"]
+        strips = 0.5 * c["density"] * np.sum(c["strip_area"] * np.abs(c["strip_x"]) ** 3)
+        for plane, axis in enumerate(("pitch", "yaw")):
+            other = 1 - plane  # records have sideways first
+            across = strips * c["cross_flow_drag"][other] + c["quadratic_damping"][4 + plane]
+            record[f"{axis}_damping"] = c["linear_damping"][4 + plane], fin[other] * c["fin_x"] ** 2, across
+        record["by_pitch"] = float(depth_control[i] == "pitch")
+        for axis in ("lateral", "vertical"):
+            sites = [plant.site_names.index(f"{name}/thruster_{axis}_{end}") for end in ("bow", "stern")]
+            record[axis] = plant.site_offset[sites, 0]
+        record["limits"] = plant.thrust_limits[i]
+    records.flags.writeable = False
+    return records
+
+
+@compiled
+def _damping(coefficients: Floats, way: float, rate: float) -> float:
+    """Moment that holds a rate of turn or of pitch at a speed [N m]."""
+    moment: float = (coefficients[0] + coefficients[1] * way + coefficients[2] * abs(rate)) * rate
+    return moment
+
+
+@compiled
+def _integrate(memory: Floats, i: int, rate: float, wanted: float, given: float) -> None:
+    """Bring an integral forward, but not further beyond what thrusters give."""
+    if not (rate > 0.0 and wanted > given + 1e-9) and not (rate < 0.0 and wanted < given - 1e-9):
+        memory[i] += rate
+
+
+@compiled
+def _hold_depth(
+    d: Any, reference: Floats, depth: float, sinking: float, speed: float, dt: float, memory: Floats
+) -> tuple[float, float, float, float]:
+    """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's rate [N]."""
+    by_pitch = d.by_pitch * clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
+    speed = max(speed, SPEED_HEAVE)
+    high = reference[DEPTH] - depth
+
+    # through pitch: the angle of climb, and the incidence that lifts what the integral asks for
+    lift = d.lift * speed * speed
+    incidence = clip(by_pitch * memory[DEPTH_INTEGRAL] / lift, -INCIDENCE_MAX, INCIDENCE_MAX)
+    steepest = speed * np.sin(CLIMB_MAX)
+    slow = d.omega / 5.0
+    sink = reference[SINKING] + slow * high
+    climb = -np.arcsin(clip(sink, -steepest, steepest) / speed)
+    before = memory[PITCH_COMMAND]
+    step = PITCH_RATE_MAX * dt
+    memory[PITCH_COMMAND] += clip(by_pitch * climb + incidence - before, -step, step)
+
+    # through heave: a level hull that sinks is held back by its lift
+    fast = d.omega / 2.0
+    push = d.heave_mass * (fast * fast * high + 2.0 * fast * (reference[SINKING] - sinking))
+    push += d.lift * speed * reference[SINKING]
+    force = memory[DEPTH_INTEGRAL] - incidence * lift - (1.0 - by_pitch) * push
+
+    rate = by_pitch * 0.25 * slow * slow * d.lift * speed + (1.0 - by_pitch) * 0.2 * d.heave_mass * fast**3
+    # a depth far away is a matter of climbing, not of lift
+    rate = -rate * high * dt if by_pitch * abs(sink) < steepest else 0.0
+    return memory[PITCH_COMMAND], (memory[PITCH_COMMAND] - before) / dt, force, rate
+
+
+@compiled
+def control(
+    d: Any,
+    wanted: tuple[float, float, float],
+    reference: Floats,
+    pose: Floats,
+    twist: Floats,
+    water: Floats,
+    dt: float,
+    memory: Floats,
+    command: Floats,
+) -> None:
+    """Thruster commands of one vehicle.
+
+    Args:
+        d: record of DESIGN.
+        wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
+        reference: TURNING, ACCELERATING, DEPTH and SINKING are read, shape (8,).
+        pose: position and quaternion, shape (7,).
+        twist: velocity in the world, angular velocity in the body, shape (6,).
+        water: velocity of the water in the world, shape (3,), [m/s].
+        dt: since the last call [s].
+        memory: columns HEADING_INTEGRAL … PITCH_COMMAND; brought forward, shape (5,).
+        command: out: thrusts, shape (5,), [N].
+    """
+    heading_wanted, turn_wanted, speed_wanted = wanted
+    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
+    forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+    port = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
+    flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
+    surge = flow[0] * forward[0] + flow[1] * forward[1] + flow[2] * forward[2]
+    sway = flow[0] * port[0] + flow[1] * port[1] + flow[2] * port[2]
+    heading = np.arctan2(forward[0], forward[1])
+    pitch = np.arcsin(clip(forward[2], -1.0, 1.0))
+    way = abs(surge)
+    omega = d.omega
+    lag = 0.25 / omega
+
+    # speed; with the hull pitched, its way over ground is shorter than its way through the water. Drag, here and below,
+    # is that of when the thrusters will have followed
+    level = max(np.cos(pitch), 0.5)
+    missing = speed_wanted / level - surge
+    soon = speed_wanted / level + lag * reference[ACCELERATING]
+    thrust = d.surge_mass * (reference[ACCELERATING] + 0.5 * omega * missing) + memory[SPEED_INTEGRAL]
+    thrust += (d.drag_linear * np.exp(-d.drag_fade * soon) + d.drag * soon) * soon
+    command[0] = clip(thrust, d.limits[0, 0], d.limits[0, 1])
+    _integrate(memory, SPEED_INTEGRAL, d.surge_mass * 0.05 * omega * omega * missing * dt, thrust, command[0])
+
+    # heading and sway; moments to port are positive, turns to port are negative
+    turn_soon = turn_wanted + lag * reference[TURNING]
+    astray = wrap(heading_wanted - heading)
+    moment = -d.yaw_inertia * (reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + twist[5]))
+    moment += memory[HEADING_INTEGRAL] - _damping(d.yaw_damping, way, turn_soon)
+    side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
+    bow, stern = share(side, moment, d.lateral[0], d.lateral[1], d.limits[1:3])
+    command[1], command[2] = bow, stern
+    given = d.lateral[0] * bow + d.lateral[1] * stern
+    _integrate(memory, HEADING_INTEGRAL, -0.1 * d.yaw_inertia * omega**3 * astray * dt, moment, given)
+
+    # depth and pitch; moments nose up are positive
+    pitch_wanted, pitching, force, rate = _hold_depth(d, reference, -pose[2], -twist[2], way, dt, memory)
+    error = pitch_wanted - pitch
+    moment = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + twist[4]))
+    moment += memory[PITCH_INTEGRAL] + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
+    bow, stern = share(force, moment, d.vertical[0], d.vertical[1], d.limits[3:5])
+    command[3], command[4] = bow, stern
+    given = d.vertical[0] * bow + d.vertical[1] * stern
+    _integrate(memory, PITCH_INTEGRAL, 0.1 * d.pitch_inertia * omega**3 * error * dt, moment, given)
+    _integrate(memory, DEPTH_INTEGRAL, rate, force, bow + stern)

@@ -1,0 +1,178 @@
+"""Guidance: from where a vehicle should be now, and where it is, to the heading and speed that bring it there.
+
+The route's point motion (`sim.scenario.point_motion`) is the reference; it already turns at 10°/s, changes speed at 0.2 m/s², cuts
+corners and is on time. Guidance rounds off where turns and changes of depth begin and end, corrects course and speed,
+and takes the current off:
+
+    course   line of sight to a point ahead on the path: atan(cross-track error / lookahead)
+             (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Chapter 12)
+    speed    in proportion to the along-track error, within a bound
+
+The velocity over ground that follows, less the current, is the velocity through the water: its direction is the
+heading (the vehicle crabs), its size the speed. The current is the water's velocity as a Doppler log with bottom and
+water track measures it, low-passed, so that waves do not steer.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled
+from sim.control.allocation import clip
+from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Limits, plan
+from sim.scenario.routes import Route
+
+Floats = npt.NDArray[np.float64]
+
+EAST, NORTH, COURSE, SPEED, TURNING, ACCELERATING, DEPTH, SINKING = range(8)
+"""Columns of a reference: [m], [m], [rad], [m/s], [rad/s²], [m/s²], [m], [m/s]."""
+HEADING_COMMAND, SPEED_COMMAND, CURRENT_EAST, CURRENT_NORTH = range(4)
+"""Columns of what guidance remembers from tick to tick."""
+GUIDANCE_MEMORY = 4
+
+TURN_SMOOTHING = 1.2
+"""A turn sets in and ends over this time [s]: four times the lag of the thrusters, as no hull jumps to 10°/s."""
+DEPTH_SMOOTHING = 6.0
+"""A change of the rate of depth takes this time [s], in which a hull pitches by 20° at leisure."""
+LOOKAHEAD_TIME = 4.0
+"""The lookahead distance is the way of this time [s], so that cross-track errors fade with this time constant; several
+times slower than the heading loop."""
+LOOKAHEAD_MIN = 2.0
+"""The lookahead is at least this long: a hull length [m]."""
+ALONG_TRACK_TIME = 8.0
+"""Along-track errors fade with this time constant [s]; slower than the speed loop."""
+CATCH_UP = 0.3
+"""The speed correction is at most this share of the reference speed."""
+CURRENT_TIME = 10.0
+"""Time constant of the current's low-pass [s]; longer than a wave's period."""
+SPEED_LEAST = 0.1
+"""Least speed through the water; slower, a hull has no heading to keep [m/s]."""
+
+
+def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
+    """Mean of a function over an interval about each instant."""
+    parts = (np.arange(12) + 0.5) / 12 - 0.5
+    return np.asarray(np.mean([value(time + part * width) for part in parts], axis=0))
+
+
+def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
+    """Rate of that mean, which is the difference over the interval."""
+    return (value(time + 0.5 * width) - value(time - 0.5 * width)) / width
+
+
+def _reference_of(route: Route, limits: Limits | None, time: Floats, lead: float) -> Floats:
+    flown = plan(route, limits)
+    motion = flown.at(time)
+
+    def course(t: Floats) -> Floats:
+        return np.interp(t, flown.start, flown.course)
+
+    def turn_rate(t: Floats) -> Floats:
+        return _rate(course, t, TURN_SMOOTHING)
+
+    def speed(t: Floats) -> Floats:
+        return np.interp(t, flown.start, flown.speed)
+
+    def depth(t: Floats) -> Floats:
+        return route.depth.at(np.maximum(t, 0.0))[0]
+
+    columns = {
+        EAST: motion.east,
+        NORTH: motion.north,
+        COURSE: _mean(course, time, TURN_SMOOTHING),
+        SPEED: motion.speed,
+        TURNING: _rate(turn_rate, time + lead, 0.1),
+        ACCELERATING: _rate(speed, time + lead, 0.1),
+        DEPTH: _mean(depth, time, DEPTH_SMOOTHING),
+        SINKING: _rate(depth, time, DEPTH_SMOOTHING),
+    }
+    return np.column_stack([columns[i] for i in range(len(columns))])
+
+
+def reference(
+    routes: Sequence[Route], time: Floats, limits: Sequence[Limits] | None = None, lead: Sequence[float] | None = None
+) -> Floats:
+    """Where all vehicles should be: shape (n, v, 8), columns EAST … SINKING.
+
+    Course and depth are smoothed about each instant, for the plan is known ahead; the path is not.
+
+    Args:
+        routes: of the v vehicles.
+        time: shape (n,), [s].
+        limits: of each vehicle; None: the paper's.
+        lead: by which each vehicle's accelerations are given early, as its thrusters lag [s]; None: 0.
+
+    Raises:
+        ValueError: a route cannot be flown.
+    """
+    table = np.empty((time.size, len(routes), 8))
+    for i, route in enumerate(routes):
+        bounds, early = limits[i] if limits else None, lead[i] if lead else 0.0
+        table[:, i] = _reference_of(route, bounds, time, early)
+    return table
+
+
+@compiled
+def wrap(angle: float) -> float:
+    """Into [−π, π) [rad]."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@compiled
+def begin(reference: Floats, pose: Floats, twist: Floats, water: Floats, memory: Floats) -> None:
+    """Set up what guidance remembers of a vehicle at its start.
+
+    Args:
+        reference: of this instant, columns EAST … SINKING, shape (8,).
+        pose: position and quaternion, shape (7,).
+        twist: velocity in the world (more is not read) [m/s].
+        water: velocity of the water about the vehicle: east, north (more is not read) [m/s].
+        memory: columns HEADING_COMMAND … CURRENT_NORTH, shape (4,).
+    """
+    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
+    east, north = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
+    memory[HEADING_COMMAND] = reference[COURSE] + wrap(np.arctan2(east, north) - reference[COURSE])
+    memory[SPEED_COMMAND] = max(east * (twist[0] - water[0]) + north * (twist[1] - water[1]), SPEED_LEAST)
+    memory[CURRENT_EAST], memory[CURRENT_NORTH] = water[0], water[1]
+
+
+@compiled
+def steer(reference: Floats, position: Floats, water: Floats, dt: float, memory: Floats) -> tuple[float, float, float]:
+    """Heading and speed through the water that lead back to the reference.
+
+    Args:
+        reference: of this instant, columns EAST … SINKING, shape (8,).
+        position: where the vehicle takes itself to be: east, north (more is not read) [m].
+        water: velocity of the water about the vehicle, in the world: east, north (more is not read) [m/s].
+        dt: since the last call [s].
+        memory: columns HEADING_COMMAND … CURRENT_NORTH; brought forward, shape (4,).
+
+    Returns:
+        heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; speed through the water,
+        changing at 0.2 m/s² at most [m/s].
+    """
+    sin, cos = np.sin(reference[COURSE]), np.cos(reference[COURSE])
+    east, north = reference[EAST] - position[0], reference[NORTH] - position[1]
+    along, across = east * sin + north * cos, east * cos - north * sin
+
+    lookahead = max(LOOKAHEAD_MIN, LOOKAHEAD_TIME * reference[SPEED])
+    course = reference[COURSE] + np.arctan(across / lookahead)
+    bound = CATCH_UP * reference[SPEED]
+    speed = reference[SPEED] + clip(along / ALONG_TRACK_TIME, -bound, bound)
+
+    memory[CURRENT_EAST] += (water[0] - memory[CURRENT_EAST]) * dt / CURRENT_TIME
+    memory[CURRENT_NORTH] += (water[1] - memory[CURRENT_NORTH]) * dt / CURRENT_TIME
+    through_east = speed * np.sin(course) - memory[CURRENT_EAST]
+    through_north = speed * np.cos(course) - memory[CURRENT_NORTH]
+
+    before = memory[HEADING_COMMAND]
+    turn = wrap(np.arctan2(through_east, through_north) - before)
+    memory[HEADING_COMMAND] += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
+    wanted = max(np.hypot(through_east, through_north), SPEED_LEAST)
+    memory[SPEED_COMMAND] += clip(wanted - memory[SPEED_COMMAND], -ACCELERATION * dt, ACCELERATION * dt)
+    return (
+        memory[HEADING_COMMAND],
+        (memory[HEADING_COMMAND] - before) / dt,
+        memory[SPEED_COMMAND],
+    )

@@ -1,0 +1,288 @@
+"""Flight -> film. Frames are rendered and encoded by child processes, so that no graphics library is needed here."""
+
+import os
+import pickle
+import selectors
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.failure import LaisnError
+from sim.film import graphics
+from sim.film.annotations import NOTHING, Annotations
+from sim.film.cameras import CAMERAS
+from sim.film.studio import GROUP, Job, group_file
+from sim.flight import Flight
+from sim.scenario.settings import Video
+
+Floats = npt.NDArray[np.float64]
+Errors = Sequence[tuple[Floats, Floats]]
+Progress = Callable[[float], None]
+
+_IMPORTS = "from pathlib import Path; from sim.film import studio"
+"""Of a child's program."""
+_STILL_SAMPLES = 4
+_LAST_WORDS = 12
+
+
+class RenderError(LaisnError):
+    """A film that cannot be made, and why."""
+
+
+def _job(
+    flight: Flight,
+    errors: Errors,
+    video: Video | None,
+    *,
+    follower: int = 0,
+    workers: int = 1,
+    samples: int = 0,
+    annotations: Annotations = NOTHING,
+) -> Job:
+    video = video or flight.scenario.video
+    followers = flight.trajectory.names[1:]
+    if video.camera not in CAMERAS:
+        listed = "\n".join(f"  {name:<10}{what}" for name, what in CAMERAS.items())
+        raise RenderError(f"unknown camera {video.camera!r}; available:\n{listed}")
+    if video.width_px % 2 or video.height_px % 2 or min(video.width_px, video.height_px) < 2:
+        raise RenderError(f"H.264 needs even numbers of pixels, got {video.width_px} × {video.height_px}")
+    if not (np.isfinite(video.speed_up) and video.speed_up > 0):
+        raise RenderError(f"speed_up = {video.speed_up:g} must be positive")
+    if not 0 <= follower < len(followers):
+        raise RenderError(f"follower {follower} does not exist; available: 0 … {len(followers) - 1}")
+    if workers < 1:
+        raise RenderError(f"workers = {workers} must be at least 1")
+    heard = flight.measurements[follower]
+    annotations.check(heard.speed.size, heard.message_step.size)
+    return Job(
+        flight=flight,
+        errors=errors,
+        video=video,
+        follower=follower,
+        workers=workers,
+        samples=samples,
+        annotations=annotations,
+    )
+
+
+def _check_file(path: Path, suffix: str) -> None:
+    if path.suffix.lower() != suffix:
+        raise RenderError(f"{path} should end in {suffix}")
+    if path.is_dir():
+        raise RenderError(f"{path} is a folder; give the file another name")
+    if not path.resolve().parent.is_dir():
+        raise RenderError(f"the folder {path.resolve().parent} does not exist")
+
+
+def _backend() -> str:
+    found = graphics.working()
+    if found is None:
+        raise RenderError(graphics.MISSING)
+    return found.name
+
+
+@contextmanager
+def _children(job: Job, programs: Sequence[tuple[str, ...]]) -> Iterator[tuple[Path, list[Any]]]:
+    """A folder with the job, and a child for each of the programs; none outlives the block."""
+    backend = _backend()
+    threads = max(1, (os.cpu_count() or 1) // len(programs))
+    children: list[Any] = []
+    with tempfile.TemporaryDirectory(prefix="film-") as name:
+        folder = Path(name)
+        (folder / "job").write_bytes(pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL))
+        try:
+            for number, (program, *arguments) in enumerate(programs):
+                command, environment = graphics.child(program, (name, *arguments), backend, threads)
+                with (folder / f"{number}.log").open("wb") as log:
+                    children.append(subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=log))
+            yield folder, children
+        finally:
+            for child in children:
+                child.kill()
+                child.wait()
+                child.stdout.close()
+
+
+def _require_success(folder: Path, number: int, child: Any) -> None:
+    code = child.wait()
+    if code:
+        words = (folder / f"{number}.log").read_text(errors="replace").strip().splitlines()[-_LAST_WORDS:]
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
+        raise RenderError("\n".join([f"a process that renders frames {how}", *words]))
+
+
+@contextmanager
+def _rendered(job: Job, progress: Progress | None) -> Iterator[Path]:
+    """A folder with all groups of pictures of the job, rendered by its children."""
+    frames, done = job.times.size, 0
+    workers = min(job.workers, job.groups)
+    program = f"{_IMPORTS}; studio.main(Path(sys.argv[1]), int(sys.argv[2]))"
+    with (
+        _children(job, [(program, str(w)) for w in range(workers)]) as (folder, children),
+        selectors.DefaultSelector() as selector,
+    ):
+        for number, child in enumerate(children):
+            selector.register(child.stdout, selectors.EVENT_READ, number)
+        while selector.get_map():
+            for key, _ in selector.select():
+                marks = os.read(key.fd, 4096)
+                done += len(marks)
+                if not marks:
+                    selector.unregister(key.fileobj)
+                    _require_success(folder, key.data, children[key.data])
+                elif progress:
+                    progress(done / frames)
+        yield folder
+
+
+def _units(folder: Path, job: Job) -> Iterator[bytes]:
+    for group in range(job.groups):
+        yield from pickle.loads(group_file(folder, group).read_bytes())
+
+
+def render(
+    flight: Flight,
+    path: Path,
+    *,
+    errors: Errors,
+    video: Video | None = None,
+    follower: int = 0,
+    workers: int = 2,
+    progress: Progress | None = None,
+    annotations: Annotations = NOTHING,
+) -> list[tuple[float, bytes]]:
+    """Film a flight: H.264 in MP4, yuv420p, index first. The file appears when it is whole.
+
+    Frames and bytes do not depend on the number of workers.
+
+    Args:
+        flight: the mission.
+        path: of the film, ending in .mp4; overwritten.
+        errors: E_P [m] and E_B [rad] of each follower at steps k = 1 … n, each of shape (n,).
+        video: camera, size and speed; the scenario's if None.
+        follower: index of the follower that the film keeps to.
+        workers: processes that render.
+        progress: called with the share done, in [0, 1].
+        annotations: what a study adds to the frames.
+
+    Returns:
+        The film once more, as a log takes it: mission time [s] and H.264 access unit of each frame (Annex B, no
+        B-frames, headers with every IDR frame).
+
+    Raises:
+        RenderError: a setting is impossible, nothing renders here, or a child died.
+        ValueError: the annotations do not fit the flight.
+    """
+    job = _job(flight, errors, video, follower=follower, workers=workers, annotations=annotations)
+    _check_file(path, ".mp4")
+    with _rendered(job, progress) as folder:
+        units = list(_units(folder, job))
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        _write_mp4(part, units, job.video)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return list(zip(job.times.tolist(), units, strict=True))
+
+
+def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
+    """Wrap access units as they are: one for each frame, in order."""
+    import av
+
+    raw = path.with_name(f"{path.name}.h264")
+    try:
+        # a demuxer reads size, profile and headers off the first unit
+        raw.write_bytes(units[0])
+        step = Fraction(1, video.frame_rate_hz)
+        with (
+            av.open(str(raw), format="h264") as source,
+            av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as target,
+        ):
+            stream = target.add_stream_from_template(source.streams.video[0])
+            stream.time_base = step
+            for number, unit in enumerate(units):
+                packet = av.Packet(unit)
+                packet.stream, packet.time_base = stream, step
+                packet.pts = packet.dts = number
+                packet.duration = 1
+                packet.is_keyframe = number % GROUP == 0
+                target.mux(packet)
+    finally:
+        raw.unlink(missing_ok=True)
+
+
+def still(
+    flight: Flight,
+    time_s: float,
+    path: Path,
+    *,
+    errors: Errors,
+    video: Video | None = None,
+    follower: int = 0,
+    annotations: Annotations = NOTHING,
+) -> None:
+    """One frame of the film as PNG, with smoothed edges and without title.
+
+    Args:
+        flight: the mission.
+        time_s: mission time of the frame.
+        path: of the picture, ending in .png; overwritten.
+        errors: as of `render`.
+        video: camera and size; the scenario's if None.
+        follower: index of the follower that the picture keeps to.
+        annotations: as of `render`.
+
+    Raises:
+        RenderError: a setting is impossible, the time outside the mission, nothing renders here, or the child died.
+        ValueError: the annotations do not fit the flight.
+    """
+    job = _job(flight, errors, video, follower=follower, samples=_STILL_SAMPLES, annotations=annotations)
+    _check_file(path, ".png")
+    start, end = float(flight.trajectory.time[0]), float(flight.trajectory.time[-1])
+    if not start <= time_s <= end:
+        raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
+    program = f"{_IMPORTS}; studio.main_still(Path(sys.argv[1]), float(sys.argv[2]))"
+    with _children(job, [(program, repr(float(time_s)))]) as (folder, (child,)):
+        _require_success(folder, 0, child)
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            part.write_bytes((folder / "still.png").read_bytes())
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+class FilmSpeed(NamedTuple):
+    """What a film costs here."""
+
+    frames: int
+    frames_per_second: float
+    """Rendered and encoded, from the first frame to the last."""
+    start_s: float
+    """Until the first frame is there."""
+
+
+def film_speed(
+    flight: Flight, *, errors: Errors, video: Video | None = None, frames: int = 300, workers: int = 2
+) -> FilmSpeed:
+    """Measure rendering and encoding on the first `frames` frames' worth of mission, spread over all of it."""
+    video = video or flight.scenario.video
+    length = float(flight.trajectory.time[-1] - flight.trajectory.time[0])
+    paced = video.model_copy(update={"speed_up": length * video.frame_rate_hz / frames})
+    marks: list[tuple[float, float]] = []
+    begun = time.perf_counter()
+    with _rendered(
+        _job(flight, errors, paced, workers=workers), lambda share: marks.append((time.perf_counter(), share))
+    ):
+        pass
+    (first, already), (last, _) = marks[0], marks[-1]
+    return FilmSpeed(frames, frames * (1.0 - already) / max(last - first, 1e-9), first - begun)

@@ -1,0 +1,276 @@
+"""The paper's point motion: turns at 10°/s, changes of speed at 0.2 m/s² (Section 3). Analytic, exact at any instant.
+
+A route becomes a plan of segments on which acceleration and turn rate are constant and one of them is zero:
+
+    turn out of the last corner │ ramp to the leg's speed │ constant speed │ half of the next turn …
+
+Corners are cut by the arc that touches both legs; its middle is the arrival at the waypoint, at the waypoint's time.
+The leg's speed follows from that in closed form. The same plan is the reference that `sim.control.guidance` follows, so that
+the paper's motion and the physical one differ by the physics alone.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.failure import LaisnError
+from sim.geometry import attitude
+from sim.scenario.routes import Route
+from sim.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+TURN_RATE = float(np.deg2rad(10.0))
+"""Turn rate in every turn [rad/s] (paper, Section 3)."""
+ACCELERATION = 0.2
+"""Rate of every change of speed [m/s²] (paper, Section 3)."""
+SPEED_MAX = 3.0
+"""Top speed of a follower [m/s] (paper, Section 3)."""
+SPEED_MIN = 0.1
+"""A leg that asks for less is refused: a hull without way cannot be steered along it [m/s]."""
+SHARPEST_CUT = float(np.deg2rad(135.0))
+"""Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far ahead [rad]."""
+
+
+class Limits(NamedTuple):
+    """What a vehicle can do; the paper's values by default."""
+
+    turn_rate: float = TURN_RATE
+    acceleration: float = ACCELERATION
+    speed_max: float = SPEED_MAX
+    sharpest_cut: float = SHARPEST_CUT
+    """0: every turn begins at its waypoint and overshoots the next leg."""
+
+
+class Sites(NamedTuple):
+    """Points on the hulls."""
+
+    names: tuple[str, ...]
+    """"vehicle/site", shape (s,)."""
+    vehicle: Ints
+    """Index of the vehicle that carries the site, shape (s,)."""
+    offset: Floats
+    """In the vehicle's body frame, shape (s, 3), [m]."""
+
+
+class Motion(NamedTuple):
+    """Motion on a time grid, each of shape (n,)."""
+
+    east: Floats
+    north: Floats
+    course: Floats
+    """Compass direction of motion, continuous (not wrapped) [rad]."""
+    speed: Floats
+    turn_rate: Floats
+    """Clockwise [rad/s]."""
+    acceleration: Floats
+    """Of the speed [m/s²]."""
+
+
+class Plan(NamedTuple):
+    """Segments of constant acceleration and turn rate, each array of shape (m,); the last one has no end."""
+
+    start: Floats
+    """Time at which the segment begins [s]."""
+    east: Floats
+    north: Floats
+    course: Floats
+    speed: Floats
+    turn_rate: Floats
+    acceleration: Floats
+
+    def at(self, time: Floats) -> Motion:
+        """Motion at instants of shape (n,), not negative, [s]."""
+        i = np.searchsorted(self.start, time, side="right") - 1
+        dt = time - self.start[i]
+        course = self.course[i] + self.turn_rate[i] * dt
+        speed = self.speed[i] + self.acceleration[i] * dt
+        # on an arc the chord points along the mean course and is sin(half)/half of the arc long
+        half = 0.5 * self.turn_rate[i] * dt
+        chord = 0.5 * (self.speed[i] + speed) * dt * np.sinc(half / np.pi)
+        return Motion(
+            east=self.east[i] + chord * np.sin(self.course[i] + half),
+            north=self.north[i] + chord * np.cos(self.course[i] + half),
+            course=course,
+            speed=speed,
+            turn_rate=self.turn_rate[i],
+            acceleration=self.acceleration[i],
+        )
+
+
+class _Planner:
+    """Appends segments and keeps the pose at the end of the last one."""
+
+    def __init__(self, east: float, north: float, course: float, speed: float) -> None:
+        self.rows: list[tuple[float, ...]] = []
+        self.time = 0.0
+        self.east, self.north, self.course, self.speed = east, north, course, speed
+
+    def go(self, duration: float, turn_rate: float = 0.0, acceleration: float = 0.0) -> None:
+        """One more segment; one of no duration is left out."""
+        if duration <= 0:
+            return
+        row = (self.time, self.east, self.north, self.course, self.speed, turn_rate, acceleration)
+        self.rows.append(row)
+        end = Plan(*(np.array([value]) for value in row)).at(np.array([self.time + duration]))
+        self.time += duration
+        self.east, self.north, self.course, self.speed = (float(value[0]) for value in end[:4])
+
+
+def _wrap(angle: float) -> float:
+    """Into [−π, π)."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _turn_towards(planner: _Planner, point: list[float], turn_rate: float) -> float:
+    """Signed turn [rad] after which the vehicle heads for a point; NaN if the point lies within the turning circle.
+
+    The straight line from the circle to the point touches the circle. Clockwise is positive.
+    """
+    radius, course = planner.speed / turn_rate, planner.course
+    dx, dy = point[0] - planner.east, point[1] - planner.north
+    side = 1.0 if _wrap(np.arctan2(dx, dy) - course) >= 0 else -1.0
+    # the circle's centre lies abeam; seen from there the point is at distance d and bearing b
+    cx, cy = dx - side * radius * np.cos(course), dy + side * radius * np.sin(course)
+    d, b = np.hypot(cx, cy), np.arctan2(cx, cy)
+    if d <= radius:
+        return float("nan")
+    turn = side * (b - course) + np.arcsin(radius / d)
+    return side * float(turn % (2 * np.pi)) if abs(_wrap(turn)) > 1e-12 else 0.0
+
+
+def _leg_speed(distance: float, time: float, speed: float, acceleration: float) -> float:
+    """Speed v that, reached from `speed` by a ramp, covers `distance` in `time`; NaN if no ramp is short enough.
+
+    distance = v time ∓ (v − speed)² / (2 acceleration): the ramp up loses, the ramp down gains.
+    """
+    missing = distance - speed * time
+    root = time * time - 2.0 * abs(missing) / acceleration
+    if time <= 0 or root < 0:
+        return float("nan")
+    return speed + float(np.copysign(acceleration * (time - np.sqrt(root)), missing))
+
+
+def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) -> tuple[float, float]:
+    """Speed [m/s], and time at that speed [s], of the straight way to the turn at waypoint k; LaisnError if impossible.
+
+    The planner has left the last turn and heads for the waypoint, where a corner of `cut` [rad] is to be cut.
+    """
+    where = f"route {route.name!r}, waypoint {k + 1}"
+    mean_speed = route.leg_speed[k - 1]
+    if mean_speed > limits.speed_max * (1 + 1e-9):
+        raise LaisnError(f"{where}: {mean_speed:.3g} m/s required, the limit is {limits.speed_max:.3g} m/s")
+    east, north = route.waypoint[k, 0] - planner.east, route.waypoint[k, 1] - planner.north
+    straight = float(east * np.sin(planner.course) + north * np.cos(planner.course))
+    # along the arc to its middle the way is shorter than to the corner by speed × saved
+    saved = (np.tan(cut / 2) - cut / 2) / limits.turn_rate
+    left = float(route.time[k]) - planner.time
+    speed = _leg_speed(straight, left + saved, planner.speed, limits.acceleration)
+    if not SPEED_MIN <= speed <= limits.speed_max * (1 + 1e-9):
+        asked = f"{max(straight, 0.0) / left:.3g} m/s on average" if left > 0 else "more time"
+        raise LaisnError(
+            f"{where}: {asked} required after {planner.speed:.3g} m/s; out of reach with "
+            f"{limits.acceleration:.3g} m/s² and speeds from {SPEED_MIN} to {limits.speed_max:.3g} m/s"
+        )
+    ramp = abs(speed - planner.speed) / limits.acceleration
+    radius = speed / limits.turn_rate
+    spare = straight - radius * np.tan(cut / 2) - 0.5 * (planner.speed + speed) * ramp
+    if spare < -1e-9:
+        raise LaisnError(
+            f"{where}: a leg of {route.leg_length[k - 1]:.3g} m is {-spare:.3g} m too short for its changes of "
+            f"speed and course: {planner.speed:.3g} to {speed:.3g} m/s, then a turn of {np.rad2deg(cut):.0f}° "
+            f"(radius {radius:.3g} m)"
+        )
+    return speed, float(spare / speed)
+
+
+def plan(route: Route, limits: Limits | None = None) -> Plan:
+    """The motion along a route, on time at every waypoint.
+
+    Raises:
+        LaisnError: the vehicle cannot fly the route; names the route, the waypoint (counted from 1), what it requires
+            and the limit.
+    """
+    limits = limits or Limits()
+    points = route.waypoint.tolist()
+    course = np.arctan2(*np.diff(route.waypoint, axis=0).T).tolist()
+    start = course[0] if route.start_heading is None else route.start_heading
+    east, north = points[0]
+    planner = _Planner(east, north, start, route.start_speed)
+    # the turn that leads from the last corner to the next leg; a start off the first leg is such a corner
+    turn = _turn_towards(planner, points[1], limits.turn_rate) if abs(_wrap(course[0] - start)) > 1e-12 else 0.0
+    for k in range(1, len(points)):
+        if np.isnan(turn):
+            raise LaisnError(
+                f"route {route.name!r}, waypoint {k + 1}: it lies within the turning circle of "
+                f"{planner.speed / limits.turn_rate:.3g} m radius that begins at waypoint {k}"
+            )
+        planner.go(abs(turn) / limits.turn_rate, turn_rate=float(np.copysign(limits.turn_rate, turn)))
+        corner = _wrap(course[k] - planner.course) if k < len(course) else 0.0
+        cut = abs(corner) if abs(corner) <= limits.sharpest_cut else 0.0
+        speed, cruise = _leg(route, k, planner, cut, limits)
+        change = speed - planner.speed
+        planner.go(abs(change) / limits.acceleration, acceleration=float(np.copysign(limits.acceleration, change)))
+        planner.speed = speed
+        planner.go(cruise)
+        turn = 0.5 * corner
+        planner.go(0.5 * cut / limits.turn_rate, turn_rate=float(np.copysign(limits.turn_rate, corner)))
+        if corner and not cut:
+            turn = _turn_towards(planner, points[k + 1], limits.turn_rate)
+    planner.rows.append((planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0))
+    return Plan(*np.array(planner.rows).T)
+
+
+def fly(
+    names: tuple[str, ...],
+    routes: Sequence[Route],
+    duration: float,
+    dt: float = 0.1,
+    limits: Limits | None = None,
+    *,
+    sites: Sites | None = None,
+) -> Trajectory:
+    """The point motion of a fleet: hulls level and on their courses, still water, no thrust.
+
+    Args:
+        names: of the vehicles, the leader first.
+        routes: one for each vehicle.
+        duration: [s]; a multiple of `dt`.
+        dt: time grid [s].
+        limits: of all vehicles.
+        sites: on the hulls; None: no sites.
+
+    Raises:
+        LaisnError: a route cannot be flown, or there is not one for each vehicle.
+    """
+    if len(names) != len(routes):
+        raise LaisnError(f"{len(names)} vehicles need as many routes, got {len(routes)}")
+    time: Floats = np.arange(round(duration / dt) + 1, dtype=np.float64) * dt
+    n, v = time.size, len(routes)
+    position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))
+    heading, turn_rate = np.empty((n, v)), np.empty((n, v))
+    for i, route in enumerate(routes):
+        motion = plan(route, limits).at(time)
+        depth, sinking = route.depth.at(time)
+        position[:, i] = np.column_stack([motion.east, motion.north, -depth])
+        level = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
+        velocity[:, i] = np.column_stack([*level, -sinking])
+        heading[:, i], turn_rate[:, i] = motion.course, motion.turn_rate
+    zero = np.zeros((n, v))
+    sites = sites or Sites((), np.zeros(0, np.int64), np.zeros((0, 3)))
+    return Trajectory(
+        names=names,
+        time=time,
+        position=position,
+        quaternion=attitude.from_euler(heading),
+        velocity=velocity,
+        angular_velocity=np.stack([zero, zero, -turn_rate], axis=-1),
+        water_velocity=np.zeros((n, v, 3)),
+        thrust=np.zeros((n, v, 5)),
+        site_names=sites.names,
+        site_vehicle=sites.vehicle,
+        site_offset=sites.offset,
+    )

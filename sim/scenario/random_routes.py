@@ -1,0 +1,139 @@
+"""Follower routes drawn at random, in the classes by which the paper chose its own (Section 3)."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.failure import LaisnError
+from sim.scenario.point_motion import Limits, Motion, plan
+from sim.scenario.routes import FOLLOWER_DEPTH, Route
+from sim.scenario.routes import route as library_route
+
+Floats = npt.NDArray[np.float64]
+
+_TRIES = 4000
+"""Waypoints drawn for one route before the class counts as impossible; seldom more than 300 are needed."""
+_CHECK_INTERVAL = 1.0
+"""Distances to the leader are checked at this interval [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RouteClass:
+    """What the routes of a class have in common. Raises LaisnError if a bound is not possible.
+
+    Waypoints are drawn in polar coordinates about the leader: its distance evenly, and its bearing evenly within one
+    of the sectors, which are equally likely.
+    """
+
+    distance_max: float = 50.0
+    """To the leader, at all times [m]."""
+    distance_min: float = 5.0
+    leg_time: tuple[float, float] = (40.0, 80.0)
+    """Time from waypoint to waypoint, drawn evenly between [s]."""
+    heading_difference_max: float = float(np.deg2rad(30.0))
+    """Between a leg and the leader's course at one of its ends, whichever is closer to the leg [rad]."""
+    sectors: tuple[tuple[float, float], ...] = ((float(np.deg2rad(100.0)), float(np.deg2rad(260.0))),)
+    """Relative bearings from the leader, clockwise from its bow: (from, to), [rad]."""
+    speed_min: float = 0.3
+    """Of the mean speeds of the legs [m/s]."""
+    speed_max: float = 3.0
+    """Of the vehicle, at all times [m/s]."""
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "distance_min, distance_max": (self.distance_min, self.distance_max),
+            "leg_time": self.leg_time,
+            "speed_min, speed_max": (self.speed_min, self.speed_max),
+        } | {f"sectors[{i}]": sector for i, sector in enumerate(self.sectors)}
+        for name, (low, high) in ranges.items():
+            if not 0 <= low < high < np.inf:
+                raise LaisnError(f"{name}: expected 0 ≤ low < high, got {low:g} and {high:g}")
+        if not self.sectors or not self.leg_time[0] > 0 or not self.heading_difference_max > 0:
+            raise LaisnError("a route class needs a sector, legs that take time and a heading difference above 0")
+
+
+CLASSES: dict[str, RouteClass] = {
+    f"{distance}-{legs}-{headings}": RouteClass(
+        distance_max=float(distance),
+        leg_time={"near": (40.0, 80.0), "far": (120.0, 280.0)}[legs],
+        heading_difference_max=float(np.deg2rad({"alike": 30.0, "drastic": 110.0}[headings])),
+    )
+    for distance, legs, headings in product((50, 100), ("near", "far"), ("alike", "drastic"))
+}
+"""The paper's constraints, combined: greatest distance to the leader, waypoints near or far apart, headings alike or
+drastically different: "50-near-alike" … "100-far-drastic"."""
+
+
+def _about(leader: Motion, i: int, rng: np.random.Generator, route_class: RouteClass) -> tuple[float, float]:
+    """A point near the leader as it is at instant i: east and north [m]."""
+    low, high = route_class.sectors[rng.integers(len(route_class.sectors))]
+    bearing = leader.course[i] + rng.uniform(low, high)
+    distance = rng.uniform(route_class.distance_min, route_class.distance_max)
+    return float(leader.east[i] + distance * np.sin(bearing)), float(leader.north[i] + distance * np.cos(bearing))
+
+
+def _acceptable(
+    points: list[tuple[float, float, float]], route_class: RouteClass, limits: Limits, time: Floats, leader: Motion
+) -> bool:
+    """Whether the route through all points so far can be flown and keeps to its class."""
+    route = Route.timed("random", points, FOLLOWER_DEPTH, start_heading=float(leader.course[0]))
+    if route.leg_speed[-1] < route_class.speed_min:
+        return False
+    leg = np.arctan2(*(route.waypoint[-1] - route.waypoint[-2]))
+    ends = np.searchsorted(time, route.time[-2:] - 1e-9)
+    off = np.abs((leader.course[ends] - leg + np.pi) % (2 * np.pi) - np.pi)
+    if off.min() > route_class.heading_difference_max:
+        return False
+    try:
+        motion = plan(route, limits).at(time[: ends[1] + 1])
+    except LaisnError:
+        return False
+    n = motion.east.size
+    distance = np.hypot(motion.east - leader.east[:n], motion.north - leader.north[:n])
+    return bool(distance.min() >= route_class.distance_min and distance.max() <= route_class.distance_max)
+
+
+def random_route(
+    rng: np.random.Generator,
+    route_class: RouteClass,
+    duration: float = 1000.0,
+    *,
+    leader: Route | None = None,
+    limits: Limits | None = None,
+) -> Route:
+    """A follower's route that the vehicle can fly; what it cannot fly is drawn again.
+
+    Args:
+        rng: source of randomness; the route is a function of its state.
+        route_class: what the route keeps to, from its start to `duration`.
+        duration: time of the last waypoint [s].
+        leader: its route; None: the leader's L.
+        limits: of the follower; None: the paper's, with the top speed of the class.
+
+    Raises:
+        LaisnError: no route of the class was found.
+    """
+    limits = limits or Limits(speed_max=route_class.speed_max)
+    time = np.arange(0.0, duration + _CHECK_INTERVAL, _CHECK_INTERVAL)
+    moving = plan(leader or library_route("L")).at(time)
+    start = (0.0, *_about(moving, 0, rng, route_class))
+    points, failed = [start], 0
+    for _ in range(_TRIES):
+        due = points[-1][0] + rng.uniform(*route_class.leg_time)
+        # whole seconds lie on the grid of the check; what would leave a short last leg goes to the end
+        due = duration if due > duration - route_class.leg_time[0] else float(round(due))
+        candidate = (due, *_about(moving, int(np.searchsorted(time, due - 1e-9)), rng, route_class))
+        if _acceptable([*points, candidate], route_class, limits, time, moving):
+            points.append(candidate)
+            failed = 0
+        else:
+            failed += 1
+        if points[-1][0] == duration:
+            return Route.timed("random", points, FOLLOWER_DEPTH, start_heading=float(moving.course[0]))
+        if failed == 100:
+            # a dead end: take back the last legs, or draw another start
+            points = points[:-2] if len(points) > 2 else [(0.0, *_about(moving, 0, rng, route_class))]
+            failed = 0
+    raise LaisnError(f"no route found in {_TRIES} tries; {route_class} asks for more than the vehicle can do")

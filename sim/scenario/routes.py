@@ -1,0 +1,200 @@
+"""Routes: where a vehicle is to be, and when. The leader's L, the followers' T2 … T9, or a user's waypoints."""
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.failure import LaisnError
+
+Floats = npt.NDArray[np.float64]
+
+START_SPEED = 1.0
+"""Speed at which missions begin [m/s] (paper, Section 3.1)."""
+LEADER_L = ((0.0, 0.0), (500.0, 0.0), (500.0, 500.0))
+"""500 m east, then 500 m north (paper, Section 3); east and north [m]."""
+LEADER_DEPTH = 8.0
+FOLLOWER_DEPTH = 10.0
+"""Depths where none is asked for [m]: the follower deeper, so that a pitching leader shows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthProfile:
+    """Depth over time, linear between points; before the first and after the last point it is held.
+
+    Raises LaisnError if a depth is negative or the times do not increase from 0.
+    """
+
+    time: Floats
+    """Shape (n,), [s]."""
+    depth: Floats
+    """Shape (n,), positive down, [m]."""
+    period: float | None = None
+    """The profile repeats after this time [s]; None: it does not."""
+
+    def __post_init__(self) -> None:
+        if self.time.ndim != 1 or self.time.size < 1 or self.time.shape != self.depth.shape:
+            raise LaisnError(
+                f"a depth profile needs as many times as depths, got {self.time.shape} and {self.depth.shape}"
+            )
+        if self.time[0] != 0 or np.any(np.diff(self.time) <= 0):
+            raise LaisnError(f"times of a depth profile must increase from 0, got {self.time.tolist()} s")
+        if not (np.all(np.isfinite(self.depth)) and self.depth.min() >= 0):
+            raise LaisnError(f"depths must be finite and not negative, got {self.depth.tolist()} m")
+        for array in (self.time, self.depth):
+            array.flags.writeable = False
+
+    @classmethod
+    def constant(cls, depth: float) -> Self:
+        """One depth [m]."""
+        return cls(time=np.zeros(1), depth=np.array([float(depth)]))
+
+    @classmethod
+    def through(cls, points: npt.ArrayLike) -> Self:
+        """Points [[time, depth], …], shape (n, 2), [s] and [m]."""
+        table = np.array(points, dtype=np.float64)
+        if table.ndim != 2 or table.shape[1] != 2:
+            raise LaisnError(f"a depth profile needs points of shape (n, 2), got {table.shape}")
+        return cls(time=table[:, 0].copy(), depth=table[:, 1].copy())
+
+    @classmethod
+    def saw_tooth(cls, mean: float, amplitude: float, period: float) -> Self:
+        """From the mean down by `amplitude`, up by twice that and back, again and again; [m], [m], [s]."""
+        if not period > 0:
+            raise LaisnError(f"the period of a saw-tooth must be positive, got {period} s")
+        return cls(
+            time=np.array([0.0, 0.25, 0.75, 1.0]) * period,
+            depth=mean + amplitude * np.array([0.0, 1.0, -1.0, 0.0]),
+            period=period,
+        )
+
+    def at(self, time: Floats) -> tuple[Floats, Floats]:
+        """Depth [m] and its rate [m/s], positive down, at instants of shape (n,), [s]."""
+        if self.period is not None:
+            time = time % self.period
+        depth = np.interp(time, self.time, self.depth)
+        slope = np.concatenate([[0.0], np.diff(self.depth) / np.diff(self.time), [0.0]])
+        return depth, slope[np.searchsorted(self.time, time, side="right")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Route:
+    """Waypoints, each with the time at which the vehicle is to be there; straight legs between them.
+
+    After the last waypoint the vehicle goes straight on. Raises LaisnError naming route and waypoint if shapes
+    disagree, a number is not finite, times do not increase from 0 or two consecutive waypoints coincide.
+    """
+
+    name: str
+    time: Floats
+    """Arrival at the waypoints, shape (n,), n ≥ 2, from 0, [s]."""
+    waypoint: Floats
+    """East and north, shape (n, 2), [m]."""
+    depth: DepthProfile
+    start_heading: float | None = None
+    """Compass heading at the first waypoint [rad]; None: along the first leg."""
+    start_speed: float = START_SPEED
+    """Speed at the first waypoint [m/s]."""
+
+    def __post_init__(self) -> None:
+        n = self.time.size
+        if n < 2 or self.time.shape != (n,) or self.waypoint.shape != (n, 2):
+            raise LaisnError(
+                f"route {self.name!r}: expected times (n,) and waypoints (n, 2) with n ≥ 2, "
+                f"got {self.time.shape} and {self.waypoint.shape}"
+            )
+        if not (np.all(np.isfinite(self.time)) and np.all(np.isfinite(self.waypoint))):
+            raise LaisnError(f"route {self.name!r}: a time or a coordinate is not finite")
+        if self.time[0] != 0:
+            raise LaisnError(f"route {self.name!r}: waypoint 1 must be at 0 s, got {self.time[0]:g} s")
+        for i in np.flatnonzero(np.diff(self.time) <= 0):
+            raise LaisnError(
+                f"route {self.name!r}, waypoint {i + 2}: its time {self.time[i + 1]:g} s is not later than "
+                f"{self.time[i]:g} s of the waypoint before"
+            )
+        for i in np.flatnonzero(self.leg_length == 0):
+            raise LaisnError(f"route {self.name!r}: waypoints {i + 1} and {i + 2} coincide")
+        if not self.start_speed > 0:
+            raise LaisnError(f"route {self.name!r}: start_speed is {self.start_speed}, expected a positive speed")
+        for array in (self.time, self.waypoint):
+            array.flags.writeable = False
+
+    @classmethod
+    def timed(
+        cls, name: str, points: npt.ArrayLike, depth: float | DepthProfile, start_heading: float | None = None
+    ) -> Self:
+        """Waypoints [[time, east, north], …], shape (n, 3), [s], [m], [m]."""
+        table = np.array(points, dtype=np.float64)
+        if table.ndim != 2 or table.shape[1] != 3:
+            raise LaisnError(f"route {name!r}: timed waypoints have shape (n, 3), got {table.shape}")
+        profile = depth if isinstance(depth, DepthProfile) else DepthProfile.constant(depth)
+        return cls(
+            name=name,
+            time=table[:, 0].copy(),
+            waypoint=table[:, 1:].copy(),
+            depth=profile,
+            start_heading=start_heading,
+        )
+
+    @classmethod
+    def at_speed(cls, name: str, points: npt.ArrayLike, speed: float, depth: float | DepthProfile) -> Self:
+        """Waypoints [[east, north], …], shape (n, 2), [m], reached at one speed [m/s] measured along the legs.
+
+        Corners are cut, so that the vehicle moves slightly slower than `speed`: by 0.25 % on the leader's L.
+        """
+        table = np.array(points, dtype=np.float64)
+        if table.ndim != 2 or table.shape[1] != 2:
+            raise LaisnError(f"route {name!r}: waypoints without times have shape (n, 2), got {table.shape}")
+        if not speed > 0:
+            raise LaisnError(f"route {name!r}: speed is {speed}, expected a positive speed")
+        length = np.hypot(*np.diff(table, axis=0).T)
+        profile = depth if isinstance(depth, DepthProfile) else DepthProfile.constant(depth)
+        time = np.concatenate([[0.0], np.cumsum(length)]) / speed
+        return cls(name=name, time=time, waypoint=table, depth=profile, start_speed=speed)
+
+    @property
+    def leg_length(self) -> Floats:
+        """Shape (n − 1,), [m]."""
+        return np.asarray(np.hypot(*np.diff(self.waypoint, axis=0).T))
+
+    @property
+    def leg_speed(self) -> Floats:
+        """Mean speed that each leg asks for, shape (n − 1,), [m/s]."""
+        return self.leg_length / np.diff(self.time)
+
+
+@cache
+def _followers() -> dict[str, list[list[float]]]:
+    text = (resources.files("sim.scenario") / "data" / "followers_T2_T9.json").read_text(encoding="utf-8")
+    return {name: entry["waypoints_t_east_north"] for name, entry in json.loads(text).items()}
+
+
+def names() -> tuple[str, ...]:
+    """All routes that `route` knows."""
+    return (*_followers(), "L")
+
+
+def route(name: str, depth: float | DepthProfile | None = None) -> Route:
+    """A route of the library: "L" of the leader, "T2" … "T9" of the followers.
+
+    The published follower routes exist as pictures only; these fit them in distance, bearing and speed (`sim/scenario/data`).
+    Followers start at their first waypoint heading east at 1 m/s.
+
+    Args:
+        name: one of `names()`.
+        depth: constant [m] or profile; None: 8 m for the leader, 10 m for followers.
+
+    Raises:
+        LaisnError: there is no such route.
+    """
+    if name == "L":
+        return Route.at_speed("L", LEADER_L, START_SPEED, LEADER_DEPTH if depth is None else depth)
+    if name not in _followers():
+        first, *_, last = _followers()
+        raise LaisnError(f"unknown route {name!r}; available: {first} … {last}, L")
+    points = _followers()[name]
+    return Route.timed(name, points, FOLLOWER_DEPTH if depth is None else depth, start_heading=np.pi / 2)

@@ -1,0 +1,351 @@
+"""A mission as data: everything a user may set, validated, frozen. Degrees and units stand in the names."""
+
+import math
+from datetime import datetime
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from laisn.settings import GateRule, SideRule, Variant
+from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
+
+CONTROL_STEP_S = 0.1
+"""Interval of the autopilot and of the recorded truth [s]."""
+
+FASTEST_CURRENT_M_S = 3.0
+"""Faster water would carry away what can swim at 3 m/s."""
+
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+NonNegative = Annotated[float, Field(ge=0, le=1e6)]
+Angle = Annotated[float, Field(ge=-360, le=360)]
+Chance = Annotated[float, Field(ge=0, le=1)]
+SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+TimedPoint = tuple[float, float, float]
+TimedDepth = tuple[float, NonNegative]
+
+
+def _multiple(whole: float, part: float) -> bool:
+    ratio = whole / part
+    return abs(ratio - round(ratio)) < 1e-9 and round(ratio) >= 1
+
+
+class Section(BaseModel):
+    """A table of the scenario file: unknown keys, NaN and infinity are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+
+class Timing(Section):
+    """Time steps."""
+
+    physics_step_s: Annotated[float, Field(gt=0, le=0.1)] = Field(
+        0.02, description="step of the rigid-body solver; must divide 0.1 s"
+    )
+    filter_step_s: Positive = Field(0.1, description="filter step Δt; a multiple of 0.1 s")
+    message_interval_s: Positive = Field(1.0, description="message interval Δt_D; a multiple of the filter step")
+
+    @model_validator(mode="after")
+    def _steps_fit(self) -> Self:
+        if not _multiple(CONTROL_STEP_S, self.physics_step_s):
+            raise ValueError(f"physics_step_s = {self.physics_step_s:g} does not divide {CONTROL_STEP_S:g} s")
+        if not _multiple(self.filter_step_s, CONTROL_STEP_S):
+            raise ValueError(f"filter_step_s = {self.filter_step_s:g} is no multiple of {CONTROL_STEP_S:g} s")
+        if not _multiple(self.message_interval_s, self.filter_step_s):
+            raise ValueError(
+                f"message_interval_s = {self.message_interval_s:g} is no multiple of "
+                f"filter_step_s = {self.filter_step_s:g}"
+            )
+        return self
+
+
+class Vehicle(Section):
+    """What leader and followers have in common."""
+
+    route: Name | None = Field(None, description="a route of the library (L, T2 … T9)")
+    waypoints: tuple[TimedPoint, ...] = Field(
+        (), description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0"
+    )
+    depth_m: NonNegative = Field(LEADER_DEPTH, description="depth that the autopilot holds")
+    depth_profile: tuple[TimedDepth, ...] = Field(
+        (), description="[[time_s, depth_m], …], linear between; replaces depth_m"
+    )
+    saw_tooth_amplitude_m: NonNegative = Field(0.0, description="half height of a saw-tooth about the depth")
+    saw_tooth_period_s: Positive = Field(120.0, description="period of that saw-tooth")
+    excess_buoyancy_n: float = Field(0.0, ge=-100, le=100, description="buoyancy less weight; held by trim")
+    cg_offset_x_m: float = Field(0.0, ge=-0.2, le=0.2, description="centre of gravity moved forward")
+    cg_offset_z_m: float = Field(0.0, ge=-0.1, le=0.1, description="centre of gravity moved up")
+    depth_control: Literal["pitch", "thrust"] = Field(
+        "pitch", description="depth held by pitching the hull, or level by the vertical thrusters"
+    )
+
+    @field_validator("waypoints")
+    @classmethod
+    def _waypoints_in_order(cls, points: tuple[TimedPoint, ...]) -> tuple[TimedPoint, ...]:
+        if points and (len(points) < 2 or points[0][0] != 0):
+            raise ValueError("needs at least two waypoints, the first at time 0")
+        for number, (before, after) in enumerate(pairwise(points), start=2):
+            if after[0] <= before[0]:
+                raise ValueError(f"waypoint {number} at {after[0]:g} s is not later than the one before")
+        return points
+
+    @field_validator("depth_profile")
+    @classmethod
+    def _depths_in_order(cls, points: tuple[TimedDepth, ...]) -> tuple[TimedDepth, ...]:
+        if points and points[0][0] != 0:
+            raise ValueError("the first depth must stand at time 0")
+        for number, (before, after) in enumerate(pairwise(points), start=2):
+            if after[0] <= before[0]:
+                raise ValueError(f"depth {number} at {after[0]:g} s is not later than the one before")
+        return points
+
+    @model_validator(mode="after")
+    def _one_route(self) -> Self:
+        if self.saw_tooth_amplitude_m > self.depth_m and not self.depth_profile:
+            raise ValueError(
+                f"saw_tooth_amplitude_m = {self.saw_tooth_amplitude_m:g} about depth_m = {self.depth_m:g} would leave "
+                "the water"
+            )
+        if not self.route and not self.waypoints:
+            raise ValueError("a vehicle needs a route of the library or waypoints of its own")
+        return self
+
+
+class Leader(Vehicle):
+    """The vehicle with the transmitters."""
+
+    route: Name | None = Field("L", description="a route of the library (L, T2 … T9)")
+    baseline_m: Annotated[float, Field(gt=0, le=2.4)] = Field(2.0, description="L, rear to front transmitter")
+    middle_offset_m: Annotated[float, Field(ge=-0.5, le=0.5)] = Field(
+        0.1, description="H_T, middle transmitter to port of the axis"
+    )
+    broadcast_attitude: bool = Field(False, description="messages carry the measured pitch and roll")
+
+
+class Follower(Vehicle):
+    """A vehicle with one hydrophone."""
+
+    name: Name = "follower"
+    depth_m: NonNegative = Field(FOLLOWER_DEPTH, description="depth that the autopilot holds")
+    steers_by: Literal["truth", "estimate"] = Field(
+        "truth", description="position by which it keeps to its route: the true one, or what it believes itself"
+    )
+
+
+class Waves(Section):
+    """Surface waves (linear)."""
+
+    kind: Literal["none", "regular", "jonswap"] = "none"
+    height_m: Annotated[float, Field(ge=0, le=20)] = Field(
+        0.5, description="height H of regular waves, significant height Hs of a sea"
+    )
+    period_s: Annotated[float, Field(gt=0.5, le=30)] = Field(4.0, description="period T, or peak period Tp")
+    direction_deg: Angle = Field(90.0, description="compass direction that the waves run towards")
+    peak_enhancement: Annotated[float, Field(ge=1, le=10)] = Field(3.3, description="γ of JONSWAP")
+    components: Annotated[int, Field(ge=1, le=200)] = Field(40, description="number of components of a sea")
+    spreading_deg: Annotated[float, Field(ge=0, le=60)] = Field(
+        0.0, description="standard deviation of the directions of a sea"
+    )
+
+
+class Ocean(Section):
+    """Water and sea floor."""
+
+    density_kg_m3: Annotated[float, Field(ge=950, le=1100)] = 1026.0
+    floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = Field(30.0, description="depth of the sea floor")
+    current_speed_m_s: Annotated[float, Field(ge=0, le=3)] = Field(0.0, description="current at the surface")
+    current_direction_deg: Angle = Field(0.0, description="compass direction that the current runs towards")
+    current_shear_per_s: Annotated[float, Field(ge=-1, le=1)] = Field(
+        0.0, description="decrease of the current with depth"
+    )
+    waves: Waves = Waves()
+
+
+class Sensors(Section):
+    """True errors of the sensors (paper, Eqs. 26 and 27); the filter does not know them."""
+
+    speed_bias_m_s: Annotated[float, Field(ge=-10, le=10)] = 0.2
+    speed_sigma_m_s: NonNegative = 0.2
+    heading_bias_deg: NonNegative = 5.0
+    heading_sigma_deg: NonNegative = 2.0
+    depth_sigma_m: NonNegative = 0.0
+    leader_heading_bias_deg: NonNegative = 0.0
+    leader_heading_sigma_deg: NonNegative = 0.0
+    leader_depth_sigma_m: NonNegative = 0.0
+    leader_attitude_sigma_deg: NonNegative = Field(
+        0.0, description="of each reading of the leader's inclinometer, in pitch and in roll"
+    )
+    leader_attitude_offset_sigma_deg: NonNegative = Field(
+        0.0, description="of an error of pitch and one of roll that a run keeps, such as a crooked mounting"
+    )
+    leader_attitude_feels_acceleration: bool = Field(
+        False, description="the inclinometer takes the hull's accelerations for tilt"
+    )
+    leader_gyro_time_constant_s: Annotated[float, Field(ge=0, le=1000)] = Field(
+        0.0, description="of the filter that follows gyros at once and the inclinometer slowly; 0: no gyros"
+    )
+    leader_gyro_random_walk_deg_sqrt_h: NonNegative = Field(0.3, description="angle random walk of these gyros, per √h")
+
+
+class Acoustics(Section):
+    """True errors of the ranges (paper, Eq. 28), and what sound really does (not in the paper, off by default)."""
+
+    range_tau_m: tuple[NonNegative, NonNegative, NonNegative] = Field(
+        (0.01, 0.01, 0.01), description="τ: uniform error of rear, front and middle transmitter"
+    )
+    range_scale_mean_m: Annotated[float, Field(ge=-100, le=100)] = Field(
+        0.1, description="μD: mean of the error that all transmitters share"
+    )
+    range_scale_sigma_m: NonNegative = Field(0.05, description="σD: its standard deviation")
+    travel_time: bool = Field(False, description="sites move while the sound is under way; else it takes no time")
+    ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
+        0.0, description="rear, front and middle transmitter ping this long after each other; 0: at once"
+    )
+    sound_speed_m_s: SoundSpeed = Field(1500.0, description="speed of sound, and what the follower believes of it")
+    sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(
+        0.0, description="what the follower believes in addition"
+    )
+    sound_speed_profile: tuple[tuple[NonNegative, SoundSpeed], ...] = Field(
+        (), description="[[depth_m, speed_m_s], …], linear between; the true speed of sound instead of sound_speed_m_s"
+    )
+    clock_offset_s: Annotated[float, Field(ge=-1, le=1)] = Field(
+        0.0, description="the follower's clock less the leader's, at the start"
+    )
+    clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = Field(
+        0.0, description="how much faster the follower's clock runs"
+    )
+    surface_echo_chance: Chance = Field(0.0, description="of each ping, that the surface echo is taken for it")
+    bottom_echo_chance: Chance = Field(0.0, description="of each ping, that the bottom echo is taken for it")
+    loss_chance: Chance = Field(0.0, description="of each message, that it is lost, outside bursts of loss")
+    burst_chance: Chance = Field(0.0, description="of each message, that a burst of loss begins")
+    burst_mean_messages: Annotated[float, Field(ge=1, le=10000)] = Field(5.0, description="mean length of a burst")
+    burst_loss_chance: Chance = Field(1.0, description="of each message within a burst, that it is lost")
+    max_range_m: NonNegative = Field(0.0, description="pings from farther away are not heard; 0: no limit")
+
+    @field_validator("sound_speed_profile")
+    @classmethod
+    def _depths_increase(cls, points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        for number, (before, after) in enumerate(pairwise(points), start=2):
+            if after[0] <= before[0]:
+                raise ValueError(f"point {number} at {after[0]:g} m is not deeper than the one before")
+        return points
+
+    @model_validator(mode="after")
+    def _chances_add_up(self) -> Self:
+        if self.surface_echo_chance + self.bottom_echo_chance > 1:
+            raise ValueError(
+                f"surface_echo_chance = {self.surface_echo_chance:g} and bottom_echo_chance = "
+                f"{self.bottom_echo_chance:g} add up to more than 1"
+            )
+        return self
+
+
+class Navigation(Section):
+    """What the follower believes, and how it decides."""
+
+    variant: Variant = Field("laisn-2", description="which LAISN")
+    threshold_m: NonNegative = Field(0.1, description="T: intersections closer than this are one")
+    beta_m2: NonNegative = Field(0.1, description="β: σp = β / distance of the intersections")
+    sigma_floor_m: NonNegative = Field(0.0, description="smallest σp that the filter is given")
+    alpha_m_s2: NonNegative = Field(8.0, description="α: process noise of manoeuvres")
+    sigma_a0_m_s2: Positive = Field(60.0, description="σa0: process noise of steady motion")
+    sigma_speed_m_s: Positive = Field(0.2, description="σV of the speed update")
+    sigma_heading_deg: Positive = Field(2.0, description="σθ of the speed update")
+    position_sigma0_m: NonNegative = Field(0.0, description="uncertainty of the start")
+    velocity_sigma0_m_s: NonNegative = Field(0.0, description="uncertainty of the start")
+    leader_speed_max_m_s: Positive = Field(3.0, description="v_max of the leader in γv")
+    follower_speed_max_m_s: Positive = Field(3.0, description="v_max of the follower in γv and in the gate")
+    gate: GateRule = Field("v-max", description="gross-error gate")
+    side_rule: SideRule = Field("behind", description="where a fix without clear intersections goes")
+    use_attitude: bool = Field(False, description="place the transmitters by the broadcast pitch and roll")
+    expected_pitch_deg: NonNegative = Field(0.0, description="pitch that inflates σp")
+
+
+class Video(Section):
+    """The film of the mission."""
+
+    camera: Name = Field("chase", description="chase, pip, top, side, follower, leader, profile or orbit")
+    width_px: Annotated[int, Field(ge=160, le=3840, multiple_of=2)] = 1280
+    height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
+    frame_rate_hz: Annotated[int, Field(ge=1, le=60)] = 30
+    speed_up: Positive = Field(20.0, description="seconds of mission in a second of film")
+    in_log: bool = Field(True, description="a rendered film also goes into the log, as channel /camera")
+
+
+class Scenario(Section):
+    """One mission, complete: with the same scenario and version the same bytes come out."""
+
+    name: Name
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(1, description="key of all random numbers")
+    run: Annotated[int, Field(ge=0, lt=2**31)] = Field(0, description="run of a campaign whose noise is flown")
+    duration_s: Annotated[float, Field(gt=0, le=86400)] = 1000.0
+    motion: Literal["physics", "kinematic"] = Field(
+        "physics", description="rigid bodies in water, or the paper's point motion"
+    )
+    epoch: str = Field("2026-01-01T00:00:00+00:00", description="date and time of the start, ISO 8601")
+    origin_latitude_deg: Annotated[float, Field(ge=-89, le=89)] = Field(54.52, description="of the world's origin")
+    origin_longitude_deg: Annotated[float, Field(ge=-180, le=180)] = Field(18.55, description="of the world's origin")
+    timing: Timing = Timing()
+    leader: Leader = Leader()
+    followers: Annotated[tuple[Follower, ...], Field(min_length=1, max_length=50)]
+    ocean: Ocean = Ocean()
+    sensors: Sensors = Sensors()
+    acoustics: Acoustics = Acoustics()
+    navigation: Navigation = Navigation()
+    video: Video = Video()
+
+    @field_validator("epoch")
+    @classmethod
+    def _epoch_is_a_date(cls, text: str) -> str:
+        try:
+            aware = datetime.fromisoformat(text).tzinfo is not None
+        except ValueError:
+            aware = False
+        if not aware:
+            raise ValueError(f"{text!r} is no ISO 8601 time with zone, such as 2026-01-01T00:00:00+00:00")
+        return text
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        names = ["leader", *(f.name for f in self.followers)]
+        repeated = sorted({n for n in names if names.count(n) > 1})
+        if repeated:
+            raise ValueError(f"vehicle names must differ; repeated: {', '.join(repeated)}")
+        if not _multiple(self.duration_s, self.timing.filter_step_s):
+            raise ValueError(
+                f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {self.timing.filter_step_s:g}"
+            )
+        for vehicle, name in zip((self.leader, *self.followers), names, strict=True):
+            depths = [d for _, d in vehicle.depth_profile] or [vehicle.depth_m]
+            deepest = max(depths) + vehicle.saw_tooth_amplitude_m
+            if deepest > self.ocean.floor_depth_m - 1:
+                raise ValueError(
+                    f"{name} would dive to {deepest:g} m, the floor lies at ocean.floor_depth_m = "
+                    f"{self.ocean.floor_depth_m:g} m (1 m is kept clear)"
+                )
+            drift = self.ocean.current_speed_m_s - self.ocean.current_shear_per_s * deepest
+            if abs(drift) > FASTEST_CURRENT_M_S:
+                raise ValueError(
+                    f"ocean: the current at {name}'s {deepest:g} m would run at {drift:.3g} m/s; current_speed_m_s and "
+                    f"current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
+                )
+        for follower in self.followers:
+            if follower.steers_by == "estimate" and self.motion == "kinematic":
+                raise ValueError(
+                    f"{follower.name}: steers_by = 'estimate' needs motion = 'physics'; the paper's point motion keeps "
+                    "to its route whatever the follower believes"
+                )
+        if self.navigation.use_attitude and not self.leader.broadcast_attitude:
+            raise ValueError("navigation.use_attitude needs leader.broadcast_attitude = true")
+        return self
+
+    @property
+    def message_every(self) -> int:
+        """Filter steps from one message to the next (n_D)."""
+        return round(self.timing.message_interval_s / self.timing.filter_step_s)
+
+    @property
+    def filter_steps(self) -> int:
+        """Number n of filter steps."""
+        return math.floor(self.duration_s / self.timing.filter_step_s + 0.5)

@@ -1,0 +1,94 @@
+"""How the leader measures its pitch and roll: an inclinometer, alone or steadied by gyros (AHRS).
+
+An inclinometer takes the specific force a − g for the vertical, so that a hull that accelerates, as in waves, reads
+wrong by up to a / g. A complementary filter follows the gyros at once and the inclinometer slowly (Mahony, Hamel &
+Pflimlin, IEEE Transactions on Automatic Control 53, 2008). Its error e is linear in the inclinometer's error i and in
+the angle w by which the gyros walk off in a step:
+
+    e_k = (1 − γ)(e_{k−1} + w_k) + γ i_k,    γ = 1 − exp(−Δt / τ).
+
+Accelerations are the same in every run, and go through the filter here; the random part is a Gauss–Markov process with
+correlation time τ, of which `sim.sensing.sensor_errors` takes the values that are broadcast.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled
+from sim.geometry import attitude
+from sim.scenario.settings import CONTROL_STEP_S, Sensors
+from sim.trajectory import Trajectory
+from sim.water.waves import GRAVITY
+
+Floats = npt.NDArray[np.float64]
+
+_SECONDS_AN_HOUR = 3600.0
+
+
+class RandomError(NamedTuple):
+    """Of pitch and of roll."""
+
+    sigma: float
+    """[rad]."""
+    time: float
+    """Correlation time; 0: each reading has its own [s]."""
+
+
+def gain(sensors: Sensors) -> float:
+    """γ: share of the inclinometer in each step of the filter; 1 without gyros."""
+    if sensors.leader_gyro_time_constant_s == 0.0:
+        return 1.0
+    return float(-np.expm1(-CONTROL_STEP_S / sensors.leader_gyro_time_constant_s))
+
+
+def random_error(sensors: Sensors) -> RandomError:
+    """Random part of the error of a measured angle, after the filter has run for long."""
+    reading = float(np.deg2rad(sensors.leader_attitude_sigma_deg))
+    if sensors.leader_gyro_time_constant_s == 0.0:
+        return RandomError(reading, 0.0)
+    share = gain(sensors)
+    walk = np.deg2rad(sensors.leader_gyro_random_walk_deg_sqrt_h) * np.sqrt(CONTROL_STEP_S / _SECONDS_AN_HOUR)
+    kept = 1.0 - share
+    variance = (share**2 * reading**2 + kept**2 * walk**2) / (1.0 - kept**2)
+    return RandomError(float(np.sqrt(variance)), sensors.leader_gyro_time_constant_s)
+
+
+def apparent_tilt(trajectory: Trajectory, vehicle: int = 0) -> Floats:
+    """Pitch and roll that specific force seems to show at a vehicle's origin, shape (n, 2), [rad].
+
+    Accelerations are means over the interval that ends at an instant, as the sensor knows them then; the first instant
+    has those of the second.
+    """
+    acceleration = np.diff(trajectory.velocity[:, vehicle], axis=0) / trajectory.dt
+    acceleration = np.concatenate([acceleration[:1], acceleration])
+    force = acceleration + np.array([0.0, 0.0, GRAVITY])
+    to_body = trajectory.quaternion[:, vehicle] * np.array([1.0, -1.0, -1.0, -1.0])
+    forward, port, up = attitude.rotate(to_body, force).T
+    return np.column_stack([np.arctan2(forward, np.hypot(port, up)), np.arctan2(port, up)])
+
+
+@compiled
+def _low_pass(error: Floats, share: float) -> Floats:
+    """e_k = (1 − γ) e_{k−1} + γ i_k, column by column; importing scipy.signal for it would take a second."""
+    passed = np.empty_like(error)
+    for j in range(error.shape[1]):
+        last = 0.0
+        for k in range(error.shape[0]):
+            last += share * (error[k, j] - last)
+            passed[k, j] = last
+    return passed
+
+
+def measured_attitude(trajectory: Trajectory, sensors: Sensors, vehicle: int = 0) -> Floats:
+    """Pitch and roll as the leader measures them, but for random errors, shape (n, 2), [rad].
+
+    The filter starts without error.
+    """
+    true = np.column_stack([trajectory.pitch[:, vehicle], trajectory.roll[:, vehicle]])
+    if not sensors.leader_attitude_feels_acceleration:
+        return true
+    error = apparent_tilt(trajectory, vehicle) - true
+    error = (error + np.pi) % (2 * np.pi) - np.pi
+    return true + _low_pass(error, gain(sensors))

@@ -1,0 +1,118 @@
+"""Truth as one follower's sensors meet it: what a scenario's errors are added to."""
+
+import numpy as np
+import numpy.typing as npt
+
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.acoustics import TRANSMITTERS as TRANSMITTERS
+from sim.sensing.acoustics import propagate
+from sim.sensing.ahrs import measured_attitude, random_error
+from sim.sensing.echo import Path
+from sim.sensing.loss import Channel
+from sim.sensing.sensor_errors import SensorErrors
+from sim.sensing.truth import MissionTruth
+from sim.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+
+
+SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
+"""Sites of leader and follower that sensing needs."""
+
+
+def errors_of(scenario: Scenario) -> SensorErrors:
+    """The true sensor errors of a scenario in SI units."""
+    sensors, acoustics = scenario.sensors, scenario.acoustics
+    attitude = random_error(sensors)
+    return SensorErrors(
+        speed_bias=sensors.speed_bias_m_s,
+        speed_sigma=sensors.speed_sigma_m_s,
+        heading_bias=np.deg2rad(sensors.heading_bias_deg),
+        heading_sigma=np.deg2rad(sensors.heading_sigma_deg),
+        depth_sigma=sensors.depth_sigma_m,
+        leader_heading_bias=np.deg2rad(sensors.leader_heading_bias_deg),
+        leader_heading_sigma=np.deg2rad(sensors.leader_heading_sigma_deg),
+        leader_depth_sigma=sensors.leader_depth_sigma_m,
+        leader_pitch_sigma=attitude.sigma,
+        leader_roll_sigma=attitude.sigma,
+        leader_attitude_time=attitude.time,
+        leader_attitude_offset_sigma=np.deg2rad(sensors.leader_attitude_offset_sigma_deg),
+        range_tau=acoustics.range_tau_m,
+        range_scale_mean=acoustics.range_scale_mean_m,
+        range_scale_sigma=acoustics.range_scale_sigma_m,
+        echo_chance=(acoustics.surface_echo_chance, acoustics.bottom_echo_chance),
+        channel=Channel(
+            acoustics.loss_chance,
+            acoustics.burst_chance,
+            acoustics.burst_mean_messages,
+            acoustics.burst_loss_chance,
+        ),
+    )
+
+
+def own_motion(trajectory: Trajectory, follower: int = 0) -> Floats:
+    """What a follower's own sensors see at every instant: speed, heading and depth, shape (n, 3), [m/s], [rad], [m]."""
+    v, name = follower + 1, trajectory.names[follower + 1]
+    depth = -trajectory.site_path(f"{name}/depth_sensor")[:, 2]
+    return np.column_stack([trajectory.forward_speed[:, v], trajectory.heading[:, v], depth])
+
+
+def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
+    """Where a follower's hydrophone begins, and how fast: x, y [m] and velocity [m/s], shape (4,)."""
+    v, name = follower + 1, trajectory.names[follower + 1]
+    hydrophone = trajectory.site_path(f"{name}/hydrophone")[0]
+    return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2]])
+
+
+def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> MissionTruth:
+    """What the sensors of one follower see of a trajectory, without errors.
+
+    Ranges come from `sim.sensing.acoustics`: with the paper's settings they are distances between the transmitter sites and the
+    hydrophone site at the instant of the ping.
+
+    Args:
+        trajectory: of the scenario, on the control grid; or a stretch of it that begins at a filter step, for which
+            errors of the leader's attitude begin anew.
+        scenario: gives filter step and message interval.
+        follower: its index, 0 for the first.
+
+    Raises:
+        ValueError: the trajectory is too short for one filter step.
+    """
+    dt = scenario.timing.filter_step_s
+    stride = round(dt / CONTROL_STEP_S)
+    n = (trajectory.time.size - 1) // stride
+    if n < 1:
+        raise ValueError(f"the trajectory ends at {trajectory.time[-1]:g} s, before the first filter step of {dt:g} s")
+    first, grid = round(float(trajectory.time[0]) / dt), np.arange(1, n + 1) * stride
+    name = trajectory.names[follower + 1]
+    hydrophone = trajectory.site_position[:, trajectory.site(f"{name}/hydrophone")]
+    own = own_motion(trajectory, follower)[grid]
+    sound = propagate(trajectory, scenario, follower)
+    sent = (sound.emission_step - first) * stride
+    limit = scenario.acoustics.max_range_m or np.inf
+    heard = np.where(sound.length[:, :, [Path.DIRECT]] <= limit, sound.range, np.nan)
+    attitude = np.full((sent.size, 2), np.nan)
+    if scenario.leader.broadcast_attitude:
+        attitude = measured_attitude(trajectory, scenario.sensors)[sent]
+    leader = trajectory.position[:, 0]
+    return MissionTruth(
+        dt=dt,
+        first_step=first,
+        start=start_of(trajectory, follower),
+        speed=own[:, 0].copy(),
+        heading=own[:, 1].copy(),
+        depth=own[:, 2].copy(),
+        hydrophone=hydrophone[grid, :2],
+        leader_position=leader[grid, :2],
+        leader_heading=trajectory.heading[grid, 0],
+        message_step=sound.message_step,
+        emission_step=sound.emission_step,
+        timestamp=np.asarray(sound.emission_step * dt, dtype=np.float64),
+        sent_position=np.column_stack([leader[sent, :2], -leader[sent, 2]]),
+        sent_heading=trajectory.heading[sent, 0],
+        sent_speed=trajectory.forward_speed[sent, 0],
+        sent_attitude=attitude,
+        slant_range=heard[:, :, Path.DIRECT].copy(),
+        echo_range=np.stack([heard[:, :, path] for path in (Path.SURFACE, Path.BOTTOM)]),
+    )

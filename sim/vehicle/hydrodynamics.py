@@ -1,0 +1,300 @@
+"""Forces of the water on rigid hulls, in Fossen's form, from the velocity relative to the water.
+
+Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021: added mass and its Coriolis terms
+(Section 6.3), damping (6.4), lift and cross-flow drag of a slender hull (8.4.2). Flow that varies in space and time:
+Lamb, Hydrodynamics, 6th ed. 1932, Art. 124; the flow is taken as linear over the hull, its velocity, gradient and
+rates being those at the centre of buoyancy, where the body frame has its origin.
+
+Each physics step: `mj_step1`, or its parts → `apply` → `mj_factorM` → `mj_step2`. `apply` writes the wrench to
+`qfrc_applied` and adds the added mass to `M`, so that it acts on accelerations that MuJoCo has yet to solve for.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled
+from sim.geometry.vectors import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
+from sim.water.ocean import AMPLITUDE, Water, elevation_at, flow
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+LOST = 1e3
+"""A speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed, though numbers are finite yet."""
+
+Solver = tuple[Ints, Floats, Floats]
+"""The parts of MuJoCo's model and data that are written to.
+
+row_address: of the rows of `mass`, shape (v, 6).
+mass: `M`, the rows of its lower triangle one after the other.
+applied: `qfrc_applied`, shape (v, 6).
+"""
+
+
+@compiled
+def _inertia_times(inertia: Floats, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """6×6 matrix times (v, w)."""
+    a = inertia
+    x = (v[0], v[1], v[2], w[0], w[1], w[2])
+    rows = (
+        a[0, 0] * x[0] + a[0, 1] * x[1] + a[0, 2] * x[2] + a[0, 3] * x[3] + a[0, 4] * x[4] + a[0, 5] * x[5],
+        a[1, 0] * x[0] + a[1, 1] * x[1] + a[1, 2] * x[2] + a[1, 3] * x[3] + a[1, 4] * x[4] + a[1, 5] * x[5],
+        a[2, 0] * x[0] + a[2, 1] * x[1] + a[2, 2] * x[2] + a[2, 3] * x[3] + a[2, 4] * x[4] + a[2, 5] * x[5],
+        a[3, 0] * x[0] + a[3, 1] * x[1] + a[3, 2] * x[2] + a[3, 3] * x[3] + a[3, 4] * x[4] + a[3, 5] * x[5],
+        a[4, 0] * x[0] + a[4, 1] * x[1] + a[4, 2] * x[2] + a[4, 3] * x[3] + a[4, 4] * x[4] + a[4, 5] * x[5],
+        a[5, 0] * x[0] + a[5, 1] * x[1] + a[5, 2] * x[2] + a[5, 3] * x[3] + a[5, 4] * x[4] + a[5, 5] * x[5],
+    )
+    return (rows[0], rows[1], rows[2]), (rows[3], rows[4], rows[5])
+
+
+@compiled
+def kirchhoff(inertia: Floats, munk_factor: float, v: Vector, w: Vector, spin: Vector) -> tuple[Vector, Vector]:
+    """Coriolis and Munk force and moment of added mass (Fossen 2021, Section 6.3; Lamb 1932, Art. 124).
+
+    Args:
+        inertia: added mass, shape (6, 6).
+        munk_factor: share of the terms with pitch and yaw rates and moments that is kept; 1 is potential flow.
+        v: velocity relative to the water, in the body [m/s].
+        w: angular velocity relative to the water, in the body [rad/s].
+        spin: angular velocity of the body frame itself, in the body [rad/s].
+    """
+    momentum, angular = _inertia_times(inertia, v, w)
+    munk = cross(v, momentum)
+    kept = (spin[0], munk_factor * spin[1], munk_factor * spin[2])
+    force = scaled(-1.0, cross(kept, momentum))
+    gyro = cross(spin, angular)
+    return force, (-gyro[0] - munk[0], -gyro[1] - munk_factor * munk[1], -gyro[2] - munk_factor * munk[2])
+
+
+@compiled
+def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by axis."""
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    lin, fade, quad = c.linear_damping, c.linear_damping_fade, c.quadratic_damping
+    force = (
+        -(lin[0] * np.exp(-fade[0] * speed) + quad[0] * abs(v[0])) * v[0],
+        -(lin[1] * np.exp(-fade[1] * speed) + quad[1] * abs(v[1])) * v[1],
+        -(lin[2] * np.exp(-fade[2] * speed) + quad[2] * abs(v[2])) * v[2],
+    )
+    moment = (
+        -(lin[3] * np.exp(-fade[3] * speed) + quad[3] * abs(w[0])) * w[0],
+        -(lin[4] * np.exp(-fade[4] * speed) + quad[4] * abs(w[1])) * w[1],
+        -(lin[5] * np.exp(-fade[5] * speed) + quad[5] * abs(w[2])) * w[2],
+    )
+    return force, moment
+
+
+@compiled
+def hull_lift(c: Any, v: Vector) -> Vector:
+    """Drag and lift of the hull at incidence α (Beard and McLain 2012, Section 4.2; Fossen 2021, Section 8.4.2).
+
+    CL = slope α, CD = CD0 + k CL². Drag acts against the flow, lift across it; both planes add to one incidence, and
+    a hull that goes astern has its incidence counted from the tail.
+    """
+    area, drag_0, slope, induced = c.hull_lift[0], c.hull_lift[1], c.hull_lift[2], c.hull_lift[3]
+    side, up = c.hull_lift_planes[0] * v[1], c.hull_lift_planes[1] * v[2]
+    across = np.sqrt(side * side + up * up)
+    alpha = np.arctan2(across, abs(v[0]))
+    lift = slope * alpha
+    pressure = 0.5 * c.density * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * area
+    drag, lift = pressure * (drag_0 + induced * lift * lift), pressure * lift
+    cos, sin = np.cos(alpha), np.sin(alpha)
+    ahead = np.sign(v[0])
+    normal = -(sin * drag + cos * lift)
+    if across > 0.0:
+        return ahead * (sin * lift - cos * drag), normal * side / across, normal * up / across
+    return -ahead * cos * drag, 0.0, 0.0
+
+
+@compiled
+def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Drag of the hull's sections across the flow, strip by strip (Fossen 2021, Section 6.4.3).
+
+    With both coefficients C equal, a strip of side area A feels −½ρ A C |U| U of its own cross-flow U; unequal ones
+    scale each axis by the cube root of its C: C |U| U along either axis alone, and always against the motion.
+    """
+    root_y, root_z = c.cross_flow_drag[0] ** (1 / 3), c.cross_flow_drag[1] ** (1 / 3)
+    fy = fz = my = mz = 0.0
+    for i in range(c.n_strips):
+        x = c.strip_x[i]
+        side, up = root_y * (v[1] + x * w[2]), root_z * (v[2] - x * w[1])
+        scale = -0.5 * c.density * c.strip_area[i] * np.sqrt(side * side + up * up)
+        dy, dz = scale * root_y * side, scale * root_z * up
+        fy += dy
+        fz += dz
+        my -= x * dz
+        mz += x * dy
+    return (0.0, fy, fz), (0.0, my, mz)
+
+
+@compiled
+def fin_lift(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Normal force of the fixed tail fins, ½ρ S slope U² sin α cos α, from the incidence where they stand."""
+    x = c.fin_x
+    scale = -0.5 * c.density * c.fin_lift_slope * abs(v[0])
+    fy = scale * c.fin_area[0] * (v[1] + x * w[2])
+    fz = scale * c.fin_area[1] * (v[2] - x * w[1])
+    return (0.0, fy, fz), (0.0, -x * fz, x * fy)
+
+
+@compiled
+def immersion(c: Any, position: Vector, axis: Vector, time: float, waves: Floats) -> tuple[float, float]:
+    """How much of a hull is in the water, and where the missing part was.
+
+    A strip's section leaves the water evenly from the moment the surface touches its top until it is a radius below
+    its middle; strips count by their side area.
+
+    Returns:
+        The share immersed in [0, 1], and Σ (dry share · x) of the strips [m].
+    """
+    reach = 0.0
+    for i in range(waves.shape[0]):
+        reach += abs(waves[i, AMPLITUDE])
+    ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
+    if position[2] + abs(axis[2]) * ends + c.hull_radius <= -reach:
+        return 1.0, 0.0
+    area = wet = arm = 0.0
+    for i in range(c.n_strips):
+        p = plus(position, scaled(c.strip_x[i], axis))
+        below = elevation_at(p[0], p[1], time, waves) - p[2]
+        share = min(max(0.5 + 0.5 * below / c.hull_radius, 0.0), 1.0)
+        area += c.strip_area[i]
+        wet += share * c.strip_area[i]
+        arm += (1.0 - share) * c.strip_area[i] * c.strip_x[i]
+    return wet / area, arm / area
+
+
+@compiled
+def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tuple[Vector, Vector, float]:
+    """All that the water does to one vehicle, but for added mass times acceleration.
+
+    Args:
+        c: record of `sim.vehicle.coefficients.RECORD`.
+        pose: position [m] and quaternion, shape (7,).
+        twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], shape (6,).
+        time: [s].
+        water: current and waves.
+
+    Returns:
+        force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed. All
+        forces fade with that share; thrusters are not of this module and do not.
+    """
+    to_world = rotation(pose[3:7])
+    to_body = transposed(to_world)
+    axis = (to_world[0][0], to_world[1][0], to_world[2][0])
+    position = (pose[0], pose[1], pose[2])
+    velocity = (twist[0], twist[1], twist[2])
+    spin = (twist[3], twist[4], twist[5])
+
+    stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, time, water)
+    v = times(to_body, minus(velocity, stream))
+    # a slender hull feels the water along it change as if it turned the other way round
+    axis_rate = cross(times(to_world, spin), axis)
+    along = times(gradient, axis)
+    turning = times(to_body, cross(axis, along))
+    w = minus(spin, turning)
+    turning_rate = plus(cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate))))
+
+    force, moment = kirchhoff(c.added_mass, c.munk_factor, v, w, spin)
+    for part in (damping(c, v, w), cross_flow(c, v, w), fin_lift(c, v, w)):
+        force, moment = plus(force, part[0]), plus(moment, part[1])
+    force = plus(force, hull_lift(c, v))
+
+    # the solver applies added mass to the body's own acceleration; what the water brings of it is added here
+    part = _inertia_times(
+        c.added_mass,
+        plus(times(to_body, change), cross(spin, v)),
+        minus(times(to_body, turning_rate), cross(spin, turning)),
+    )
+    force, moment = plus(force, part[0]), plus(moment, part[1])
+
+    # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their place, and they are
+    # accelerated by Du/Dt along their own path, not along the hull's
+    particle = minus(change, times(gradient, minus(velocity, stream)))
+    force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
+    moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
+
+    share, dry_arm = immersion(c, position, axis, time, water[1])
+    lift = (0.0, 0.0, share * c.buoyancy)
+    lost = cross((dry_arm, 0.0, 0.0), times(to_body, (0.0, 0.0, -c.buoyancy)))
+    return (
+        plus(scaled(share, times(to_world, force)), lift),
+        plus(scaled(share, moment), lost),
+        share,
+    )
+
+
+@compiled
+def _add_to_inertia(mass: Floats, row_address: Ints, added: Floats, share: float, r: Matrix) -> None:
+    """Add the rotated added mass to the lower triangle of one free body's block of MuJoCo's `M`.
+
+    Its rows are world velocities and body rates, so that the blocks are R A R', B R' and C of [[A, B'], [B, C]].
+    """
+    for i in range(3):
+        low = row_address[i]
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(3):
+                for m in range(3):
+                    total += r[i][k] * added[k, m] * r[j][m]
+            mass[low + j] += share * total
+    for i in range(3):
+        low = row_address[3 + i]
+        for j in range(3):
+            total = 0.0
+            for m in range(3):
+                total += added[3 + i, m] * r[j][m]
+            mass[low + j] += share * total
+        for j in range(i + 1):
+            mass[low + 3 + j] += share * added[3 + i, 3 + j]
+
+
+@compiled
+def beyond(values: Floats, bound: float) -> int:
+    """First row of a matrix with a value that is NaN or whose size is not below `bound`; -1 if there is none."""
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            if not abs(values[i, j]) < bound:
+                return i
+    return -1
+
+
+@compiled
+def apply(
+    coefficients: Any,
+    pose: Floats,
+    twist: Floats,
+    time: float,
+    water: Water,
+    solver: Solver,
+) -> int:
+    """Give every vehicle its wrench and its added mass, between `mj_step1` and `mj_factorM`.
+
+    Args:
+        coefficients: records of `sim.vehicle.coefficients.RECORD`, shape (v,).
+        pose: position and quaternion, shape (v, 7).
+        twist: velocity in the world, angular velocity in the body, shape (v, 6).
+        time: [s].
+        water: current and waves.
+        solver: where wrench and added mass go; `applied` is overwritten.
+
+    Returns:
+        The index of the first vehicle that is lost (its state or wrench is not finite, or beyond LOST), -1 if none.
+    """
+    row_address, mass, applied = solver
+    for i in range(pose.shape[0]):
+        if beyond(twist[i : i + 1], LOST) == 0:
+            return i
+        c = coefficients[i]
+        force, moment, share = wrench(c, pose[i], twist[i], time, water)
+        total = 0.0
+        for j in range(3):
+            applied[i, j] = force[j]
+            applied[i, 3 + j] = moment[j]
+            total += abs(force[j]) + abs(moment[j])
+        if not total < np.inf:
+            return i
+        _add_to_inertia(mass, row_address[i], c.added_mass, share, rotation(pose[i, 3:7]))
+    return -1

@@ -1,0 +1,137 @@
+"""Vehicles out of MJCF: attach them to the ocean, resolve their names to ids once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import models
+from laisn.failure import LaisnError
+from sim.geometry import attitude
+
+THRUSTERS = (
+    "thruster_main",
+    "thruster_lateral_bow",
+    "thruster_lateral_stern",
+    "thruster_vertical_bow",
+    "thruster_vertical_stern",
+)
+"""Order of a vehicle's actuators, and of commands and thrusts in every array over thrusters.
+
+Positive pushes forward, to port, up.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleSetup:
+    """One vehicle of a scenario. Raises LaisnError if a value is not possible."""
+
+    name: str
+    model: str
+    """MJCF of the vehicle, as `models.path` knows it: "leader", "follower"."""
+    position_m: tuple[float, float, float]
+    """Of the body origin in the world, at the start."""
+    heading_rad: float = 0.0
+    """Compass, at the start."""
+    speed_m_s: float = 0.0
+    """Forward, over ground, at the start."""
+    excess_buoyancy_n: float = 0.0
+    """Added to the buoyancy; positive floats up."""
+    cg_offset_x_m: float = 0.0
+    """Moves the centre of gravity forward."""
+    cg_offset_z_m: float = 0.0
+    """Moves the centre of gravity up."""
+    baseline_m: float | None = None
+    """L, distance of the rear and front transmitters; None leaves them where the MJCF has them."""
+    middle_offset_m: float | None = None
+    """H_T, distance of the middle transmitter to port; None leaves it where the MJCF has it."""
+
+    def __post_init__(self) -> None:
+        if not self.name or "/" in self.name:
+            raise LaisnError(f"vehicle name {self.name!r} must not be empty or contain '/'")
+        models.path(self.model)
+        for name in ("heading_rad", "speed_m_s", "excess_buoyancy_n", "cg_offset_x_m", "cg_offset_z_m"):
+            if not np.isfinite(getattr(self, name)):
+                raise LaisnError(f"{self.name}: {name}={getattr(self, name)} must be finite")
+        if len(self.position_m) != 3 or not np.isfinite(self.position_m).all():
+            raise LaisnError(f"{self.name}: position_m={self.position_m} must be three finite numbers")
+        for name in ("baseline_m", "middle_offset_m"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise LaisnError(f"{self.name}: {name}={value} must be positive and finite")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vehicle:
+    """A vehicle of a compiled model: the ids of its parts."""
+
+    name: str
+    body: int
+    qpos: int
+    """First of its seven entries in `qpos`."""
+    actuators: tuple[int, ...]
+    """In the order of THRUSTERS."""
+
+
+def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None) -> mujoco.MjSpec:
+    """The ocean with vehicles attached, each under the prefix "name/".
+
+    Raises:
+        LaisnError: two vehicles share a name, there is no vehicle, or a vehicle lacks the site that is to be moved.
+    """
+    names = [s.name for s in setups]
+    if not names or len(set(names)) != len(names):
+        raise LaisnError(f"vehicles need distinct names, and there must be one at least; given: {names}")
+    spec = mujoco.MjSpec.from_file(str(models.path("ocean")))
+    if floor_depth_m is not None:
+        # crests of the relief reach up to the floor's depth, so that what is above it is clear
+        spec.geom("floor").pos[2] = -floor_depth_m - spec.hfield("floor").size[2]
+    for setup in setups:
+        spec.attach(_edited(setup), frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
+    return spec
+
+
+def _edited(setup: VehicleSetup) -> mujoco.MjSpec:
+    """The vehicle's own MJCF, loaded afresh, with what the setup changes of it."""
+    spec = mujoco.MjSpec.from_file(str(models.path(setup.model)))
+    for key in list(spec.keys):
+        spec.delete(key)  # the keyframe of one vehicle alone does not fit the composed model
+    hull = spec.body("hull")
+    if hull is None:
+        raise LaisnError(f"{setup.name}: the model {setup.model!r} is no vehicle, it has no body 'hull'")
+    hull.ipos = hull.ipos + np.array([setup.cg_offset_x_m, 0.0, setup.cg_offset_z_m])
+    hull.pos = np.asarray(setup.position_m)
+    hull.quat = attitude.from_euler(setup.heading_rad)
+    spec.site("cg").pos = hull.ipos
+    buoyancy = spec.numeric("buoyancy")
+    buoyancy.data = np.asarray(buoyancy.data) + setup.excess_buoyancy_n
+    moves: dict[str, tuple[int, float]] = {}
+    if setup.baseline_m is not None:
+        moves |= {"tx_rear": (0, -setup.baseline_m / 2), "tx_front": (0, setup.baseline_m / 2)}
+    if setup.middle_offset_m is not None:
+        moves |= {"tx_middle": (1, setup.middle_offset_m)}
+    for name, (axis, value) in moves.items():
+        site = spec.site(name)
+        if site is None:
+            raise LaisnError(f"{setup.name}: the model {setup.model!r} has no site {name!r} to move")
+        site.pos[axis] = value
+    return spec
+
+
+def resolve(model: Any, name: str) -> Vehicle:
+    """Ids of the vehicle `name`; LaisnError if the model has no such vehicle or it lacks a thruster."""
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
+    actuators = tuple(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{name}/{t}") for t in THRUSTERS)
+    if body < 0 or min(actuators) < 0:
+        missing = [f"{name}/hull"] * (body < 0)
+        missing += [f"{name}/{t}" for t, i in zip(THRUSTERS, actuators, strict=True) if i < 0]
+        raise LaisnError(f"the model lacks {', '.join(missing)}")
+    joint = model.body_jntadr[body]
+    return Vehicle(
+        name=name,
+        body=body,
+        qpos=int(model.jnt_qposadr[joint]),
+        actuators=actuators,
+    )

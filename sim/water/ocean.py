@@ -1,0 +1,242 @@
+"""The water: a current that shears with depth, and waves that ride on it.
+
+Velocity of the water at depth −z and time t: u = U(z) + Σ waves, U(z) = (speed + shear z) along one compass
+direction. A wave's phase moves with the surface current, so its frequency at a fixed place is ω + k·U(0). Above the
+still surface the waves' velocity stays what it is at z = 0, as linear theory knows no water there.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled, inlined
+from laisn.elementary import sin_cos
+from laisn.failure import LaisnError
+from sim.geometry.vectors import Matrix, Vector
+from sim.water.waves import FLOOR_DEPTH_M, Waves
+
+Floats = npt.NDArray[np.float64]
+
+Water = tuple[Floats, Floats]
+"""An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
+
+current: velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor [m]; shape (5,).
+waves: one row for each component, shape (n, 11), columns as named below.
+"""
+
+AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
+"""Of a component: [m]; east and north [1/m]; ω and ω at a fixed place [rad/s]; [rad]."""
+K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
+"""What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the velocity scale
+a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the floor."""
+_LEAST_EXPONENT = -700.0
+"""Keeps exp(kz) above zero; what is left of a wave is nothing there, and so is its mirror image."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ocean:
+    """Current, waves, density and depth of a sea.
+
+    Raises LaisnError if a value is not finite or not possible, or the waves belong to another depth.
+    """
+
+    current_speed_m_s: float = 0.0
+    """At the surface."""
+    current_direction_rad: float = 0.0
+    """Compass direction that the current runs towards."""
+    current_shear_1_s: float = 0.0
+    """Loss of speed per metre of depth."""
+    density_kg_m3: float = 1026.0
+    floor_depth_m: float = FLOOR_DEPTH_M
+    waves: Waves = field(default_factory=Waves.none)
+
+    def __post_init__(self) -> None:
+        for name in ("current_speed_m_s", "current_direction_rad", "current_shear_1_s"):
+            if not np.isfinite(getattr(self, name)):
+                raise LaisnError(f"Ocean.{name}={getattr(self, name)} must be finite")
+        for name in ("density_kg_m3", "floor_depth_m"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise LaisnError(f"Ocean.{name}={getattr(self, name)} must be positive and finite")
+        if self.waves.amplitude_m.size and self.waves.floor_depth_m != self.floor_depth_m:
+            raise LaisnError(
+                f"the waves were made for a floor at {self.waves.floor_depth_m:g} m, Ocean.floor_depth_m is "
+                f"{self.floor_depth_m:g} m"
+            )
+
+    @classmethod
+    def calm(cls) -> "Ocean":
+        """No current, no waves."""
+        return cls()
+
+    @property
+    def water(self) -> Water:
+        """Current and waves as compiled functions take them."""
+        towards = np.array([np.sin(self.current_direction_rad), np.cos(self.current_direction_rad)])
+        surface = self.current_speed_m_s * towards
+        current = np.concatenate([surface, self.current_shear_1_s * towards, [self.floor_depth_m]])
+        w = self.waves
+        fixed = w.omega_rad_s + w.wavenumber_1_m @ surface
+        k = np.hypot(w.wavenumber_1_m[:, 0], w.wavenumber_1_m[:, 1])
+        twice_depth = -2.0 * k * self.floor_depth_m
+        orbital = w.amplitude_m * w.omega_rad_s / -np.expm1(twice_depth)
+        given = [w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad]
+        derived = [k, w.wavenumber_1_m / k[:, None], orbital, np.exp(twice_depth)]
+        return current, np.column_stack([*given, *derived])
+
+    @property
+    def wave_parameters(self) -> Floats:
+        """Amplitude, kx, ky, ω, ω at a fixed place and phase of the waves, units as in `water`, shape (n, 6)."""
+        return self.water[1][:, : PHASE + 1]
+
+    def elevation(self, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
+        """Height of the surface above z = 0; x and y broadcast to the shape of the answer, [m], [s]."""
+        x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+        return _elevations(x.ravel(), y.ravel(), time, self.water[1]).reshape(x.shape)
+
+    def velocity(self, position: Floats, time: float) -> Floats:
+        """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
+        out = np.empty_like(position)
+        water_velocity(position, time, self.water, out)
+        return out
+
+    def acceleration(self, position: Floats, time: float) -> Floats:
+        """Acceleration Du/Dt of the water particles at points of shape (n, 3), [m]; likewise, [m/s²]."""
+        return _accelerations(position, time, self.water)
+
+
+@compiled
+def elevation_at(x: float, y: float, time: float, waves: Floats) -> float:
+    """Height of the surface above z = 0 at one place [m]; `waves` of a `Water`."""
+    height = 0.0
+    for i in range(waves.shape[0]):
+        w = waves[i]
+        height += w[AMPLITUDE] * sin_cos(w[KX] * x + w[KY] * y - w[FIXED_OMEGA] * time + w[PHASE])[1]
+    return height
+
+
+@inlined
+def _orbit(w: Floats, x: float, y: float, below: float, time: float) -> tuple[float, float, float, float]:
+    """How a component moves the water at a depth −`below` within the sea: level speed times the cosine and the sine
+    of its phase, upward speed times the cosine and the sine, [m/s].
+    """
+    sin, cos = sin_cos(w[KX] * x + w[KY] * y - w[FIXED_OMEGA] * time + w[PHASE])
+    # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
+    decay = np.exp(max(w[K] * below, _LEAST_EXPONENT))
+    mirrored = w[MIRROR] / decay
+    level, upward = w[ORBITAL] * (decay + mirrored), w[ORBITAL] * (decay - mirrored)
+    return level * cos, level * sin, upward * cos, upward * sin
+
+
+@compiled
+def velocity_at(position: Vector, time: float, water: Water) -> Vector:
+    """Velocity of the water at a point, in the world; [m], [s], [m/s]."""
+    x, y, z = position
+    current, waves = water
+    ux, uy, uz = current[0] + current[2] * z, current[1] + current[3] * z, 0.0
+    below = max(min(z, 0.0), -current[4])
+    for i in range(waves.shape[0]):
+        w = waves[i]
+        level, _, _, upward = _orbit(w, x, y, below, time)
+        ux += level * w[EAST]
+        uy += level * w[NORTH]
+        uz += upward
+    return ux, uy, uz
+
+
+@compiled
+def flow(
+    position: Vector, velocity: Vector, axis: Vector, time: float, water: Water
+) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
+    """The water at a point that moves with `velocity`, all in the world.
+
+    Args:
+        position: of the point [m].
+        velocity: of the point [m/s].
+        axis: unit vector of a hull.
+        time: [s].
+        water: current and waves.
+
+    Returns:
+        velocity u of the water [m/s]; its rate of change as met along the point's path [m/s²]; its gradient, rows
+        u, columns x [1/s]; the rate, along the path, of the gradient taken along `axis` [1/s²]; the gradient along
+        `axis` of the particles' (linear) acceleration [1/s²].
+    """
+    x, y, z = position
+    vx, vy, vz = velocity
+    ax, ay, az = axis
+    current, waves = water
+    sx, sy, depth = current[2], current[3], current[4]
+    ux, uy, uz = current[0] + sx * z, current[1] + sy * z, 0.0
+    dx, dy, dz = sx * vz, sy * vz, 0.0
+    gxx = gxy = gyy = gxz = gyz = gzz = 0.0
+    bx = by = bz = 0.0
+    cx = cy = cz = 0.0
+    below = max(min(z, 0.0), -depth)
+    for i in range(waves.shape[0]):
+        w = waves[i]
+        omega, k, ex, ey = w[OMEGA], w[K], w[EAST], w[NORTH]
+        c_cos, c_sin, s_cos, s_sin = _orbit(w, x, y, below, time)
+        along, rate, rise = ax * ex + ay * ey, w[KX] * vx + w[KY] * vy - w[FIXED_OMEGA], k * vz
+
+        ux += c_cos * ex
+        uy += c_cos * ey
+        uz += s_sin
+        change = s_cos * rise - c_sin * rate
+        dx += change * ex
+        dy += change * ey
+        dz += s_cos * rate + c_sin * rise
+
+        # potential flow: the gradient is symmetric and has no trace
+        gh, gz = -k * c_sin, k * s_cos
+        gxx += gh * ex * ex
+        gxy += gh * ex * ey
+        gyy += gh * ey * ey
+        gxz += gz * ex
+        gyz += gz * ey
+        gzz -= gh
+
+        # along the axis, the gradient is k (−c sin θ·along + s cos θ·az) horizontally and k (s cos θ·along +
+        # c sin θ·az) vertically; −p and −q are their derivatives with θ, −k q and k p those with z
+        p = k * (c_cos * along + s_sin * az)
+        q = k * (s_sin * along - c_cos * az)
+        bh = -p * rate - q * rise
+        bx += bh * ex
+        by += bh * ey
+        bz += p * rise - q * rate
+        cx += omega * p * ex
+        cy += omega * p * ey
+        cz += omega * q
+    gradient = ((gxx, gxy, gxz + sx), (gxy, gyy, gyz + sy), (gxz, gyz, gzz))
+    return (ux, uy, uz), (dx, dy, dz), gradient, (bx, by, bz), (cx, cy, cz)
+
+
+@compiled
+def water_velocity(position: Floats, time: float, water: Water, out: Floats) -> None:
+    """Write the velocity of the water at points of shape (n, 3) to `out`, likewise."""
+    for i in range(position.shape[0]):
+        point = (position[i, 0], position[i, 1], position[i, 2])
+        u = velocity_at(point, time, water)
+        for j in range(3):
+            out[i, j] = u[j]
+
+
+@compiled
+def _elevations(x: Floats, y: Floats, time: float, waves: Floats) -> Floats:
+    out = np.empty(x.size)
+    for i in range(x.size):
+        out[i] = elevation_at(x[i], y[i], time, waves)
+    return out
+
+
+@compiled
+def _accelerations(position: Floats, time: float, water: Water) -> Floats:
+    out = np.empty(position.shape)
+    ahead = (1.0, 0.0, 0.0)
+    for i in range(position.shape[0]):
+        point = (position[i, 0], position[i, 1], position[i, 2])
+        # along its own path, a particle's change of velocity is its acceleration
+        change = flow(point, velocity_at(point, time, water), ahead, time, water)[1]
+        for j in range(3):
+            out[i, j] = change[j]
+    return out

@@ -1,0 +1,144 @@
+"""The pitch study on missions: arithmetic of its tables against closed forms, and a smoke run."""
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from numpy.testing import assert_allclose
+
+from experiments.asymmetry import study as asymmetry
+from experiments.asymmetry.added_error import paired
+from experiments.asymmetry.conditions import CONDITIONS, QUICK_CONDITIONS, command, fleet, scenario
+from experiments.asymmetry.missions import Plan, Row, fly_condition, pair, sense
+from experiments.asymmetry.planner import deepest_offset, worst_error
+from experiments.asymmetry.remedies import ARM, EXACT, LEVEL_BROADCAST, READINGS, STEADIED
+from experiments.asymmetry.tau import Curve, equivalent
+from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import histories
+from experiments.flight.library import load
+from laisn.navigator import Navigator
+from sim.flight import navigate
+from sim.motion import move
+from sim.sensing.observation import errors_of
+
+SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), runs=4,
+             duration_s=40.0)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return [row for offset in SHORT.offsets_m for row in fly_condition(QUICK_CONDITIONS[0], offset, SHORT)]
+
+
+def test_every_mission_is_flown_in_every_arm(rows):
+    assert len(rows) == len(SHORT.routes) * len(SHORT.offsets_m) * len(ARM)
+    assert {(r.route, r.depth_offset_m) for r in rows} == {(t, o) for t in SHORT.routes for o in SHORT.offsets_m}
+    assert all(r.pitch_rms_deg > 1.0 for r in rows)
+
+
+def test_exact_attitude_gives_the_level_leaders_error(rows):
+    for excess in paired(rows).values():
+        assert_allclose(excess.arms[EXACT.key].e_p_mean_m, excess.level.e_p_mean_m, rtol=0.02)
+        if excess.real.depth_offset_m == 10.0:
+            assert excess.part > 0.1
+            assert excess.removed(EXACT) > 0.95
+
+
+def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
+    for excess in paired(rows).values():
+        if excess.real.depth_offset_m == 10.0:
+            assert excess.removed(STEADIED) > 0.9
+            # with the same sensor on a level leader, what pitch still does is less than what the sensor does
+            assert abs(excess.left(READINGS, LEVEL_BROADCAST)) < 0.02 * excess.part
+        # gyros and calm water: little is left of half a degree
+        assert 0.02 < excess.real.ahrs_rms_deg < 0.1
+        assert excess.real.inclinometer_rms_deg >= 0.5
+
+
+def test_level_and_real_leader_differ_in_nothing_but_the_ranges():
+    condition = QUICK_CONDITIONS[0]
+    trajectory = move(fleet(condition, ("T6",), (5.0,), 20.0))
+    sensed = sense(pair(trajectory, 0), condition, "T6", 5.0, 20.0)
+    for name in ("speed", "heading", "depth", "hydrophone", "sent_position", "sent_heading", "message_step"):
+        assert_allclose(getattr(sensed.real, name), getattr(sensed.level, name), atol=1e-12, err_msg=name)
+    assert np.abs(sensed.real.slant_range - sensed.level.slant_range)[:, :2].max() > 1e-3
+
+
+def test_a_mission_of_a_fleet_is_the_mission_flown_alone():
+    condition = QUICK_CONDITIONS[2]
+    together = pair(move(fleet(condition, ("T3", "T6"), (0.0, 10.0), 20.0)), 3)
+    alone = move(scenario(condition, "T6", 10.0, 20.0))
+    assert_allclose(together.position, alone.position, atol=1e-9)
+    assert_allclose(together.pitch, alone.pitch, atol=1e-9)
+
+
+def test_commands_name_the_scenario_that_is_flown():
+    for condition in CONDITIONS:
+        words = command(condition, "T5", 10.0, run=7).replace("\\\n", " ").split()
+        assert words[:5] == ["laisn", "fly", "T5", "--run", "7"]
+        sets = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
+        assert load("T5", sets) == scenario(condition, "T5", 10.0)
+
+
+def test_equivalent_value_inverts_a_curve():
+    curve = Curve(route="T3", variant="laisn-2", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
+                  e_p_mean_m=(0.3, 0.4, 0.6, 1.0))  # fmt: skip
+    assert equivalent(0.0, curve) == 0.0
+    assert equivalent(0.2, curve) == pytest.approx(1.5)
+    assert equivalent(0.7, curve) == pytest.approx(4.0)
+    assert np.isnan(equivalent(0.71, curve))
+    assert np.isnan(equivalent(-0.01, curve))
+
+
+def row(arm: str, mean: float) -> Row:
+    return Row(condition="c", cause="trim", route="T3", depth_offset_m=5.0, variant="laisn-2", arm=arm, runs=60,
+               e_p_mean_m=mean, e_p_run_mean_m=(mean,) * 60, e_p_std_m=0.1, e_p_95_m=1.0, e_p_max_m=2.0,
+               e_b_mean_deg=1.0, captured=0, gated=0, pitch_rms_deg=5.0, pitch_max_deg=6.0, range_mean_m=40.0,
+               depth_offset_rms_m=5.0, inclinometer_rms_deg=0.5, ahrs_rms_deg=0.05)  # fmt: skip
+
+
+def test_share_removed_and_lever():
+    (excess,) = paired([row("level", 0.2), row("real", 0.7), row("attitude-0.5", 0.25)]).values()
+    assert excess.part == pytest.approx(0.5)
+    assert excess.removed(READINGS) == pytest.approx(0.9)
+    assert excess.lever == pytest.approx(5.0 * np.sin(np.deg2rad(5.0)))
+
+
+@pytest.mark.parametrize("pitch_deg", [2.0, 5.0, 10.0])
+@pytest.mark.parametrize("bound", [0.25, 1.0])
+def test_planner_abeam_is_the_bound_over_sin_pitch(pitch_deg, bound):
+    pitch = np.deg2rad(pitch_deg)
+    deepest = deepest_offset(pitch, np.pi / 2, 40.0, bound)
+    assert deepest == pytest.approx(bound / np.sin(pitch), rel=0.02)
+    assert worst_error(pitch, deepest, np.pi / 2, 40.0) == pytest.approx(bound, rel=1e-6)
+
+
+def test_planner_says_where_no_offset_will_do():
+    # foreshortening alone, D cos B (1 − cos φ) / sin B to first order, is more than the bound
+    assert np.isnan(deepest_offset(np.deg2rad(10.0), np.deg2rad(30.0), 100.0, 0.5))
+    assert 100.0 * (1 - np.cos(np.deg2rad(10.0))) / np.tan(np.deg2rad(30.0)) > 0.5
+
+
+def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
+    report = asymmetry.run(tmp_path, quick=True, workers=1, quiet=True)
+    first = report.read_bytes()
+    assert b"What a pitching leader does" in first
+    missions = pq.read_table(tmp_path / "missions.parquet")
+    assert set(missions["condition"].to_pylist()) == {c.key for c in QUICK_CONDITIONS}
+    for name in ("map", "equivalents", "gates"):
+        assert pq.read_table(tmp_path / f"{name}.parquet").num_rows > 0
+
+    def never(*_: object) -> None:
+        raise AssertionError("a stored task was computed again")
+
+    monkeypatch.setattr(asymmetry, "_compute", never)
+    assert asymmetry.run(tmp_path, quick=True, workers=1, quiet=True).read_bytes() == first
+
+
+def test_a_run_of_the_study_is_the_flight_of_its_command():
+    condition, duration = QUICK_CONDITIONS[2], 30.0
+    flown = scenario(condition, "T6", 5.0, duration).model_copy(update={"run": 3})
+    alone = navigate(flown, move(flown), Navigator)
+    sensed = sense(pair(move(fleet(condition, ("T3", "T6"), (5.0,), duration)), 1), condition, "T6", 5.0, duration)
+    states = histories(Cell(truth=sensed.real, errors=errors_of(flown), settings=sensed.settings, seed=flown.seed,
+                            runs=range(4)))  # fmt: skip
+    assert_allclose(alone.estimates[0].state, states[..., 3], atol=1e-6)

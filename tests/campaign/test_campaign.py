@@ -1,0 +1,342 @@
+"""Campaigns: the same bytes whatever the workers and interruptions, and nothing lost when something breaks."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.campaign import campaign, store
+from experiments.campaign import missions as flights
+from experiments.campaign.campaign import CellPlan
+from experiments.campaign.failures import CampaignError, DamagedResult
+from experiments.campaign.processes import Pool, WorkerDiedError
+from experiments.reproduction.study import fly_command
+from laisn import metrics
+from laisn.navigator import Navigator
+from sim.fleet import FleetError
+from sim.flight import navigate
+from sim.scenario.settings import Acoustics, Follower, Leader, Navigation, Scenario, Timing
+
+DURATION = 60.0
+
+
+def scenario(route="T5", variant="laisn-2", interval=1.0, **changes):
+    return Scenario(
+        name=route,
+        motion="kinematic",
+        duration_s=DURATION,
+        timing=Timing(message_interval_s=interval),
+        followers=(Follower(route=route, depth_m=8.0),),
+        navigation=Navigation(variant=variant),
+        **changes,
+    )
+
+
+def plans(runs=5, **changes):
+    return [
+        CellPlan(scenario=scenario(route, variant, interval), runs=runs, **changes)
+        for route in ("T3", "T5")
+        for variant in ("laisn-2", "laisn-3-2")
+        for interval in (1.0, 5.0)
+    ]
+
+
+def contents(folder):
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[3])
+from tests.campaign.test_campaign import plans
+from experiments.campaign import campaign
+if __name__ == "__main__":
+    rows = campaign.run(plans(runs=int(sys.argv[4])), Path(sys.argv[1]), workers=int(sys.argv[2]), quiet=True)
+    campaign_rows = Path(sys.argv[1]) / "rows.txt"
+    campaign_rows.write_text(repr(rows))
+"""
+
+
+def start(folder, workers, runs):
+    root = Path(__file__).resolve().parents[2]
+    script = folder.parent / "campaign_script.py"
+    script.write_text(SCRIPT)
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    return subprocess.Popen(
+        [sys.executable, str(script), str(folder), str(workers), str(root), str(runs)], env=environment, cwd=root
+    )
+
+
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign") / "whole"
+    rows = campaign.run(plans(), folder, workers=1, quiet=True)
+    return folder, rows
+
+
+def test_two_workers_give_the_bytes_of_one(computed, tmp_path):
+    folder, rows = computed
+    assert campaign.run(plans(), tmp_path / "two", workers=2, quiet=True) == rows
+    assert contents(tmp_path / "two") == contents(folder)
+
+
+def test_a_killed_campaign_goes_on_and_ends_with_the_same_bytes(tmp_path):
+    runs = 2000
+    assert start(tmp_path / "whole", 1, runs).wait(300) == 0
+    broken = tmp_path / "broken"
+    process = start(broken, 1, runs)
+    until = time.monotonic() + 200
+    while time.monotonic() < until and len(list(broken.glob("cells/*.parquet"))) < 2:
+        assert process.poll() is None, "it ended before it could be killed"
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = {p.name: p.stat().st_mtime_ns for p in broken.glob("cells/*.parquet")}
+    assert 0 < len(before) < len(plans())
+    assert start(broken, 2, runs).wait(300) == 0
+    assert contents(broken) == contents(tmp_path / "whole")
+    after = {p.name: p.stat().st_mtime_ns for p in broken.glob("cells/*.parquet")}
+    assert {name: after[name] for name in before} == before
+
+
+def test_what_is_stored_is_not_computed_again(computed, monkeypatch):
+    folder, rows = computed
+    monkeypatch.setattr(campaign, "compute", lambda *_: pytest.fail("computed again"))
+    assert campaign.run(plans(), folder, workers=1, quiet=True) == rows
+
+
+def test_force_computes_everything_again(computed, monkeypatch):
+    folder, rows = computed
+    counted = []
+    original = campaign.compute
+    monkeypatch.setattr(campaign, "compute", lambda *given: counted.extend(given[1]) or original(*given))
+    assert campaign.run(plans(), folder, workers=1, force=True, quiet=True) == rows
+    assert len(counted) == len(plans())
+
+
+@pytest.mark.parametrize("damage", [b"", b"PAR1 not a table", None], ids=["empty", "garbage", "one flipped byte"])
+def test_a_damaged_cell_is_computed_again_with_a_warning(computed, damage):
+    folder, rows = computed
+    path = folder / "cells" / f"{plans()[3].key}.parquet"
+    whole = path.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 4] ^= 0x40
+    path.write_bytes(bytes(flipped) if damage is None else damage)
+    with pytest.warns(DamagedResult, match="computed again"):
+        assert campaign.run(plans(), folder, workers=1, quiet=True) == rows
+    assert path.read_bytes() == whole
+
+
+def test_a_cell_under_a_wrong_name_does_not_count(computed):
+    folder, rows = computed
+    first, second = (folder / "cells" / f"{plans()[i].key}.parquet" for i in (0, 1))
+    whole = second.read_bytes()
+    second.write_bytes(first.read_bytes())
+    with pytest.warns(DamagedResult, match="another cell"):
+        assert campaign.run(plans(), folder, workers=1, quiet=True) == rows
+    assert second.read_bytes() == whole
+
+
+@pytest.mark.parametrize("damage", ["empty", "garbage", "cut off", "one array missing"])
+def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
+    given = scenario()
+    flown = campaign.mission(given, store.Store(tmp_path))
+    [path] = (tmp_path / "flights").iterdir()
+    whole = path.read_bytes()
+    if damage == "one array missing":
+        with np.load(path) as arrays:
+            kept = {name: arrays[name] for name in arrays if name != "velocity"}
+        np.savez(path, **kept)
+    else:
+        path.write_bytes({"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage])
+    with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is flown again: \w") as told:
+        again = campaign.mission(given, store.Store(tmp_path))
+    assert len(told) == 1
+    assert again.position.tobytes() == flown.position.tobytes()
+    assert path.read_bytes() == whole
+
+
+def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
+    given = scenario()
+    flown = flights.fly(given)
+    flights.store(tmp_path, given, flown)
+    [path] = tmp_path.iterdir()
+    whole = path.read_bytes()
+    refused = 0
+    for place in np.random.default_rng(5).choice(len(whole), 60, replace=False).tolist():
+        damaged = bytearray(whole)
+        damaged[place] ^= 0x20
+        path.write_bytes(damaged)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            found = flights.read(tmp_path, given)
+        if found is None:
+            refused += [warning.category for warning in told] == [DamagedResult]
+        else:
+            assert found.position.tobytes() == flown.position.tobytes()
+            assert found.velocity.tobytes() == flown.velocity.tobytes()
+    assert refused > 50
+
+
+def test_results_of_another_version_are_refused_and_kept(tmp_path):
+    other = tmp_path / "other"
+    campaign.run(plans()[:1], other, workers=1, quiet=True)
+    (other / "campaign.json").write_text('{"version": "0.0.9+old"}')
+    kept = contents(other)
+    with pytest.raises(ValueError, match=r"version 0\.0\.9\+old.*--out.*--force"):
+        campaign.run(plans()[:1], other, workers=1, quiet=True)
+    assert contents(other) == kept
+
+
+def test_no_cells_runs_or_workers_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="no cells"):
+        campaign.run([], tmp_path, quiet=True)
+    with pytest.raises(ValueError, match="runs is 0, expected at least 1"):
+        CellPlan(scenario=scenario(), runs=0)
+    with pytest.raises(ValueError, match="workers is 0"):
+        Pool(0)
+    with pytest.raises(ValueError, match="follower is 1, the scenario has 1"):
+        CellPlan(scenario=scenario(), follower=1)
+
+
+def die(number):
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def test_a_worker_that_dies_is_named_and_costs_nothing_that_was_there():
+    with Pool(2) as pool, pytest.raises(WorkerDiedError, match="the same command goes on"):
+        list(pool.each(die, ((i,) for i in range(8))))
+
+
+def lost_flight(_):
+    def lost(_):
+        raise FleetError("t = 3 s: the state is lost", 3.0, None)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flights, "move", lost)
+        return flights.fly(Scenario(name="T6", followers=(Follower(route="T6"),)))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_mission_that_diverges_says_so_whatever_process_flies_it(workers):
+    """The flight so far that such an error carries must not be taken for a death of the process."""
+    with Pool(workers) as pool, pytest.raises(CampaignError, match="mission 'T6': t = 3 s: the state is lost"):
+        list(pool.each(lost_flight, [(1,)]))
+
+
+def test_no_cluster_is_said_at_once():
+    begun = time.monotonic()
+    pool = Pool(1, "tcp://127.0.0.1:9")
+    with pytest.raises(ValueError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        pool.__enter__()
+    assert time.monotonic() - begun < 20
+
+
+BARE_WORKER = """
+import asyncio, sys
+
+class Hidden:
+    def find_spec(self, name, path, target=None):
+        if name.split(".")[0] == "experiments":
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, Hidden())
+from distributed import Worker
+
+async def work():
+    async with Worker(sys.argv[1], dashboard=False, name="bare") as worker:
+        await worker.finished()
+
+asyncio.run(work())
+"""
+
+
+def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(computed, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    folder, rows = computed
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="tcp://"
+    ) as cluster:
+        address = cluster.scheduler_address
+        assert campaign.run(plans(), tmp_path / "cluster", cluster=address, quiet=True) == rows
+        assert contents(tmp_path / "cluster") == {k: v for k, v in contents(folder).items() if ".steps." not in k}
+        bare = subprocess.Popen([sys.executable, "-c", BARE_WORKER, address], stderr=subprocess.DEVNULL)
+        try:
+            with distributed.Client(address) as client:
+                client.wait_for_workers(2, timeout=60)
+            begun = time.monotonic()
+            with pytest.raises(ValueError, match=r"laisn-sim is not installed on these workers of tcp://"):
+                campaign.run(plans(), tmp_path / "refused", cluster=address, quiet=True)
+            assert time.monotonic() - begun < 10
+        finally:
+            bare.kill()
+            bare.wait()
+
+
+def test_a_single_flight_has_the_noise_of_its_run(computed):
+    _, rows = computed
+    row = rows[0]
+    given = plans()[0].scenario.model_copy(update={"run": row["worst_run"]})
+    flown = navigate(given, flights.fly(given), Navigator)
+    error = metrics.position_errors(flown.estimates[0].state[:, :2], flown.hydrophone(0)[:, :2])
+    assert error.max() == pytest.approx(row["e_p_max_m"], abs=1e-7)
+
+
+def test_errors_at_each_step_agree_with_the_summary(tmp_path):
+    plan = CellPlan(scenario=scenario(), runs=7, keep_steps=True)
+    [row] = campaign.run([plan], tmp_path, workers=1, quiet=True)
+    steps = store.Store(tmp_path).read_steps(plan.key)
+    assert steps["e_p_max_m"].max() == pytest.approx(row["e_p_max_m"], rel=1e-6)
+    assert steps["e_p_mean_m"].astype(float).mean() == pytest.approx(row["e_p_mean_m"], rel=1e-6)
+    assert steps["e_b_mean_deg"].astype(float).mean() == pytest.approx(row["e_b_mean_deg"], rel=1e-5)
+    assert len(steps["time_s"]) == row["steps"] == round(DURATION / 0.1)
+
+
+def test_steps_that_are_asked_for_later_are_added(computed):
+    folder, rows = computed
+    wanted = [replace(plan, keep_steps=True) for plan in plans()]
+    assert campaign.run(wanted, folder, workers=1, quiet=True) == rows
+    assert store.Store(folder).read_steps(wanted[0].key) is not None
+
+
+def test_one_flight_serves_other_transmitters_and_errors():
+    one = scenario()
+    other = scenario(leader=Leader(baseline_m=1.0, middle_offset_m=0.2), acoustics=Acoustics(range_scale_mean_m=0.3))
+    assert flights.motion_key(one) == flights.motion_key(other)
+    assert flights.motion_key(one) != flights.motion_key(scenario("T3"))
+    flown, moved = flights.fly(other), flights.sited(flights.fly(one), other.leader)
+    np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
+    np.testing.assert_array_equal(moved.position, flown.position)
+
+
+def test_the_key_holds_what_makes_a_cell_and_nothing_else():
+    plan = CellPlan(scenario=scenario())
+    assert plan.key == CellPlan(scenario=scenario().model_copy(update={"name": "renamed", "run": 7})).key
+    others = [
+        CellPlan(scenario=scenario(), runs=61),
+        CellPlan(scenario=scenario(seed=2)),
+        CellPlan(scenario=scenario(interval=5.0)),
+        CellPlan(scenario=scenario(variant="laisn-3-1")),
+    ]
+    assert len({plan.key, *(other.key for other in others)}) == 5
+
+
+def test_the_command_repeats_the_cell():
+    from experiments.flight.library import load
+
+    given = scenario("T5", "laisn-3-2", 5.0, acoustics=Acoustics(range_tau_m=(0.06, 0.01, 0.01)), seed=3)
+    words = fly_command(given, 17).split()
+    assert words[:3] == ["laisn", "fly", "T5"]
+    assignments = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
+    assert words[words.index("--run") + 1] == "17"
+    assert load("T5", assignments) == given

@@ -1,0 +1,205 @@
+"""Campaigns: a fused run is the run that is flown alone, and its metrics are those of its history."""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from experiments.campaign import lane_metrics
+from experiments.campaign.cells import PERCENTILES, Cell
+from experiments.campaign.montecarlo import histories, simulate, simulate_many
+from laisn import POSITION, metrics
+from laisn.lane_rows import LANES
+from laisn.navigator import Navigator
+from laisn.settings import VARIANTS, NavigationSettings, Variant
+from sim.sensing.sensor_errors import SensorErrors, measure
+from sim.sensing.truth import MissionTruth
+
+Floats = npt.NDArray[np.float64]
+
+DT = 0.1
+
+
+def make_truth(steps: int = 200, every: int = 10, *, astern: bool = False, attitude: bool = True) -> MissionTruth:
+    """A leader on a slow weave and a follower astern on its axis, or on its quarter, 2 m deeper."""
+    t = DT * np.arange(steps + 1)
+    leader = np.stack([t, 3.0 * np.sin(0.05 * t)], axis=1)
+    heading = np.pi / 2 - np.arctan(0.15 * np.cos(0.05 * t))
+    offset = (-20.0, 0.0) if astern else (-15.0, -12.0)
+    follower = (
+        leader + np.array(offset) + (0.0 if astern else 0.5) * np.stack([np.cos(0.1 * t), np.sin(0.1 * t)], axis=1)
+    )
+    velocity = np.gradient(follower, DT, axis=0)
+    depth = 10.0 + 0.3 * np.sin(0.2 * t)
+    forward, port = (
+        np.stack([np.sin(heading), np.cos(heading)], axis=1),
+        np.stack([-np.cos(heading), np.sin(heading)], 1),
+    )
+    sites = [leader - forward, leader + forward, leader + 0.1 * port]
+    ranges = np.stack([np.sqrt(np.sum((follower - s) ** 2, axis=1) + (depth - 8.0) ** 2) for s in sites], axis=1)
+    k = np.arange(every, steps + 1, every)
+    lost = ranges[k].copy()
+    lost[3::7, 1] = np.nan
+    return MissionTruth(
+        dt=DT,
+        start=np.concatenate([follower[0], velocity[0]]),
+        speed=np.hypot(*velocity[1:].T),
+        heading=np.arctan2(*velocity[1:].T),
+        depth=depth[1:],
+        hydrophone=follower[1:],
+        leader_position=leader[1:],
+        leader_heading=heading[1:],
+        message_step=k,
+        emission_step=k - 1,
+        timestamp=k * DT,
+        sent_position=np.column_stack([leader[k], np.full(k.size, 8.0)]),
+        sent_heading=heading[k],
+        sent_speed=np.hypot(1.0, 0.15 * np.cos(0.05 * t[k])),
+        sent_attitude=0.05 * np.stack([np.sin(t[k]), np.cos(t[k])], axis=1) * (1.0 if attitude else np.nan),
+        slant_range=lost,
+    )
+
+
+EVERYTHING = SensorErrors(
+    depth_sigma=0.05, leader_speed_bias=0.05, leader_speed_sigma=0.1, leader_heading_bias=0.04,
+    leader_heading_sigma=0.02, leader_depth_sigma=0.04, leader_pitch_sigma=0.01, leader_roll_sigma=0.02,
+    leader_attitude_time=4.0, leader_attitude_offset_sigma=0.015, range_tau=(0.02, 0.03, 0.04), range_scale_mean=0.2,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("errors", [SensorErrors(), EVERYTHING], ids=["paper", "everything"])
+def test_a_run_of_a_campaign_is_the_run_flown_alone(variant: Variant, errors: SensorErrors) -> None:
+    truth = make_truth()
+    navigation = NavigationSettings(variant=variant, use_attitude=True)
+    states = histories(Cell(truth=truth, errors=errors, settings=navigation, seed=9, runs=range(70), follower=2))
+    for run in (0, 63, 69):
+        measurements = measure(truth, errors, seed=9, run=run, follower=2)
+        alone = Navigator(navigation, truth.start).run(measurements)
+        assert np.abs(states[:, :, run] - alone.state).max() < 1e-9
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
+    # Astern of the leader with a large β: fixes of all kinds, and captures on the wrong side.
+    truth = make_truth(astern=True, attitude=False)
+    errors = SensorErrors(range_scale_mean=0.3, range_tau=(0.2, 0.2, 0.2))
+    navigation = NavigationSettings(variant=variant, gate="v-measured", position_sigma0=3.0)
+    runs = range(5, 12)
+    result = simulate(Cell(truth=truth, errors=errors, settings=navigation, seed=4, runs=runs), keep_runs=True)
+
+    alone = [Navigator(navigation, truth.start).run(measure(truth, errors, seed=4, run=run)) for run in runs]
+    position = np.stack([metrics.position_errors(e.state[:, POSITION], truth.hydrophone) for e in alone])
+    bearing = np.stack(
+        [metrics.bearing_errors(e.state[:, POSITION], truth.hydrophone, truth.leader_position) for e in alone]
+    )
+    expected = metrics.summarise(position, bearing)
+    for name, value in vars(expected).items():
+        assert getattr(result.errors, name) == pytest.approx(value, abs=1e-8), name
+    assert result.nees == pytest.approx(np.nanmean([metrics.nees(e, truth.hydrophone) for e in alone]), rel=1e-6)
+    assert result.nis == pytest.approx(np.nanmean(np.concatenate([metrics.nis(e) for e in alone])), rel=1e-6)
+    counts = [metrics.fix_counts(e) for e in alone]
+    assert result.fixes == {kind: sum(c[kind] for c in counts) for kind in counts[0]}
+    captures = [
+        metrics.captured_steps(e.state[:, POSITION], truth.hydrophone, truth.leader_position, truth.leader_heading)
+        for e in alone
+    ]
+    captured = np.array([metrics.longest_capture(c) >= 10 for c in captures])
+    assert result.captured == captured.sum()
+    assert result.worst_run == runs[int(np.argmax(position.max(axis=1)))]
+
+    table = result.table
+    assert table is not None
+    assert table.run.tolist() == list(runs)
+    assert table.captured.tolist() == captured.tolist()
+    assert table.gated.tolist() == [c["gated"] for c in counts]
+    assert table.e_p_max_m == pytest.approx(position.max(axis=1), abs=1e-9)
+    assert table.e_p_mean_m == pytest.approx(position.mean(axis=1), abs=1e-9)
+    assert table.e_b_max_deg == pytest.approx(np.rad2deg(bearing.max(axis=1)), abs=1e-8)
+    assert table.e_b_mean_deg == pytest.approx(np.rad2deg(bearing.mean(axis=1)), abs=1e-8)
+
+    # A histogram places a percentile between its neighbours among the sorted errors, to within a bin.
+    for errors_, percentiles in (
+        (position, result.e_p_percentiles_m),
+        (np.rad2deg(bearing), result.e_b_percentiles_deg),
+    ):
+        for share, value in zip(PERCENTILES, percentiles, strict=True):
+            below = np.percentile(errors_, share, method="lower")
+            above = np.percentile(errors_, share, method="higher")
+            assert below * (1 - 2**-7) <= value <= above * (1 + 2**-7)
+
+
+def test_bins_hold_what_lies_between_their_edges() -> None:
+    edges = lane_metrics.bin_edges(lane_metrics.LOWEST_P)
+    assert edges.size == lane_metrics.BINS + 1
+    inner = edges[1:-1]
+    assert np.all(np.diff(inner) > 0)
+    assert np.diff(inner) / inner[:-1] == pytest.approx(np.full(inner.size - 1, 2**-7), rel=1)
+    histogram = np.zeros(lane_metrics.BINS, dtype=np.int64)
+    histogram[np.digitize([0.5], edges)[0] - 1] = 1
+    assert lane_metrics.percentile(histogram, lane_metrics.LOWEST_P, 0.5, 10.0) == pytest.approx(0.5, rel=2**-7)
+
+
+def test_results_depend_neither_on_threads_nor_on_blocks() -> None:
+    truth = make_truth(60)
+    cells = [
+        Cell(truth=truth, settings=NavigationSettings(variant=variant), runs=range(3, 3 + count))
+        for variant, count in (("laisn-2", 60), ("laisn-3-1", 150), ("laisn-3-2", 1))
+    ]
+    alone = [simulate(cell, keep_runs=True) for cell in cells]
+    for threads in (1, 2, 3):
+        for one, other in zip(alone, simulate_many(cells, threads=threads, keep_runs=True), strict=True):
+            assert_same(one, other)
+    # Runs fall into other blocks if the cell begins elsewhere, and are the same to the bit.
+    shifted = simulate(replace(cells[1], runs=range(50, 100)), keep_runs=True)
+    assert alone[1].table is not None
+    assert shifted.table is not None
+    for name, values in vars(shifted.table).items():
+        assert values.tobytes() == getattr(alone[1].table, name)[47:97].tobytes()
+
+
+def assert_same(one: object, other: object) -> None:
+    for name, value in vars(one).items():
+        if name == "table":
+            for column, values in vars(value).items():
+                assert values.tobytes() == getattr(vars(other)["table"], column).tobytes()
+        else:
+            assert value == vars(other)[name]
+
+
+def test_perfect_sensors_recover_the_truth() -> None:
+    truth = make_truth()
+    perfect = SensorErrors(
+        speed_bias=0.0, speed_sigma=0.0, heading_bias=0.0, heading_sigma=0.0, range_tau=(0.0, 0.0, 0.0),
+        range_scale_mean=0.0, range_scale_sigma=0.0,
+    )  # fmt: skip
+    # Without attitude the follower takes the leader as level, which it is here: only sampling of the turn is left.
+    result = simulate(Cell(truth=truth, errors=perfect, runs=range(2)))
+    assert result.errors.e_p_max_m < 0.5 * 0.05 * DT  # half a step's way sideways, of the weave's 0.05 m/s
+    assert result.captured == 0
+
+
+def test_a_campaign_needs_no_memory_for_its_runs() -> None:
+    cell = Cell(truth=make_truth(10, 5), runs=range(10 * LANES))
+    assert simulate(cell).table is None
+    assert simulate(cell).runs == 10 * LANES
+
+
+def test_states_that_are_not_finite_are_reported() -> None:
+    # Neither process noise nor speed: nothing is left to divide by.
+    truth = replace(make_truth(20), speed=np.zeros(20))
+    still = SensorErrors(speed_bias=0.0, speed_sigma=0.0)
+    navigation = NavigationSettings(alpha=0.0, sigma_a0=0.0, sigma_speed=0.0)
+    with pytest.raises(ValueError, match="run 7 left finite numbers"):
+        simulate(Cell(truth=truth, errors=still, settings=navigation, runs=range(7, 9)))
+
+
+def test_cells_are_checked() -> None:
+    truth = make_truth(20)
+    with pytest.raises(ValueError, match=r"settings\.dt is 1\.0 s, the mission's 0\.1 s"):
+        Cell(truth=truth, settings=NavigationSettings(dt=1.0))
+    with pytest.raises(ValueError, match="expected at least one"):
+        Cell(truth=truth, runs=range(0))
+    with pytest.raises(ValueError, match="seed is -1"):
+        simulate(Cell(truth=truth, seed=-1))

@@ -1,0 +1,111 @@
+"""The version of results: it changes with every source that may change a number, and with no other."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from experiments.asymmetry import study
+from experiments.campaign import version
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("models", "laisn", "sim", "experiments")
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("tree")
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
+    return root
+
+
+@pytest.fixture(scope="module")
+def unedited(tree: Path) -> str:
+    return version.fingerprint(tree)
+
+
+def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
+    """The fingerprint while files have a line more."""
+    whole = {name: (root / name).read_bytes() for name in names}
+    try:
+        for name, content in whole.items():
+            (root / name).write_bytes(content + text.encode())
+        return version.fingerprint(root)
+    finally:
+        for name, content in whole.items():
+            (root / name).write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/tilt.py", "sim/scenario/file.py", "laisn/lane_fix.py", "laisn/metrics.py",
+     "experiments/campaign/montecarlo.py", "experiments/campaign/missions.py", "models/follower.xml", "sim/scenario/data/followers_T2_T9.json"],
+)  # fmt: skip
+def test_an_edit_of_what_computes_makes_another_version(tree: Path, unedited: str, name: str) -> None:
+    assert after_edits(tree, name) != unedited
+
+
+def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
+    modules = ("film/studio", "render", "film/overlay", "film/scene", "film/graphics", "log/writer", "log/scene")
+    others = ("page.py", "cli.py", "report.py", "templates/page.css", "data/published_tables.csv")
+    edited = [*(f"sim/{name}.py" for name in modules), *(f"experiments/{name}" for name in others)]
+    assert after_edits(tree, *edited) == unedited
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["\nimport sim.tides\n", "\nfrom sim import tides\n", "\nfrom sim.tides import HEIGHT\n", "\nfrom . import tides\n",
+     "\nfrom .tides import HEIGHT\n", "\ndef late():\n    from sim.tides import HEIGHT\n    return HEIGHT\n"],
+)  # fmt: skip
+def test_a_module_counts_from_its_first_import_on(tree: Path, text: str) -> None:
+    new = tree / "sim" / "tides.py"
+    try:
+        new.write_text("HEIGHT = 1.0\n")
+        used = after_edits(tree, "sim/water/ocean.py", text=text)
+        new.write_text("HEIGHT = 2.0\n")
+        assert after_edits(tree, "sim/water/ocean.py", text=text) != used
+    finally:
+        new.unlink()
+
+
+def test_a_module_that_nothing_imports_does_not_count(tree: Path, unedited: str) -> None:
+    new = tree / "sim" / "tides.py"
+    try:
+        new.write_text("HEIGHT = 1.0\n")
+        assert version.fingerprint(tree) == unedited
+    finally:
+        new.unlink()
+
+
+def test_a_renamed_entry_is_noticed(tree: Path) -> None:
+    moved = tree / "sim" / "tilt.py"
+    moved.rename(tree / "tilt.py")
+    try:
+        with pytest.raises(FileNotFoundError, match=r"sim\.tilt"):
+            version.fingerprint(tree)
+    finally:
+        (tree / "tilt.py").rename(moved)
+
+
+def test_whatever_python_loads_for_the_studies_is_among_the_sources() -> None:
+    """Python's own list of modules is the judge: campaigns, and the modules of the pitch study that compute."""
+    studies = [f"experiments.asymmetry.{name}" for name in study._SOURCES]
+    code = f"import sys, experiments.campaign.campaign\nown = {PACKAGES!r}\n"
+    code += "print(*(m for m in sys.modules if m.partition('.')[0] in own), sep='\\n')\n"
+    code += f"import {', '.join(studies)}\n"
+    code += "print(*(m for m in sys.modules if m.partition('.')[0] in own[:3]), sep='\\n')\n"
+    loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    files = {path.relative_to(ROOT).with_suffix("").as_posix() for path in version.sources() if path.suffix == ".py"}
+    known = {file.removesuffix("/__init__").replace("/", ".") for file in files}
+    assert {"sim.motion", "experiments.campaign.montecarlo", "sim.tilt"} <= set(loaded.split())
+    assert set(loaded.split()) <= known
+
+
+def test_the_version_names_package_and_sources() -> None:
+    name, _, digits = version.code_version().partition("+")
+    assert name.count(".") == 2
+    assert digits == version.fingerprint()
+    assert len(digits) == 12

@@ -1,0 +1,228 @@
+"""Thrust allocation, and step responses of the loops against the second-order systems they are designed to be."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from sim.control import allocation, autopilot
+from sim.fleet import FleetError, fly_fleet
+from sim.scenario.routes import DepthProfile, Route
+from sim.vehicle.mjcf import VehicleSetup
+from sim.vehicle.plant import Plant
+from sim.water.ocean import Ocean
+
+LEADER = np.array([[-40.0, 40.0], [-40.0, 40.0]])
+thrust = st.floats(-200, 200)
+lever = st.floats(0.2, 1.0)
+limit = st.tuples(st.floats(-50, -1), st.floats(1, 50))
+
+
+@given(thrust, thrust, lever, lever, limit, limit)
+def test_allocation_never_exceeds_limits(force, moment, bow, stern, bow_limits, stern_limits):
+    limits = np.array([bow_limits, stern_limits])
+    shares = np.array(allocation.share(force, moment, bow, -stern, limits))
+    assert np.all(shares >= limits[:, 0])
+    assert np.all(shares <= limits[:, 1])
+
+
+@given(st.floats(-40, 40), st.floats(-40, 40), lever, lever)
+def test_allocation_reproduces_what_thrusters_can_give(at_bow, at_stern, bow, stern):
+    given_back = allocation.share(at_bow + at_stern, bow * at_bow - stern * at_stern, bow, -stern, LEADER)
+    assert given_back == pytest.approx((at_bow, at_stern), abs=1e-9)
+
+
+@given(thrust, thrust, lever, lever, limit, limit)
+def test_the_moment_comes_first(force, moment, bow, stern, bow_limits, stern_limits):
+    limits = np.array([bow_limits, stern_limits])
+    at_bow, at_stern = allocation.share(force, moment, bow, -stern, limits)
+    # the extremes of the moment lie at corners of the box of thrusts
+    most = bow * limits[0, 1] - stern * limits[1, 0]
+    least = bow * limits[0, 0] - stern * limits[1, 1]
+    assert bow * at_bow - stern * at_stern == pytest.approx(np.clip(moment, least, most), abs=1e-9)
+
+
+@given(thrust, st.floats(-20, 20), st.lists(st.floats(0, 1), min_size=2, max_size=2))
+def test_no_other_share_comes_closer_to_the_force(force, moment, trial):
+    at_bow, at_stern = allocation.share(force, moment, 0.5, -0.5, LEADER)
+    # another pair with the same moment: the stern follows from the bow
+    other_bow = LEADER[0, 0] + trial[0] * 80.0
+    other_stern = other_bow - moment / 0.5
+    assume(-40 <= other_stern <= 40)
+    assert abs(at_bow + at_stern - force) <= abs(other_bow + other_stern - force) + 1e-9
+
+
+def plant(model="leader", *, ocean=None, depth=10.0, buoyancy=0.0, speed=1.0):
+    setup = VehicleSetup(
+        name=model,
+        model=model,
+        position_m=(0.0, 0.0, -depth),
+        speed_m_s=speed,
+        excess_buoyancy_n=buoyancy,
+    )
+    return Plant([setup], ocean or Ocean.calm())
+
+
+def northbound(depth=None, speed=1.0):
+    """Straight north; the vehicle starts on it."""
+    return Route.at_speed("north", [[0, 0], [0, 2000]], speed, depth or DepthProfile.constant(10.0))
+
+
+def test_the_design_is_read_from_the_vehicle():
+    # leader.xml: mass 67.1515, added 1.96437, 63.43995, 11.44948; inertia 13.64016 about a centre 0.02 m low; lag 0.3 s
+    d = autopilot.design(plant(), ("pitch",))[0]
+    assert d["omega"] == pytest.approx(1 / 1.2)
+    assert d["surge_mass"] == pytest.approx(67.1515 + 1.96437)
+    assert d["heave_mass"] == pytest.approx(67.1515 + 63.43995)
+    assert d["yaw_inertia"] == pytest.approx(13.64016 + 11.44948)
+    assert d["pitch_inertia"] == pytest.approx(13.64016 + 67.1515 * 0.02**2 + 11.44948)
+    assert d["righting"] == pytest.approx(67.1515 * 9.81 * 0.02)
+    assert d["lateral"].tolist() == [0.62, -0.62]
+    assert d["limits"][0].tolist() == [-60, 150]
+
+
+@pytest.mark.parametrize("modes", [(), ("pitch", "pitch"), ("sideways",)])
+def test_unknown_modes_are_refused(modes):
+    with pytest.raises(ValueError, match="expected a mode of depth control"):
+        autopilot.design(plant(), modes)
+
+
+@pytest.mark.parametrize("model", ["leader", "follower"])
+def test_the_drag_that_the_autopilot_expects_is_that_of_the_plant(model):
+    # at constant speed thrust is drag; nothing is left for the integral or the along-track correction to do
+    flown = fly_fleet(plant(model), [northbound()], 60.0)
+    d = autopilot.design(plant(model), ("pitch",))[0]
+    expected = d["drag"] + d["drag_linear"] * np.exp(-d["drag_fade"])
+    assert flown.thrust[-1, 0, 0] == pytest.approx(expected, rel=1e-3)
+    assert flown.forward_speed[-1, 0] == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("model", ["leader", "follower"])
+@pytest.mark.parametrize("speed", [1.0, 2.0])
+def test_a_turn_of_ninety_degrees_is_flown_at_ten_degrees_per_second(model, speed):
+    route = Route.at_speed("corner", [[0, 0], [0, 80], [160, 80]], speed, 10.0)
+    flown = fly_fleet(plant(model, speed=speed), [route], 160.0 / speed)
+    rate = -flown.angular_velocity[:, 0, 2]
+    assert np.rad2deg(rate.max()) == pytest.approx(10.0, abs=1.0)
+    # from 5 to 85 degrees in 8 s
+    heading = np.rad2deg((flown.heading[:, 0] + 1.0) % (2 * np.pi) - 1.0)
+    took = flown.time[np.argmax(heading > 85)] - flown.time[np.argmax(heading > 5)]
+    assert took == pytest.approx(8.0, abs=0.3)
+    # a well damped loop: the overshoot stays below a fifth of a second's turning
+    assert heading.max() < 92.0
+    assert heading[-1] == pytest.approx(90.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("model", "top"), [("leader", 3.0), ("follower", 3.0)])
+def test_speed_changes_at_a_fifth_of_a_metre_per_second_squared(model, top):
+    # 1 to 3 m/s at 0.2 m/s² takes 10 s; the ramp is the reference's, the vehicle lags it by less than its bandwidth
+    time = np.array([0.0, 30.0, 90.0])
+    north = np.array([0.0, 30.0, 30.0 + 60.0 * top - (top - 1) ** 2 / 0.4])
+    route = Route.timed("ramp", np.column_stack([time, 0 * time, north]), 10.0)
+    flown = fly_fleet(plant(model), [route], 90.0)
+    speed = flown.forward_speed[:, 0]
+    assert speed.max() < top + 0.02
+    assert speed[-1] == pytest.approx(top, abs=0.02)
+    ramp = (flown.time > 33) & (flown.time < 39)
+    slope = np.polyfit(flown.time[ramp], speed[ramp], 1)[0]
+    assert slope == pytest.approx(0.2, abs=0.005)
+
+
+@pytest.mark.parametrize("buoyancy", [-12.0, 3.0, 12.0])
+@pytest.mark.parametrize("model", ["leader", "follower"])
+def test_depth_is_held_by_trim_against_excess_buoyancy(model, buoyancy):
+    flown = fly_fleet(plant(model, buoyancy=buoyancy), [northbound(speed=1.2)], 200.0)
+    last = flown.time > 150
+    assert flown.depth[last, 0] == pytest.approx(10.0, abs=0.02)
+    # buoyant: the nose stays down; the incidence lifts what the hull's and the fins' coefficients say
+    d = autopilot.design(plant(model), ("pitch",))[0]
+    linear = -buoyancy / (d["lift"] * 1.2**2)
+    # cross-flow drag helps: the angle is less than the linear lift alone asks for, but of its order
+    assert 0.6 * abs(linear) < abs(flown.pitch[-1, 0]) < abs(linear)
+    assert np.sign(flown.pitch[-1, 0]) == -np.sign(buoyancy)
+    assert np.abs(flown.thrust[-1, 0, 3:].sum()) < 0.1 * abs(buoyancy)
+
+
+@pytest.mark.parametrize("model", ["leader", "follower"])
+def test_depth_is_held_by_thrust_with_a_level_hull(model):
+    flown = fly_fleet(plant(model, buoyancy=7.0), [northbound()], 150.0, ("thrust",))
+    assert flown.depth[-1, 0] == pytest.approx(10.0, abs=0.02)
+    assert np.rad2deg(flown.pitch[-1, 0]) == pytest.approx(0.0, abs=0.1)
+    # what floats up is pushed down
+    assert flown.thrust[-1, 0, 3:].sum() == pytest.approx(-7.0, abs=0.2)
+
+
+@pytest.mark.parametrize("mode", ["pitch", "thrust"])
+def test_slow_vehicles_hold_depth_too(mode):
+    flown = fly_fleet(plant("follower", buoyancy=3.0, speed=0.3), [northbound(speed=0.3)], 150.0, (mode,))
+    assert flown.depth[-1, 0] == pytest.approx(10.0, abs=0.03)
+
+
+@pytest.mark.parametrize("mode", ["pitch", "thrust"])
+@pytest.mark.parametrize("model", ["leader", "follower"])
+def test_a_step_of_depth_settles_without_much_overshoot(model, mode):
+    profile = DepthProfile.through([[0, 10], [20, 10], [20.1, 12]])
+    flown = fly_fleet(plant(model), [northbound(profile)], 120.0, (mode,))
+    assert flown.depth[:, 0].max() < 12 + 0.25 * 2
+    late = flown.time > 20 + 60
+    assert flown.depth[late, 0] == pytest.approx(12.0, abs=0.05)
+    steepest = np.rad2deg(np.abs(flown.pitch).max())
+    if mode == "pitch":
+        assert 10 < steepest < 22
+    else:
+        # 2 m in 6 s at 1 m/s along is a path of 18°; the hull stays level by comparison
+        assert steepest < 6
+
+
+def test_integrals_do_not_wind_up_while_thrusters_are_at_their_limit():
+    memory = np.zeros(5)
+    autopilot._integrate(memory, 1, 0.5, 200.0, 150.0)
+    assert memory[1] == 0.0
+    autopilot._integrate(memory, 1, -0.5, 200.0, 150.0)
+    assert memory[1] == -0.5
+    autopilot._integrate(memory, 1, 0.5, 100.0, 100.0)
+    assert memory[1] == 0.0
+    autopilot._integrate(memory, 1, -0.5, -200.0, -60.0)
+    assert memory[1] == 0.0
+
+
+def test_a_route_against_a_current_is_kept():
+    ocean = Ocean(current_speed_m_s=0.4, current_direction_rad=np.pi / 2)
+    flown = fly_fleet(plant(ocean=ocean), [northbound()], 150.0)
+    late = flown.time > 60
+    assert np.abs(flown.position[late, 0, 0]).max() < 0.05
+    # 0.4 m/s from the west: the sine of the crab angle is 0.4 over the speed through the water
+    assert flown.heading[-1, 0] - 2 * np.pi == pytest.approx(-np.arctan2(0.4, 1.0), abs=0.01)
+    assert flown.forward_speed[-1, 0] == pytest.approx(np.hypot(0.4, 1.0), abs=0.01)
+
+
+def test_a_lost_state_stops_the_flight_where_it_appears():
+    vehicle = plant()
+    good, calls = vehicle.step, []
+
+    def step(command, substeps):
+        calls.append(None)
+        if len(calls) == 30:
+            vehicle.twist[0, 0] = np.nan
+        good(command, substeps)
+
+    vehicle.step = step
+    with pytest.raises(FleetError) as caught:
+        fly_fleet(vehicle, [northbound()], 10.0)
+    # the 30th step leaves instant 29
+    assert caught.value.trajectory.time[-1] == pytest.approx(2.9)
+    assert np.isfinite(caught.value.trajectory.position).all()
+    assert caught.value.time == pytest.approx(2.9, abs=0.11)
+
+
+def test_flights_are_refused_that_do_not_fit():
+    with pytest.raises(ValueError, match="1 vehicles need as many routes, got 2"):
+        fly_fleet(plant(), [northbound()] * 2, 10.0)
+    with pytest.raises(ValueError, match="no positive multiple"):
+        fly_fleet(plant(), [northbound()], 10.05)
+
+
+def test_progress_is_told_seldom():
+    told = []
+    fly_fleet(plant(), [northbound()], 100.0, progress=told.append)
+    assert told == pytest.approx([0, 50])

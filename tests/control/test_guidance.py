@@ -1,0 +1,154 @@
+"""Guidance on vehicles that obey at once: a point that moves as it is told, in moving water."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.control import guidance
+from sim.control.guidance import COURSE, DEPTH, EAST, NORTH, SINKING, SPEED, TURNING
+from sim.scenario import routes as missions
+from sim.scenario.point_motion import plan
+from sim.scenario.routes import DepthProfile, Route
+
+DT = 0.1
+NORTHBOUND = Route.timed("north", [[0, 0, 0], [2000, 0, 2000]], 5.0)
+CORNER = Route.timed("corner", [[0, 0, 0], [200, 0, 200], [400, 200, 200]], 5.0)
+
+
+def level(heading: float) -> np.ndarray:
+    """Quaternion of a level hull."""
+    half = (np.pi / 2 - heading) / 2
+    return np.array([np.cos(half), 0, 0, np.sin(half)])
+
+
+def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0):
+    """Positions, headings and speeds of a point that turns and speeds up as commanded."""
+    table = guidance.reference([route], np.arange(0, duration, DT))[:, 0]
+    water = np.array([*water, 0.0])
+    position = table[0, [EAST, NORTH]] + np.array(offset)
+    velocity = table[0, SPEED] * np.array([np.sin(heading), np.cos(heading)])
+    memory = np.zeros(guidance.GUIDANCE_MEMORY)
+    guidance.begin(table[0], np.array([*position, -5.0, *level(heading)]), np.array([*velocity, 0.0]), water, memory)
+    rows = []
+    for row in table:
+        psi, rate, speed = guidance.steer(row, position, water, DT, memory)
+        rows.append((*position, psi, rate, speed))
+        position = position + DT * (speed * np.array([np.sin(psi), np.cos(psi)]) + water[:2])
+    return table, np.array(rows)
+
+
+def test_a_reference_holds_motion_and_depth():
+    route = Route.timed("dive", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 10]]))
+    table = guidance.reference([route, missions.route("L")], np.array([0.0, 25.0, 80.0]))
+    assert table.shape == (3, 2, 8)
+    assert table[:, 0, NORTH] == pytest.approx([0, 25, 80])
+    # before 0 s the depth is held: half of the first interval of the mean, and a quarter of its rise
+    assert table[:, 0, DEPTH] == pytest.approx([5 + 0.1 * guidance.DEPTH_SMOOTHING / 8, 7.5, 10])
+    assert table[:, 0, SINKING] == pytest.approx([0.05, 0.1, 0])
+    assert table[:, 1, COURSE] == pytest.approx(np.pi / 2)
+
+
+def test_on_the_path_nothing_is_corrected():
+    table = guidance.reference([CORNER], np.arange(0, 300, DT))[:, 0]
+    memory = np.array([table[0, COURSE], table[0, SPEED], 0.0, 0.0])
+    commands = np.array([guidance.steer(row, row[[EAST, NORTH]], np.zeros(2), DT, memory) for row in table])
+    assert commands[:, 0] == pytest.approx(table[:, COURSE], abs=1e-9)
+    assert commands[:, 2] == pytest.approx(table[:, SPEED], abs=1e-9)
+
+
+def test_a_small_cross_track_error_fades_exponentially():
+    # y' = −U sin(atan(y / (T U))), for small y: y = y0 exp(−t / T)
+    _, flown = follow(NORTHBOUND, 30.0, offset=(0.4, 0.0), heading=-np.arctan(0.1))
+    time = np.arange(0, 30.0, DT)
+    assert flown[:, 0] == pytest.approx(0.4 * np.exp(-time / guidance.LOOKAHEAD_TIME), abs=0.01)
+
+
+def test_an_along_track_error_is_caught_up():
+    _, flown = follow(NORTHBOUND, 80.0, offset=(0.0, -1.0))
+    behind = np.arange(0, 80.0, DT) - flown[:, 1]
+    assert behind[0] == pytest.approx(1.0)
+    assert abs(behind[-1]) < 0.01
+    assert flown[:, 4].max() <= 1.0 + guidance.CATCH_UP
+
+
+@pytest.mark.parametrize("water", [(0.5, 0.0), (-0.3, 0.4), (0.0, -0.6)])
+def test_the_vehicle_crabs_against_a_current(water):
+    _, flown = follow(NORTHBOUND, 120.0, water=water)
+    # what is left of 1 m/s north over ground without the current
+    through = np.array([0.0, 1.0]) - water
+    psi, speed = flown[-1, 2], flown[-1, 4]
+    assert psi == pytest.approx(np.arctan2(*through), abs=1e-3)
+    assert speed == pytest.approx(np.hypot(*through), abs=1e-3)
+    assert abs(flown[-1, 0]) < 0.01
+
+
+def test_the_current_is_low_passed():
+    memory = np.zeros(guidance.GUIDANCE_MEMORY)
+    row = guidance.reference([NORTHBOUND], np.zeros(1))[0, 0]
+    for _ in range(round(guidance.CURRENT_TIME / 0.001)):
+        guidance.steer(row, np.zeros(3), np.array([1.0, 0.0, 0.0]), 0.001, memory)
+    assert memory[guidance.CURRENT_EAST] == pytest.approx(1 - np.exp(-1), abs=1e-3)
+
+
+@given(
+    st.tuples(st.floats(-100, 100), st.floats(-100, 100)),
+    st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
+    st.floats(0, 1000),
+    st.floats(-10, 10),
+    st.floats(0, 3),
+)
+def test_commands_change_no_faster_than_the_vehicle_may(position, water, time, heading, speed):
+    row = guidance.reference([missions.route("T8")], np.array([time]))[0, 0]
+    memory = np.array([heading, speed, *water])
+    psi, rate, wanted = guidance.steer(row, np.array(position), np.array(water), DT, memory)
+    assert abs(psi - heading) <= np.deg2rad(10.0) * DT + 1e-12
+    assert abs(wanted - speed) <= 0.2 * DT + 1e-12
+    assert rate == pytest.approx((psi - heading) / DT)
+
+
+def test_the_start_is_taken_as_it_is():
+    row = guidance.reference([CORNER], np.zeros(1))[0, 0]
+    memory = np.zeros(guidance.GUIDANCE_MEMORY)
+    pose, water = np.array([0.0, 0.0, -5.0, *level(2.0)]), np.array([0.1, -0.2, 0.0])
+    velocity = 0.7 * np.array([np.sin(2.0), np.cos(2.0), 0.0]) + water
+    guidance.begin(row, pose, velocity, water, memory)
+    assert memory == pytest.approx([2.0, 0.7, 0.1, -0.2])
+
+
+@given(st.floats(-50, 50))
+def test_wrapped_angles_differ_by_whole_turns(angle):
+    wrapped = guidance.wrap(angle)
+    assert -np.pi <= wrapped < np.pi
+    assert (angle - wrapped) / (2 * np.pi) == pytest.approx(round((angle - wrapped) / (2 * np.pi)), abs=1e-9)
+
+
+def test_turns_set_in_and_end_smoothly():
+    time = np.arange(0, 400, DT)
+    table = guidance.reference([CORNER], time)[:, 0]
+    motion = plan(CORNER).at(time)
+    assert table[:, EAST] == pytest.approx(motion.east)
+    assert table[:, SPEED] == pytest.approx(motion.speed)
+    turns = np.flatnonzero(motion.turn_rate)
+    far = np.abs(time - time[turns[0]]) > 1, np.abs(time - time[turns[-1]]) > 1
+    assert table[far[0] & far[1], COURSE] == pytest.approx(motion.course[far[0] & far[1]], abs=1e-9)
+    # the mean over a width w of a ramp that begins is a parabola of curvature rate / w
+    assert table[:, TURNING].max() == pytest.approx(np.deg2rad(10) / guidance.TURN_SMOOTHING, rel=1e-6)
+    rate = np.gradient(table[:, COURSE], DT)
+    assert np.rad2deg(rate.max()) == pytest.approx(10, abs=1e-6)
+
+
+def test_accelerations_are_given_early():
+    time = np.arange(0, 400, DT)
+    late = guidance.reference([CORNER], time)[:, 0, TURNING]
+    early = guidance.reference([CORNER], time, lead=[0.3])[:, 0, TURNING]
+    assert early[:-3] == pytest.approx(late[3:], abs=1e-9)
+
+
+def test_depth_is_smoothed_and_its_rate_is_that_of_the_mean():
+    route = Route.timed("step", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 5], [50.01, 8]]))
+    table = guidance.reference([route], np.arange(0, 100, DT))[:, 0]
+    # a step's mean is a ramp as long as the width
+    assert table[:, SINKING].max() == pytest.approx(3 / guidance.DEPTH_SMOOTHING)
+    assert table[-1, DEPTH] == 8
+    assert np.flatnonzero(table[:, SINKING]).size * DT == pytest.approx(guidance.DEPTH_SMOOTHING, abs=2 * DT)

@@ -1,0 +1,242 @@
+"""What a study adds to the film: other estimates, coloured rays, an excerpt of the mission, and the pitch film."""
+
+import dataclasses
+
+import av
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
+from synthetic import make_flight
+from typer.testing import CliRunner
+
+from experiments.asymmetry import film as asymmetry_film
+from experiments.asymmetry import study as asymmetry
+from experiments.asymmetry.conditions import QUICK_CONDITIONS
+from experiments.asymmetry.example import fly_example
+from experiments.command.cli import app
+from laisn.geometry import horizontal_range
+from sim.excerpt import excerpt
+from sim.film import graphics, render
+from sim.film.annotations import NOTHING, Annotations, OtherEstimate, RayErrors, diverging
+from sim.film.cameras import Director
+from sim.film.footage import Footage
+from sim.film.scene import ESTIMATE
+from sim.scenario.settings import Video
+from sim.tilt import leveled
+
+needs_graphics = pytest.mark.skipif(
+    graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
+)
+COLOUR = (0.30, 1.0, 0.60)
+
+
+def errors_of(flight):
+    """E_P from its definition; E_B plays no role in what is tested."""
+    return [
+        (np.linalg.norm(e.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1), np.zeros(len(e.state)))
+        for i, e in enumerate(flight.estimates)
+    ]
+
+
+def beside(flight, east, north):
+    """An estimate at a constant distance from the truth."""
+    return OtherEstimate(label="other", colour=COLOUR, position=flight.hydrophone(0)[:, :2] + [east, north])
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return make_flight(60.0)
+
+
+@pytest.fixture(scope="module")
+def example():
+    return fly_example(QUICK_CONDITIONS[-1], 40.0)
+
+
+# what is added
+
+
+def test_colours_diverge_symmetrically_and_saturate():
+    colours = diverging([-2.0, -1.0, 0.0, 1.0, 2.0, np.nan])
+    assert_array_equal(colours[0], colours[1])
+    assert_array_equal(colours[3], colours[4])
+    blue, pale, red = colours[1], colours[2], colours[3]
+    assert np.argmax(blue) == 2
+    assert np.argmax(red) == 0
+    assert pale.min() > 0.9
+    assert_allclose(diverging([-0.5, 0.5]), [(blue + pale) / 2, (red + pale) / 2])
+    assert not (colours[5] == pale).any()
+
+
+def test_rays_take_the_colours_of_their_message():
+    rays = RayErrors(label="error", value=np.array([[-0.1, 0.0, 0.1], [np.nan, 0.2, -0.05]]), limit=0.1)
+    assert_allclose(rays.colours(0), diverging([-1.0, 0.0, 1.0]))
+    assert_allclose(rays.colours(1), diverging([np.nan, 1.0, -0.5]))
+    assert_allclose(rays.colours(-1), diverging([np.nan] * 3))
+    with pytest.raises(ValueError, match="colour bar ends at 0 m"):
+        dataclasses.replace(rays, limit=0.0)
+
+
+def test_annotations_that_do_not_fit_are_refused(flight, tmp_path):
+    short = Annotations(others=(OtherEstimate(label="brief", colour=COLOUR, position=np.zeros((5, 2))),))
+    with pytest.raises(ValueError, match=r"'brief' of shape \(5, 2\), expected \(600, 2\)"):
+        render.render(flight, tmp_path / "film.mp4", errors=errors_of(flight), annotations=short)
+    rays = Annotations(rays=RayErrors(label="error", value=np.zeros((3, 3)), limit=0.1))
+    with pytest.raises(ValueError, match=r"ray errors of shape \(3, 3\), expected \(60, 3\)"):
+        render.render(flight, tmp_path / "film.mp4", errors=errors_of(flight), annotations=rays)
+
+
+def test_positions_between_steps_lie_on_the_line_between_them(flight):
+    footage = Footage(flight, errors_of(flight), 4.0)
+    n = np.arange(1.0, 601.0)
+    places = footage.on_plane(0, np.stack([n, -2 * n], axis=1), np.array([0.0, 10.0, 10.05, 60.0]))
+    assert_allclose(places[:, 0], [1.0, 100.0, 100.5, 600.0])
+    assert_allclose(places[:, 1], -2 * places[:, 0])
+    assert_allclose(places[1:, 2], [footage.at(t).hydrophone[0, 2] for t in (10.0, 10.05, 60.0)])
+
+
+def test_a_moment_knows_its_message(flight):
+    footage = Footage(flight, errors_of(flight), 4.0)
+    assert [footage.at(t).message[0] for t in (0.5, 1.0, 1.95, 2.0, 60.0)] == [-1, 0, 0, 1, 59]
+
+
+# excerpt
+
+
+def test_an_excerpt_shows_what_the_whole_shows(flight):
+    part = excerpt(flight, 20.0, 41.0)
+    assert_allclose(part.trajectory.time[[0, -1]], [20.0, 41.0])
+    assert part.measurements[0].speed.size == 210
+    whole = Footage(flight, errors_of(flight), 4.0)
+    cut = Footage(part, errors_of(part), 4.0)
+    for time in (21.0, 30.03, 41.0):
+        there, here = whole.at(time), cut.at(time)
+        for name in ("position", "quaternion", "estimate", "covariance", "ray", "ranges", "position_error"):
+            assert_allclose(getattr(here, name), getattr(there, name), atol=1e-9, err_msg=name)
+        assert here.fix_kind == there.fix_kind
+        # messages at 1, 2 … 20 s came before
+        assert here.message[0] == there.message[0] - 20
+
+
+@pytest.mark.parametrize(("start", "end"), [(-1.0, 5.0), (5.0, 61.0), (9.0, 9.0), (9.0, 8.0)])
+def test_an_excerpt_lies_within_the_mission(flight, start, end):
+    with pytest.raises(ValueError, match="from 0 to 60 s"):
+        excerpt(flight, start, end)
+
+
+# frames
+
+
+def colour_near(image, place, radius=1):
+    """Mean over pixels that lie inside a marker whatever its place between pixels."""
+    x, y = (int(np.floor(v)) for v in place)
+    return np.asarray(image)[y - radius : y + radius + 1, x - radius : x + radius + 1].reshape(-1, 3).mean(axis=0)
+
+
+@needs_graphics
+@pytest.mark.parametrize("camera", ["chase", "profile"])
+def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(flight, tmp_path, camera):
+    when, video, errors = 40.0, Video(camera=camera), errors_of(flight)
+    value = np.zeros((60, 3))
+    # at 40 s the 40th message has just arrived
+    value[39] = -0.05, 0.05, 0.0
+    annotations = Annotations(
+        others=(beside(flight, 2.5, 0.0),), rays=RayErrors(label="error", value=value, limit=0.05)
+    )
+    path = tmp_path / "still.png"
+    render.still(flight, when, path, errors=errors, video=video, annotations=annotations)
+    image = Image.open(path)
+    footage = Footage(flight, errors, video.speed_up)
+    moment = footage.at(when)
+    view = Director(footage, 0, 1280 / 720).shot(camera, moment).view
+    (place,), _ = view.project(moment.hydrophone[0] + [2.5, 0.0, 0.0], 1280, 720)
+    assert_allclose(colour_near(image, place), 255 * np.array(COLOUR), atol=12)
+    # transmitters lie under nothing, in the colours of their rays
+    ends, _ = view.project(moment.transmitter, 1280, 720)
+    rear, front = (colour_near(image, end, radius=0) for end in ends[:2])
+    assert_allclose(rear, 255 * diverging(-1.0), atol=30)
+    assert_allclose(front, 255 * diverging(1.0), atol=30)
+
+
+@needs_graphics
+def test_the_curve_of_the_other_estimate_is_drawn_and_nothing_else_changes_without_annotations(flight, tmp_path):
+    errors, paths = errors_of(flight), [tmp_path / f"{i}.png" for i in range(3)]
+    for path, annotations in zip(paths, (None, Annotations(), Annotations(others=(beside(flight, 3.0, 0.0),))),
+                                 strict=True):  # fmt: skip
+        given = {} if annotations is None else {"annotations": annotations}
+        render.still(flight, 40.0, path, errors=errors, **given)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert Annotations() == NOTHING
+    # the panel of E_P: left edge 16, top 258, 292 × 84 px
+    panels = [np.asarray(Image.open(p).convert("RGB"))[258:342, 16:308].astype(float) for p in paths]
+    # green more than anything else: the panel itself is blue, the other curve magenta
+    near = [panel[..., 1] - np.maximum(panel[..., 0], panel[..., 2]) > 25 for panel in panels]
+    assert not near[0].any()
+    # an error of 3 m throughout: a level line over two thirds of the 226 px of the axis
+    rows, columns = np.nonzero(near[2])
+    assert np.ptp(columns) > 0.6 * 226
+    assert np.ptp(rows) < 10
+    assert (np.abs(panels[2] - 255 * np.array(ESTIMATE)).max(axis=2) < 80).any()
+
+
+# the film of the pitch study
+
+
+def test_pitch_errors_are_those_of_a_tilted_hull(example):
+    flight = example.flight
+    truth, level = flight.trajectory, leveled(flight.trajectory)
+    sites = [truth.site(f"leader/{name}") for name in ("tx_rear", "tx_front", "tx_middle")]
+    found = asymmetry_film.pitch_errors(flight)
+    for message in (3, 17, 38):
+        step = flight.measurements[0].message_step[message] * flight.stride
+        hydrophone = truth.site_at("follower/hydrophone", truth.time[step])[0]
+        dz = hydrophone[2] - truth.position[step, 0, 2]
+        for i, site in enumerate(sites):
+            used = horizontal_range(float(np.linalg.norm(truth.site_position[step, site] - hydrophone)), float(dz))
+            right = np.linalg.norm((level.site_position[step, site] - hydrophone)[:2])
+            assert found[message, i] == pytest.approx(used - right, abs=1e-9)
+
+
+def test_both_minds_hear_the_same_and_the_colour_bar_holds_every_error(example):
+    flight, added = asymmetry_film.scene(example)
+    told = example.flight.trajectory.time[example.telling]
+    assert flight.trajectory.time[0] <= told <= flight.trajectory.time[-1]
+    assert added.rays is not None
+    assert np.nanmax(np.abs(added.rays.value)) <= added.rays.limit
+    assert np.isfinite(added.rays.value).all()
+    added.check(flight.measurements[0].speed.size, flight.measurements[0].message_step.size)
+    (aware,) = added.others
+    # two navigators, two opinions
+    assert np.abs(aware.position - flight.estimates[0].state[:, :2]).max() > 0.1
+
+
+@needs_graphics
+def test_the_pitch_film_is_rendered(example, tmp_path):
+    video = Video(camera="profile", width_px=320, height_px=180, speed_up=40.0, frame_rate_hz=10)
+    path = asymmetry_film.film(example, tmp_path, video)
+    assert path == tmp_path / "film.mp4"
+    assert list(tmp_path.iterdir()) == [path]
+    flight, _ = asymmetry_film.scene(example)
+    length = flight.trajectory.time[-1] - flight.trajectory.time[0]
+    with av.open(str(path)) as film:
+        frames = sum(1 for _ in film.decode(video=0))
+    assert frames == max(1, round(length / 40.0 * 10))
+
+
+def test_without_graphics_there_is_no_film(example, tmp_path, monkeypatch):
+    monkeypatch.setattr(graphics, "working", lambda: None)
+    assert asymmetry_film.film(example, tmp_path) is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "filmed"),
+    [([], True), (["--no-film"], False), (["--quick"], False), (["--quick", "--film"], True)],
+)
+def test_the_command_films_unless_it_is_quick_or_told_not_to(monkeypatch, tmp_path, options, filmed):
+    given = {}
+    monkeypatch.setattr(asymmetry, "run", lambda folder, **rest: given.update(rest) or folder / "report.html")
+    answer = CliRunner().invoke(app, ["asymmetry", "--out", str(tmp_path), *options])
+    assert answer.exit_code == 0
+    assert given["film"] is (asymmetry_film.film if filmed else None)

@@ -1,0 +1,166 @@
+"""Shares add up, and each is what a closed form says when it acts alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from experiments.flight.anatomy import Anatomy, Cause, dissect
+from experiments.pages import anatomy_page
+from sim.flight import Flight
+from sim.scenario.settings import Acoustics, Scenario
+from sim.sensing.acoustics import propagate
+from sim.sensing.observation import errors_of, observe
+from sim.sensing.sensor_errors import SensorErrors, measure
+from sim.trajectory import Trajectory
+from tests.straight import make_scenario, make_trajectory
+from tests.synthetic import SITES, make_estimates, make_flight
+
+PITCH, DEPTH_OFFSET, HALF = np.deg2rad(5.0), 10.0, 1.0
+QUIET = SensorErrors(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
+
+
+def flight_of(scenario: Scenario, trajectory: Trajectory, errors: SensorErrors | None = None) -> Flight:
+    measured = measure(
+        observe(trajectory, scenario), errors or errors_of(scenario), seed=scenario.seed, run=scenario.run
+    )
+    return Flight(
+        scenario=scenario,
+        trajectory=trajectory,
+        measurements=(measured,),
+        estimates=(make_estimates(scenario, trajectory, measured, 0),),
+    )
+
+
+def shares_alone(anatomy: Anatomy, cause: Cause) -> np.ndarray:
+    others = np.delete(anatomy.share, cause, axis=2)
+    assert_allclose(others, 0.0, atol=1e-9)
+    return anatomy.share[..., cause]
+
+
+def test_shares_add_up_to_the_error():
+    flight = make_flight(60.0)
+    anatomy = dissect(flight)
+    heard = np.isfinite(anatomy.used_range)
+    assert heard.any()
+    assert not heard.all()
+    assert_allclose(anatomy.share.sum(axis=2)[heard], anatomy.error[heard], rtol=0, atol=1e-9)
+    # the last number of the chain is the one the follower computes from its measurements
+    own = flight.measurements[0]
+    # its hydrophone sits higher than its depth sensor
+    dz = own.message[:, 5] - (own.depth[own.message_step - 1] - SITES["follower"]["hydrophone"][2])
+    assert_allclose(anatomy.used_range[heard], np.sqrt(own.ranges**2 - dz[:, None] ** 2)[heard], atol=1e-12)
+
+
+def test_shares_add_up_with_everything_at_work():
+    acoustics = Acoustics(
+        travel_time=True, ping_slot_s=0.07, sound_speed_profile=((0.0, 1480.0), (30.0, 1510.0)), clock_offset_s=1e-4,
+        clock_drift_ppm=20.0, sound_speed_bias_m_s=4.0,
+    )  # fmt: skip
+    trajectory = make_trajectory(
+        (20.0, -30.0, -14.0), leader_velocity=(1.0, 0.3, 0), follower_velocity=(1.2, 0, 0.05),
+        heading_pitch_roll=(1.2, 0.2, -0.1),
+    )  # fmt: skip
+    anatomy = dissect(flight_of(make_scenario(acoustics), trajectory))
+    assert_allclose(anatomy.share.sum(axis=2), anatomy.error, rtol=0, atol=1e-9)
+    at_work = np.abs(anatomy.share).max(axis=(0, 1)) > 1e-4
+    assert [Cause(i) for i in np.flatnonzero(~at_work)] == [Cause.ECHO, Cause.DEPTH]
+
+
+@pytest.mark.parametrize("slant", [15.0, 40.0, 100.0])
+def test_lever_arm_abeam_is_the_closed_form(slant):
+    abeam = np.sqrt(slant**2 - DEPTH_OFFSET**2)
+    trajectory = make_trajectory((0.0, -abeam, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(np.pi / 2, PITCH, 0.0))
+    scenario = make_scenario()
+    anatomy = dissect(flight_of(scenario, trajectory, QUIET))
+    slant_error = (
+        propagate(trajectory, scenario).range[..., 0]
+        - propagate(make_trajectory((0.0, -abeam, -8.0 - DEPTH_OFFSET)), scenario).range[..., 0]
+    )
+    # the front transmitter rises, away from a follower below: longer by Δz (L/2) sin φ / R
+    closed_form = DEPTH_OFFSET * HALF * np.sin(PITCH) / slant
+    assert_allclose(slant_error[:, 1], closed_form, rtol=0.02)
+    assert_allclose(slant_error[:, 0], -closed_form, rtol=0.02)
+    assert_allclose(anatomy.asymmetry[:, Cause.LEVER_ARM], 2 * closed_form * slant / abeam, rtol=0.02)
+    assert_allclose(anatomy.asymmetry[:, Cause.FORESHORTENING], 0.0, atol=1e-12)
+    # the intersection of the circles moves along the hull by (D_rear² − D_front²) / 2L
+    along = (anatomy.used_range[:, 0] ** 2 - anatomy.used_range[:, 1] ** 2) / (4 * HALF)
+    assert_allclose(np.abs(along), 0.87, rtol=0.02)
+
+
+def test_level_leader_without_errors_has_no_error():
+    trajectory = make_trajectory((20.0, -30.0, -14.0), leader_velocity=(1, 0, 0), follower_velocity=(1, 0.1, 0))
+    assert_allclose(dissect(flight_of(make_scenario(), trajectory, QUIET)).share, 0.0, atol=1e-9)
+
+
+def test_each_acoustic_cause_alone():
+    trajectory = make_trajectory((31.0, 0.0, -8.0))
+    cases = {
+        Cause.SOUND_SPEED: (Acoustics(sound_speed_bias_m_s=15.0), 0.01 * 30.0),
+        Cause.CLOCK: (Acoustics(clock_offset_s=1e-3), 1.5),
+        Cause.ECHO: (Acoustics(surface_echo_chance=1.0), np.hypot(30.0, 16.0) - 30.0),
+    }
+    for cause, (acoustics, expected) in cases.items():
+        scenario = make_scenario(acoustics)
+        flight = flight_of(scenario, trajectory, QUIET)
+        if cause is Cause.ECHO:
+            echo = propagate(trajectory, scenario).range[..., 1]
+            flight = Flight(
+                scenario=scenario,
+                trajectory=trajectory,
+                measurements=(flight.measurements[0].__class__(**{**vars(flight.measurements[0]), "ranges": echo}),),
+                estimates=flight.estimates,
+            )
+        assert_allclose(shares_alone(dissect(flight), cause)[:, 1], expected, rtol=1e-9)
+
+
+def test_random_and_depth_errors_are_what_was_drawn():
+    trajectory = make_trajectory((0.0, -20.0, -11.0))
+    scenario = make_scenario()
+    noisy = dissect(flight_of(scenario, trajectory, SensorErrors()))
+    assert_allclose(noisy.share.sum(axis=2), noisy.share[..., Cause.RANDOM], atol=1e-9)
+    depths = {"depth_sigma": 0.1, "leader_depth_sigma": 0.2}
+    quiet = SensorErrors(range_tau=(0, 0, 0), range_scale_mean=0, range_scale_sigma=0, **depths)
+    alone = shares_alone(dissect(flight_of(scenario, trajectory, quiet)), Cause.DEPTH)
+    assert np.abs(alone).max() > 1e-3
+    own = measure(observe(trajectory, scenario), SensorErrors(**depths), seed=1, run=0)
+    difference = own.message[:, 5] - own.depth[own.message_step - 1]
+    level = noisy.level_range
+    assert_allclose(alone, np.sqrt(level**2 + 3.0**2 - difference[:, None] ** 2) - level, atol=1e-9)
+
+
+def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_path):
+    flight = make_flight(60.0, 2)
+    rows = list(anatomy_page.records(flight))
+    assert len(rows) == sum(int(np.isfinite(heard.ranges).sum()) for heard in flight.measurements)
+    for row in rows:
+        shares = sum(row[f"{cause.name.lower()}_m"] for cause in Cause)
+        assert row["level_range_m"] + shares == pytest.approx(row["used_range_m"], abs=1e-9)
+    heard = flight.measurements[1]
+    front = [row for row in rows if row["follower"] == "follower2" and row["transmitter"] == "front"]
+    received = heard.message_step[np.isfinite(heard.ranges[:, 1])]
+    assert_allclose([row["time_s"] for row in front], received * heard.dt, atol=1e-9)
+
+
+def test_the_page_names_the_cause_of_the_asymmetry():
+    """Abeam of a leader at 5°, 10 m deeper: bow less stern is off by Δz L sin φ / D, and by nothing else."""
+    trajectory = make_trajectory((20.0, 0.0, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(0.0, PITCH, 0.0))
+    table = anatomy_page.share_table(dissect(flight_of(make_scenario(), trajectory, QUIET)))
+    shown = {row[0].text: [cell.sort for cell in row[1:]] for row in table.rows}
+    expected = 100 * DEPTH_OFFSET * 2 * HALF * np.sin(PITCH) / np.hypot(20.0, HALF)
+    rear, front, middle, rms, largest = shown.pop("lever arm")
+    assert [rms, largest, rear + front] == pytest.approx([expected] * 3, rel=0.01)
+    assert middle == pytest.approx(0.0, abs=1e-9)
+    assert set(shown) == {"foreshortening"}
+    assert shown["foreshortening"][3] < 0.02 * expected
+    assert table.caption.endswith("Not at work here: travel time and motion, echo, sound speed, clock, random error, "
+                                  "depth measurement.")  # fmt: skip
+
+
+def test_a_follower_that_hears_nothing_has_no_anatomy():
+    flight = make_flight(30.0)
+    deaf = replace(flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan))
+    section = anatomy_page.section(replace(flight, measurements=(deaf,)))
+    assert [block.text for block in section.blocks[1:]] == ["follower received no ping."]
+    assert list(anatomy_page.records(replace(flight, measurements=(deaf,)))) == []

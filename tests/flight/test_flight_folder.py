@@ -1,0 +1,179 @@
+"""The results folder of a flight: files of two flights never lie beside each other, and no whole flight is lost."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from experiments.flight import folder as results
+from experiments.flight.folder import FILES, FILM, LOG, REPORT, SCENARIO, SUMMARY, one_flight, require_safe
+from laisn.failure import LaisnError
+from sim.log.file import partial_path
+
+
+def contents(folder: Path) -> dict[str, str]:
+    return {p.relative_to(folder).as_posix(): p.read_text() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def write(folder: Path, word: str, names: tuple[str, ...] = FILES) -> None:
+    for name in names:
+        (folder / name).write_text(word)
+
+
+def fly(folder: Path, word: str, names: tuple[str, ...] = FILES, error: type[BaseException] | None = None) -> None:
+    """Write a flight, and fail if an error is given."""
+    with one_flight(folder) as work:
+        write(work, word, names)
+        if error is not None:
+            raise error
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Holds a whole earlier flight and a file of the user's."""
+    flown = tmp_path / "T5"
+    fly(flown, "earlier")
+    (flown / "notes.txt").write_text("mine")
+    return flown
+
+
+def test_a_whole_flight_takes_the_place_of_the_earlier_one(folder: Path) -> None:
+    without_film = tuple(name for name in FILES if name != FILM)
+    with one_flight(folder) as work:
+        write(work, "new", without_film)
+        assert contents(folder)[FILM] == "earlier"
+    assert contents(folder) == dict.fromkeys(without_film, "new") | {"notes.txt": "mine"}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError, ValueError])
+def test_a_flight_that_fails_leaves_the_earlier_one_and_nothing_else(folder: Path, error: type[BaseException]) -> None:
+    before = contents(folder)
+    with pytest.raises(error) as raised:
+        fly(folder, "new", (REPORT,), error)
+    assert contents(folder) == before
+    assert sorted(p.name for p in folder.iterdir()) == sorted(before)
+    assert raised.value.__notes__ == [f"nothing of this flight is kept; the earlier flight in {folder} is as it was"]
+
+
+@pytest.mark.parametrize("log", [LOG, partial_path(Path(LOG)).name])
+def test_a_log_that_was_begun_is_kept_and_named(folder: Path, log: str) -> None:
+    before = contents(folder)
+    with pytest.raises(KeyboardInterrupt) as raised:
+        fly(folder, "new", (log,), KeyboardInterrupt)
+    work = folder / f"unfinished-{os.getpid()}"
+    assert contents(folder) == before | {f"{work.name}/{log}": "new"}
+    assert raised.value.__notes__ == [
+        f"what there is of this flight is in {work}; the earlier flight in {folder} is as it was"
+    ]
+    fly(folder, "whole")
+    assert contents(folder) == dict.fromkeys(FILES, "whole") | {"notes.txt": "mine"}
+
+
+def test_a_first_flight_that_fails_speaks_of_no_earlier_one(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt) as raised:
+        fly(tmp_path / "T5", "new", (), KeyboardInterrupt)
+    assert raised.value.__notes__ == ["nothing of this flight is kept"]
+    assert list((tmp_path / "T5").iterdir()) == []
+
+
+@pytest.mark.parametrize("moved", [False, True], ids=["before the move", "after the move"])
+@pytest.mark.parametrize("at", range(2 * len(FILES)))
+def test_an_interrupt_between_any_two_moves_leaves_the_earlier_flight(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, at: int, moved: bool
+) -> None:
+    before, replace, count = contents(folder), os.replace, 0
+
+    def interrupted(source: Path, target: Path) -> None:
+        nonlocal count
+        count += 1
+        if moved or count != at + 1:
+            replace(source, target)
+        if count == at + 1:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(results.os, "replace", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            fly(folder, "new")
+    there = contents(folder)
+    assert {name: text for name, text in there.items() if name in before} == before
+    assert {name: text for name, text in there.items() if name not in before} == {
+        f"unfinished-{os.getpid()}/{name}": "new" for name in FILES
+    }
+
+
+def test_no_instant_sees_files_of_two_flights(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A crash may come between any two moves."""
+    replace, seen = os.replace, []
+
+    def watched(source: Path, target: Path) -> None:
+        replace(source, target)
+        seen.append({(folder / name).read_text() for name in FILES if (folder / name).exists()})
+
+    with monkeypatch.context() as patch:
+        patch.setattr(results.os, "replace", watched)
+        fly(folder, "new")
+    assert len(seen) == 2 * len(FILES)
+    assert all(len(flights) <= 1 for flights in seen)
+
+
+def test_what_dead_processes_left_is_removed_and_what_others_write_is_not(folder: Path) -> None:
+    child = os.fork()
+    if child == 0:
+        os._exit(0)
+    os.waitpid(child, 0)
+    for owner in (child, os.getppid()):
+        (folder / f"unfinished-{owner}").mkdir()
+    fly(folder, "new")
+    assert [p.name for p in folder.iterdir() if p.is_dir()] == [f"unfinished-{os.getppid()}"]
+
+
+def test_a_folder_that_is_new_empty_or_holds_a_flight_is_safe(folder: Path, tmp_path: Path) -> None:
+    require_safe(tmp_path / "new" / "deep")
+    (tmp_path / "empty").mkdir()
+    require_safe(tmp_path / "empty")
+    require_safe(folder)
+    (folder / LOG).unlink()  # of a flight, the log is often moved away
+    require_safe(folder)
+
+
+def test_what_a_kill_left_between_two_moves_is_safe(folder: Path) -> None:
+    (folder / SUMMARY).unlink()
+    (folder / "unfinished-1").mkdir()
+    require_safe(folder)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_no_flight_wrote_is_not_replaced(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(LaisnError, match=rf"holds {name}, but no flight .* choose another folder with --out"):
+        require_safe(tmp_path)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_folder_or_a_link_with_the_name_of_a_result_is_not_replaced(folder: Path, tmp_path: Path, name: str) -> None:
+    (folder / name).rename(tmp_path / "target")
+    (folder / name).mkdir()
+    with pytest.raises(LaisnError, match=rf"{name}: is a folder, .* move it, or choose another folder with --out"):
+        require_safe(folder)
+    (folder / name).rmdir()
+    for target in ("target", "missing"):
+        (folder / name).symlink_to(tmp_path / target)
+        with pytest.raises(LaisnError, match=rf"{name}: is no plain file"):
+            require_safe(folder)
+        (folder / name).unlink()
+
+
+def test_a_scenario_is_not_replaced_by_its_own_flight(folder: Path, tmp_path: Path) -> None:
+    link = tmp_path / "link.toml"
+    link.hardlink_to(folder / SCENARIO)
+    for source in (folder / SCENARIO, folder / ".." / folder.name / SCENARIO, link):
+        require_safe(folder, source, lambda: "earlier")
+        with pytest.raises(LaisnError, match="is the scenario to be flown"):
+            require_safe(folder, source, lambda: "a copy with every default written out")
+
+
+def test_results_need_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(LaisnError, match="is a file, results need a folder"):
+        require_safe(tmp_path / "file")

@@ -1,0 +1,68 @@
+"""Attitude conventions, against scipy's rotations and hand-made cases."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
+
+from sim.geometry import attitude
+
+ANGLE = st.floats(-np.pi, np.pi)
+TILT = st.floats(-1.5, 1.5)
+
+
+@pytest.mark.parametrize(
+    ("heading_deg", "forward"), [(0, (0, 1, 0)), (90, (1, 0, 0)), (180, (0, -1, 0)), (270, (-1, 0, 0))]
+)
+def test_heading_is_compass(heading_deg: float, forward: tuple[float, float, float]) -> None:
+    quaternion = attitude.from_euler(np.deg2rad(heading_deg))
+    np.testing.assert_allclose(attitude.rotate(quaternion, np.array([1.0, 0, 0])), forward, atol=1e-15)
+
+
+def test_positive_pitch_lifts_the_bow_and_positive_roll_lowers_starboard() -> None:
+    up_bow = attitude.rotate(attitude.from_euler(0.7, pitch=0.1), np.array([1.0, 0, 0]))
+    starboard = attitude.rotate(attitude.from_euler(0.7, roll=0.1), np.array([0.0, -1.0, 0]))
+    assert up_bow[2] == pytest.approx(np.sin(0.1))
+    assert starboard[2] == pytest.approx(-np.sin(0.1))
+
+
+@given(heading=ANGLE, pitch=TILT, roll=ANGLE)
+def test_angles_come_back(heading: float, pitch: float, roll: float) -> None:
+    quaternion = attitude.from_euler(heading, pitch, roll)
+    assert np.linalg.norm(quaternion) == pytest.approx(1.0)
+    assert np.cos(attitude.heading(quaternion) - heading) == pytest.approx(1.0)
+    assert attitude.pitch(quaternion) == pytest.approx(pitch, abs=1e-7)
+    assert np.cos(attitude.roll(quaternion) - roll) == pytest.approx(1.0)
+
+
+def test_rotate_agrees_with_scipy() -> None:
+    rng = np.random.default_rng(3)
+    quaternion = rng.normal(size=(50, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    vector = rng.normal(size=(50, 3))
+    expected = Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).apply(vector)
+    np.testing.assert_allclose(attitude.rotate(quaternion, vector), expected, atol=1e-14)
+
+
+def test_axes_are_the_columns_of_scipys_matrix() -> None:
+    quaternion = Rotation.random(40, rng=np.random.default_rng(4)).as_quat()
+    axes = attitude.axes(quaternion[:, [3, 0, 1, 2]])
+    np.testing.assert_allclose(axes.transpose(2, 1, 0), Rotation.from_quat(quaternion).as_matrix(), atol=1e-14)
+    np.testing.assert_array_equal(attitude.forward(quaternion[:, [3, 0, 1, 2]]), axes[0])
+
+
+@given(heading=st.floats(-20.0, 20.0), pitch=TILT, roll=ANGLE)
+def test_heading_is_within_one_turn(heading: float, pitch: float, roll: float) -> None:
+    assert 0.0 <= attitude.heading(attitude.from_euler(heading, pitch, roll)) <= 2 * np.pi
+
+
+def test_slerp_agrees_with_scipy_and_takes_the_short_way() -> None:
+    start, end = attitude.from_euler(0.1, 0.2, -0.3), attitude.from_euler(1.4, -0.5, 0.2)
+    fractions = np.linspace(0, 1, 7)
+    both = Rotation.from_quat(np.stack([start, end])[:, [1, 2, 3, 0]])
+    expected = Slerp([0, 1], both)(fractions).as_quat()[:, [3, 0, 1, 2]]
+    for sign in (1, -1):
+        mixed = attitude.slerp(np.tile(start, (7, 1)), np.tile(sign * end, (7, 1)), fractions)
+        same = np.abs(np.einsum("ni,ni->n", mixed, expected))
+        np.testing.assert_allclose(same, 1.0, atol=1e-14)

@@ -1,0 +1,106 @@
+"""Plane and hull geometry: closed forms and invariants."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from laisn import geometry
+from sim.geometry import attitude
+
+COORDINATE = st.floats(-200, 200)
+RADIUS = st.floats(0, 200)
+ANGLE = st.floats(-20, 20)
+
+
+@given(angle=ANGLE)
+def test_wrapped_angle_is_the_same_direction(angle: float) -> None:
+    wrapped = geometry.wrap_angle(angle)
+    assert -np.pi <= wrapped <= np.pi
+    assert np.exp(1j * wrapped) == pytest.approx(np.exp(1j * angle), abs=1e-9)
+
+
+@given(a=ANGLE, b=ANGLE)
+def test_angle_between_is_the_arc_cosine_of_the_directions(a: float, b: float) -> None:
+    cosine = np.real(np.exp(1j * a) * np.conj(np.exp(1j * b)))
+    assert np.cos(geometry.angle_between(a, b)) == pytest.approx(cosine, abs=1e-9)
+    assert 0 <= geometry.angle_between(a, b) <= np.pi
+
+
+@pytest.mark.parametrize(
+    ("heading_deg", "east", "north", "bearing_deg"),
+    [(0, 0, 1, 0), (0, 1, 0, 90), (90, -5, 0, 180), (90, 0, 5, 270), (350, 0, 1, 10), (45, 1, -1, 90)],
+)
+def test_bearing_counts_clockwise_from_the_bow(heading_deg: float, east: float, north: float, bearing_deg: int) -> None:
+    bearing = geometry.bearing(np.deg2rad(heading_deg), float(east), float(north))
+    assert np.rad2deg(bearing) == pytest.approx(bearing_deg)
+
+
+@given(heading=ANGLE, pitch=st.floats(-1.2, 1.2), roll=st.floats(-1.2, 1.2), forward=COORDINATE, port=COORDINATE)
+def test_hull_points_agree_with_quaternions(
+    heading: float, pitch: float, roll: float, forward: float, port: float
+) -> None:
+    ours = geometry.hull_to_world(forward, port, (heading, pitch, roll))
+    other = attitude.rotate(attitude.from_euler(heading, pitch, roll), np.array([forward, port, 0.0]))
+    np.testing.assert_allclose(ours, other, atol=1e-9)
+
+
+def test_transmitters_of_a_pitched_leader() -> None:
+    """Bow up by φ: the front transmitter rises by (L/2) sin φ, the rear one sinks, both move inwards."""
+    phi = np.deg2rad(15)
+    rear, front, middle = geometry.transmitter_positions((10.0, 20.0, 8.0), (0.0, phi, 0.0), 2.0, 0.1)
+    np.testing.assert_allclose(front, [10, 20 + np.cos(phi), 8 - np.sin(phi)])
+    np.testing.assert_allclose(rear, [10, 20 - np.cos(phi), 8 + np.sin(phi)])
+    np.testing.assert_allclose(middle, [9.9, 20, 8])
+
+
+def test_horizontal_range_of_a_pythagorean_triple_and_of_an_impossible_one() -> None:
+    assert geometry.horizontal_range(13.0, -5.0) == 12.0
+    assert geometry.horizontal_range(4.9, 5.0) == 0.0
+    assert np.isnan(geometry.horizontal_range(np.nan, 5.0))
+
+
+@given(x=COORDINATE, y=COORDINATE, dx=st.floats(0.1, 100), turn=ANGLE, r1=RADIUS, r2=RADIUS)
+def test_intersections_lie_on_both_circles(x: float, y: float, dx: float, turn: float, r1: float, r2: float) -> None:
+    xj, yj = x + dx * np.cos(turn), y + dx * np.sin(turn)
+    meet = geometry.intersections(x, y, r1, xj, yj, r2)
+    distance = np.hypot(xj - x, yj - y)
+    if r1 + r2 < distance - 1e-9 or abs(r1 - r2) > distance + 1e-9:
+        assert meet.n_points == 0
+    if abs(r1 - r2) + 1e-9 < distance < r1 + r2 - 1e-9:
+        assert meet.n_points == 2
+    if meet.n_points == 2:
+        for px, py in (meet.left, meet.right):
+            # near tangency the points are ill-conditioned across the axis, not along the radius
+            assert np.hypot(px - x, py - y) == pytest.approx(r1, abs=1e-6)
+            assert np.hypot(px - xj, py - yj) == pytest.approx(r2, abs=1e-6)
+        assert meet.separation == pytest.approx(np.hypot(*np.subtract(meet.left, meet.right)), abs=1e-6)
+        left_of_axis = (xj - x) * (meet.left[1] - y) - (yj - y) * (meet.left[0] - x)
+        assert left_of_axis > 0
+
+
+@given(east=COORDINATE, north=COORDINATE, turn=ANGLE, x=COORDINATE, y=st.floats(1, 100))
+def test_intersections_move_with_the_circles(east: float, north: float, turn: float, x: float, y: float) -> None:
+    """Turning and shifting both circles turns and shifts the points."""
+    r1, r2 = float(np.hypot(x + 1, y)), float(np.hypot(x - 1, y))
+    cos, sin = np.cos(turn), np.sin(turn)
+
+    def moved(px: float, py: float) -> tuple[float, float]:
+        return east + cos * px - sin * py, north + sin * px + cos * py
+
+    meet = geometry.intersections(*moved(-1, 0), r1, *moved(1, 0), r2)
+    assert meet.n_points == 2
+    np.testing.assert_allclose([meet.left, meet.right], [moved(x, y), moved(x, -y)], atol=1e-7)
+
+
+def test_worked_circles() -> None:
+    """Centres 2 apart: radii √2 meet at (1, ±1); radii 1 touch at (1, 0); radii 0.9 do not meet."""
+    root = np.sqrt(2.0)
+    two = geometry.intersections(0.0, 0.0, root, 2.0, 0.0, root)
+    assert two.n_points == 2
+    np.testing.assert_allclose([two.left, two.right], [(1, 1), (1, -1)], atol=1e-15)
+    assert two.separation == pytest.approx(2.0)
+    one = geometry.intersections(0.0, 0.0, 1.0, 2.0, 0.0, 1.0)
+    assert (one.n_points, one.left) == (1, (1.0, 0.0))
+    assert geometry.intersections(0.0, 0.0, 0.9, 2.0, 0.0, 0.9).n_points == 0
+    assert geometry.intersections(1.0, 1.0, 5.0, 1.0, 1.0, 5.0).n_points == 0

@@ -1,0 +1,222 @@
+"""Damaged, unfinished and foreign files: a clear error or a rescued log, never another flight."""
+
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from logged import short_flight, write_log
+from synthetic import bits, make_flight
+
+from sim.flight import Flight, Outcome
+from sim.log import writer
+from sim.log.export import export
+from sim.log.file import LogError, partial_path
+from sim.log.info import info
+from sim.log.reader import read, read_measurements
+from sim.log.recovery import recover
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return short_flight()
+
+
+@pytest.fixture(scope="module")
+def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_log(flight, tmp_path_factory.mktemp("log"))
+
+
+def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty").touch()
+    (tmp_path / "text").write_text("speed,heading\n1,2\n")
+    for name, text in (("empty", "no MCAP"), ("text", "no MCAP"), ("absent", "No such file"), (".", "directory")):
+        for reader in (read, read_measurements, info):
+            with pytest.raises(LogError, match=text):
+                reader(tmp_path / name)
+
+
+def test_every_flipped_byte_is_noticed(written: Path, tmp_path: Path) -> None:
+    """Or does no harm: the flight is never another one."""
+    whole = written.read_bytes()
+    expected = bits(read(written))
+    places = np.random.default_rng(2).choice(len(whole), 120, replace=False).tolist()
+    refused = 0
+    for place in [*places, 0, 9, len(whole) - 1, len(whole) - 9, len(whole) - 30]:
+        damaged = bytearray(whole)
+        damaged[place] ^= 0x10
+        (tmp_path / "damaged.mcap").write_bytes(damaged)
+        try:
+            assert bits(read(tmp_path / "damaged.mcap")) == expected
+        except LogError:
+            refused += 1
+    assert refused == 125
+
+
+def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, tmp_path: Path) -> None:
+    whole = written.read_bytes()
+    for length in (9, len(whole) // 3, len(whole) - 1):
+        (tmp_path / "cut.mcap").write_bytes(whole[:length])
+        with pytest.raises(LogError, match=r"cut off before its end; laisn log recover"):
+            read(tmp_path / "cut.mcap")
+    rescued = recover(tmp_path / "cut.mcap")
+    assert rescued.name == "cut.recovered.mcap"
+    assert (tmp_path / "cut.mcap").exists()
+    assert read(rescued).outcome is Outcome.INTERRUPTED
+    with pytest.raises(LogError, match="is whole"):
+        recover(rescued)
+    (tmp_path / "cut.mcap").write_bytes(whole[:5000])
+    with pytest.raises(LogError, match="nothing to recover"):
+        recover(tmp_path / "cut.mcap")
+
+
+@pytest.mark.parametrize("what", ["a byte", "text", "zeros", "another log"])
+def test_bytes_behind_the_end_are_called_so_and_left_out(written: Path, tmp_path: Path, what: str) -> None:
+    whole = written.read_bytes()
+    rest = {"a byte": b"\0", "text": b"end of mission\n", "zeros": bytes(3000), "another log": whole}[what]
+    long = tmp_path / "long.mcap"
+    long.write_bytes(whole + rest)
+    for reader in (read, read_measurements, info):
+        with pytest.raises(
+            LogError, match=rf"long\.mcap: {len(rest)} bytes follow the end of the log; laisn log recover"
+        ):
+            reader(long)
+    rescued = recover(long)
+    assert rescued.name == "long.recovered.mcap"
+    assert rescued.read_bytes() == whole
+    assert long.exists()
+    partial_path(tmp_path / "b.mcap").write_bytes(whole + rest)
+    assert recover(tmp_path / "b.mcap.partial").read_bytes() == whole
+    assert not (tmp_path / "b.mcap.partial").exists()
+
+
+def test_a_damaged_log_with_bytes_behind_its_end_gives_no_damaged_copy(written: Path, tmp_path: Path) -> None:
+    damaged = bytearray(written.read_bytes())
+    damaged[len(damaged) // 2] ^= 0x10
+    (tmp_path / "a.mcap").write_bytes(bytes(damaged) + b"rest")
+    with pytest.raises(LogError, match=r"damaged beyond recovery|nothing to recover"):
+        recover(tmp_path / "a.mcap")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+
+
+def test_a_log_may_be_named_by_text(written: Path) -> None:
+    assert bits(read(str(written))) == bits(read(written))
+    assert read_measurements(str(written)).ranges.tobytes() == read_measurements(written).ranges.tobytes()
+    with pytest.raises(LogError, match=r"absent\.mcap: No such file"):
+        read("absent.mcap")
+
+
+def test_recovery_keeps_whole_instants(tmp_path: Path) -> None:
+    """A log of several chunks, cut within one: a prefix of the flight comes back, all channels equally long."""
+    flight = make_flight(200.0)
+    writer.write(flight, tmp_path / "a.mcap")
+    whole = (tmp_path / "a.mcap").read_bytes()
+    partial = partial_path(tmp_path / "b.mcap")
+    partial.write_bytes(whole[: len(whole) // 2])
+    path = recover(partial)
+    assert path == tmp_path / "b.mcap"
+    assert not partial.exists()
+    rescued = read(path)
+    n = rescued.measurements[0].speed.size
+    assert 500 < n < 1500
+    assert rescued.trajectory.time.size == n + 1
+    assert rescued.trajectory.position.tobytes() == flight.trajectory.position[: n + 1].tobytes()
+    assert rescued.estimates[0].covariance.tobytes() == flight.estimates[0].covariance[:n].tobytes()
+    assert rescued.measurements[0].ranges.shape == (n // 10, 3)
+    assert rescued.scenario == flight.scenario
+
+
+def test_a_finished_log_under_its_partial_name_only_gets_its_name(written: Path, tmp_path: Path) -> None:
+    partial_path(tmp_path / "a.mcap").write_bytes(written.read_bytes())
+    assert recover(tmp_path / "a.mcap.partial").read_bytes() == written.read_bytes()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+    with pytest.raises(LogError, match="no such file"):
+        recover(tmp_path / "a.mcap.partial")
+
+
+def limited(folder: Path, size: int) -> subprocess.CompletedProcess[str]:
+    """Write a log of 200 s in a process whose files may not grow beyond `size` bytes."""
+    code = f"""
+import resource, signal, sys
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+from pathlib import Path
+from synthetic import make_flight
+from sim.log import writer
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+flight = make_flight(200.0)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
+try:
+    writer.write(flight, Path({str(folder)!r}) / "mission.mcap")
+except writer.LogError as error:
+    print(error)
+"""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+
+def test_when_the_disk_is_full_what_was_written_can_be_recovered(tmp_path: Path) -> None:
+    message = limited(tmp_path, 800_000).stdout
+    assert "cannot be written: File too large; what was written is kept: laisn log recover" in message
+    assert [p.name for p in tmp_path.iterdir()] == ["mission.mcap.partial"]
+    rescued = read(recover(tmp_path / "mission.mcap.partial"))
+    assert rescued.outcome is Outcome.INTERRUPTED
+    assert rescued.trajectory.time[-1] > 50
+    assert [p.name for p in tmp_path.iterdir()] == ["mission.mcap"]
+
+
+def test_when_the_disk_is_full_at_once_nothing_stays(tmp_path: Path) -> None:
+    assert "cannot be written" in limited(tmp_path, 20_000).stdout
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_no_space_left(flight: Flight, tmp_path: Path) -> None:
+    (tmp_path / "a.mcap.partial").symlink_to("/dev/full")
+    with pytest.raises(LogError, match=r"a\.mcap: cannot be written: No space left on device"):
+        writer.write(flight, tmp_path / "a.mcap")
+    assert not list(tmp_path.iterdir())
+
+
+def test_folders_that_cannot_be_written(flight: Flight, written: Path, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="cannot be written: No such file or directory"):
+        writer.write(flight, tmp_path / "absent" / "a.mcap")
+    (tmp_path / "file").touch()
+    with pytest.raises(LogError, match="cannot be written: Not a directory"):
+        writer.write(flight, tmp_path / "file" / "a.mcap")
+    with pytest.raises(LogError, match="cannot be written"):
+        export(written, tmp_path / "file" / "tables")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission(flight: Flight, tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(LogError, match="cannot be written: Permission denied"):
+        writer.write(flight, tmp_path / "a.mcap")
+
+
+def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> None:
+    def frames() -> Any:
+        yield 0.0, b"x"
+        yield 150.0, b"x"
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(10)
+
+    (tmp_path / "a.mcap").write_bytes(b"older")
+    with pytest.raises(KeyboardInterrupt):
+        writer.write(make_flight(200.0), tmp_path / "a.mcap", video=frames())
+    assert (tmp_path / "a.mcap").read_bytes() == b"older"
+    rescued = read(recover(tmp_path / "a.mcap.partial"))
+    assert 50 < rescued.trajectory.time[-1] < 150
+
+
+def test_footer_layout() -> None:
+    """The footer record of the MCAP specification: opcode, length, two offsets and a checksum."""
+    from sim.log.file import DATA_END_BYTES, FOOTER_BYTES
+
+    assert struct.calcsize("<BQQQI") == FOOTER_BYTES
+    assert struct.calcsize("<BQI") == DATA_END_BYTES

@@ -1,0 +1,138 @@
+"""What the log draws: hulls, ellipses and rays where geometry puts them, and a layout that finds its channels."""
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from logged import messages, short_flight, write_log
+
+import models
+from sim.flight import Flight
+from sim.geometry.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
+from sim.log.file import contents
+from sim.log.hull import hull
+
+LAYOUT = Path(__file__).resolve().parents[2] / "experiments" / "data" / "foxglove_layout.json"
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return short_flight()
+
+
+@pytest.fixture(scope="module")
+def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_log(flight, tmp_path_factory.mktemp("log"))
+
+
+@pytest.mark.parametrize("name", ["leader", "follower"])
+def test_the_hull_in_the_scene_fills_the_model(name: str) -> None:
+    """Extent along the hull and across it, against MuJoCo's own bounding boxes of the geoms."""
+    model = mujoco.MjModel.from_xml_path(str(models.path(name)))
+    data = mujoco.MjData(model)
+    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+    mujoco.mj_kinematics(model, data)
+    corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+    boxes = [
+        (model.geom_aabb[g, :3] + corners * model.geom_aabb[g, 3:]) @ data.geom_xmat[g].reshape(3, 3).T
+        + data.geom_xpos[g]
+        for g in range(model.ngeom)
+    ]
+    expected = np.concatenate(boxes)
+
+    def extent(primitive: Any, half: Any) -> Any:
+        place, turn = np.empty(3), np.empty(9)
+        p, q = primitive.pose.position, primitive.pose.orientation
+        place[:] = p.x, p.y, p.z
+        mujoco.mju_quat2Mat(turn, np.array([q.w, q.x, q.y, q.z]))
+        return place + half @ turn.reshape(3, 3).T
+
+    entity = hull(name)
+    drawn = [
+        extent(x, corners * np.array([x.size.x, x.size.y, x.size.z]) / 2)
+        for x in (*entity.cylinders, *entity.spheres, *entity.cubes)
+    ]
+    drawn += [extent(x, np.array([[p.x, p.y, p.z] for p in x.points])) for x in entity.triangles]
+    shown = np.concatenate(drawn)
+    np.testing.assert_allclose(shown.min(axis=0), expected.min(axis=0), atol=1e-6)
+    np.testing.assert_allclose(shown.max(axis=0), expected.max(axis=0), atol=1e-6)
+
+
+def test_the_scene_is_complete_at_every_second(flight: Flight, written: Path) -> None:
+    update = messages(written, "/scene/vehicles")[20]
+    entities = {e.id: e for e in update.entities}
+    assert set(entities) == {"leader/hull", "leader/trail", "follower/hull", "follower/trail", "follower/estimate"}
+    assert entities["leader/hull"].frame_locked
+    assert entities["leader/hull"].frame_id == "leader"
+    assert len(entities["leader/trail"].lines[0].points) == 21
+    last = entities["leader/trail"].lines[0].points[-1]
+    assert (last.x, last.y, last.z) == tuple(flight.trajectory.position[200, 0])
+    # the ellipse that holds 95 % of a normal distribution has half axes √(χ²₀.₉₅ of 2 degrees, 5.991) σ
+    ellipse = entities["follower/estimate"].spheres[0]
+    variance = np.linalg.eigvalsh(flight.estimates[0].covariance[199, :2, :2])
+    np.testing.assert_allclose([ellipse.size.x, ellipse.size.y], 2 * np.sqrt(5.991464547 * variance[::-1]), rtol=1e-9)
+    half_turn = np.arctan2(ellipse.pose.orientation.z, ellipse.pose.orientation.w)
+    major = np.array([np.cos(2 * half_turn), np.sin(2 * half_turn)])
+    np.testing.assert_allclose(flight.estimates[0].covariance[199, :2, :2] @ major, variance[1] * major, atol=1e-12)
+
+
+def test_a_ping_is_drawn_from_the_transmitters_to_the_hydrophone(flight: Flight, written: Path) -> None:
+    t, m = flight.trajectory, flight.measurements[0]
+    ping = messages(written, "/scene/acoustics")[9].entities[0]
+    hydrophone, rear = (t.site_position[100, t.site(s)] for s in ("follower/hydrophone", "leader/tx_rear"))
+    points = [(p.x, p.y, p.z) for p in ping.lines[0].points]
+    assert points[:2] == [tuple(rear), tuple(hydrophone)]
+    assert len(points) == 6
+    disc = ping.cylinders[0]
+    assert (disc.pose.position.x, disc.pose.position.y, disc.pose.position.z) == (rear[0], rear[1], hydrophone[2])
+    # Pythagoras: slant range, horizontal range and difference in height
+    assert (disc.size.x / 2) ** 2 + (rear[2] - hydrophone[2]) ** 2 == pytest.approx(m.ranges[9, 0] ** 2)
+    assert len(messages(written, "/scene/acoustics")[12].entities[0].lines[0].points) == 4, "one range was lost"
+
+
+def test_the_map_agrees_with_the_ellipsoid() -> None:
+    """Against the exact way: the tangent plane at the origin, in earth-centred coordinates."""
+
+    def earth_centred(latitude: Any, longitude: Any, height: Any) -> Any:
+        e2 = FLATTENING * (2 - FLATTENING)
+        n = SEMI_MAJOR_AXIS / np.sqrt(1 - e2 * np.sin(latitude) ** 2)
+        return np.stack(
+            [
+                (n + height) * np.cos(latitude) * np.cos(longitude),
+                (n + height) * np.cos(latitude) * np.sin(longitude),
+                (n * (1 - e2) + height) * np.sin(latitude),
+            ]
+        )
+
+    origin = np.deg2rad([60.0, 18.55])
+    places = np.array([[0, 0, 0], [1000, 0, 0], [0, 1000, 0], [-700, 700, 0]], dtype=float)
+    latitude, longitude, height = geodetic(places, 60.0, 18.55).T
+    apart = (
+        earth_centred(np.deg2rad(latitude), np.deg2rad(longitude), height)
+        - earth_centred(origin[0], origin[1], 0.0)[:, None]
+    )
+    s, c, sl, cl = np.sin(origin[0]), np.cos(origin[0]), np.sin(origin[1]), np.cos(origin[1])
+    east, north = -sl * apart[0] + cl * apart[1], -s * cl * apart[0] - s * sl * apart[1] + c * apart[2]
+    np.testing.assert_allclose(np.column_stack([east, north]), places[:, :2], atol=0.2)
+
+
+def test_layout_names_channels_and_fields_that_exist(written: Path) -> None:
+    import json
+
+    layout = json.loads(LAYOUT.read_text())
+    there = contents(written)
+    panels = layout["configById"]
+
+    def leaves(node: Any) -> set[str]:
+        return {node} if isinstance(node, str) else leaves(node["first"]) | leaves(node["second"])
+
+    assert leaves(layout["layout"]) == set(panels)
+    topics = {t for p in panels.values() for t in [*p.get("topics", {}), *p.get("topicColors", {})]}
+    assert topics | {panels["RosOut!log"]["topicToRender"]} <= set(there.topics)
+    assert panels["Image!camera"]["imageMode"]["imageTopic"] == "/camera"
+    paths = [path["value"].removesuffix(".@rad2deg") for p in panels.values() for path in p.get("paths", [])]
+    assert paths
+    for topic, _, name in (path.partition(".") for path in paths):
+        assert name in there.topics[topic].descriptor().fields_by_name

@@ -1,0 +1,88 @@
+"""The stages as data: every published row belongs to one setting, and every setting says what the paper says."""
+
+import csv
+from importlib import resources
+
+import pytest
+
+from experiments.flight.library import ROUTES
+from experiments.reproduction import stages
+from sim.scenario.settings import Follower
+
+
+def rows_of_the_file():
+    text = (resources.files("experiments.reproduction") / "data" / "published_tables.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
+
+
+def test_all_144_published_rows_are_reached_once():
+    published = stages.published()
+    assert len(published) == len(rows_of_the_file()) == 144
+    planned = {
+        (s.name, route, variant)
+        for s in stages.SETTINGS
+        if s.table not in {"text", "alternative"}
+        for route in ROUTES
+        for variant in s.variants
+    }
+    assert set(published) == planned
+
+
+@pytest.mark.parametrize(
+    ("key", "metric", "value"),
+    [
+        (("base", "T2", "laisn-2"), "e_p_max_m", 5.12),  # Table 1
+        (("base", "T8", "laisn-3-2"), "e_b_max_deg", 60.06),
+        (("10s-slow", "T3", "laisn-3-2"), "e_p_max_m", 92.16),  # Table 2
+        (("5s", "T9", "laisn-3-2"), "e_b_mean_deg", 0.64),  # Table 3
+        (("10s", "T6", "laisn-2"), "e_p_std_m", 7.99),  # Table 4
+        (("L1", "T5", "laisn-2"), "e_p_mean_m", 0.76),  # Table 5
+        (("HT0.2", "T2", "laisn-3-2"), "e_p_std_m", 2.43),  # Table 6
+        (("asymmetric", "T5", "laisn-2"), "e_p_max_m", 40.08),  # Table 7
+        (("heading2.5", "T4", "laisn-2"), "e_b_mean_deg", 3.25),  # Table 8
+        (("heading5", "T9", "laisn-3-2"), "e_p_max_m", 20.58),  # Table 9
+    ],
+)
+def test_figures_stand_where_the_paper_prints_them(key, metric, value):
+    assert stages.published()[key][metric] == value
+
+
+def test_settings_that_the_paper_only_describes_are_flown_too():
+    described = {s.name: s for s in stages.SETTINGS if s.table == "text"}
+    assert described["muD0.3"].range_scale_mean_m == 0.3
+    assert [(s.tau_rear_m, s.tau_other_m) for n, s in described.items() if n.startswith("tau")] == [
+        (0.03, 0.03),
+        (0.06, 0.06),
+    ]
+
+
+def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
+    free = {"name", "table", "title", "variants", "beta_m2", "threshold_m", "gate", "like"}
+    by_name = {s.name: s for s in stages.SETTINGS}
+    alternatives = [s for s in stages.SETTINGS if s.table == "alternative"]
+    assert alternatives
+    for setting in alternatives:
+        original = by_name[setting.like]
+        for field in set(setting.__dataclass_fields__) - free:
+            assert getattr(setting, field) == getattr(original, field)
+    fixed = [s for s in stages.SETTINGS if s.table != "alternative"]
+    assert {(s.beta_m2, s.threshold_m, s.gate) for s in fixed} == {(0.1, 0.1, "v-max")}
+
+
+def test_scenarios_carry_the_setting():
+    setting = next(s for s in stages.SETTINGS if s.name == "heading5")
+    made = stages.scenario(setting, Follower(route="T4"), "T4", variant="laisn-3-2", motion="kinematic", seed=9)
+    assert made.sensors.leader_heading_bias_deg == 5.0
+    assert made.sensors.leader_heading_sigma_deg == 2.0
+    assert made.followers[0].depth_m == made.leader.depth_m
+    assert (made.navigation.variant, made.seed, made.name) == ("laisn-3-2", 9, "T4")
+    assert made.acoustics.range_tau_m == (0.01, 0.01, 0.01)
+    physical = stages.scenario(setting, Follower(route="T4"), "T4", variant="laisn-2", motion="physics", seed=9)
+    assert physical.followers[0].depth_m != physical.leader.depth_m
+
+
+def test_unknown_stages_are_named():
+    assert stages.settings_of(None) == stages.SETTINGS
+    assert {s.stage for s in stages.settings_of([3, 5])} == {3, 5}
+    with pytest.raises(ValueError, match="unknown stage 6; available: 1, 2, 3, 4, 5"):
+        stages.settings_of([6])

@@ -1,0 +1,141 @@
+"""The eight routes flown by the physics, and how that is measured."""
+
+import numpy as np
+import pytest
+
+from sim.fleet import fly_fleet
+from sim.scenario import point_motion as kinematics
+from sim.scenario import routes as missions
+from sim.scenario.point_motion import plan
+from sim.scenario.routes import Route
+from sim.tracking import arrival_errors, cross_track, off_place, tracking
+from sim.vehicle.mjcf import VehicleSetup
+from sim.vehicle.plant import Plant
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves
+
+NAMES = ("leader", "follower")
+
+
+def setups(routes, **options):
+    return [
+        VehicleSetup(
+            name=name,
+            model=name,
+            position_m=(*route.waypoint[0].tolist(), -float(route.depth.depth[0])),
+            heading_rad=np.pi / 2,
+            speed_m_s=route.start_speed,
+            **options,
+        )
+        for name, route in zip(NAMES, routes, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("name", missions.names()[:-1])
+def test_leader_and_follower_fly_their_routes(name):
+    routes = (missions.route("L"), missions.route(name))
+    flown = fly_fleet(Plant(setups(routes), Ocean.calm()), routes, 1000.0)
+    assert flown.time.size == 10001
+    assert flown.position[0, 1, :2].tolist() == routes[1].waypoint[0].tolist()
+    for report in tracking(flown, routes):
+        assert report.cross_track_rms < 1.0
+        assert report.arrival_error_max < 5.0
+        assert report.speed_error_rms < 0.05
+        assert report.depth_error_max < 0.3
+        assert np.rad2deg(report.pitch_max) < 5
+        assert np.rad2deg(report.roll_max) < 5
+    # the physical vehicles stay within a metre of the paper's point motion
+    ideal = kinematics.fly(NAMES, routes, 1000.0)
+    assert np.linalg.norm(flown.position - ideal.position, axis=-1).max() < 1.0
+
+
+def test_routes_are_kept_in_a_current():
+    routes = (missions.route("L"), missions.route("T6"))
+    sea = Ocean(current_speed_m_s=0.3, current_direction_rad=1.0)
+    flown = fly_fleet(Plant(setups(routes), sea), routes, 1000.0)
+    for report in tracking(flown, routes):
+        assert report.cross_track_rms < 1.0
+        assert report.arrival_error_max < 5.0
+    assert flown.water_velocity[..., 0] == pytest.approx(0.3 * np.sin(1.0))
+    assert flown.water_velocity[..., 1] == pytest.approx(0.3 * np.cos(1.0))
+
+
+def test_the_same_flight_gives_the_same_bytes():
+    routes = (missions.route("L"), missions.route("T7"))
+    a, b = (fly_fleet(Plant(setups(routes), Ocean.calm()), routes, 50.0) for _ in range(2))
+    assert a.position.tobytes() == b.position.tobytes()
+    assert a.thrust.tobytes() == b.thrust.tobytes()
+
+
+def test_the_record_is_that_of_the_plant():
+    routes = (missions.route("L"), missions.route("T7"))
+    plant = Plant(setups(routes), Ocean.calm())
+    flown = fly_fleet(plant, routes, 20.0)
+    assert plant.time == pytest.approx(20.0)
+    assert np.array_equal(flown.position[-1], plant.pose[:, :3])
+    assert np.array_equal(flown.quaternion[-1], plant.pose[:, 3:])
+    assert np.array_equal(flown.velocity[-1], plant.twist[:, :3])
+    assert np.array_equal(flown.thrust[-1], plant.thrust)
+    assert flown.site_position[-1] == pytest.approx(plant.site_positions)
+    # velocity is the derivative of position: central differences are off by the third derivative, dt²/6 of it
+    slope = (flown.position[2:] - flown.position[:-2]) / 0.2
+    assert np.abs(slope - flown.velocity[1:-1]).max() < 0.005
+
+
+def test_the_error_of_a_mission_falls_with_the_square_of_the_physics_step():
+    """The autopilot closes the loop in a rough sea; 5 ms stands for the limit, its own error taken into account."""
+    routes = (missions.route("L"), missions.route("T6"))
+    sea = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.7, floor_depth_m=40.0)
+    coarse, middle, fine = (
+        fly_fleet(Plant(setups(routes), Ocean(waves=sea), dt), routes, 100.0) for dt in (0.05, 0.025, 0.005)
+    )
+    errors = [np.sqrt(np.mean((flown.position - fine.position) ** 2)) for flown in (coarse, middle)]
+    assert errors[0] < 0.001
+    assert errors[1] == pytest.approx(errors[0] * (0.025**2 - 0.005**2) / (0.05**2 - 0.005**2), rel=0.1)
+    turning = [np.sqrt(np.mean((flown.pitch - fine.pitch) ** 2)) for flown in (coarse, middle)]
+    assert turning[1] < 0.3 * turning[0] < np.radians(0.01)
+
+
+def test_cross_track_is_the_distance_to_the_legs():
+    route = Route.timed("corner", [[0, 0, 0], [100, 0, 100], [200, 100, 100]], 5.0)
+    time = np.array([50.0, 95.0, 105.0, 150.0])
+    position = np.array([[3.0, 50.0], [4.0, 97.0], [10.0, 98.0], [50.0, 101.0]])
+    # the second point is due on the first leg (4 m), but nearer to the second one (3 m)
+    assert cross_track(route, time, position) == pytest.approx([3.0, 3.0, 2.0, 1.0])
+
+
+def test_off_its_place_is_who_is_beside_or_late():
+    route = Route.timed("straight", [[0, 0, 0], [100, 0, 100]], 5.0)
+    time = np.array([30.0, 50.0, 70.0])
+    position = np.array([[3.0, 30.0], [0.0, 46.0], [-3.0, 74.0]])
+    assert off_place(route, time, position) == pytest.approx([3.0, 4.0, 5.0], abs=0.01)
+
+
+def test_arrival_is_when_a_waypoint_is_nearest():
+    route = Route.timed("line", [[0, 0, 0], [100, 0, 100], [200, 0, 200]], 5.0)
+    time = np.arange(0, 250.0, 0.1)
+    # 2 s late, 1 m beside
+    position = np.column_stack([np.ones_like(time), np.maximum(time - 2.0, 0.0)])
+    assert arrival_errors(route, time, position)[1:] == pytest.approx([2.0, 2.0], abs=0.1)
+    # a trajectory that ends before the last waypoint has not missed it
+    assert arrival_errors(route, time[:1500], position[:1500]).size == 2
+
+
+@pytest.mark.parametrize("name", missions.names())
+def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
+    route = missions.route(name)
+    (report,) = tracking(kinematics.fly(("vehicle",), (route,), 1000.0), (route,))
+    assert report.arrival_error_max < 0.1 + 1e-9
+    assert report.speed_error_rms < 1e-9
+    assert report.depth_error_max < 1e-9
+    assert report.pitch_max < 1e-9
+    # the arc through a corner of c leaves the legs by R (1 − cos(c / 2)) at most, the start by its own turn
+    turning = plan(route).at(np.arange(0, 1000, 0.1))
+    radius = (turning.speed / kinematics.TURN_RATE)[turning.turn_rate != 0].max(initial=0)
+    assert report.cross_track_max < radius * (1 - np.cos(kinematics.SHARPEST_CUT / 2)) + 0.01
+
+
+def test_reports_need_a_route_for_each_vehicle():
+    routes = (missions.route("L"), missions.route("T2"))
+    with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
+        tracking(kinematics.fly(NAMES, routes, 20.0), routes[:1])

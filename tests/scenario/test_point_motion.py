@@ -1,0 +1,191 @@
+"""The point motion, against closed forms."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from sim.scenario import point_motion as kinematics
+from sim.scenario import routes as missions
+from sim.scenario.point_motion import Limits, Sites, plan
+from sim.scenario.routes import Route
+
+TURN_RATE, ACCELERATION = np.deg2rad(10.0), 0.2
+RADIUS = 1.0 / TURN_RATE
+
+
+def square(corner_deg: float, leg: float = 200.0) -> Route:
+    """East, then turned to starboard by an angle, at 1 m/s in the turn: legs are timed along the cut corner."""
+    turn = np.deg2rad(corner_deg)
+    points = [[0, 0], [leg, 0], [leg + leg * np.cos(turn), -leg * np.sin(turn)]]
+    saved = RADIUS * (np.tan(turn / 2) - turn / 2)
+    time = [0, leg - saved, 2 * leg - 2 * saved]
+    return Route.timed("corner", np.column_stack([time, points]), 5.0)
+
+
+def test_a_quarter_turn_takes_nine_seconds_on_a_circle():
+    flown = plan(square(90.0))
+    turning = np.flatnonzero(flown.turn_rate)
+    assert flown.turn_rate[turning] == pytest.approx(TURN_RATE)
+    begin, end = flown.start[turning[0]], flown.start[turning[-1] + 1]
+    assert end - begin == pytest.approx(9.0)
+    assert begin == pytest.approx(200 - RADIUS)
+    motion = flown.at(np.linspace(begin, end, 50))
+    assert np.hypot(motion.east - (200 - RADIUS), motion.north + RADIUS) == pytest.approx(RADIUS)
+    assert motion.speed == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("corner_deg", [-130.0, -45.0, 10.0, 90.0])
+def test_legs_are_straight_and_exact(corner_deg):
+    right = square(abs(corner_deg))
+    side = np.sign(corner_deg)
+    route = Route.timed("corner", np.column_stack([right.time, right.waypoint * [1, side]]), 5.0)
+    flown = plan(route)
+    motion = flown.at(np.arange(0, 350.0, 0.1))
+    begin, end = flown.start[np.flatnonzero(flown.turn_rate)[0]], flown.start[np.flatnonzero(flown.turn_rate)[-1] + 1]
+    time = np.arange(0, 350.0, 0.1)
+    assert motion.north[time <= begin] == pytest.approx(0.0, abs=1e-9)
+    direction = (route.waypoint[2] - route.waypoint[1]) / 200
+    late = time >= end
+    across = (motion.east[late] - 200) * direction[1] - motion.north[late] * direction[0]
+    assert across == pytest.approx(0.0, abs=1e-8)
+    assert end - begin == pytest.approx(abs(corner_deg) / 10)
+
+
+def test_a_change_of_speed_is_a_ramp():
+    # 100 s at most: 1 to 2 m/s takes 5 s and loses 2.5 m against 2 m/s from the start
+    flown = plan(Route.timed("ramp", [[0, 0, 0], [100, 0, 197.5]], 5.0))
+    assert flown.acceleration.tolist() == [ACCELERATION, 0, 0]
+    assert flown.start == pytest.approx([0, 5, 100])
+    motion = flown.at(np.array([0.0, 2.5, 5.0, 50.0, 100.0, 110.0]))
+    assert motion.speed == pytest.approx([1, 1.5, 2, 2, 2, 2])
+    assert motion.north == pytest.approx([0, 2.5 + 0.1 * 2.5**2, 7.5, 97.5, 197.5, 217.5])
+
+
+@pytest.mark.parametrize("name", missions.names())
+def test_waypoints_are_met_on_time(name):
+    route = missions.route(name)
+    flown = plan(route)
+    for k in range(1, route.time.size):
+        motion = flown.at(route.time[k] + np.array([-0.05, 0.0, 0.05]))
+        distance = np.hypot(motion.east - route.waypoint[k, 0], motion.north - route.waypoint[k, 1])
+        assert distance[1] <= distance[[0, 2]].min() + 1e-9
+    assert route.waypoint[-1] == pytest.approx([motion.east[1], motion.north[1]], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", missions.names())
+def test_motion_keeps_to_its_limits_and_is_continuous(name):
+    time = np.arange(0, 1000.05, 0.01)
+    motion = plan(missions.route(name)).at(time)
+    assert np.abs(motion.turn_rate).max() <= TURN_RATE + 1e-12
+    assert np.abs(motion.acceleration).max() <= ACCELERATION
+    assert not (motion.turn_rate * motion.acceleration).any()
+    for value, rate in (
+        (motion.course, TURN_RATE),
+        (motion.speed, ACCELERATION),
+        (motion.east, 3.0),
+        (motion.north, 3.0),
+    ):
+        assert np.abs(np.diff(value)).max() <= rate * 0.01 + 1e-9
+
+
+def test_the_position_is_the_integral_of_the_velocity():
+    dt = 0.001
+    time = np.arange(0, 1000, dt)
+    motion = plan(missions.route("T8")).at(time)
+    for position, part in ((motion.east, np.sin(motion.course)), (motion.north, np.cos(motion.course))):
+        velocity = motion.speed * part
+        integral = position[0] + np.concatenate([[0], np.cumsum((velocity[1:] + velocity[:-1]) / 2 * dt)])
+        # trapezoids: the jump of acceleration at a segment's end costs dt²/2 times it at most
+        assert np.abs(position - integral).max() < 100 * dt**2
+
+
+def test_a_start_off_the_first_leg_turns_to_it_first():
+    # north wanted, east headed: after a quarter circle to port of radius R the vehicle is R ahead, and aims back
+    route = Route.timed("start", [[0, 0, 0], [100, 0, 100]], 5.0, start_heading=np.pi / 2)
+    flown = plan(route)
+    motion = flown.at(np.array([0.0, 100.0]))
+    assert motion.course[0] == pytest.approx(np.pi / 2)
+    assert flown.turn_rate[0] == pytest.approx(-TURN_RATE)
+    assert [motion.east[1], motion.north[1]] == pytest.approx([0, 100], abs=1e-9)
+
+
+def test_sharp_corners_are_turned_after_the_waypoint():
+    route = Route.timed("back", [[0, 0, 0], [100, 0, 100], [260, 1, -40]], 5.0)
+    motion = plan(route).at(route.time)
+    assert motion.east == pytest.approx(route.waypoint[:, 0], abs=1e-9)
+    assert motion.north == pytest.approx(route.waypoint[:, 1], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([[0, 0, 0], [100, 0, 100], [120, 0, 180]], "route 'mine', waypoint 3: 4 m/s required, the limit is 3 m/s"),
+        ([[0, 0, 0], [10, 0, 29]], "waypoint 2: 2.9 m/s on average required after 1 m/s; out of reach"),
+        ([[0, 0, 0], [10, 0, 0.5]], "waypoint 2: 0.05 m/s on average required after 1 m/s; out of reach"),
+        # two quarter turns of 5.7 m radius do not fit on 9 m
+        ([[0, 0, 0], [100, 0, 100], [107, 9, 100], [290, 9, 280]], "waypoint 3: a leg of 9 m is .* m too short"),
+        # almost back, and within the circle about (5.7, 100)
+        ([[0, 0, 0], [100, 0, 100], [106, 4, 95.5]], "waypoint 3: it lies within the turning circle of 5.73 m radius"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_by_name(points, message):
+    with pytest.raises(ValueError, match=message):
+        plan(Route.timed("mine", points, 5.0))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(20, 200), st.floats(-200, 200), st.floats(-200, 200)), min_size=1, max_size=6),
+    st.sampled_from([Limits(), Limits(sharpest_cut=0.0), Limits(turn_rate=0.5, speed_max=2.0)]),
+)
+def test_any_route_is_met_on_time_or_refused(steps, limits):
+    points = np.cumsum(np.array([(0.0, 0.0, 0.0), *steps]), axis=0)
+    assume(np.hypot(*np.diff(points[:, 1:], axis=0).T).min() > 0)
+    route = Route.timed("any", points, 5.0)
+    try:
+        flown = plan(route, limits)
+    except ValueError as error:
+        refusal = str(error)
+    else:
+        refusal = ""
+    if refusal:
+        assert refusal.startswith("route 'any', waypoint ")
+        return
+    time = np.linspace(0, points[-1, 0], 2000)
+    motion = flown.at(time)
+    assert motion.speed.max() <= limits.speed_max + 1e-6
+    assert np.abs(motion.turn_rate).max() <= limits.turn_rate + 1e-12
+    end = flown.at(route.time[-1:])
+    assert [end.east[0], end.north[0]] == pytest.approx(route.waypoint[-1].tolist(), abs=1e-6)
+    # corners are cut by less than R (1 / cos(c / 2) − 1), sharper ones not at all
+    cut = min(limits.sharpest_cut, np.deg2rad(135.0))
+    reach = limits.speed_max / limits.turn_rate * (1 / np.cos(cut / 2) - 1)
+    there = flown.at(route.time)
+    assert np.hypot(there.east - points[:, 1], there.north - points[:, 2]).max() <= reach + 1e-6
+
+
+def test_a_fleet_moves_level_on_its_course():
+    routes = (missions.route("L"), missions.route("T4", 12.0))
+    sites = Sites(("leader/bow", "follower/top"), np.array([0, 1]), np.array([[1.0, 0, 0], [0, 0, 0.1]]))
+    flown = kinematics.fly(("leader", "follower"), routes, 1000.0, sites=sites)
+    assert flown.time.size == 10001
+    assert flown.time[-1] == pytest.approx(1000.0)
+    assert np.abs(flown.pitch).max() < 1e-12
+    assert np.abs(flown.roll).max() < 1e-12
+    assert flown.depth[:, 0] == pytest.approx(8.0)
+    assert flown.depth[:, 1] == pytest.approx(12.0)
+    for i, route in enumerate(routes):
+        motion = plan(route).at(flown.time)
+        ahead = flown.heading[:, i] - motion.course
+        assert np.abs((ahead + np.pi) % (2 * np.pi) - np.pi).max() < 1e-12
+        assert flown.forward_speed[:, i] == pytest.approx(motion.speed)
+        assert flown.angular_velocity[:, i, 2] == pytest.approx(-motion.turn_rate)
+    # the bow is 1 m along the course, east at first
+    assert flown.site_position[0, 0] == pytest.approx([1.0, 0.0, -8.0])
+    assert flown.site_position[:, 1, 2] == pytest.approx(-11.9)
+
+
+def test_a_fleet_needs_a_route_for_each_vehicle():
+    with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
+        kinematics.fly(("leader", "follower"), (missions.route("L"),), 10.0)

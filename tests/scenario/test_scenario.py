@@ -1,0 +1,134 @@
+"""Scenario files: round trip, overrides, and what is said about faults."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments.flight import library
+from laisn.settings import NavigationSettings
+from sim.flight import navigation_settings
+from sim.motion import move
+from sim.scenario import file as scenario_file
+from sim.scenario.file import ScenarioError
+from sim.sensing.observation import errors_of
+from sim.sensing.sensor_errors import SensorErrors
+
+MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}
+
+
+@pytest.mark.parametrize("name", library.names())
+def test_every_built_in_scenario_survives_toml(name: str) -> None:
+    scenario = library.load(name, ())
+    text = scenario_file.dumps(scenario)
+    assert scenario_file.validate(tomllib.loads(text), name) == scenario
+    assert library.load_flyable(name, ()) == scenario
+
+
+def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
+    """The paper's constants stand in the scenario in a user's units, and in SI where they are used."""
+    scenario = scenario_file.validate({**MINIMAL, "motion": "kinematic", "duration_s": 1.0}, "mine.toml")
+    assert errors_of(scenario) == SensorErrors()
+    told = navigation_settings(scenario, move(scenario), 0)
+    # where the hydrophone sits is the hull's, not a default
+    assert replace(told, hydrophone_height=0.0) == NavigationSettings()
+
+
+def test_defaults_are_the_papers() -> None:
+    """Paper, Section 3.1."""
+    scenario = scenario_file.validate(MINIMAL, "mine.toml")
+    assert scenario.leader.baseline_m == 2.0
+    assert scenario.leader.middle_offset_m == 0.1
+    assert scenario.timing.filter_step_s == 0.1
+    assert (scenario.sensors.speed_bias_m_s, scenario.sensors.speed_sigma_m_s) == (0.2, 0.2)
+    assert (scenario.sensors.heading_bias_deg, scenario.sensors.heading_sigma_deg) == (5.0, 2.0)
+    assert (scenario.navigation.alpha_m_s2, scenario.navigation.sigma_a0_m_s2) == (8.0, 60.0)
+    assert (scenario.acoustics.range_scale_mean_m, scenario.acoustics.range_scale_sigma_m) == (0.1, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"senors": {}}, "senors: unknown key; did you mean 'sensors'"),
+        ({"sensors": {"speed_bais_m_s": 1.0}}, "sensors.speed_bais_m_s: unknown key; did you mean 'speed_bias_m_s'"),
+        ({"seed": "one"}, "seed: Input should be a valid integer"),
+        ({"ocean": {"density_kg_m3": float("nan")}}, "ocean.density_kg_m3: Input should be a valid number"),
+        ({"leader": {"baseline_m": -2.0}}, "leader.baseline_m: Input should be greater than 0 (given: -2.0)"),
+        ({"timing": {"message_interval_s": 0.25}}, "message_interval_s = 0.25 is no multiple of filter_step_s = 0.1"),
+        ({"timing": {"physics_step_s": 0.03}}, "physics_step_s = 0.03 does not divide 0.1 s"),
+        ({"followers": [{}]}, "followers[0]: a vehicle needs a route"),
+        ({"followers": [{"route": "T2"}, {"route": "T3"}]}, "vehicle names must differ; repeated: follower"),
+        ({"followers": [{"waypoints": [[0, 0, 0], [0, 1, 1]]}]}, "waypoint 2 at 0 s is not later"),
+        ({"navigation": {"variant": "laisn-4"}}, "navigation.variant: Input should be 'laisn-2', 'laisn-3-1'"),
+        ({"navigation": {"use_attitude": True}}, "needs leader.broadcast_attitude = true"),
+        ({"leader": {"depth_m": 40.0}}, "leader would dive to 40 m"),
+        ({"sensors": {"speed_bias_m_s": 1e308}}, "sensors.speed_bias_m_s: Input should be less than or equal to 10"),
+        ({"leader": {"depth_profile": [[0, 5], [0, 6]]}}, "leader.depth_profile: depth 2 at 0 s is not later"),
+        ({"leader": {"saw_tooth_amplitude_m": 9.0}}, "leader: saw_tooth_amplitude_m = 9 about depth_m = 8 would leave"),
+        ({"ocean": {"current_shear_per_s": 1.0}}, "the current at leader's 8 m would run at -8 m/s"),
+        ({"followers": [{"waypoints": [[0, 0, 0], [9, 9]]}]}, "mine.toml: 1 fault\n  followers[0].waypoints[1]"),
+        ({"epoch": "yesterday"}, "is no ISO 8601 time with zone"),
+        ({"name": "a/b"}, "name: String should match pattern"),
+    ],
+)
+def test_a_fault_names_file_key_and_expectation(change: dict[str, Any], expected: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        scenario_file.validate({**MINIMAL, **change}, "mine.toml")
+    assert str(caught.value).startswith("mine.toml: ")
+    assert expected in str(caught.value)
+
+
+def test_all_faults_are_told_at_once() -> None:
+    table = {**MINIMAL, "seed": -1, "duration_s": 0.0, "wind": 3}
+    with pytest.raises(ScenarioError, match="3 faults"):
+        scenario_file.validate(table, "mine.toml")
+
+
+def test_overrides_reach_nested_keys_and_list_items() -> None:
+    table = scenario_file.override(
+        MINIMAL, ["followers.0.depth_m=5", "navigation.variant=laisn-3-1", "ocean.waves.kind=jonswap"]
+    )
+    scenario = scenario_file.validate(table, "mine.toml")
+    assert scenario.followers[0].depth_m == 5.0
+    assert scenario.navigation.variant == "laisn-3-1"
+    assert scenario.ocean.waves.kind == "jonswap"
+    assert MINIMAL == {"name": "mine", "followers": [{"route": "T5"}]}
+
+
+@pytest.mark.parametrize("assignment", ["seed", "=3", "followers.7.depth_m=1", "name.first=x"])
+def test_a_broken_override_is_refused(assignment: str) -> None:
+    with pytest.raises(ScenarioError, match="--set"):
+        scenario_file.override(MINIMAL, [assignment])
+
+
+@pytest.mark.parametrize(
+    ("assignments", "expected"),
+    [
+        (
+            ["followers.0.waypoints=[[0, 0, 0], [10, 52.2, 0]]"],
+            "followers[0].waypoints: route 'follower', waypoint 2: 5.22 m/s",
+        ),
+        (["followers.0.route=T1"], "followers[0].route: unknown route 'T1'; available: T2 … T9, L"),
+        (["leader.waypoints=[[0, 0, 0], [10, 0, 0]]"], "leader.waypoints: route 'leader': waypoints 1 and 2 coincide"),
+        (["video.camera=drone"], "video.camera: unknown camera 'drone'; available: chase"),
+        (["epoch=1960-01-01T00:00:00+00:00"], "epoch 1960-01-01 00:00:00+00:00 lies outside 1970"),
+        (["ocean.waves.kind=regular", "ocean.waves.height_m=5"], "ocean.waves: height_m=5.0 must lie between 0 and"),
+    ],
+)
+def test_what_cannot_be_flown_names_file_and_key(assignments: list[str], expected: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        library.load_flyable("T5", assignments)
+    assert str(caught.value).startswith("T5: " + expected)
+
+
+def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"No such file"):
+        scenario_file.read(tmp_path / "none.toml")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("name = \n")
+    with pytest.raises(ScenarioError, match=r"not valid TOML: .* line 1"):
+        scenario_file.read(broken)
+    with pytest.raises(ScenarioError, match="unknown scenario 'T1'; available: T2, T3"):
+        library.load("T1", ())

@@ -1,0 +1,145 @@
+"""Noise: the generator against published answers, its distributions against closed-form bounds."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy import stats
+
+from laisn.compiled import compiled
+from laisn.elementary import half_turn_angle, log, sin_cos
+from sim.sensing import noise
+from sim.sensing.noise import Stream, normals, uniforms
+
+Floats = npt.NDArray[np.float64]
+
+DRAWS = 200_000
+STEPS = np.arange(DRAWS)
+
+KNOWN_ANSWERS = [
+    # Counter, key, output: known-answer vectors published with Random123 1.14 (kat_vectors, "philox4x32 10").
+    ("00000000 00000000 00000000 00000000", "00000000 00000000", "6627e8d5 e169c58d bc57ac4c 9b00dbd8"),
+    ("ffffffff ffffffff ffffffff ffffffff", "ffffffff ffffffff", "408f276d 41c83b0e a20bc7c6 6d5451fd"),
+    ("243f6a88 85a308d3 13198a2e 03707344", "a4093822 299f31d0", "d16cfe09 94fdcceb 5001e420 24126ea1"),
+]
+
+
+@compiled
+def _philox(numbers: npt.NDArray[np.uint64]) -> tuple[int, int, int, int]:
+    return noise.philox(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
+
+
+@compiled
+def _functions(x: Floats, y: Floats) -> Floats:
+    out = np.empty((x.size, 4))
+    for i in range(x.size):
+        out[i, 0] = log(abs(x[i]))
+        out[i, 1], out[i, 2] = sin_cos(x[i])
+        out[i, 3] = half_turn_angle(x[i], y[i])
+    return out
+
+
+@pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS)
+def test_philox_gives_the_published_answers(counter: str, key: str, answer: str) -> None:
+    numbers = np.array([int(word, 16) for word in f"{counter} {key}".split()], dtype=np.uint64)
+    assert [int(word) for word in _philox(numbers)] == [int(word, 16) for word in answer.split()]
+
+
+def test_elementary_functions_agree_with_the_library() -> None:
+    generator = np.random.default_rng(7)
+    x = np.concatenate([generator.uniform(-1000, 1000, 20_000), generator.normal(size=20_000) * 1e-6])
+    y = generator.normal(size=x.size) * 10.0 ** generator.uniform(-8, 3, x.size)
+    result = _functions(x, y)
+    assert result[:, 0] == pytest.approx(np.log(np.abs(x)), abs=1e-14)
+    assert result[:, 1] == pytest.approx(np.sin(x), abs=1e-14)
+    assert result[:, 2] == pytest.approx(np.cos(x), abs=1e-14)
+    assert result[:, 3] == pytest.approx(np.arctan2(np.abs(x), y), abs=1e-14)
+
+
+def test_logarithm_keeps_its_relative_accuracy_near_one() -> None:
+    x = 1.0 + np.linspace(-1e-3, 1e-3, 2001)
+    assert _functions(x, x)[:, 0] == pytest.approx(np.log(x), rel=1e-14, abs=1e-300)
+
+
+def test_angle_of_axes_and_of_nothing() -> None:
+    angles = _functions(np.array([1e-300, 1.0, -1.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0, -1e300, 0.0]))[:, 3]
+    assert angles == pytest.approx([0.0, math.pi / 2, math.pi / 2, math.pi, 0.0], abs=1e-15)
+
+
+def test_normals_are_those_of_box_and_muller() -> None:
+    # The words of an address by the published algorithm in Python's integers, the normals by the library's functions.
+    def words(seed: int, run: int, stream: int, step: int) -> list[int]:
+        c, k = [step, run, stream, 0], [seed & 0xFFFFFFFF, seed >> 32]
+        for _ in range(10):
+            p0, p1 = c[0] * 0xD2511F53, c[2] * 0xCD9E8D57
+            c = [(p1 >> 32) ^ c[1] ^ k[0], p1 & 0xFFFFFFFF, (p0 >> 32) ^ c[3] ^ k[1], p0 & 0xFFFFFFFF]
+            k = [(k[0] + 0x9E3779B9) & 0xFFFFFFFF, (k[1] + 0xBB67AE85) & 0xFFFFFFFF]
+        return c
+
+    seed, run, stream = 2**63 + 12345, 17, Stream.OWN_MOTION.number(3)
+    for step, (first, second) in enumerate(normals(seed, run, stream, np.arange(50))):
+        w = words(seed, run, stream, step)
+        u, v = ((high << 20) | (low >> 12) for high, low in (w[:2], w[2:]))
+        radius = math.sqrt(-2.0 * math.log(1.0 - u * 2.0**-52))
+        angle = (v * 2.0**-52 - 0.5) * math.pi / 2 + (v % 4) * math.pi / 2
+        assert first == pytest.approx(radius * math.cos(angle), abs=1e-13)
+        assert second == pytest.approx(radius * math.sin(angle), abs=1e-13)
+    assert uniforms(seed, run, stream, 5)[0] == pytest.approx(
+        [(w + 0.5) * 2.0**-32 for w in words(seed, run, stream, 5)], abs=1e-16
+    )
+
+
+def test_normals_have_the_moments_and_the_distribution_of_normals() -> None:
+    # Bounds are five standard errors: variances of the sample moments of a normal are 1, 2, 15 and 96 over the number.
+    draws = normals(1, 0, 0, STEPS)
+    for column in draws.T:
+        for power, moment, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
+            assert abs(np.mean(column**power) - moment) < 5 * math.sqrt(variance / DRAWS)
+        # Kolmogorov's limit: the distance exceeds 1.95 / √m once in a thousand samples.
+        assert stats.kstest(column, "norm").statistic < 1.95 / math.sqrt(DRAWS)
+    assert abs(np.mean(draws[:, 0] * draws[:, 1])) < 5 / math.sqrt(DRAWS)
+    assert abs(np.mean(draws[:, 0] ** 2 * draws[:, 1] ** 2) - 1) < 5 * math.sqrt(8 / DRAWS)
+
+
+def test_uniforms_are_uniform() -> None:
+    draws = uniforms(1, 0, Stream.RANGE_UNIFORM.number(), STEPS)
+    assert draws.min() > 0.0
+    assert draws.max() < 1.0
+    for column in draws.T:
+        assert stats.kstest(column, "uniform").statistic < 1.95 / math.sqrt(DRAWS)
+    correlation = np.corrcoef(draws.T) - np.eye(4)
+    assert np.abs(correlation).max() < 5 / math.sqrt(DRAWS)
+
+
+def test_different_addresses_are_independent() -> None:
+    streams = [stream.number(follower) for stream in Stream for follower in (0, 1)]
+    addresses = {(1, 0, stream) for stream in streams} | {(2, 0, 0), (1, 1, 0), (1, 2, 0), (1 + 2**32, 0, 0)}
+    draws = np.concatenate([normals(*a, STEPS).T for a in sorted(addresses)])
+    draws = np.concatenate([draws, normals(1, 0, 0, STEPS + 1).T])
+    product = draws @ draws.T / DRAWS - np.eye(len(draws))
+    # One pair of rows is the same noise a step later; all others, and this one, must be uncorrelated.
+    assert np.abs(product).max() < 5 / math.sqrt(DRAWS)
+
+
+def test_a_draw_is_the_same_alone_and_among_others() -> None:
+    together = normals(5, 3, 2, STEPS[:100])
+    alone = np.concatenate([normals(5, 3, 2, step) for step in range(99, -1, -1)])[::-1]
+    assert together.tobytes() == alone.tobytes()
+
+
+def test_followers_share_the_noise_of_the_leader_only() -> None:
+    numbers = [stream.number(follower) for stream in Stream for follower in range(50)]
+    leader = {s for s in Stream if s.name.startswith("LEADER")}
+    assert len(set(numbers)) == len(leader) + 50 * (len(Stream) - len(leader))
+    assert all(s.number(0) == s.number(49) for s in leader)
+
+
+@pytest.mark.parametrize(
+    ("seed", "run", "stream", "steps", "named"),
+    [(-1, 0, 0, 0, "seed"), (2**64, 0, 0, 0, "seed"), (0, 2**32, 0, 0, "run"), (0, 0, -1, 0, "stream"),
+     (0, 0, 0, [0, -1], "steps"), (0, 0, 0, 2**32, "steps")],
+)  # fmt: skip
+def test_an_address_out_of_range_is_named(seed: int, run: int, stream: int, steps: int, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        normals(seed, run, stream, steps)

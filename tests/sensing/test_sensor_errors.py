@@ -1,0 +1,111 @@
+"""Sensor errors: the paper's formulas, term by term, on draws taken from the streams themselves."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from laisn.messages import LeaderMessage, Measurements
+from sim.sensing.noise import Stream, normals, uniforms
+from sim.sensing.sensor_errors import SensorErrors, measure
+from sim.sensing.truth import MissionTruth
+
+SEED, RUN = 11, 4
+STEPS, SENT = 40, np.array([5, 10, 20, 39])
+
+PERFECT = SensorErrors(
+    speed_bias=0.0, speed_sigma=0.0, heading_bias=0.0, heading_sigma=0.0, range_tau=(0.0, 0.0, 0.0),
+    range_scale_mean=0.0, range_scale_sigma=0.0,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def truth() -> MissionTruth:
+    rng = np.random.default_rng(2)
+    m = SENT.size
+    ranges = rng.uniform(10, 50, (m, 3))
+    ranges[1, 0] = np.nan
+    return MissionTruth(
+        dt=0.1,
+        start=np.zeros(4),
+        speed=rng.uniform(0.0, 2.0, STEPS),
+        heading=rng.uniform(0, 6, STEPS),
+        depth=rng.uniform(5, 15, STEPS),
+        hydrophone=rng.normal(size=(STEPS, 2)),
+        leader_position=rng.normal(size=(STEPS, 2)),
+        leader_heading=rng.uniform(0, 6, STEPS),
+        message_step=SENT + 1,
+        emission_step=SENT,
+        timestamp=SENT * 0.1,
+        sent_position=rng.normal(size=(m, 3)),
+        sent_heading=rng.uniform(0, 6, m),
+        sent_speed=rng.uniform(0, 2, m),
+        sent_attitude=rng.normal(size=(m, 2)),
+        slant_range=ranges,
+    )
+
+
+def column(measured: Measurements, name: str) -> npt.NDArray[np.float64]:
+    return measured.message[:, LeaderMessage._fields.index(name)]
+
+
+def test_perfect_sensors_read_the_truth(truth: MissionTruth) -> None:
+    measured = measure(truth, PERFECT, seed=SEED, run=RUN)
+    for name in ("speed", "heading", "depth", "message_step"):
+        assert np.array_equal(getattr(measured, name), getattr(truth, name))
+    assert np.array_equal(measured.ranges, truth.slant_range, equal_nan=True)
+    sent = np.column_stack(
+        [truth.sent_position[:, :2], truth.sent_heading, truth.sent_speed, truth.sent_position[:, 2]]
+    )
+    assert np.array_equal(measured.message[:, 1:6], sent)
+    assert np.array_equal(measured.message[:, 6:8], truth.sent_attitude)
+    assert np.all(np.isnan(column(measured, "heading_sigma")))
+
+
+def test_own_sensors_follow_equations_26_and_27(truth: MissionTruth) -> None:
+    errors = SensorErrors(speed_bias=-0.5, speed_sigma=0.4, heading_bias=0.1, heading_sigma=0.05, depth_sigma=0.3)
+    measured = measure(truth, errors, seed=SEED, run=RUN, follower=2)
+    k = np.arange(1, STEPS + 1)
+    n = normals(SEED, RUN, Stream.OWN_MOTION.number(2), k)
+    expected = np.maximum(truth.speed - 0.5 + 0.4 * n[:, 0], 0.0)
+    assert np.any(expected == 0.0)
+    assert measured.speed == pytest.approx(expected, abs=1e-14)
+    # θ + μ + |N(μ, σ) − μ|
+    assert measured.heading == pytest.approx(truth.heading + 0.1 + np.abs((0.1 + 0.05 * n[:, 1]) - 0.1), abs=1e-14)
+    n = normals(SEED, RUN, Stream.DEPTH.number(2), k)
+    assert measured.depth == pytest.approx(truth.depth + 0.3 * n[:, 0], abs=1e-14)
+
+
+def test_ranges_follow_equation_28(truth: MissionTruth) -> None:
+    errors = SensorErrors(range_tau=(0.01, 0.03, 0.06), range_scale_mean=0.3, range_scale_sigma=0.05)
+    measured = measure(truth, errors, seed=SEED, run=RUN, follower=1)
+    u = uniforms(SEED, RUN, Stream.RANGE_UNIFORM.number(1), truth.message_step)[:, :3]
+    psi = 0.3 + 0.05 * normals(SEED, RUN, Stream.RANGE_SCALE.number(1), truth.message_step)[:, :1]
+    longest = np.nanmax(truth.slant_range, axis=1, keepdims=True)
+    expected = truth.slant_range + np.array([0.01, 0.03, 0.06]) * u + psi * truth.slant_range / longest
+    assert measured.ranges == pytest.approx(expected, abs=1e-13, nan_ok=True)
+
+
+def test_followers_hear_the_same_leader(truth: MissionTruth) -> None:
+    errors = SensorErrors(
+        leader_speed_bias=0.1, leader_speed_sigma=0.2, leader_heading_bias=0.05, leader_heading_sigma=0.02,
+        leader_depth_sigma=0.3, leader_pitch_sigma=0.01, leader_roll_sigma=0.02,
+    )  # fmt: skip
+    one, other = (measure(truth, errors, seed=SEED, run=RUN, follower=f) for f in (0, 7))
+    assert one.message.tobytes() == other.message.tobytes()
+    assert not np.any(one.speed == other.speed)
+    assert not np.any(one.ranges == other.ranges)
+    n = normals(SEED, RUN, Stream.LEADER_MOTION.number(), SENT)
+    assert column(one, "speed") == pytest.approx(np.maximum(truth.sent_speed + 0.1 + 0.2 * n[:, 0], 0.0), abs=1e-14)
+    assert column(one, "heading") == pytest.approx(truth.sent_heading + 0.05 + 0.02 * np.abs(n[:, 1]), abs=1e-14)
+    n = normals(SEED, RUN, Stream.LEADER_ATTITUDE.number(), SENT)
+    assert one.message[:, 6:8] == pytest.approx(truth.sent_attitude + np.array([0.01, 0.02]) * n, abs=1e-14)
+    n = normals(SEED, RUN, Stream.LEADER_DEPTH.number(), SENT)
+    assert column(one, "depth") == pytest.approx(truth.sent_position[:, 2] + 0.3 * n[:, 0], abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("speed_sigma", -0.1), ("heading_bias", np.nan), ("range_tau", (0.01, -0.01, 0.01))]
+)
+def test_impossible_errors_are_named(field: str, value: float) -> None:
+    with pytest.raises(ValueError, match=field):
+        SensorErrors(**{field: value})

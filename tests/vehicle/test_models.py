@@ -1,0 +1,178 @@
+"""Every model compiles, steps quietly under random control and is what the documents say of it."""
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.integrate import quad
+
+import models
+from sim.vehicle import coefficients
+from sim.vehicle.mjcf import THRUSTERS, VehicleSetup, compose, resolve
+from sim.vehicle.plant import Plant
+from sim.water.ocean import Ocean
+
+Floats = npt.NDArray[np.float64]
+VEHICLES = ("leader", "follower")
+SIZES = {"leader": (2.0, 0.25), "follower": (1.6, 0.19)}
+"""Length and diameter of the hulls [m]."""
+
+
+def pair() -> list[VehicleSetup]:
+    return [
+        VehicleSetup(name="lead", model="leader", position_m=(0, 0, -10), heading_rad=1.0),
+        VehicleSetup(name="T2", model="follower", position_m=(-20, 5, -12), heading_rad=-2.0, speed_m_s=1.0),
+    ]
+
+
+@pytest.mark.parametrize("name", [*VEHICLES, "ocean"])
+def test_model_compiles_and_steps_without_a_warning(name: str) -> None:
+    model = mujoco.MjModel.from_xml_path(str(models.path(name)))
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        data.ctrl[:] = rng.uniform(-200, 200, model.nu)
+        mujoco.mj_step(model, data)
+    assert not data.warning.number.any()
+
+
+def test_unknown_model_is_answered_with_what_exists() -> None:
+    with pytest.raises(ValueError, match=r"unknown model 'submarine'; available: follower, leader, ocean"):
+        models.path("submarine")
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_thrusters_push_where_their_names_say(name: str) -> None:
+    model = mujoco.MjModel.from_xml_path(str(models.path(name)))
+    assert tuple(model.actuator(i).name for i in range(model.nu)) == THRUSTERS
+    data = mujoco.MjData(model)
+    for i, thruster in enumerate(THRUSTERS):
+        mujoco.mj_resetDataKeyframe(model, data, model.key("trim").id)
+        data.act[i] = 10.0
+        mujoco.mj_forward(model, data)
+        axis = 0 if "main" in thruster else 1 if "lateral" in thruster else 2
+        force = 10.0 * np.eye(3)[axis]
+        np.testing.assert_allclose(data.qfrc_actuator[:3], force, atol=1e-12)
+        x = model.site(thruster).pos[0]
+        assert np.sign(x) == (1 if "bow" in thruster else -1)
+        np.testing.assert_allclose(data.qfrc_actuator[3:], np.cross([x, 0, 0], force), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_hull_is_neutral_and_its_added_mass_that_of_the_spheroid(name: str) -> None:
+    """Lamb's factors from their integrals (Lamb 1932, Art. 114, 115), not from the closed forms that MJCF cites."""
+    length, diameter = SIZES[name]
+    a, b = length / 2, diameter / 2
+    # α₀ = a b² ∫₀^∞ dλ / ((a²+λ)^{3/2} (b²+λ)), β₀ with one power of the roots exchanged
+    alpha = a * b**2 * quad(lambda x: 1 / ((a**2 + x) ** 1.5 * (b**2 + x)), 0, np.inf)[0]
+    beta = a * b**2 * quad(lambda x: 1 / ((a**2 + x) ** 0.5 * (b**2 + x) ** 2), 0, np.inf)[0]
+    mass = 1026 * 4 / 3 * np.pi * a * b**2
+    transverse = mass * (a**2 + b**2) / 5
+    k = (a**2 - b**2) ** 2 * (beta - alpha) / (2 * (a**2 - b**2) + (a**2 + b**2) * (alpha - beta)) / (a**2 + b**2)
+    expected = [
+        mass * alpha / (2 - alpha),
+        mass * beta / (2 - beta),
+        mass * beta / (2 - beta),
+        0.3 * 0.4 * mass * b**2,
+        k * transverse,
+        k * transverse,
+    ]
+    model = compose([VehicleSetup(name="v", model=name, position_m=(0, 0, -10))]).compile()
+    record = coefficients.read(model, ["v"], 1026.0)[0]
+    np.testing.assert_allclose(record["added_mass"], np.diag(expected), rtol=2e-4, atol=1e-12)
+    assert np.linalg.eigvalsh(record["added_mass"])[0] > 0
+    body = resolve(model, "v").body
+    np.testing.assert_allclose(model.body_mass[body], mass, rtol=1e-5)
+    np.testing.assert_allclose(
+        np.sort(model.body_inertia[body]), np.sort([0.4 * mass * b**2, transverse, transverse]), rtol=1e-4
+    )
+    assert record["buoyancy"] == pytest.approx(9.81 * model.body_mass[body], rel=1e-12)
+    # the strips are the side view of the spheroid, and the same fore and aft
+    n = record["n_strips"]
+    assert record["strip_area"][:n].sum() == pytest.approx(np.pi * a * b, rel=1e-3)
+    assert record["strip_x"][:n] @ record["strip_area"][:n] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_sites_lie_where_the_navigation_expects_them() -> None:
+    model = mujoco.MjModel.from_xml_path(str(models.path("leader")))
+    expected = {
+        "tx_rear": (-1, 0, 0),
+        "tx_front": (1, 0, 0),
+        "tx_middle": (0, 0.1, 0),
+        "depth_sensor": (0, 0, 0),
+        "cg": (0, 0, -0.02),
+    }
+    for name, position in expected.items():
+        np.testing.assert_array_equal(model.site(name).pos, position)
+    follower = mujoco.MjModel.from_xml_path(str(models.path("follower")))
+    np.testing.assert_array_equal(follower.site("hydrophone").pos, (0, 0, 0.1))
+    np.testing.assert_array_equal(follower.site("depth_sensor").pos, (0, 0, 0))
+    for m in (model, follower):
+        np.testing.assert_array_equal(m.site("cg").pos, m.body("hull").ipos)
+        assert m.ncam >= 2
+
+
+def test_geoms_are_looks_only() -> None:
+    model = compose(pair()).compile()
+    assert not model.geom_contype.any()
+    assert not model.geom_conaffinity.any()
+    assert model.opt.density == 0
+    assert model.opt.viscosity == 0
+
+
+def test_setup_edits_the_vehicle() -> None:
+    setup = VehicleSetup(
+        name="lead",
+        model="leader",
+        position_m=(1, 2, -3),
+        excess_buoyancy_n=7.0,
+        cg_offset_x_m=0.05,
+        cg_offset_z_m=-0.01,
+        baseline_m=1.0,
+        middle_offset_m=0.2,
+    )
+    model = compose([setup], floor_depth_m=77.0).compile()
+    np.testing.assert_array_equal(model.site("lead/tx_rear").pos, (-0.5, 0, 0))
+    np.testing.assert_array_equal(model.site("lead/tx_front").pos, (0.5, 0, 0))
+    np.testing.assert_array_equal(model.site("lead/tx_middle").pos, (0, 0.2, 0))
+    np.testing.assert_allclose(model.body("lead/hull").ipos, (0.05, 0, -0.03))
+    np.testing.assert_allclose(model.site("lead/cg").pos, (0.05, 0, -0.03))
+    weight = 9.81 * model.body("lead/hull").mass[0]
+    assert coefficients.read(model, ["lead"], 1026.0)[0]["buoyancy"] == pytest.approx(weight + 7.0)
+    # the highest crest of the floor lies at its depth
+    assert model.geom("floor").pos[2] + model.hfield_size[0, 2] * model.hfield_data.max() == pytest.approx(-77.0)
+
+
+def test_setup_faults_are_named() -> None:
+    with pytest.raises(ValueError, match="unknown model 'boat'"):
+        VehicleSetup(name="a", model="boat", position_m=(0, 0, 0))
+    with pytest.raises(ValueError, match=r"a: the model 'follower' has no site 'tx_rear'"):
+        compose([VehicleSetup(name="a", model="follower", position_m=(0, 0, 0), baseline_m=1.0)])
+    with pytest.raises(ValueError, match="distinct names"):
+        compose([pair()[0], pair()[0]])
+    with pytest.raises(ValueError, match="no body 'hull'"):
+        compose([VehicleSetup(name="a", model="ocean", position_m=(0, 0, 0))])
+
+
+def test_missing_numeric_is_named_with_size_and_unit() -> None:
+    spec = compose(pair())
+    spec.delete(spec.numeric("T2/linear_damping"))
+    with pytest.raises(ValueError, match=r"'T2' lacks <numeric name='linear_damping'>, 6 values \[N s/m, N m s\]"):
+        coefficients.read(spec.compile(), ["lead", "T2"], 1026.0)
+
+
+def test_numeric_of_wrong_size_is_named_with_size_and_unit() -> None:
+    spec = compose(pair())
+    spec.numeric("lead/fin_area").data = np.array([0.1])
+    spec.numeric("lead/fin_area").size = 1
+    with pytest.raises(ValueError, match=r"'fin_area'> of 'lead' has 1 values, expected 2 values \[m²\]"):
+        coefficients.read(spec.compile(), ["lead", "T2"], 1026.0)
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_composed_vehicles_step_under_random_control(name: str) -> None:
+    rng = np.random.default_rng(3)
+    plant = Plant([VehicleSetup(name="v", model=name, position_m=(0, 0, -30))], Ocean.calm())
+    for _ in range(500):
+        plant.step(rng.uniform(-200, 200, (1, 5)), 5)
+    assert np.isfinite(plant.pose).all()

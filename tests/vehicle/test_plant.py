@@ -1,0 +1,267 @@
+"""The plant: what it shows of the state, what it can do, and how it fails."""
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sim.geometry import attitude
+from sim.vehicle import coefficients, hydrodynamics, thrusters
+from sim.vehicle.mjcf import VehicleSetup, resolve
+from sim.vehicle.plant import Plant, PlantError
+from sim.water.ocean import Ocean
+from sim.water.waves import Waves
+
+Floats = npt.NDArray[np.float64]
+EAST = np.pi / 2
+
+
+def setups(depth: float = 10.0, **changes: float) -> list[VehicleSetup]:
+    return [
+        VehicleSetup(name="leader", model="leader", position_m=(0, 0, -depth), heading_rad=EAST, **changes),  # type: ignore[arg-type]
+        VehicleSetup(name="T2", model="follower", position_m=(-20, 5, -depth), heading_rad=EAST, **changes),  # type: ignore[arg-type]
+    ]
+
+
+def rough_sea() -> Ocean:
+    waves = Waves.jonswap(np.random.default_rng(1), significant_height_m=0.5, peak_period_s=4.0)
+    return Ocean(current_speed_m_s=0.4, current_direction_rad=1.0, current_shear_1_s=0.01, waves=waves)
+
+
+def test_neutral_hulls_hang_still_for_ten_minutes() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    start = plant.pose.copy()
+    plant.step(np.zeros((2, 5)), 30000)
+    assert plant.time == pytest.approx(600.0)
+    assert np.linalg.norm(plant.pose[:, :3] - start[:, :3], axis=1).max() < 1e-3
+    np.testing.assert_allclose(plant.pose[:, 3:], start[:, 3:], atol=1e-6)
+
+
+def test_hull_rights_itself() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    plant.pose[:, 3:] = attitude.from_euler(EAST, np.radians(25), np.radians(40))
+    plant.step(np.zeros((2, 5)), 6000)
+    np.testing.assert_allclose(attitude.pitch(plant.pose[:, 3:]), 0.0, atol=1e-4)
+    np.testing.assert_allclose(attitude.roll(plant.pose[:, 3:]), 0.0, atol=1e-4)
+
+
+def test_views_follow_the_state() -> None:
+    plant = Plant(setups(speed_m_s=1.5), Ocean.calm())
+    np.testing.assert_allclose(plant.twist[:, :3], [[1.5, 0, 0]] * 2, atol=1e-12)
+    assert np.shares_memory(plant.pose, plant.data.qpos)
+    assert np.shares_memory(plant.twist, plant.data.qvel)
+    assert np.shares_memory(plant.thrust, plant.data.act)
+    command = np.array([[20.0, 1, 2, 3, 4], [10, 5, 6, 7, 8]])
+    plant.step(command, 500)
+    assert plant.time == pytest.approx(10.0)
+    # sites are where pose and offset put them, at the same instant
+    v = plant.site_vehicle
+    expected = plant.pose[v, :3] + attitude.rotate(plant.pose[v, 3:], plant.site_offset)
+    np.testing.assert_allclose(plant.site_positions, expected, atol=1e-12)
+    assert plant.site_names[0] == "leader/tx_rear"
+    assert plant.site_names[int(np.flatnonzero(v == 1)[0])] == "T2/hydrophone"
+
+
+def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
+    """The plant leaves out parts of `mj_step1`; with all of them the vehicles move alike."""
+    plant = Plant(setups(speed_m_s=1.0), rough_sea())
+    model, data = plant.model, mujoco.MjData(plant.model)
+    pose, twist = data.qpos.reshape(2, 7), data.qvel.reshape(2, 6)
+    pose[:], twist[:] = plant.pose, plant.twist
+    records = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)
+    solver = (model.M_rowadr.astype(np.int64).reshape(2, 6), data.M, data.qfrc_applied.reshape(2, 6))
+    command = np.array([[30.0, 8, -6, 3, -5], [12, -5, 6, -2, 3]])
+    data.ctrl[:] = command.ravel()
+
+    def advance() -> Floats:
+        mujoco.mj_step1(model, data)
+        assert hydrodynamics.apply(records, pose, twist, data.time, plant.ocean.water, solver) == -1
+        mujoco.mj_factorM(model, data)
+        twist[:] -= plant.dt / 2 * before
+        mujoco.mj_step2(model, data)
+        twist[:] += plant.dt / 2 * data.qacc.reshape(2, 6)
+        return data.qacc.reshape(2, 6).copy()
+
+    start, before = data.qpos.copy(), np.zeros((2, 6))
+    before = advance()
+    data.time, data.qpos[:], data.act[:] = 0.0, start, 0.0
+    twist[:] = plant.twist
+    for _ in range(500):
+        before = advance()
+    plant.step(command, 500)
+    np.testing.assert_allclose(plant.pose, pose, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(plant.twist, twist, rtol=0, atol=1e-9)
+
+
+def test_moments_of_thrusters_are_those_of_mujoco() -> None:
+    """Of thrusters that point and twist anywhere, on hulls that lie anyhow."""
+    plant = Plant(setups(), Ocean.calm())
+    model, rng = plant.model, np.random.default_rng(6)
+    model.site_quat[:] = Rotation.random(model.nsite, rng=rng).as_quat()
+    model.site_sameframe[:] = 0
+    model.actuator_gear[:] = rng.normal(size=model.actuator_gear.shape)
+    data = mujoco.MjData(model)
+    pose = data.qpos.reshape(2, 7)
+    pose[:, 3:] = Rotation.random(2, rng=rng).as_quat()
+    mujoco.mj_forward(model, data)
+    expected = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(expected, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+    moments = np.empty((2, 5, 6))
+    wrenches = thrusters.unit_wrenches(model, [resolve(model, name) for name in plant.names])
+    thrusters.turn(wrenches, pose, moments)
+    np.testing.assert_allclose(moments[0], expected[:5, :6], atol=1e-12)
+    np.testing.assert_allclose(moments[1], expected[5:, 6:], atol=1e-12)
+    assert not expected[:5, 6:].any()
+
+
+def test_thruster_elsewhere_than_at_its_hull_is_refused() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    vehicles = [resolve(plant.model, name) for name in plant.names]
+    plant.model.actuator_trnid[6, 0] = plant.model.actuator_trnid[0, 0]
+    with pytest.raises(ValueError, match="actuator 'T2/thruster_lateral_bow' must act at a site of the body 'T2/hull'"):
+        thrusters.unit_wrenches(plant.model, vehicles)
+
+
+def test_thrust_follows_the_command_with_its_lag_and_within_its_limits() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    plant.step(np.full((2, 5), 1e4), 15)
+    # a first-order lag of 0.3 s reaches 1 − 1/e after 0.3 s
+    np.testing.assert_allclose(plant.thrust, (1 - np.exp(-1)) * plant.thrust_limits[..., 1], rtol=1e-9)
+    plant.step(np.full((2, 5), -1e4), 500)
+    np.testing.assert_allclose(plant.thrust, plant.thrust_limits[..., 0], rtol=1e-9)
+
+
+def test_same_start_gives_the_same_bytes() -> None:
+    command = np.array([[40.0, 5, -5, 1, 1], [20, -3, 3, 0, 2]])
+    ends = []
+    for split in (1, 10):
+        plant = Plant(setups(), rough_sea())
+        for _ in range(split):
+            plant.step(command, 500 // split)
+        ends.append(plant.pose.tobytes() + plant.twist.tobytes())
+    assert ends[0] == ends[1]
+
+
+def test_vehicles_do_not_feel_one_another() -> None:
+    both, alone = Plant(setups(), rough_sea()), Plant(setups()[1:], rough_sea())
+    command = np.array([[40.0, 5, -5, 1, 1], [20, -3, 3, 0, 2]])
+    both.step(command, 500)
+    alone.step(command[1:], 500)
+    np.testing.assert_allclose(both.pose[1], alone.pose[0], rtol=0, atol=1e-12)
+
+
+def test_water_velocity_is_the_oceans_at_the_vehicles() -> None:
+    ocean = rough_sea()
+    plant = Plant(setups(), ocean)
+    plant.step(np.zeros((2, 5)), 100)
+    np.testing.assert_array_equal(plant.water_velocity(), ocean.velocity(plant.pose[:, :3].copy(), plant.time))
+
+
+@pytest.mark.parametrize(("vehicle", "speed"), [(0, 2.5), (1, 3.0)])
+def test_speed_is_reached_with_reserve(vehicle: int, speed: float) -> None:
+    plant = Plant(setups(depth=100.0), Ocean.calm())
+    command = np.zeros((2, 5))
+    command[:, 0] = 0.8 * plant.thrust_limits[:, 0, 1]
+    plant.step(command, 3000)
+    assert np.linalg.norm(plant.twist[vehicle, :3]) > speed
+
+
+def test_speed_changes_by_two_tenths_per_second() -> None:
+    """Even close to the full 3 m/s, where drag takes most of the thrust."""
+    plant = Plant(setups(depth=100.0, speed_m_s=2.8), Ocean.calm())
+    command = np.zeros((2, 5))
+    command[:, 0] = plant.thrust_limits[:, 0, 1]
+    plant.step(command, 50)
+    before = plant.twist[:, 0].copy()
+    plant.step(command, 10)
+    assert ((plant.twist[:, 0] - before) / 0.2 > 0.2).all()
+
+
+@pytest.mark.parametrize("speed", [1.0, 2.0])
+def test_turns_ten_degrees_per_second(speed: float) -> None:
+    """Half of the lateral thrust, bow to port and stern to starboard, turns faster than asked."""
+    plant = Plant(setups(depth=100.0, speed_m_s=speed), Ocean.calm())
+    command = np.zeros((2, 5))
+    command[:, 0] = [12 * speed**2, 7 * speed**2]
+    command[:, 1] = 0.6 * plant.thrust_limits[:, 1, 1]
+    command[:, 2] = -command[:, 1]
+    plant.step(command, 1000)
+    assert (np.degrees(plant.twist[:, 5]) > 10).all()
+
+
+def test_vertical_thrusters_outweigh_excess_buoyancy() -> None:
+    plant = Plant(setups(excess_buoyancy_n=12.0), Ocean.calm())
+    command = np.zeros((2, 5))
+    command[:, 3:] = -6.0
+    plant.step(command, 3000)
+    np.testing.assert_allclose(plant.twist[:, 2], 0.0, atol=2e-3)
+    plant.step(2 * command, 3000)
+    assert (plant.twist[:, 2] < 0).all()
+
+
+def test_nothing_flies() -> None:
+    """Driven up at full thrust through a sea, the hulls stay at the surface."""
+    plant = Plant(setups(depth=2.0, excess_buoyancy_n=12.0), rough_sea())
+    command = np.zeros((2, 5))
+    command[:, 3:] = plant.thrust_limits[:, 3:, 1]
+    highest = 0.0
+    for _ in range(600):
+        plant.step(command, 5)
+        highest = max(highest, float(plant.pose[:, 2].max()))
+    assert highest < 1.0
+
+
+def test_command_of_wrong_shape_is_refused() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    with pytest.raises(ValueError, match=r"shape \(5,\), expected \(2, 5\)"):
+        plant.step(np.zeros(5))
+
+
+def test_lost_state_names_vehicle_time_and_last_good_state() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    plant.step(np.zeros((2, 5)), 50)
+    good = plant.pose.copy()
+    plant.twist[1, 0] = np.nan
+    with pytest.raises(PlantError, match=r"t = 1\.000 s: the state of T2 is lost") as caught:
+        plant.step(np.zeros((2, 5)), 5)
+    assert caught.value.vehicle == "T2"
+    assert caught.value.time == pytest.approx(1.0)
+    np.testing.assert_array_equal(caught.value.last_pose, good)
+
+
+def test_command_that_is_not_finite_is_refused() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    command = np.zeros((2, 5))
+    command[1, 3] = np.inf
+    with pytest.raises(PlantError, match="the command of T2 is not finite"):
+        plant.step(command)
+
+
+def test_integration_that_fails_is_stopped_before_mujoco_complains(capfd: pytest.CaptureFixture[str]) -> None:
+    """Steps of 5 s are far too long: the hulls tumble ever faster."""
+    plant = Plant(setups(), Ocean.calm(), dt=5.0)
+    plant.twist[:] = 1.0
+    with pytest.raises(PlantError, match=r"the state of \S+ is lost") as caught:
+        plant.step(np.full((2, 5), 30.0), 300)
+    assert caught.value.vehicle in plant.names
+    assert np.isfinite(caught.value.last_pose).all()
+    assert not plant.data.warning.number.any()
+    assert "WARNING" not in "".join(capfd.readouterr())
+
+
+def test_ten_followers_step_as_one_model() -> None:
+    fleet = [VehicleSetup(name="leader", model="leader", position_m=(0, 0, -10))]
+    fleet += [VehicleSetup(name=f"f{i}", model="follower", position_m=(10 * i, -20, -10)) for i in range(10)]
+    plant = Plant(fleet, rough_sea())
+    command = np.random.default_rng(0).uniform(-10, 30, (11, 5))
+    plant.step(command, 500)
+    assert plant.pose.shape == (11, 7)
+    assert len(plant.site_names) == 10 + 8 * 10
+
+
+def test_warning_of_mujoco_stops_the_run() -> None:
+    plant = Plant(setups(), Ocean.calm())
+    plant.data.warning[int(mujoco.mjtWarning.mjWARN_INERTIA)].number = 1
+    with pytest.raises(PlantError, match="MuJoCo warns: mjWARN_INERTIA"):
+        plant.step(np.zeros((2, 5)))
