@@ -3,8 +3,8 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments.flight.fly import position_and_bearing_errors
 from experiments.flight.library import load
+from experiments.flight.summary import position_and_bearing_errors
 from laisn.navigator import Navigator
 from sim.flight import navigate
 from sim.motion import move

@@ -18,10 +18,10 @@ _KEPT_CACHES = 4
 def _source_hash(root: Path) -> str:
     digest = hashlib.sha256()
     for package in _PACKAGES:
-        for source in sorted((root / package).glob("*.py")):
+        for source in sorted((root / package).rglob("*.py")):
             text = source.read_bytes()
             if b"laisn.compiled" in text:
-                digest.update(source.name.encode())
+                digest.update(source.relative_to(root).as_posix().encode())
                 digest.update(text)
     return digest.hexdigest()[:16]
 

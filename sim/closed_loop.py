@@ -1,8 +1,9 @@
 """Followers that steer by their own estimates: they sense and navigate while the mission is flown.
 
 What such a follower measures depends on where its estimates have led it. At every filter step its navigator gets what
-`sim.sensing.observation` and `sim.sensing.sensor_errors` make of the truth so far, which is what they make of it once the mission is over, for
-noise is addressed by step. Navigating on the finished mission therefore gives the very estimates that steered it.
+`sim.sensing.observation` and `sim.sensing.sensor_errors` make of the truth so far, which is what they make of it once
+the mission is over, for noise is addressed by step. Navigating on the finished mission therefore gives the very
+estimates that steered it.
 """
 
 from collections.abc import Callable

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from laisn.failure import LaisnError
+from sim import point_fleet
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.closed_loop import Feedback, OnlineFactory
 from sim.fleet import FleetError, fly_fleet
-from sim.scenario import point_motion as kinematics
-from sim.scenario.point_motion import Sites
+from sim.point_fleet import Sites
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
@@ -52,7 +52,7 @@ def move(
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
         sites = Sites(plant.site_names, plant.site_vehicle, plant.site_offset)
-        return kinematics.fly(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
+        return point_fleet.fly(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
     try:
         return fly_fleet(
             plant,

@@ -22,8 +22,9 @@ from typer.testing import CliRunner
 from experiments.closed_loop import study as closed_loop
 from experiments.command import scenario_reference as reference
 from experiments.command.cli import app
-from experiments.flight.fly import fly, off_place_rms
+from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
+from experiments.flight.summary import off_place_rms
 from experiments.route_keeping import study as route_keeping
 from sim.film import graphics
 from sim.scenario.file import parse
@@ -204,9 +205,7 @@ def test_python_examples_are_only_those_in_the_folder() -> None:
 
 
 def test_reference_of_scenarios_is_up_to_date() -> None:
-    assert reference.PATH.read_text(encoding="utf-8") == reference.text(), (
-        "run python -m experiments.command.scenario_reference"
-    )
+    assert reference.PATH.read_text(encoding="utf-8") == reference.text(), "run make figures"
 
 
 def numbers(row: str) -> list[float]:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from experiments.asymmetry.example import OFFSET_M, Example
 from experiments.asymmetry.remedies import AHRS
 from experiments.flight.anatomy import Cause, dissect
-from experiments.flight.fly import position_and_bearing_errors
+from experiments.flight.summary import position_and_bearing_errors
 from laisn.navigator import Navigator
 from sim.excerpt import excerpt
 from sim.film import graphics

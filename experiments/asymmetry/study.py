@@ -34,7 +34,7 @@ Table = list[dict[str, Any]]
 _CURVES, _GATES = "curves", "gates"
 
 
-_SOURCES = ("arms", "conditions", "gates", "missions", "tau")
+_SOURCES = ("remedies", "conditions", "gates", "missions", "tau")
 """Modules of the study that may change a number, besides those of the code version."""
 
 

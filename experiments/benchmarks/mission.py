@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 
 from experiments.benchmarks.row import Row, least_time
-from experiments.flight.fly import fly, position_and_bearing_errors
+from experiments.flight.fly import fly
 from experiments.flight.library import load
+from experiments.flight.summary import position_and_bearing_errors
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.film import graphics, render
 from sim.fleet import TICK, fly_fleet

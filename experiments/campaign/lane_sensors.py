@@ -1,4 +1,7 @@
-"""Measurements of a block of runs, made where they are used: `sim.sensing.sensor_errors.measure` for lanes, with the same bits."""
+"""Measurements of a block of runs, made where they are used.
+
+This is `sim.sensing.sensor_errors.measure` for lanes, with the same bits.
+"""
 
 from typing import NamedTuple
 

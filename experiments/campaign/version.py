@@ -2,11 +2,15 @@
 
 import ast
 import hashlib
+import platform
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
 from importlib.util import resolve_name
 from pathlib import Path
+
+PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
+"""Packages that shape results."""
 
 _ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("models", "laisn", "sim", "experiments")
@@ -79,3 +83,8 @@ def fingerprint(root: Path = _ROOT) -> str:
 def code_version() -> str:
     """Such as 0.1.0+3f2a9c81d0e4: results of different versions are never mixed. Reading the sources takes 0.1 s."""
     return f"{version('laisn-sim')}+{fingerprint()}"
+
+
+def versions() -> dict[str, str]:
+    """Versions of this project and of the packages that shape its results, by name."""
+    return {name: version(name) for name in ("laisn-sim", *PACKAGES)} | {"python": platform.python_version()}

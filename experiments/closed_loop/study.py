@@ -53,9 +53,9 @@ laisn fly own.toml --run 3
 
 a follower's guidance takes its own LAISN estimate for its position, dead-reckoned between filter steps; heading, depth
 and speed are held as before. What it measures then depends on where its estimates have led it, so that it is sensed and
-navigated while it is flown (`sim/closed_loop.py`); navigating on the finished mission gives the same estimates to the bit
-(with travelling sound to 10⁻⁹ m). Each run is another path: such missions are flown one by one, in 4 s for 1000 s with
-one follower, and campaigns refuse them.
+navigated while it is flown (`sim/closed_loop.py`); navigating on the finished mission gives the same estimates to the
+bit (with travelling sound to 10⁻⁹ m). Each run is another path: such missions are flown one by one, in 4 s for 1000 s
+with one follower, and campaigns refuse them.
 
 ## What comes of it
 

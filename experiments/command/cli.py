@@ -54,7 +54,7 @@ def fly(
     video: Annotated[bool, typer.Option("--video/--no-video", help="render the film")] = True,
 ) -> None:
     """Fly one mission; write log, film, report and numbers."""
-    from experiments.flight import fly as flying
+    from experiments.command import fly as flying
     from experiments.flight.library import load_flyable, name_of
 
     extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
@@ -154,9 +154,9 @@ def anatomy(
     out: Annotated[Path | None, typer.Option(help="write every share of every ping to this .csv or .parquet")] = None,
 ) -> None:
     """Say why ranges were off: pitch, motion, echoes, sound, clocks, noise, depth."""
-    from experiments.pages import anatomy_page
+    from experiments.command import anatomy as ranges
 
-    anatomy_page.anatomise(source, set_ or (), out)
+    ranges.anatomise(source, set_ or (), out)
 
 
 WorkersOption = Annotated[int | None, typer.Option(help="local processes (default: one for each core)")]

@@ -12,13 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
+from experiments.campaign.version import PACKAGES
+
 _PROJECT, _ABSENT = "laisn-sim", "is not installed"
-
-
-def versions() -> dict[str, str]:
-    """Versions of this project and of the packages that shape its results."""
-    return {name: version(name) for name in (_PROJECT, *PACKAGES)} | {"python": platform.python_version()}
 
 
 def _name(requirement: str) -> str:

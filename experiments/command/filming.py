@@ -8,8 +8,8 @@ from typing import NamedTuple
 from pydantic import ValidationError
 from rich.progress import Progress
 
-from experiments.flight.fly import position_and_bearing_errors
 from experiments.flight.source import flight_of
+from experiments.flight.summary import position_and_bearing_errors
 from sim.film import render
 from sim.film.cameras import CAMERAS
 from sim.scenario.settings import Video

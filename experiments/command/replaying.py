@@ -38,7 +38,8 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
         LaisnError: the new log would replace the one that is read, or its name does not end in .mcap.
         ScenarioError: variant or overrides are at fault, or touch more than navigation.
     """
-    from experiments.flight.fly import position_and_bearing_errors, show, summarise
+    from experiments.command.fly import show
+    from experiments.flight.summary import position_and_bearing_errors, summarise
     from laisn.navigator import Navigator
     from sim.flight import navigation_settings
     from sim.log import reader, writer

@@ -15,8 +15,9 @@ from PIL import Image
 
 from experiments.asymmetry import gallery as asymmetry_gallery
 from experiments.closed_loop import study as closed_loop
-from experiments.flight.fly import fly, position_and_bearing_errors
+from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
+from experiments.flight.summary import position_and_bearing_errors
 from experiments.gallery import physics as gallery_physics
 from experiments.pages import figures
 from experiments.pages.figures import COLOURS, INK, MUTED, SERIES, Line

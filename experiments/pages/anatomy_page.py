@@ -1,21 +1,14 @@
-"""The anatomy of a flight's ranges for readers: in its report, as a file, and in the terminal."""
+"""The anatomy of a flight's ranges for readers: tables and curves of its report."""
 
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-import rich.table
 from matplotlib.figure import Figure
-from rich.console import Console
 
-from experiments.campaign.store import Record, columns_of, write_csv, write_table
 from experiments.flight.anatomy import LABELS, Anatomy, Cause, dissect
-from experiments.flight.source import flight_of
 from experiments.pages.figures import SERIES, Line, panel, svg
 from experiments.pages.page import Block, Figures, Notice, Section, Table, Text, number, words
-from experiments.terminal import literal, tell
-from laisn.failure import LaisnError
 from sim.flight import Flight
 
 Floats = npt.NDArray[np.float64]
@@ -114,59 +107,3 @@ def section(flight: Flight) -> Section:
             )
         )
     return Section(title="Anatomy of the ranges", blocks=[*blocks, *tables])
-
-
-def records(flight: Flight) -> Iterator[Record]:
-    """Every share of every range of a flight: a record for each ping that was received."""
-    for i, name in enumerate(flight.trajectory.names[1:]):
-        anatomy = dissect(flight, i)
-        for m, t in np.argwhere(np.isfinite(anatomy.used_range)).tolist():
-            yield {
-                "follower": name,
-                "time_s": float(anatomy.time[m]),
-                "transmitter": TRANSMITTERS[t],
-                "level_range_m": float(anatomy.level_range[m, t]),
-                "used_range_m": float(anatomy.used_range[m, t]),
-                **{f"{cause.name.lower()}_m": float(anatomy.share[m, t, cause]) for cause in Cause},
-            }
-
-
-def _show(console: Console, flight: Flight) -> None:
-    for i, name in enumerate(flight.trajectory.names[1:]):
-        table = share_table(dissect(flight, i))
-        shown = rich.table.Table(
-            title=literal(f"{name}: rms shares of the range errors [cm]"), title_justify="left", box=None
-        )
-        heads = ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
-        for n, head in enumerate(heads):
-            shown.add_column(head, justify="right" if n else "left")
-        for row in table.rows:
-            shown.add_row(*(literal(cell.text) for cell in row))
-        shown.caption, shown.caption_justify = literal(table.caption), "left"
-        console.print(shown)
-
-
-def anatomise(source: str, assignments: Sequence[str], out: Path | None) -> None:
-    """Take the ranges of a scenario or a log apart, show the shares, and write them if asked to.
-
-    Args:
-        source: scenario name, TOML file or `.mcap` log.
-        assignments: overrides of a scenario.
-        out: `.csv` or `.parquet` file with a row for each ping received; None: none.
-
-    Raises:
-        LaisnError: the name of the file ends otherwise, or overrides were given for a log.
-        LogError, ScenarioError, OSError: the source is at fault, or the file cannot be written.
-    """
-    if out is not None and out.suffix not in {".csv", ".parquet"}:
-        raise LaisnError(f"--out {out}: should end in .csv or .parquet")
-    flight = flight_of(source, assignments)
-    console = Console()
-    _show(console, flight)
-    if out is not None:
-        rows = list(records(flight))
-        if out.suffix == ".csv":
-            write_csv(out, rows)
-        else:
-            write_table(out, columns_of(rows))
-        tell(console, out)

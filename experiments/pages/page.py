@@ -16,7 +16,7 @@ from typing import ClassVar, Literal
 import jinja2
 from markupsafe import Markup, escape
 
-from experiments.command.doctor import versions
+from experiments.campaign.version import versions
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
 """Of what shapes numbers; the page says with which versions it was made."""

@@ -17,8 +17,8 @@ Depth is held by one loop that asks for a vertical force. How the force comes ab
                0.6 m/s the share grows, to all below 0.3 m/s), the vertical thrusters carry.
     "thrust"   the vertical thrusters carry all, the hull is held level.
 
-Thrusters: moments come before forces (`sim.control.allocation`). Integrals stand still while their thruster is at its limit
-and they would push further (anti-windup by conditional integration).
+Thrusters: moments come before forces (`sim.control.allocation`). Integrals stand still while their thruster is at its
+limit and they would push further (anti-windup by conditional integration).
 """
 
 from typing import Any, Literal

@@ -1,8 +1,8 @@
 """Guidance: from where a vehicle should be now, and where it is, to the heading and speed that bring it there.
 
-The route's point motion (`sim.scenario.point_motion`) is the reference; it already turns at 10°/s, changes speed at 0.2 m/s², cuts
-corners and is on time. Guidance rounds off where turns and changes of depth begin and end, corrects course and speed,
-and takes the current off:
+The route's point motion (`sim.scenario.point_motion`) is the reference; it already turns at 10°/s, changes speed at
+0.2 m/s², cuts corners and is on time. Guidance rounds off where turns and changes of depth begin and end, corrects
+course and speed, and takes the current off:
 
     course   line of sight to a point ahead on the path: atan(cross-track error / lookahead)
              (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Chapter 12)

@@ -1,7 +1,8 @@
 """What the film shows of the sea: floor and surface as height fields that travel with the camera, fog, light.
 
-Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.ocean.Ocean.elevation`) with ripples
-of a few centimetres on top, so that a calm sea still shimmers; the relief of the floor lies below the simulated depth.
+Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.ocean.Ocean.elevation`) with
+ripples of a few centimetres on top, so that a calm sea still shimmers; the relief of the floor lies below
+the simulated depth.
 """
 
 from collections.abc import Sequence

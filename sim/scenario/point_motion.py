@@ -5,20 +5,17 @@ A route becomes a plan of segments on which acceleration and turn rate are const
     turn out of the last corner │ ramp to the leg's speed │ constant speed │ half of the next turn …
 
 Corners are cut by the arc that touches both legs; its middle is the arrival at the waypoint, at the waypoint's time.
-The leg's speed follows from that in closed form. The same plan is the reference that `sim.control.guidance` follows, so that
-the paper's motion and the physical one differ by the physics alone.
+The leg's speed follows from that in closed form. The same plan is the reference that `sim.control.guidance` follows,
+so that the paper's motion and the physical one differ by the physics alone.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.failure import LaisnError
-from sim.geometry import attitude
 from sim.scenario.routes import Route
-from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -43,17 +40,6 @@ class Limits(NamedTuple):
     speed_max: float = SPEED_MAX
     sharpest_cut: float = SHARPEST_CUT
     """0: every turn begins at its waypoint and overshoots the next leg."""
-
-
-class Sites(NamedTuple):
-    """Points on the hulls."""
-
-    names: tuple[str, ...]
-    """"vehicle/site", shape (s,)."""
-    vehicle: Ints
-    """Index of the vehicle that carries the site, shape (s,)."""
-    offset: Floats
-    """In the vehicle's body frame, shape (s, 3), [m]."""
 
 
 class Motion(NamedTuple):
@@ -222,55 +208,3 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
             turn = _turn_towards(planner, points[k + 1], limits.turn_rate)
     planner.rows.append((planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0))
     return Plan(*np.array(planner.rows).T)
-
-
-def fly(
-    names: tuple[str, ...],
-    routes: Sequence[Route],
-    duration: float,
-    dt: float = 0.1,
-    limits: Limits | None = None,
-    *,
-    sites: Sites | None = None,
-) -> Trajectory:
-    """The point motion of a fleet: hulls level and on their courses, still water, no thrust.
-
-    Args:
-        names: of the vehicles, the leader first.
-        routes: one for each vehicle.
-        duration: [s]; a multiple of `dt`.
-        dt: time grid [s].
-        limits: of all vehicles.
-        sites: on the hulls; None: no sites.
-
-    Raises:
-        LaisnError: a route cannot be flown, or there is not one for each vehicle.
-    """
-    if len(names) != len(routes):
-        raise LaisnError(f"{len(names)} vehicles need as many routes, got {len(routes)}")
-    time: Floats = np.arange(round(duration / dt) + 1, dtype=np.float64) * dt
-    n, v = time.size, len(routes)
-    position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))
-    heading, turn_rate = np.empty((n, v)), np.empty((n, v))
-    for i, route in enumerate(routes):
-        motion = plan(route, limits).at(time)
-        depth, sinking = route.depth.at(time)
-        position[:, i] = np.column_stack([motion.east, motion.north, -depth])
-        level = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
-        velocity[:, i] = np.column_stack([*level, -sinking])
-        heading[:, i], turn_rate[:, i] = motion.course, motion.turn_rate
-    zero = np.zeros((n, v))
-    sites = sites or Sites((), np.zeros(0, np.int64), np.zeros((0, 3)))
-    return Trajectory(
-        names=names,
-        time=time,
-        position=position,
-        quaternion=attitude.from_euler(heading),
-        velocity=velocity,
-        angular_velocity=np.stack([zero, zero, -turn_rate], axis=-1),
-        water_velocity=np.zeros((n, v, 3)),
-        thrust=np.zeros((n, v, 5)),
-        site_names=sites.names,
-        site_vehicle=sites.vehicle,
-        site_offset=sites.offset,
-    )

@@ -181,8 +181,8 @@ def names() -> tuple[str, ...]:
 def route(name: str, depth: float | DepthProfile | None = None) -> Route:
     """A route of the library: "L" of the leader, "T2" … "T9" of the followers.
 
-    The published follower routes exist as pictures only; these fit them in distance, bearing and speed (`sim/scenario/data`).
-    Followers start at their first waypoint heading east at 1 m/s.
+    The published follower routes exist as pictures only; these fit them in distance, bearing and speed
+    (`sim/scenario/data`). Followers start at their first waypoint heading east at 1 m/s.
 
     Args:
         name: one of `names()`.

@@ -67,8 +67,8 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
 def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> MissionTruth:
     """What the sensors of one follower see of a trajectory, without errors.
 
-    Ranges come from `sim.sensing.acoustics`: with the paper's settings they are distances between the transmitter sites and the
-    hydrophone site at the instant of the ping.
+    Ranges come from `sim.sensing.acoustics`: with the paper's settings they are distances between the transmitter sites
+    and the hydrophone site at the instant of the ping.
 
     Args:
         trajectory: of the scenario, on the control grid; or a stretch of it that begins at a filter step, for which

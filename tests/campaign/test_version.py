@@ -41,25 +41,33 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/tilt.py", "sim/scenario/file.py", "laisn/lane_fix.py", "laisn/metrics.py",
-     "experiments/campaign/montecarlo.py", "experiments/campaign/missions.py", "models/follower.xml", "sim/scenario/data/followers_T2_T9.json"],
+    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/tilt.py", "sim/scenario/file.py", "laisn/lane_fix.py",
+     "laisn/metrics.py", "experiments/campaign/montecarlo.py", "experiments/campaign/missions.py",
+     "models/follower.xml", "sim/scenario/data/followers_T2_T9.json"],
 )  # fmt: skip
 def test_an_edit_of_what_computes_makes_another_version(tree: Path, unedited: str, name: str) -> None:
     assert after_edits(tree, name) != unedited
 
 
 def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
-    modules = ("film/studio", "render", "film/overlay", "film/scene", "film/graphics", "log/writer", "log/scene")
-    others = ("page.py", "cli.py", "report.py", "templates/page.css", "data/published_tables.csv")
+    modules = ("film/studio", "film/render", "film/overlay", "film/scene", "film/graphics", "log/writer", "log/scene")
+    others = ("pages/page.py", "command/cli.py", "pages/flight_report.py", "pages/templates/page.css",
+              "reproduction/data/published_tables.csv")  # fmt: skip
     edited = [*(f"sim/{name}.py" for name in modules), *(f"experiments/{name}" for name in others)]
     assert after_edits(tree, *edited) == unedited
 
 
 @pytest.mark.parametrize(
     "text",
-    ["\nimport sim.tides\n", "\nfrom sim import tides\n", "\nfrom sim.tides import HEIGHT\n", "\nfrom . import tides\n",
-     "\nfrom .tides import HEIGHT\n", "\ndef late():\n    from sim.tides import HEIGHT\n    return HEIGHT\n"],
-)  # fmt: skip
+    [
+        "\nimport sim.tides\n",
+        "\nfrom sim import tides\n",
+        "\nfrom sim.tides import HEIGHT\n",
+        "\nfrom .. import tides\n",
+        "\nfrom ..tides import HEIGHT\n",
+        "\ndef late():\n    from sim.tides import HEIGHT\n    return HEIGHT\n",
+    ],
+)
 def test_a_module_counts_from_its_first_import_on(tree: Path, text: str) -> None:
     new = tree / "sim" / "tides.py"
     try:

@@ -306,7 +306,7 @@ def press_ctrl_c(*_: object, **__: object) -> None:
         ("sim.log.writer.os.fsync", {"flight.mcap.partial"}),  # the log is written but has no name yet
         ("sim.film.render.render", {"flight.mcap"}),
         ("experiments.pages.flight_report.flight_report", {"flight.mcap"}),
-        ("experiments.flight.fly.dumps", {"flight.mcap", "report.html"}),
+        ("experiments.command.fly.dumps", {"flight.mcap", "report.html"}),
         ("experiments.flight.folder._exchange", set(results.FILES) - {"flight.mp4"}),
     ],
 )

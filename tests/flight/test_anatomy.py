@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from experiments.command import anatomy
 from experiments.flight.anatomy import Anatomy, Cause, dissect
 from experiments.pages import anatomy_page
 from sim.flight import Flight
@@ -132,7 +133,7 @@ def test_random_and_depth_errors_are_what_was_drawn():
 
 def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_path):
     flight = make_flight(60.0, 2)
-    rows = list(anatomy_page.records(flight))
+    rows = list(anatomy.records(flight))
     assert len(rows) == sum(int(np.isfinite(heard.ranges).sum()) for heard in flight.measurements)
     for row in rows:
         shares = sum(row[f"{cause.name.lower()}_m"] for cause in Cause)
@@ -163,4 +164,4 @@ def test_a_follower_that_hears_nothing_has_no_anatomy():
     deaf = replace(flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan))
     section = anatomy_page.section(replace(flight, measurements=(deaf,)))
     assert [block.text for block in section.blocks[1:]] == ["follower received no ping."]
-    assert list(anatomy_page.records(replace(flight, measurements=(deaf,)))) == []
+    assert list(anatomy.records(replace(flight, measurements=(deaf,)))) == []

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sim import point_fleet
 from sim.fleet import fly_fleet
 from sim.scenario import point_motion as kinematics
 from sim.scenario import routes as missions
@@ -45,7 +46,7 @@ def test_leader_and_follower_fly_their_routes(name):
         assert np.rad2deg(report.pitch_max) < 5
         assert np.rad2deg(report.roll_max) < 5
     # the physical vehicles stay within a metre of the paper's point motion
-    ideal = kinematics.fly(NAMES, routes, 1000.0)
+    ideal = point_fleet.fly(NAMES, routes, 1000.0)
     assert np.linalg.norm(flown.position - ideal.position, axis=-1).max() < 1.0
 
 
@@ -124,7 +125,7 @@ def test_arrival_is_when_a_waypoint_is_nearest():
 @pytest.mark.parametrize("name", missions.names())
 def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
     route = missions.route(name)
-    (report,) = tracking(kinematics.fly(("vehicle",), (route,), 1000.0), (route,))
+    (report,) = tracking(point_fleet.fly(("vehicle",), (route,), 1000.0), (route,))
     assert report.arrival_error_max < 0.1 + 1e-9
     assert report.speed_error_rms < 1e-9
     assert report.depth_error_max < 1e-9
@@ -138,4 +139,4 @@ def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
 def test_reports_need_a_route_for_each_vehicle():
     routes = (missions.route("L"), missions.route("T2"))
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
-        tracking(kinematics.fly(NAMES, routes, 20.0), routes[:1])
+        tracking(point_fleet.fly(NAMES, routes, 20.0), routes[:1])

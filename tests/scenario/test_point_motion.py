@@ -5,9 +5,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from sim.scenario import point_motion as kinematics
+from sim import point_fleet
+from sim.point_fleet import Sites
 from sim.scenario import routes as missions
-from sim.scenario.point_motion import Limits, Sites, plan
+from sim.scenario.point_motion import Limits, plan
 from sim.scenario.routes import Route
 
 TURN_RATE, ACCELERATION = np.deg2rad(10.0), 0.2
@@ -168,7 +169,7 @@ def test_any_route_is_met_on_time_or_refused(steps, limits):
 def test_a_fleet_moves_level_on_its_course():
     routes = (missions.route("L"), missions.route("T4", 12.0))
     sites = Sites(("leader/bow", "follower/top"), np.array([0, 1]), np.array([[1.0, 0, 0], [0, 0, 0.1]]))
-    flown = kinematics.fly(("leader", "follower"), routes, 1000.0, sites=sites)
+    flown = point_fleet.fly(("leader", "follower"), routes, 1000.0, sites=sites)
     assert flown.time.size == 10001
     assert flown.time[-1] == pytest.approx(1000.0)
     assert np.abs(flown.pitch).max() < 1e-12
@@ -188,4 +189,4 @@ def test_a_fleet_moves_level_on_its_course():
 
 def test_a_fleet_needs_a_route_for_each_vehicle():
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
-        kinematics.fly(("leader", "follower"), (missions.route("L"),), 10.0)
+        point_fleet.fly(("leader", "follower"), (missions.route("L"),), 10.0)

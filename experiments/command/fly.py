@@ -1,0 +1,134 @@
+"""Fly one scenario and write its evidence: log, film, report, numbers, and the scenario that repeats it."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from experiments.flight import folder as results
+from experiments.flight.fly import Stopwatch, simulate
+from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
+from experiments.terminal import literal, tell
+from laisn.navigator import Navigator
+from sim.flight import Flight, Outcome, navigate
+from sim.log.events import Event
+from sim.scenario.file import dumps
+from sim.scenario.settings import Scenario
+
+
+def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
+    """Print a short table of errors, and how the flight ended if it did not end well."""
+    steered = any(follower.steers_by == "estimate" for follower in flight.scenario.followers)
+    heads = ("follower", "E_P max", "mean", "σ", "E_B max", "mean", "σ", *(["off its place"] if steered else []))
+    table = Table(*heads, box=None, pad_edge=False)
+    for name, row in summary["followers"].items():
+        metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
+        degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
+        table.add_row(literal(name), *metres, *degrees, *([f"{row['off_place_rms_m']:.2f} m"] if steered else []))
+    console.print(table)
+    if flight.outcome is not Outcome.COMPLETED:
+        tell(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, "red")
+
+
+class Written(NamedTuple):
+    """A flight whose results are written, and what to say of it."""
+
+    flight: Flight
+    summary: dict[str, Any]
+    strays: list[Event]
+    """Vehicles that left the water."""
+    no_film: str
+    """Why there is no film; empty if there is one."""
+
+
+def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
+    """Fly a scenario and write its files into an empty folder; errors as of `fly_and_write`."""
+    from experiments.pages.flight_report import flight_report
+    from sim.film import render
+    from sim.log import writer
+
+    watch = Stopwatch()
+    columns = (TextColumn("{task.description:<9}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=not console.is_terminal) as bars:
+
+        @contextmanager
+        def phase(name: str) -> Iterator[Callable[[float], None]]:
+            task = bars.add_task(name, total=1.0)
+            with watch.phase(f"{name}_s"):
+                yield lambda done: bars.update(task, completed=done)
+            bars.update(task, completed=1.0)
+
+        with phase("prepare"):
+            # one tick of it, so that compiling on first use does not count as simulation
+            simulate(scenario.model_copy(update={"duration_s": scenario.timing.filter_step_s}))
+        with phase("simulate") as update:
+            trajectory, outcome = simulate(scenario, update)
+        with phase("navigate"):
+            flight = navigate(scenario, trajectory, Navigator, outcome)
+        errors = position_and_bearing_errors(flight)
+        strays = stray_events(flight)
+        events = sorted([*capture_events(flight), *strays], key=lambda event: event.time_s)
+        summary = summarise(flight, errors)
+        summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+        write_log = partial(
+            writer.write, flight, folder / results.LOG, summary=summary_text, errors=errors, events=events
+        )
+        # the log comes first: whatever happens to the film, what was flown is kept
+        with phase("log"):
+            write_log()
+        film, no_film = folder / results.FILM, "not asked for"
+        if with_video:
+            no_film = ""
+            with phase("video") as update:
+                try:
+                    frames = render.render(flight, film, errors=errors, video=scenario.video, progress=update)
+                except render.RenderError as error:
+                    no_film = str(error)
+                else:
+                    if scenario.video.in_log:
+                        write_log(video=frames)
+        with phase("report"):
+            flight_report(flight, errors, summary, folder / results.REPORT, None if no_film else film)
+    factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
+    timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
+    texts = {results.SUMMARY: summary_text, results.SCENARIO: dumps(scenario), results.TIMING: timing_text}
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return Written(flight, summary, strays, no_film)
+
+
+def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
+    """Fly a scenario, show what happens, and write every result into a folder.
+
+    The results of an earlier flight there are replaced together, once all of the new ones are written; until then they
+    stay as they were. `experiments.flight.folder` says what an interrupt leaves.
+
+    Args:
+        scenario: to fly.
+        folder: for the results; made if it is not there.
+        with_video: render the film too.
+        source: file that the scenario was read from; None: there is none.
+
+    Raises:
+        LaisnError: the flight would replace files in the folder that no flight has written.
+        OSError, LogError: the folder cannot be written; nothing half-written is left under a final name.
+    """
+    console = Console()
+    results.require_safe(folder, source, partial(dumps, scenario))
+    with results.one_flight(folder) as work:
+        written = _write_flight(scenario, work, console, with_video=with_video)
+        had_film = (folder / results.FILM).exists()
+    show(console, written.flight, written.summary)
+    for event in written.strays:
+        tell(console, f"at {event.time_s:g} s {event.text}", "warning:")
+    if with_video and written.no_film:
+        tell(console, written.no_film, "no film:")
+    if had_film and written.no_film:
+        tell(console, "the film of the earlier flight went with it", "note:")
+    tell(console, f"results in {folder}")

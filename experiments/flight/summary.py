@@ -1,0 +1,94 @@
+"""What is said of a flight: errors of its estimates, events on its way, and the figures of `summary.json`."""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from experiments.campaign.version import versions
+from laisn import metrics
+from sim.assembly import routes_of
+from sim.flight import Flight
+from sim.log.events import Event
+from sim.tracking import off_place
+
+Floats = npt.NDArray[np.float64]
+
+
+def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
+    """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
+    steps = flight.step_index()
+    leader = flight.trajectory.position[steps, 0, :2]
+    result = []
+    for i, estimates in enumerate(flight.estimates):
+        position, truth = estimates.state[:, :2], flight.hydrophone(i)[:, :2]
+        result.append(
+            (
+                metrics.position_errors(position, truth),
+                metrics.bearing_errors(position, truth, leader),
+            )
+        )
+    return result
+
+
+def capture_events(flight: Flight) -> list[Event]:
+    """A line for the log where an estimate is captured at the mirror image of the truth, and where it is released."""
+    steps = flight.step_index()
+    time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
+    heading = flight.trajectory.heading[steps, 0]
+    events = []
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        estimate, truth = flight.estimates[i].state[:, :2], flight.hydrophone(i)[:, :2]
+        captured = metrics.captured_steps(estimate, truth, leader, heading)
+        for k in np.flatnonzero(np.diff(captured.astype(np.int64), prepend=0)):
+            caught = bool(captured[k])
+            text = "mirror capture: the estimate is at the truth's mirror image" if caught else "mirror capture ends"
+            events.append(Event(float(time[k]), "warning" if caught else "info", text, name))
+    return sorted(events, key=lambda event: event.time_s)
+
+
+def stray_events(flight: Flight) -> list[Event]:
+    """A line for the log where a vehicle first leaves the water that it was to swim in: floor or surface."""
+    events = []
+    floor = flight.scenario.ocean.floor_depth_m
+    planned = (flight.scenario.leader, *flight.scenario.followers)
+    for v, name in enumerate(flight.trajectory.names):
+        depth = flight.trajectory.depth[:, v]
+        surfaced = depth < 0 if planned[v].depth_m > 1 else np.zeros(depth.size, dtype=bool)
+        for strayed, text in ((depth > floor, "goes below the sea floor"), (surfaced, "breaks the surface")):
+            if strayed.any():
+                first = float(flight.trajectory.time[np.argmax(strayed)])
+                events.append(Event(first, "warning", f"{name} {text}", name))
+    return events
+
+
+def off_place_rms(flight: Flight) -> list[float]:
+    """Of each follower: RMS distance from where its route has it, [m]."""
+    time, position = flight.trajectory.time, flight.trajectory.position[..., :2]
+    routes = routes_of(flight.scenario)
+    return [
+        float(np.sqrt(np.mean(off_place(routes[v], time, position[:, v]) ** 2)))
+        for v in range(1, len(flight.trajectory.names))
+    ]
+
+
+def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, Any]:
+    """What `summary.json` holds: the same for the same scenario and version, whatever the machine."""
+    pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
+    names, astray = flight.trajectory.names[1:], off_place_rms(flight)
+    return {
+        "scenario": flight.scenario.name,
+        "seed": flight.scenario.seed,
+        "run": flight.scenario.run,
+        "outcome": flight.outcome.value,
+        "flown_s": float(flight.trajectory.time[-1]),
+        "variant": flight.scenario.navigation.variant,
+        **asdict(pooled),
+        "followers": {
+            name: asdict(metrics.summarise(*errors[i]))
+            | {"off_place_rms_m": astray[i], "fixes": metrics.fix_counts(flight.estimates[i])}
+            for i, name in enumerate(names)
+        },
+        "versions": versions(),
+    }
