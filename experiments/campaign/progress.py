@@ -1,16 +1,26 @@
-"""How far a campaign is, how fast it goes, and how long it will take."""
+"""What is told while a user waits: how far it is, how long it will take, and that code is compiled on first use."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Protocol
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from datetime import timedelta
+from typing import Any, Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.progress import Progress as Bars
 from rich.text import Text
 
 _LINE_EVERY_S = 10.0
+_COMPILING = "compiling (once)"
 
 
 class Advance(Protocol):
@@ -18,6 +28,12 @@ class Advance(Protocol):
 
     def __call__(self, count: int = 1) -> None:
         """`count` more are done."""
+
+
+Update = Callable[[float], None]
+"""Told the share that is done, 0 … 1."""
+Phase = Callable[[str], AbstractContextManager[Update]]
+"""Shows a named phase for as long as its context lasts."""
 
 
 class _Rate(ProgressColumn):
@@ -28,9 +44,94 @@ class _Rate(ProgressColumn):
         return Text(f"{speed:.1f}/s" if speed else "–/s", style="progress.data.speed")
 
 
+class _Left(ProgressColumn):
+    """Time left, where it can be told."""
+
+    def render(self, task: Task) -> Text:
+        left = task.time_remaining
+        told = "" if left is None or task.finished else f"{timedelta(seconds=round(left))} left"
+        return Text(told, style="progress.remaining")
+
+
+@contextmanager
+def while_compiling(tell: Callable[[bool], None]) -> Iterator[None]:
+    """Call `tell(True)` when code begins to be compiled in this process, and `tell(False)` when that is done.
+
+    Code that was compiled before, in this process or by one that left it in the cache, is not compiled again.
+    """
+    from numba.core import event
+
+    class Compiling(event.Listener):
+        """Counts compilations within compilations: a function's helpers are compiled while it is."""
+
+        depth = 0
+
+        def on_start(self, _: Any) -> None:
+            self.depth += 1
+            if self.depth == 1:
+                tell(True)
+
+        def on_end(self, _: Any) -> None:
+            self.depth -= 1
+            if self.depth == 0:
+                tell(False)
+
+    with event.install_listener("numba:compile", Compiling()):
+        yield
+
+
+@contextmanager
+def compiling_shown() -> Iterator[None]:
+    """Say on standard error that code is compiled, for as long as it is; say nothing where that is not needed."""
+    console = Console(stderr=True)
+    status = console.status(_COMPILING)
+    told = False
+
+    def tell(compiling: bool) -> None:
+        nonlocal told
+        if console.is_terminal:
+            (status.start if compiling else status.stop)()
+        elif not told:
+            console.print(_COMPILING)
+        told = True
+
+    with while_compiling(tell):
+        yield
+
+
+@contextmanager
+def phases(console: Console) -> Iterator[Phase]:
+    """A bar for each phase of a flight, with its time, what is left of it, and whether it is compiling.
+
+    On a terminal the bars stay; in a log there is only a line where code is compiled.
+    """
+    columns = (TextColumn(f"{{task.description:<{len(_COMPILING)}}}"), BarColumn(), TimeElapsedColumn(), _Left())
+    told = False
+    with Bars(*columns, console=console, disable=not console.is_terminal) as bars:
+
+        @contextmanager
+        def phase(name: str) -> Iterator[Update]:
+            task = bars.add_task(name, total=1.0)
+
+            def tell(compiling: bool) -> None:
+                nonlocal told
+                bars.update(task, description=_COMPILING if compiling else name, refresh=True)
+                if not (console.is_terminal or told):
+                    console.print(_COMPILING)
+                told = True
+
+            with while_compiling(tell):
+                yield lambda done: bars.update(task, completed=done)
+            bars.update(task, completed=1.0)
+
+        yield phase
+
+
 @contextmanager
 def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
     """A bar on a terminal, a line every ten seconds in a log; nothing where there is nothing to do.
+
+    Rate and time left are those since the first item was done, which has waited for processes and compilers to start.
 
     Args:
         what: is counted, such as "cells".
@@ -47,16 +148,19 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
             task = bars.add_task(what, total=total)
             yield lambda count=1: bars.advance(task, count)
         return
-    done, start = 0, time.monotonic()
-    shown = start
+    done, early = 0, 0
+    start = shown = time.monotonic()
 
     def advance(count: int = 1) -> None:
-        nonlocal done, shown
-        done += count
+        nonlocal done, early, start, shown
         now = time.monotonic()
+        if done == 0:
+            start, early = now, count
+        done += count
         if done == total or now - shown >= _LINE_EVERY_S:
-            rate = done / max(now - start, 1e-9)
-            console.print(f"{what}: {done}/{total}, {rate:.1f}/s, {(total - done) / rate:.0f} s left", highlight=False)
+            rate = (done - early) / (now - start) if done > early and now > start else 0.0
+            pace = f", {rate:.1f}/s, {(total - done) / rate:.0f} s left" if rate else ""
+            console.print(f"{what}: {done}/{total}{pace}", highlight=False)
             shown = now
 
     yield advance

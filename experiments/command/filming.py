@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pydantic import ValidationError
-from rich.progress import Progress
+from rich.console import Console
 
+from experiments.campaign.progress import phases
 from experiments.flight.source import flight_of
 from experiments.flight.summary import position_and_bearing_errors
 from sim.film import render
@@ -75,15 +76,7 @@ def film(source: str, assignments: Iterable[str], wish: Wish) -> Path:
         render.still(flight, wish.still, path, errors=errors, video=video, follower=wish.follower)
     else:
         path = wish.out or Path(f"{flight.scenario.name}.mp4")
-        with Progress() as bars:
-            task = bars.add_task("film", total=1.0)
-            render.render(
-                flight,
-                path,
-                errors=errors,
-                video=video,
-                follower=wish.follower,
-                progress=lambda done: bars.update(task, completed=done),
-            )
+        with phases(Console()) as phase, phase("video") as update:
+            render.render(flight, path, errors=errors, video=video, follower=wish.follower, progress=update)
     print(plain(path))
     return path

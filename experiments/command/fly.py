@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from experiments.campaign.progress import phases
 from experiments.flight import folder as results
-from experiments.flight.fly import Stopwatch, simulate
+from experiments.flight.fly import Stopwatch, fly, simulate
 from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
 from experiments.terminal import literal, tell
 from laisn.navigator import Navigator
@@ -45,6 +45,8 @@ class Written(NamedTuple):
     """Vehicles that left the water."""
     no_film: str
     """Why there is no film; empty if there is one."""
+    fault: Exception | None
+    """Of the program, if that cost the film."""
 
 
 def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
@@ -54,19 +56,17 @@ def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vi
     from sim.log import writer
 
     watch = Stopwatch()
-    columns = (TextColumn("{task.description:<9}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=not console.is_terminal) as bars:
+    with phases(console) as shown:
 
         @contextmanager
         def phase(name: str) -> Iterator[Callable[[float], None]]:
-            task = bars.add_task(name, total=1.0)
-            with watch.phase(f"{name}_s"):
-                yield lambda done: bars.update(task, completed=done)
-            bars.update(task, completed=1.0)
+            with watch.phase(f"{name}_s"), shown(name) as update:
+                yield update
 
         with phase("prepare"):
-            # one tick of it, so that compiling on first use does not count as simulation
-            simulate(scenario.model_copy(update={"duration_s": scenario.timing.filter_step_s}))
+            # a flight of two messages, so that compiling on first use counts neither as simulation nor as navigation
+            two = min(2 * scenario.timing.message_interval_s, scenario.duration_s)
+            fly(scenario.model_copy(update={"duration_s": two}))
         with phase("simulate") as update:
             trajectory, outcome = simulate(scenario, update)
         with phase("navigate"):
@@ -82,7 +82,7 @@ def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vi
         # the log comes first: whatever happens to the film, what was flown is kept
         with phase("log"):
             write_log()
-        film, no_film = folder / results.FILM, "not asked for"
+        film, no_film, fault = folder / results.FILM, "not asked for", None
         if with_video:
             no_film = ""
             with phase("video") as update:
@@ -90,6 +90,11 @@ def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vi
                     frames = render.render(flight, film, errors=errors, video=scenario.video, progress=update)
                 except render.RenderError as error:
                     no_film = str(error)
+                except OSError:
+                    raise
+                except Exception as error:
+                    # what was flown is whole without a film
+                    no_film, fault = "a fault of the program", error
                 else:
                     if scenario.video.in_log:
                         write_log(video=frames)
@@ -100,7 +105,7 @@ def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vi
     texts = {results.SUMMARY: summary_text, results.SCENARIO: dumps(scenario), results.TIMING: timing_text}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return Written(flight, summary, strays, no_film)
+    return Written(flight, summary, strays, no_film, fault)
 
 
 def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
@@ -118,6 +123,7 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     Raises:
         LaisnError: the flight would replace files in the folder that no flight has written.
         OSError, LogError: the folder cannot be written; nothing half-written is left under a final name.
+        Exception: a fault of the program cost the film; all else is written.
     """
     console = Console()
     results.require_safe(folder, source, partial(dumps, scenario))
@@ -132,3 +138,5 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     if had_film and written.no_film:
         tell(console, "the film of the earlier flight went with it", "note:")
     tell(console, f"results in {folder}")
+    if written.fault:
+        raise written.fault

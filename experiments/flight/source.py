@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from experiments.campaign.progress import compiling_shown
 from experiments.flight.fly import fly
 from experiments.flight.library import load_flyable
 from laisn.failure import LaisnError
@@ -23,7 +24,9 @@ def flight_of(source: str, assignments: Iterable[str] = ()) -> Flight:
     """
     path = Path(source)
     if path.suffix != ".mcap":
-        return fly(load_flyable(source, assignments))[0]
+        scenario = load_flyable(source, assignments)
+        with compiling_shown():
+            return fly(scenario)[0]
     if list(assignments):
         raise LaisnError(f"{path}: --set changes a scenario; a log was flown already")
     return reader.read(path)

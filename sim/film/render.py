@@ -37,6 +37,10 @@ class RenderError(LaisnError):
     """A film that cannot be made, and why."""
 
 
+class RendererDiedError(RuntimeError):
+    """A process that renders ended before its work was done; the text says how, and then its last words."""
+
+
 def _job(
     flight: Flight,
     errors: Errors,
@@ -116,7 +120,7 @@ def _require_success(folder: Path, number: int, child: Any) -> None:
     if code:
         words = (folder / f"{number}.log").read_text(errors="replace").strip().splitlines()[-_LAST_WORDS:]
         how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
-        raise RenderError("\n".join([f"a process that renders frames {how}", *words]))
+        raise RendererDiedError("\n".join([f"a process that renders frames {how}", *words]))
 
 
 @contextmanager
@@ -178,7 +182,8 @@ def render(
         B-frames, headers with every IDR frame).
 
     Raises:
-        RenderError: a setting is impossible, nothing renders here, or a child died.
+        RenderError: a setting is impossible, or nothing renders here.
+        RendererDiedError: a child died.
         ValueError: the annotations do not fit the flight.
     """
     job = _job(flight, errors, video, follower=follower, workers=workers, annotations=annotations)
@@ -242,7 +247,8 @@ def still(
         annotations: as of `render`.
 
     Raises:
-        RenderError: a setting is impossible, the time outside the mission, nothing renders here, or the child died.
+        RenderError: a setting is impossible, the time outside the mission, or nothing renders here.
+        RendererDiedError: the child died.
         ValueError: the annotations do not fit the flight.
     """
     job = _job(flight, errors, video, follower=follower, samples=_STILL_SAMPLES, annotations=annotations)

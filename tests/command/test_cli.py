@@ -21,13 +21,14 @@ from experiments.campaign.failures import CampaignError, DamagedResult
 from experiments.campaign.processes import WorkerDiedError
 from experiments.campaign.version import code_version
 from experiments.command.cli import app
-from experiments.flight import folder as results
 from laisn.failure import LaisnError
 from sim.film import graphics
+from sim.film.render import RendererDiedError
 from sim.fleet import FleetError
 from sim.log import reader
 
 SHORT = ["--set", "duration_s=20", "--no-video"]
+WITHOUT_FILM = {"flight.mcap", "report.html", "summary.json", "timing.json", "scenario.toml"}
 
 
 def laisn(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -45,8 +46,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_fly_writes_all_its_evidence(flown: Path) -> None:
-    names = {path.name for path in (flown / "first").iterdir()}
-    assert names == {"flight.mcap", "report.html", "summary.json", "timing.json", "scenario.toml"}
+    assert {path.name for path in (flown / "first").iterdir()} == WITHOUT_FILM
     summary = json.loads((flown / "first" / "summary.json").read_text())
     assert {"scenario", "seed", "outcome", "variant", "versions", "followers"} <= set(summary)
     for figure in ("e_p_max_m", "e_p_mean_m", "e_p_std_m", "e_b_max_deg", "e_b_mean_deg", "e_b_std_deg"):
@@ -307,7 +307,7 @@ def press_ctrl_c(*_: object, **__: object) -> None:
         ("sim.film.render.render", {"flight.mcap"}),
         ("experiments.pages.flight_report.flight_report", {"flight.mcap"}),
         ("experiments.command.fly.dumps", {"flight.mcap", "report.html"}),
-        ("experiments.flight.folder._exchange", set(results.FILES) - {"flight.mp4"}),
+        ("experiments.flight.folder._exchange", WITHOUT_FILM),
     ],
 )
 def test_ctrl_c_in_any_phase_keeps_the_earlier_flight(
@@ -427,6 +427,28 @@ def test_without_graphics_a_flight_says_in_one_line_what_its_film_lacks(
     assert not (tmp_path / "flight.mp4").exists()
 
 
+def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def die(*_: object, **__: object) -> None:
+        raise RendererDiedError("a process that renders frames ended with code 1\nZeroDivisionError: of the child")
+
+    monkeypatch.setattr("sim.film.render.render", die)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=20", "--out", str(tmp_path / "o")])
+    assert result.exit_code == 1
+    assert "no film: a fault of the program" in result.stdout.splitlines()
+    assert f"results in {tmp_path / 'o'}" in result.stdout.splitlines()
+    [fault] = tmp_path.glob("laisn-failure-*.txt")
+    assert len(result.stderr.splitlines()) == 1
+    assert "ended with code 1" in result.stderr
+    assert f"the traceback is in {fault}" in result.stderr
+    assert "Traceback" not in result.output
+    assert "ZeroDivisionError: of the child" in fault.read_text()
+    assert {path.name for path in (tmp_path / "o").iterdir()} == WITHOUT_FILM
+
+
 def test_a_film_goes_with_the_flight_that_it_shows(flown: Path, tmp_path: Path) -> None:
     shutil.copytree(flown / "first", tmp_path / "T5")
     (tmp_path / "T5" / "flight.mp4").write_bytes(b"film")
@@ -435,7 +457,7 @@ def test_a_film_goes_with_the_flight_that_it_shows(flown: Path, tmp_path: Path) 
     assert result.exit_code == 0
     assert "the film of the earlier flight went with it" in result.output
     names = {path.name for path in (tmp_path / "T5").iterdir()}
-    assert names == {*results.FILES, "notes.txt"} - {"flight.mp4"}
+    assert names == {*WITHOUT_FILM, "notes.txt"}
 
 
 def test_help_imports_nothing_heavy() -> None:

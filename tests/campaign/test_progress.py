@@ -1,0 +1,78 @@
+"""What is told while a user waits."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+from rich.console import Console
+
+from experiments.campaign import progress
+
+COMPILES = """
+from experiments.campaign.progress import compiling_shown
+from laisn.geometry import wrap_angle
+with compiling_shown():
+    wrap_angle(1.0)
+    wrap_angle(2.0)
+"""
+
+
+def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    return capsys.readouterr().err.splitlines()
+
+
+def test_compiling_is_told_once_and_not_where_the_cache_has_it(tmp_path: Path) -> None:
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    told = [
+        subprocess.run([sys.executable, "-c", COMPILES], env=environment, capture_output=True, text=True, check=True)
+        for _ in range(2)
+    ]
+    assert [answer.stderr for answer in told] == ["compiling (once)\n", ""]
+
+
+def test_a_phase_that_compiles_says_so_in_a_log() -> None:
+    @numba.njit
+    def helper(x: float) -> float:
+        return x + 1.0
+
+    @numba.njit
+    def both(x: float) -> float:
+        return helper(x) * helper(x + 1.0)
+
+    console = Console(record=True, force_terminal=False, width=80)
+    with progress.phases(console) as phase:
+        with phase("first") as update:
+            assert both(1.0) == 6.0
+            update(0.5)
+        with phase("second"):
+            assert both(2.0) == 12.0
+    assert console.export_text() == "compiling (once)\n"
+
+
+def test_the_first_item_is_not_in_the_time_left(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+                                               ) -> None:  # fmt: skip
+    """Compiled for 60 s, then an item every 10 s: with 3 of 6 done, 30 s are left, at 0.1 a second."""
+    clock = iter([0.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0])
+    monkeypatch.setattr("experiments.campaign.progress.time.monotonic", lambda: next(clock))
+    with progress.progress("cells", 6) as advance:
+        for _ in range(6):
+            advance()
+    assert lines_of(capsys) == [
+        "cells: 1/6",
+        "cells: 2/6, 0.1/s, 40 s left",
+        "cells: 3/6, 0.1/s, 30 s left",
+        "cells: 4/6, 0.1/s, 20 s left",
+        "cells: 5/6, 0.1/s, 10 s left",
+        "cells: 6/6, 0.1/s, 0 s left",
+    ]
+
+
+def test_nothing_is_told_where_nothing_is_to_be_done(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress.progress("cells", 0) as advance:
+        advance()
+    with progress.progress("cells", 3, quiet=True) as advance:
+        advance(3)
+    assert lines_of(capsys) == []
