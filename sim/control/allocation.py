@@ -1,7 +1,7 @@
 """Thrust allocation: a force and a moment shared out between two thrusters of one direction, bow and stern.
 
 The moment comes first. Steering keeps the vehicle on its way and upright; a force that is missing only lets it drift.
-Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Chapter 11 (constrained allocation);
+Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021 (constrained allocation);
 with two thrusters the constrained problem has this closed form.
 """
 

@@ -2,8 +2,8 @@
 
 Every loop gives the vehicle the dynamics of a well damped second (speed: first) order system, from its own inertia and
 drag: PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
-Control, 2nd ed. 2021, Chapter 15). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 × lag
-of the thrusters), where the lag costs the loop little damping. All others follow from it:
+Control, 2nd ed. 2021, Section 15.3). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 ×
+lag of the thrusters), where the lag costs the loop little damping. All others follow from it:
 
     heading, pitch    ω, relative damping 1; integral ω/10
     sway              side slip is taken out with ω/2, so that the vehicle goes where it points, also in turns
@@ -106,7 +106,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
         record["yaw_inertia"] = body.inertia[2] + mass * centre[0] ** 2 + added[5]
         record["righting"] = -mass * c["gravity"] * centre[2]
         record["drag_linear"], record["drag_fade"] = c["linear_damping"][0], c["linear_damping_fade"][0]
-        area, drag_coefficient, lift_slope, _ = c["hull_lift"]
+        area, drag_coefficient, lift_slope = c["hull_lift"]
         record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
         record["lift"] = 0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + fin[1]
         record["fin_side"] = -fin[0] * c["fin_x"]

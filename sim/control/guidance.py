@@ -5,7 +5,7 @@ The route's point motion (`sim.scenario.point_motion`) is the reference; it alre
 course and speed, and takes the current off:
 
     course   line of sight to a point ahead on the path: atan(cross-track error / lookahead)
-             (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Chapter 12)
+             (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021)
     speed    in proportion to the along-track error, within a bound
 
 The velocity over ground that follows, less the current, is the velocity through the water: its direction is the

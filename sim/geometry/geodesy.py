@@ -15,7 +15,7 @@ def geodetic(position: Floats, latitude_deg: float, longitude_deg: float) -> Flo
     """Latitude, longitude [deg] and height [m] of world positions.
 
     East and north are arcs along the parallel and the meridian of the origin, with the radii of curvature there
-    (NIMA TR8350.2, Section 4); heights are kept, as the simulated sea is flat. A kilometre from the origin at 60° N
+    (NIMA TR8350.2); heights are kept, as the simulated sea is flat. A kilometre from the origin at 60° N
     this is off by 0.16 m.
 
     Args:

@@ -1,9 +1,8 @@
 """Surface and bottom echoes by image sources, and which of the paths a receiver locks to.
 
 A flat, level boundary sends an echo that seems to come from the mirror image of its source (Medwin & Clay, Fundamentals
-of Acoustical Oceanography, 1998, Section 3.1). The echo's path is longer than the direct one; a receiver that
-misses the direct arrival and takes the echo for it measures a range that is too long: the gross error of paper
-Section 2.4.
+of Acoustical Oceanography, 1998). The echo's path is longer than the direct one; a receiver that misses the direct
+arrival and takes the echo for it measures a range that is too long: the gross error of paper Section 2.4.
 """
 
 from enum import IntEnum

@@ -2,7 +2,7 @@
 
 x(t_i) = a_i x(t_{i−1}) + √(1 − a_i²) n_i,    a_i = exp(−(t_i − t_{i−1}) / τ),
 
-exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974, Section 3.6).
+exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974).
 """
 
 import numpy as np

@@ -20,7 +20,7 @@ NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
     "buoyancy": ((), "N"),
     "displaced_inertia": ((), "kg m²"),
     "hull_radius": ((), "m"),
-    "hull_lift": ((4,), "m², -, 1/rad, -"),
+    "hull_lift": ((3,), "m², -, 1/rad"),
     "hull_lift_planes": ((2,), "-"),
     "cross_flow_drag": ((2,), "-"),
     "strip_x": ((MAX_STRIPS,), "m"),

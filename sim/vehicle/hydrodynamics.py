@@ -1,9 +1,11 @@
 """Forces of the water on rigid hulls, in Fossen's form, from the velocity relative to the water.
 
-Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021: added mass and its Coriolis terms
-(Section 6.3), damping (6.4), lift and cross-flow drag of a slender hull (8.4.2). Flow that varies in space and time:
-Lamb, Hydrodynamics, 6th ed. 1932, Art. 124; the flow is taken as linear over the hull, its velocity, gradient and
-rates being those at the centre of buoyancy, where the body frame has its origin.
+Added mass and its Coriolis terms: Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, and
+Lamb, Hydrodynamics, 6th ed. 1932, both for still water. Water that moves differently from place to place: Taylor, The
+forces on a body placed in a curved or converging stream of fluid, Proc. R. Soc. A 120, 1928; Auton, Hunt and
+Prud'homme, The force exerted on a body in inviscid unsteady non-uniform rotational flow, J. Fluid Mech. 197, 1988. The
+flow is taken as linear over the hull: its velocity, gradient and rates are those at the centre of buoyancy, where the
+body frame has its origin. Viscous forces: `sim.vehicle.drag`.
 
 Each physics step: `mj_step1`, or its parts → `apply` → `mj_factorM` → `mj_step2`. `apply` writes the wrench to
 `qfrc_applied` and adds the added mass to `M`, so that it acts on accelerations that MuJoCo has yet to solve for.
@@ -16,6 +18,7 @@ import numpy.typing as npt
 
 from laisn.compiled import compiled
 from sim.geometry.vectors import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
+from sim.vehicle.drag import cross_flow, damping, fin_lift, hull_lift
 from sim.water.ocean import AMPLITUDE, Water, elevation_at, flow
 
 Floats = npt.NDArray[np.float64]
@@ -50,17 +53,16 @@ def _inertia_times(inertia: Floats, v: Vector, w: Vector) -> tuple[Vector, Vecto
 
 
 @compiled
-def kirchhoff(inertia: Floats, munk_factor: float, v: Vector, w: Vector, spin: Vector) -> tuple[Vector, Vector]:
-    """Coriolis and Munk force and moment of added mass (Fossen 2021, Section 6.3; Lamb 1932, Art. 124).
+def kirchhoff(munk_factor: float, v: Vector, spin: Vector, momentum: Vector, angular: Vector) -> tuple[Vector, Vector]:
+    """Coriolis and Munk force and moment of added mass (Fossen 2021; Lamb 1932).
 
     Args:
-        inertia: added mass, shape (6, 6).
         munk_factor: share of the terms with pitch and yaw rates and moments that is kept; 1 is potential flow.
         v: velocity relative to the water, in the body [m/s].
-        w: angular velocity relative to the water, in the body [rad/s].
         spin: angular velocity of the body frame itself, in the body [rad/s].
+        momentum: added mass times velocities relative to the water, in the body [kg m/s].
+        angular: its moment about the origin [kg m²/s].
     """
-    momentum, angular = _inertia_times(inertia, v, w)
     munk = cross(v, momentum)
     kept = (spin[0], munk_factor * spin[1], munk_factor * spin[2])
     force = scaled(-1.0, cross(kept, momentum))
@@ -69,74 +71,25 @@ def kirchhoff(inertia: Floats, munk_factor: float, v: Vector, w: Vector, spin: V
 
 
 @compiled
-def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by axis."""
-    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    lin, fade, quad = c.linear_damping, c.linear_damping_fade, c.quadratic_damping
-    force = (
-        -(lin[0] * np.exp(-fade[0] * speed) + quad[0] * abs(v[0])) * v[0],
-        -(lin[1] * np.exp(-fade[1] * speed) + quad[1] * abs(v[1])) * v[1],
-        -(lin[2] * np.exp(-fade[2] * speed) + quad[2] * abs(v[2])) * v[2],
-    )
-    moment = (
-        -(lin[3] * np.exp(-fade[3] * speed) + quad[3] * abs(w[0])) * w[0],
-        -(lin[4] * np.exp(-fade[4] * speed) + quad[4] * abs(w[1])) * w[1],
-        -(lin[5] * np.exp(-fade[5] * speed) + quad[5] * abs(w[2])) * w[2],
-    )
-    return force, moment
+def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vector) -> tuple[Vector, Vector]:
+    """Force and moment on added mass in water that moves differently from place to place (Taylor 1928).
 
+    The energy of the disturbed water, ½ (v − u)·M_A (v − u), changes with the place of the hull, since u does:
+    Lagrange's equations give −(∇u)ᵀ p, p = M_A (v − u). With the rate of u along the hull's path this makes
+    M_A (Du/Dt + (u − v) × curl u) of a sphere's added mass (Auton, Hunt and Prud'homme 1988). Along a slender hull,
+    strips at x have the relative velocity −x (∇u) e besides, with its own Munk moment, and an own momentum, which feels
+    the force above.
 
-@compiled
-def hull_lift(c: Any, v: Vector) -> Vector:
-    """Drag and lift of the hull at incidence α (Beard and McLain 2012, Section 4.2; Fossen 2021, Section 8.4.2).
-
-    CL = slope α, CD = CD0 + k CL². Drag acts against the flow, lift across it; both planes add to one incidence, and
-    a hull that goes astern has its incidence counted from the tail.
+    Args:
+        gradient: of the water's velocity, rows u, columns x, [1/s]; all in one frame.
+        axis: e, unit vector along the hull.
+        momentum: p, of added mass relative to the water [kg m/s].
+        angular: its moment about the origin [kg m²/s].
     """
-    area, drag_0, slope, induced = c.hull_lift[0], c.hull_lift[1], c.hull_lift[2], c.hull_lift[3]
-    side, up = c.hull_lift_planes[0] * v[1], c.hull_lift_planes[1] * v[2]
-    across = np.sqrt(side * side + up * up)
-    alpha = np.arctan2(across, abs(v[0]))
-    lift = slope * alpha
-    pressure = 0.5 * c.density * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * area
-    drag, lift = pressure * (drag_0 + induced * lift * lift), pressure * lift
-    cos, sin = np.cos(alpha), np.sin(alpha)
-    ahead = np.sign(v[0])
-    normal = -(sin * drag + cos * lift)
-    if across > 0.0:
-        return ahead * (sin * lift - cos * drag), normal * side / across, normal * up / across
-    return -ahead * cos * drag, 0.0, 0.0
-
-
-@compiled
-def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """Drag of the hull's sections across the flow, strip by strip (Fossen 2021, Section 6.4.3).
-
-    With both coefficients C equal, a strip of side area A feels −½ρ A C |U| U of its own cross-flow U; unequal ones
-    scale each axis by the cube root of its C: C |U| U along either axis alone, and always against the motion.
-    """
-    root_y, root_z = c.cross_flow_drag[0] ** (1 / 3), c.cross_flow_drag[1] ** (1 / 3)
-    fy = fz = my = mz = 0.0
-    for i in range(c.n_strips):
-        x = c.strip_x[i]
-        side, up = root_y * (v[1] + x * w[2]), root_z * (v[2] - x * w[1])
-        scale = -0.5 * c.density * c.strip_area[i] * np.sqrt(side * side + up * up)
-        dy, dz = scale * root_y * side, scale * root_z * up
-        fy += dy
-        fz += dz
-        my -= x * dz
-        mz += x * dy
-    return (0.0, fy, fz), (0.0, my, mz)
-
-
-@compiled
-def fin_lift(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """Normal force of the fixed tail fins, ½ρ S slope U² sin α cos α, from the incidence where they stand."""
-    x = c.fin_x
-    scale = -0.5 * c.density * c.fin_lift_slope * abs(v[0])
-    fy = scale * c.fin_area[0] * (v[1] + x * w[2])
-    fz = scale * c.fin_area[1] * (v[2] - x * w[1])
-    return (0.0, fy, fz), (0.0, -x * fz, x * fy)
+    to_momentum = transposed(gradient)
+    first = cross(angular, axis)  # ∫ x dp along the hull
+    turning = minus(cross(times(gradient, axis), first), cross(axis, times(to_momentum, first)))
+    return scaled(-1.0, times(to_momentum, momentum)), turning
 
 
 @compiled
@@ -197,7 +150,10 @@ def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tu
     w = minus(spin, turning)
     turning_rate = plus(cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate))))
 
-    force, moment = kirchhoff(c.added_mass, c.munk_factor, v, w, spin)
+    momentum, angular = _inertia_times(c.added_mass, v, w)
+    force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
+    part = convergence(gradient, axis, times(to_world, momentum), times(to_world, angular))
+    force, moment = plus(force, times(to_body, part[0])), plus(moment, times(to_body, part[1]))
     for part in (damping(c, v, w), cross_flow(c, v, w), fin_lift(c, v, w)):
         force, moment = plus(force, part[0]), plus(moment, part[1])
     force = plus(force, hull_lift(c, v))

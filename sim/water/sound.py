@@ -1,7 +1,7 @@
 """Speed of sound over depth, and how long sound takes along straight rays.
 
 A ray that is straight and not level spends equal times at equal depth steps, so that its mean slowness is the mean of
-1/c over the depths it crosses (Medwin & Clay, Fundamentals of Acoustical Oceanography, 1998, Section 3.3: ray
+1/c over the depths it crosses (Medwin & Clay, Fundamentals of Acoustical Oceanography, 1998: ray
 bending is neglected, which over 100 m and usual gradients of 0.1 /s changes a path by less than a millimetre).
 """
 

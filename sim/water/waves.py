@@ -1,6 +1,6 @@
 """Linear (Airy) wave components: regular waves and an irregular JONSWAP sea.
 
-Source of the formulas: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990, Section 2.2 (Airy waves) and
+Source of the formulas: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990 (Airy waves) and
 DNV-RP-C205, 2010, Section 3.5.5 (JONSWAP).
 """
 

@@ -91,7 +91,7 @@ def hull(mass: float, inertia: npt.ArrayLike, cg: npt.ArrayLike = (0, 0, 0), **n
         "buoyancy": mass * 9.81,
         "displaced_inertia": 0,
         "hull_radius": 0.1,
-        "hull_lift": np.zeros(4),
+        "hull_lift": np.zeros(3),
         "hull_lift_planes": [1, 1],
         "cross_flow_drag": [0, 0],
         "strip_x": 0,

@@ -7,6 +7,7 @@ import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
 import models
 from sim.geometry import attitude
@@ -61,13 +62,68 @@ def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: fl
     np.testing.assert_allclose(fins, expected, atol=1e-9)
     np.testing.assert_allclose(moment, np.cross([-0.9, 0, 0], expected), atol=1e-9)
 
-    # hull: drag against the flow, lift at right angles to it
-    body, _ = force(hull_lift=[0.35, 0.06, 0.28, 2.5])
-    flow = np.array([u, 0, 0]) + across * np.eye(3)[plane]
-    drag, lift = pressure * 0.35 * (0.06 + 2.5 * (0.28 * alpha) ** 2), pressure * 0.35 * 0.28 * alpha
-    assert -body @ flow / speed == pytest.approx(drag, rel=1e-12)
-    assert np.linalg.norm(body + drag * flow / speed) == pytest.approx(lift, rel=1e-12)
-    assert body[plane] < 0
+    # hull: drag along the axis, drag and lift across it, both less by cos α than in the flow's own direction
+    body, moment = force(hull_lift=[0.35, 0.06, 0.28])
+    expected = -pressure * 0.35 * np.cos(alpha) * np.array([astern * 0.06 * np.cos(alpha), 0.0, 0.0])
+    expected[plane] = -pressure * 0.35 * np.cos(alpha) * (0.06 + 0.28) * np.sin(alpha)
+    np.testing.assert_allclose(body, expected, atol=1e-9)
+    np.testing.assert_array_equal(moment, 0.0)
+
+
+@pytest.mark.parametrize("plane", [1, 2])
+@pytest.mark.parametrize(("name", "length", "diameter"), [("leader", 2.0, 0.25), ("follower", 1.6, 0.19)])
+def test_broadside_drag_is_that_of_cylinders(name: str, length: float, diameter: float, plane: int) -> None:
+    """Coefficient 1.1 (Hoerner 1965) on the side view of the spheroid, and no force along the axis."""
+    tank = Tank(models.path(name).read_text(), Ocean.calm(), 0.02, {"linear_damping": np.zeros(6)})
+    tank.pose[0, 2] = -50
+    tank.twist[0, plane] = 0.5
+    tank.prepare()
+    force = tank.data.qfrc_applied[:3] - [0, 0, tank.coefficients[0]["buoyancy"]]
+    side_view = np.pi / 4 * length * diameter
+    expected = -0.5 * 1026 * 1.1 * side_view * 0.5**2 * np.eye(3)[plane]
+    np.testing.assert_allclose(force, expected, rtol=1e-3, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["leader", "follower"])
+def test_force_is_odd_in_surge_and_has_no_jump_where_it_turns(name: str) -> None:
+    tank = Tank(models.path(name).read_text(), Ocean.calm(), 0.02)
+
+    def force(u: float) -> Floats:
+        tank.pose[0, 2] = -50
+        tank.twist[0, :3] = u, 0.5, 0.3
+        tank.prepare()
+        return tank.data.qfrc_applied[:3].copy()
+
+    at_rest = force(0.0)
+    assert at_rest[0] == 0.0
+    for u in (1e-9, 1e-3, 0.2, 1.0):
+        ahead, astern = force(u), force(-u)
+        assert ahead[0] == -astern[0] < 0.0
+        np.testing.assert_allclose(ahead[1:], astern[1:], rtol=1e-12)
+    np.testing.assert_allclose(force(1e-9), at_rest, atol=1e-6)
+
+
+@pytest.mark.parametrize("surge", [1e-3, -1e-3])
+def test_hull_pushed_sideways_does_not_run_ahead(surge: float) -> None:
+    """20 N of lateral thrust for 30 s: the surge that there was at first does not grow."""
+    tank = Tank(models.path("leader").read_text(), Ocean.calm(), 0.02)
+    tank.pose[0, 2] = -50
+    tank.twist[0, 0] = surge
+    for _ in range(1500):
+        tank.step([0, 20, 0, 0, 0, 0])
+    assert tank.pose[0, 1] > 5.0
+    assert abs(tank.pose[0, 0]) < 30 * abs(surge)
+
+
+def test_hull_left_in_a_beam_sea_does_not_run_ahead() -> None:
+    """Waves of 1 m from the side: swell, sway and roll, and no reason to go either way along the axis."""
+    waves = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.0)
+    tank = Tank(models.path("leader").read_text(), Ocean(waves=waves), 0.02)
+    tank.pose[0, 2] = -3
+    tank.twist[0, 0] = 1e-3
+    for _ in range(3000):
+        tank.step()
+    assert abs(tank.pose[0, 0]) < 0.06
 
 
 def test_cross_flow_drag_does_not_know_the_direction_of_a_round_hull() -> None:
@@ -88,7 +144,7 @@ def test_drag_takes_energy_out_whatever_the_motion() -> None:
         dry_numerics = {
             "linear_damping": np.zeros(6),
             "quadratic_damping": np.zeros(6),
-            "hull_lift": np.zeros(4),
+            "hull_lift": np.zeros(3),
             "cross_flow_drag": np.zeros(2),
             "fin_area": np.zeros(2),
         }
@@ -146,7 +202,7 @@ def test_small_neutral_body_follows_its_wave_orbit(depth: float) -> None:
     )
     radius = 0.02
     displaced = 1026 * 4 / 3 * np.pi * radius**3
-    # a sphere adds half of what it displaces (Lamb 1932, Art. 92)
+    # a sphere adds half of what it displaces (Lamb 1932)
     xml = hull(
         displaced,
         np.full(3, 0.4 * displaced * radius**2),
@@ -179,6 +235,102 @@ def test_small_neutral_body_follows_its_wave_orbit(depth: float) -> None:
     assert fine < 0.002 * semi_major_axis
     # what is left is the integrator's, of second order in the step
     assert fine == pytest.approx(coarse / 4, rel=0.1)
+
+
+def rate_along(ocean: Ocean, p: Floats, v: Floats, t: float, h: float = 1e-4) -> Floats:
+    """Rate of change of the water's velocity as met by a point that moves with v."""
+    later, before = (ocean.velocity((p + s * v)[None], t + s)[0] for s in (h, -h))
+    return np.asarray((later - before) / (2 * h))
+
+
+SPHERE_RADIUS = 0.2
+SPHERE_DISPLACED = 1026 * 4 / 3 * np.pi * SPHERE_RADIUS**3
+SPHERE = hull(
+    SPHERE_DISPLACED,
+    np.full(3, 0.4 * SPHERE_DISPLACED * SPHERE_RADIUS**2),
+    added_mass=np.diag([SPHERE_DISPLACED / 2] * 3 + [0.0] * 3),
+    hull_radius=SPHERE_RADIUS,
+)
+"""Neutral; it adds half of what it displaces (Lamb 1932)."""
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (-0.7, 0.9, 0.4)])
+def test_sphere_feels_the_acceleration_of_the_water_however_fast_it_passes(velocity: tuple[float, ...]) -> None:
+    """Displaced and added mass times Du/Dt (Taylor 1928; Auton, Hunt and Prud'homme 1988), in waves of 1 m."""
+    ocean = Ocean(waves=Waves.regular(height_m=1.0, period_s=4.0, direction_rad=1.0), current_speed_m_s=0.4)
+    for t in (0.0, 0.9, 2.3):
+        tank = Tank(SPHERE, ocean, 0.02)
+        tank.pose[0, :3] = 3.0, -2.0, -1.5
+        tank.twist[0, :3], tank.data.time = velocity, t
+        tank.prepare()
+        force = tank.data.qfrc_applied[:3] - [0, 0, SPHERE_DISPLACED * G]
+        u = ocean.velocity(tank.pose[:, :3], t)[0]
+        expected = 1.5 * SPHERE_DISPLACED * rate_along(ocean, tank.pose[0, :3].copy(), u, t)
+        np.testing.assert_allclose(force, expected, atol=1e-5)
+
+
+def test_sphere_at_rest_in_a_shearing_current_is_lifted_to_the_quicker_side() -> None:
+    """Added mass times (u − v) × curl u (Auton, Hunt and Prud'homme 1988): upwards, as the current gains with z."""
+    ocean = Ocean(current_speed_m_s=0.8, current_direction_rad=np.pi / 2, current_shear_1_s=0.05)
+    tank = Tank(SPHERE, ocean, 0.02)
+    tank.pose[0, 2] = -4.0
+    tank.prepare()
+    lift = SPHERE_DISPLACED / 2 * (0.8 - 0.05 * 4.0) * 0.05
+    np.testing.assert_allclose(tank.data.qfrc_applied[:3], [0, 0, SPHERE_DISPLACED * G + lift], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_force_on_added_mass_is_lagranges_in_water_that_waves_and_shears(seed: int) -> None:
+    """From the energy of the disturbed water alone, by finite differences; displaced water and weight left out.
+
+    T = ½ ν M_A ν, ν = (Rᵀ (v − u), ω − e × G e): the force is ∂T/∂x − d/dt ∂T/∂v, the moment in the body
+    ∂T/∂θ − (d/dt + ω ×) ∂T/∂ω. As over the hull, the gradient G does not change with the place that ∂/∂x moves.
+    """
+    rng = np.random.default_rng(seed)
+    b = rng.normal(size=(6, 6))
+    added = b @ b.T + np.diag([2.0, 60, 60, 0.2, 11, 11])
+    added = (added + added.T) / 2
+    waves = Waves.jonswap(
+        rng, significant_height_m=0.6, peak_period_s=4.0, direction_rad=0.7, spread_rad=0.4, n_components=5
+    )
+    ocean = Ocean(current_speed_m_s=0.5, current_direction_rad=2.0, current_shear_1_s=0.04, waves=waves)
+    axis, h, t0 = np.array([1.0, 0.0, 0.0]), 1e-4, 7.0
+    place, velocity, spin = np.array([3.0, -4.0, -2.5]), rng.normal(size=3), 0.3 * rng.normal(size=3)
+    start = Rotation.random(rng=rng)
+
+    def water(p: Floats, t: float) -> Floats:
+        return ocean.velocity(p[None], t)[0]
+
+    def gradient(p: Floats, t: float) -> Floats:
+        return np.array([water(p + h * e, t) - water(p - h * e, t) for e in np.eye(3)]).T / (2 * h)
+
+    def relative(p: Floats, r: Rotation, g: Floats, t: float) -> Floats:
+        turning = np.cross(axis, r.inv().apply(g @ r.apply(axis)))
+        return np.concatenate([r.inv().apply(velocity - water(p, t)), spin - turning])
+
+    def energy(p: Floats, r: Rotation, g: Floats) -> float:
+        nu = relative(p, r, g, t0)
+        return float(0.5 * nu @ added @ nu)
+
+    def impulse(s: float) -> tuple[Floats, Floats]:
+        """Of the moving hull: linear in the world, angular in the body."""
+        p, r, t = place + s * velocity, start * Rotation.from_rotvec(s * spin), t0 + s
+        both = added @ relative(p, r, gradient(p, t), t)
+        return r.apply(both[:3]), both[3:]
+
+    g, far = gradient(place, t0), 1e-3
+    (linear, angular), (linear_before, angular_before) = impulse(far), impulse(-far)
+    by_place = [(energy(place + h * e, start, g) - energy(place - h * e, start, g)) / (2 * h) for e in np.eye(3)]
+    force = np.array(by_place) - (linear - linear_before) / (2 * far)
+    turned = [[energy(place, start * Rotation.from_rotvec(s * e), g) for s in (h, -h)] for e in np.eye(3)]
+    by_angle = [(ahead - back) / (2 * h) for ahead, back in turned]
+    moment = np.array(by_angle) - (angular - angular_before) / (2 * far) - np.cross(spin, impulse(0.0)[1])
+
+    tank = Tank(hull(60.0, [1, 10, 10], added_mass=added, buoyancy=0.0), ocean, 0.02)
+    tank.pose[0] = [*place, *start.as_quat(scalar_first=True)]
+    tank.twist[0], tank.data.time = [*velocity, *spin], t0
+    tank.prepare()
+    np.testing.assert_allclose(tank.data.qfrc_applied, [*force, *moment], rtol=1e-4, atol=1e-3)
 
 
 def test_neutral_hull_without_drag_pitches_with_the_slope_of_long_waves() -> None:

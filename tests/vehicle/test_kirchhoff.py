@@ -26,7 +26,7 @@ def euler_rotation(q: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Kirchhoff:
-    """A neutral hull in unbounded ideal water at rest, written out in the body frame (Lamb 1932, Ch. VI)."""
+    """A neutral hull in unbounded ideal water at rest, written out in the body frame (Lamb 1932)."""
 
     mass: float
     inertia: Floats
@@ -111,7 +111,7 @@ def test_motion_without_drag_keeps_energy_and_follows_an_independent_integration
 
 
 SPHEROID_ADDED = np.diag([3.731, 89.770, 89.770, 0.0, 15.690, 15.690])
-"""Potential flow about a prolate spheroid 2.0 m × 0.30 m in water of 1026 kg/m³ (Lamb 1932, Art. 114, 115)."""
+"""Potential flow about a prolate spheroid 2.0 m × 0.30 m in water of 1026 kg/m³ (Lamb 1932)."""
 SPHEROID_MASS, SPHEROID_INERTIA = 96.698, np.array([0.87028, 19.77479, 19.77479])
 
 

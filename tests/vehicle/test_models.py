@@ -60,7 +60,7 @@ def test_thrusters_push_where_their_names_say(name: str) -> None:
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_hull_is_neutral_and_its_added_mass_that_of_the_spheroid(name: str) -> None:
-    """Lamb's factors from their integrals (Lamb 1932, Art. 114, 115), not from the closed forms that MJCF cites."""
+    """Lamb's factors from their integrals (Lamb 1932), not from the closed forms that MJCF cites."""
     length, diameter = SIZES[name]
     a, b = length / 2, diameter / 2
     # α₀ = a b² ∫₀^∞ dλ / ((a²+λ)^{3/2} (b²+λ)), β₀ with one power of the roots exchanged

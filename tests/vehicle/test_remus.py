@@ -1,6 +1,6 @@
 """The hull of a REMUS 100 against the figures of Fossen's published simulator.
 
-Propeller and fins are written here from the formulas that he prints (Fossen 2021, Section 9.7; Allen et al. 2000), in
+Propeller and fins are written here from the formulas that he prints (Fossen 2021; Allen et al. 2000), in
 his frame (x forward, y starboard, z down), and turned into ours.
 """
 

@@ -34,7 +34,7 @@ def sea(seed: int = 1, depth: float = 12.0) -> Ocean:
 
 
 def textbook_velocity(ocean: Ocean, p: Floats, t: float) -> Floats:
-    """Finite-depth Airy waves on a current, component by component (Faltinsen 1990, Table 2.1)."""
+    """Finite-depth Airy waves on a current, component by component (Faltinsen 1990)."""
     c, w, h = ocean, ocean.waves, ocean.floor_depth_m
     towards = np.array([np.sin(c.current_direction_rad), np.cos(c.current_direction_rad)])
     surface = c.current_speed_m_s * towards
@@ -174,7 +174,7 @@ def test_jonswap_sea_has_its_significant_height_and_spectrum() -> None:
     series = np.array([float(ocean.elevation(0.0, 0.0, t)) for t in np.arange(0, 20000, 0.5)])
     assert 4 * series.std() == pytest.approx(height, rel=0.02)
 
-    # DNV-RP-C205, Eq. 3.5.5.1: S = (1 − 0.287 ln γ) 5/16 Hs² ωp⁴ ω⁻⁵ exp(−5/4 (ω/ωp)⁻⁴) γ^b
+    # DNV-RP-C205, Section 3.5.5: S = (1 − 0.287 ln γ) 5/16 Hs² ωp⁴ ω⁻⁵ exp(−5/4 (ω/ωp)⁻⁴) γ^b
     peak = 2 * np.pi / period
     w = waves.omega_rad_s
     bell = np.exp(-((w - peak) ** 2) / (2 * np.where(w <= peak, 0.07, 0.09) ** 2 * peak**2))

@@ -1,0 +1,82 @@
+"""Viscous forces of the water on a hull and its fins, from the velocity relative to the water.
+
+Source: Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021 (damping, lift and cross-flow
+drag of a slender hull); Beard and McLain, Small Unmanned Aircraft, 2012 (lift and drag over incidence).
+"""
+
+from typing import Any
+
+import numpy as np
+
+from laisn.compiled import compiled
+from sim.geometry.vectors import Vector
+
+
+@compiled
+def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by axis."""
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    lin, fade, quad = c.linear_damping, c.linear_damping_fade, c.quadratic_damping
+    force = (
+        -(lin[0] * np.exp(-fade[0] * speed) + quad[0] * abs(v[0])) * v[0],
+        -(lin[1] * np.exp(-fade[1] * speed) + quad[1] * abs(v[1])) * v[1],
+        -(lin[2] * np.exp(-fade[2] * speed) + quad[2] * abs(v[2])) * v[2],
+    )
+    moment = (
+        -(lin[3] * np.exp(-fade[3] * speed) + quad[3] * abs(w[0])) * w[0],
+        -(lin[4] * np.exp(-fade[4] * speed) + quad[4] * abs(w[1])) * w[1],
+        -(lin[5] * np.exp(-fade[5] * speed) + quad[5] * abs(w[2])) * w[2],
+    )
+    return force, moment
+
+
+@compiled
+def hull_lift(c: Any, v: Vector) -> Vector:
+    """Drag and lift of the hull at incidence α, as a force along its axis and one across it.
+
+    Along the axis acts −½ρ S CD0 U² cos α |cos α|, across it −½ρ S (CD0 + a) U² sin α |cos α|. At small incidence this
+    is the drag CD0 against the flow and the lift a α across it (slope a of a wing of the hull's plan: Beard and McLain
+    2012; Fossen 2021). Towards 90° both fade and leave the hull to `cross_flow`. A round hull has no sharp edge to be
+    sucked forward at, so its lift never pushes it along its axis. Both planes add to one incidence; `hull_lift_planes`
+    may leave one of them out.
+    """
+    area, drag, slope = c.hull_lift[0], c.hull_lift[1], c.hull_lift[2]
+    side, up = c.hull_lift_planes[0] * v[1], c.hull_lift_planes[1] * v[2]
+    in_plane = v[0] * v[0] + side * side + up * up
+    if in_plane == 0.0:
+        return 0.0, 0.0, 0.0
+    total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    scale = -0.5 * c.density * area * abs(v[0]) * (total / in_plane)
+    normal = scale * (drag + slope)
+    return scale * drag * v[0], normal * side, normal * up
+
+
+@compiled
+def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Drag of the hull's sections across the flow, strip by strip (Fossen 2021).
+
+    With both coefficients C equal, a strip of side area A feels −½ρ A C |U| U of its own cross-flow U; unequal ones
+    scale each axis by the cube root of its C: C |U| U along either axis alone, and always against the motion.
+    """
+    root_y, root_z = c.cross_flow_drag[0] ** (1 / 3), c.cross_flow_drag[1] ** (1 / 3)
+    fy = fz = my = mz = 0.0
+    for i in range(c.n_strips):
+        x = c.strip_x[i]
+        side, up = root_y * (v[1] + x * w[2]), root_z * (v[2] - x * w[1])
+        scale = -0.5 * c.density * c.strip_area[i] * np.sqrt(side * side + up * up)
+        dy, dz = scale * root_y * side, scale * root_z * up
+        fy += dy
+        fz += dz
+        my -= x * dz
+        mz += x * dy
+    return (0.0, fy, fz), (0.0, my, mz)
+
+
+@compiled
+def fin_lift(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Normal force of the fixed tail fins, ½ρ S slope U² sin α cos α, from the incidence where they stand."""
+    x = c.fin_x
+    scale = -0.5 * c.density * c.fin_lift_slope * abs(v[0])
+    fy = scale * c.fin_area[0] * (v[1] + x * w[2])
+    fz = scale * c.fin_area[1] * (v[2] - x * w[1])
+    return (0.0, fy, fz), (0.0, -x * fz, x * fy)
