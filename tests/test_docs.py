@@ -31,7 +31,7 @@ from sim.scenario.file import parse
 from sim.scenario.settings import Scenario
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")), *sorted((ROOT / "docs").glob("*.md"))]
 STUDIES = ("reproduce", "asymmetry")
 FOREIGN = ("apt-get", "pip", "rerun", "source")
 """Programs that are not ours to try."""

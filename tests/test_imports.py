@@ -1,79 +1,89 @@
-"""Imports run one way: experiments → sim → the vocabulary of laisn; laisn knows neither."""
+"""The house: each room imports what its first page says, nothing imports in a circle, laisn knows no simulator."""
 
-import ast
-import os
-import subprocess
-import sys
+import re
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+from experiments.gallery import house
+
+IMPORTS = house.imports()
+SOURCES = house.modules()
+ROOMS = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
 VOCABULARY = {"laisn", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry", "laisn.compiled",
               "laisn.elementary", "laisn.failure"}  # fmt: skip
-ALLOWED_SIM_IN_LAISN: set[str] = set()
+"""What the simulator may know of navigation: words, not navigators."""
 
 
-def imported(path: Path) -> set[str]:
-    """Modules that a file imports anywhere, lazily too."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {
-                f"{node.module}.{alias.name}" if node.module in {"laisn", "sim", "experiments"} else node.module
-                for alias in node.names
-            }
-    return found
+def declared(room: str) -> set[str]:
+    """What the first page of a room allows."""
+    (line,) = re.findall(r"^Imports: (.*)$", SOURCES[room].read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return set(line.split())
 
 
-def ours(modules: set[str], package: str) -> set[str]:
-    return {m for m in modules if m.split(".")[0] == package}
+def within(module: str, room: str) -> bool:
+    return module == room or module.startswith(f"{room}.")
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "laisn").rglob("*.py")), ids=lambda p: p.name)
-def test_laisn_knows_no_simulator(path: Path) -> None:
-    modules = imported(path)
-    assert not ours(modules, "sim") | ours(modules, "experiments") | ours(modules, "mujoco") | ours(modules, "models")
+def members(room: str) -> list[str]:
+    """Modules that stand in a room itself, not in a room within it."""
+    inner = [other for other in ROOMS if other != room and within(other, room)]
+    return [m for m in IMPORTS if within(m, room) and not any(within(m, other) for other in inner)]
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "sim").rglob("*.py")), ids=lambda p: p.name)
-def test_the_world_speaks_only_the_vocabulary_of_navigation(path: Path) -> None:
-    modules = imported(path)
-    assert not ours(modules, "experiments")
-    constants = {"laisn.REAR", "laisn.FRONT", "laisn.MIDDLE", "laisn.POSITION", "laisn.VELOCITY"}
-    assert ours(modules, "laisn") <= VOCABULARY | constants
+@pytest.mark.parametrize("room", [room for room in ROOMS if "." in room])
+def test_a_room_imports_what_its_first_page_says_and_no_more(room: str) -> None:
+    used = {name for module in members(room) for name in IMPORTS[module] if not within(name, room)}
+    allowed = declared(room)
+    assert not {name for name in used if not any(within(name, a) for a in allowed)}
+    assert not {a for a in allowed if not any(within(name, a) for name in used)}, "declared, but not used"
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "laisn").rglob("*.py")), ids=lambda p: p.name)
-def test_one_module_knows_filterpy(path: Path) -> None:
-    assert ("filterpy" in {m.split(".")[0] for m in imported(path)}) == (path.name == "filter.py")
+@pytest.mark.parametrize("room", ROOMS)
+def test_the_first_page_of_a_room_is_short(room: str) -> None:
+    assert 1 <= len(SOURCES[room].read_text(encoding="utf-8").splitlines()) <= 11
 
 
-BLOCKED = """
-import pkgutil, sys
-from importlib import import_module
-
-class Blocked:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"OpenGL", "EGL", "av"}:
-            raise AssertionError(f"{name} is imported")
-
-sys.meta_path.insert(0, Blocked())
-for package in map(import_module, sys.argv[1:]):
-    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-        import_module(module.name)
-        print(module.name)
-"""
+def test_nothing_imports_in_a_circle() -> None:
+    assert house.circle(IMPORTS) == []
+    assert house.circle(house.rooms(IMPORTS)) == []
 
 
-def test_no_module_loads_a_graphics_library_when_it_is_imported() -> None:
-    """A machine without such libraries flies all the same; what films, loads them in a process of its own."""
-    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
-    command = [sys.executable, "-c", BLOCKED, "models", "laisn", "sim", "experiments"]
-    child = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-    assert child.returncode == 0, child.stderr
-    assert {"sim.film.render", "sim.film.scene", "sim.film.studio", "experiments.command.cli"} <= set(
-        child.stdout.split()
-    )
+def test_nothing_imports_the_command() -> None:
+    outside = [module for module in IMPORTS if not within(module, "experiments.command")]
+    assert not [m for m in outside for name in IMPORTS[m] if within(name, "experiments.command")]
+
+
+@pytest.mark.parametrize("module", [m for m in IMPORTS if within(m, "laisn")])
+def test_laisn_knows_no_simulator(module: str) -> None:
+    assert all(within(name, "laisn") for name in IMPORTS[module])
+    assert not re.search(r"^\s*(import|from) mujoco", SOURCES[module].read_text(encoding="utf-8"), flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("module", [m for m in IMPORTS if within(m, "sim")])
+def test_the_world_speaks_only_the_vocabulary_of_navigation(module: str) -> None:
+    assert not [name for name in IMPORTS[module] if within(name, "experiments")]
+    assert {name for name in IMPORTS[module] if within(name, "laisn")} <= VOCABULARY
+
+
+@pytest.mark.parametrize("module", [m for m in IMPORTS if within(m, "laisn")])
+def test_one_module_knows_filterpy(module: str) -> None:
+    knows = re.search(r"^\s*(import|from) filterpy", SOURCES[module].read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert bool(knows) == (module == "laisn.filter")
+
+
+def test_imports_are_seen_wherever_they_hide(tmp_path: Path) -> None:
+    """The reader of imports itself: at the top, relative, of a name within a module, and inside a function."""
+    for package in house.PACKAGES:
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").write_text("")
+    (tmp_path / "laisn" / "fix.py").write_text("def late():\n    from laisn.gate import REACH\n")
+    (tmp_path / "laisn" / "gate.py").write_text("import numpy\nREACH = 1\n")
+    (tmp_path / "sim" / "a.py").write_text("from . import b\nimport laisn.fix\n")
+    (tmp_path / "sim" / "b.py").write_text("from sim import a\n")
+    found = house.imports(tmp_path)
+    assert found["laisn.fix"] == {"laisn.gate"}
+    assert found["laisn.gate"] == set()
+    assert found["sim.a"] == {"sim.b", "laisn.fix"}
+    assert set(house.circle(found)) == {"sim.a", "sim.b"}
+    assert house.floors(house.rooms({"sim.c": {"laisn.fix"}, "laisn.fix": set()})) == {"laisn": 0, "sim.c": 1}

@@ -1,1 +1,7 @@
-"""What a leader that is not level does to its followers: `study` is where it begins."""
+"""The study of a leader that is not level: what pitch does to ranges and fixes, and what helps.
+
+`study` is where it begins: conditions that make the leader pitch, a map of noiseless fixes, missions with and without
+each remedy, and a page that tells it.
+
+Imports: experiments.campaign experiments.flight experiments.pages laisn sim
+"""

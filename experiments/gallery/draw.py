@@ -18,6 +18,7 @@ from experiments.closed_loop import study as closed_loop
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
 from experiments.flight.summary import position_and_bearing_errors
+from experiments.gallery import architecture
 from experiments.gallery import physics as gallery_physics
 from experiments.pages import figures
 from experiments.pages.figures import COLOURS, INK, MUTED, SERIES, Line
@@ -106,6 +107,7 @@ def errors(flight: Flight) -> Figure:
 def main() -> None:
     """Write all pictures."""
     FOLDER.mkdir(parents=True, exist_ok=True)
+    save(architecture.picture(), "architecture")
     save(routes(), "routes")
     save(asymmetry_gallery.map_picture(), "asymmetry")
     save(

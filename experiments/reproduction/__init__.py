@@ -1,1 +1,6 @@
-"""The paper's evaluation, flown again: `study` is where it begins."""
+"""The paper's evaluation, flown again: five stages, tables beside the published ones, claims judged.
+
+`study` is where it begins; `stages` holds every setting as data.
+
+Imports: experiments.campaign experiments.flight experiments.pages laisn sim
+"""

@@ -1,1 +1,8 @@
-"""Flights as MCAP logs: `writer` and `reader`, and what they share."""
+"""Flights as MCAP logs that Foxglove and Rerun draw, and back.
+
+Takes a `Flight` and writes it (`writer`); reads one back to the bit, or the measurements of a real vehicle (`reader`),
+exports tables and mends what a crash left. It must not fly, sense or navigate anything: what it reads is what was
+logged, or an error.
+
+Imports: laisn models sim.flight sim.geometry sim.scenario sim.trajectory
+"""

@@ -1,0 +1,8 @@
+"""From truth to what a follower gets: ranges through the water, sensors, their errors, echoes and losses.
+
+Takes a `Trajectory`; gives `MissionTruth` (what one follower's sensors see without errors, `observation`), and from
+that the `Measurements` of a run (`sensor_errors`). Noise is counter-based (`noise`): a draw is a function of seed, run,
+stream and step. It must not know what is done with measurements: no navigator, no estimate.
+
+Imports: laisn sim.geometry sim.scenario sim.trajectory sim.water
+"""

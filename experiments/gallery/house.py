@@ -1,0 +1,79 @@
+"""The house as it is: which module imports which, read from the sources, and the rooms that follow."""
+
+import ast
+from collections.abc import Iterable, Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from importlib.util import resolve_name
+from pathlib import Path
+
+PACKAGES = ("models", "laisn", "sim", "experiments")
+ROOT = Path(__file__).resolve().parents[2]
+
+Imports = dict[str, set[str]]
+"""The modules that each module imports; those of this project alone."""
+
+
+def modules(root: Path = ROOT) -> dict[str, Path]:
+    """Source of every module of the project, by its dotted name; a package goes by the name of its folder."""
+    found = {}
+    for package in PACKAGES:
+        for path in sorted((root / package).rglob("*.py")):
+            parts = path.relative_to(root).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def _named(path: Path, module: str) -> Iterator[str]:
+    """Every name that a source imports anywhere, inside functions too: a module, or something within one."""
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = resolve_name("." * node.level + (node.module or ""), package) if node.level else node.module or ""
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def imports(root: Path = ROOT) -> Imports:
+    """Which modules each module imports, at its top or within a function."""
+    known = modules(root)
+    found: Imports = {}
+    for module, path in known.items():
+        names = {name if name in known else name.rpartition(".")[0] for name in _named(path, module)}
+        found[module] = {name for name in names if name in known and name != module}
+    return found
+
+
+def room_of(module: str) -> str:
+    """The folder in which a module stands; a file that joins rooms stands for itself, `laisn` and `models` are one each.
+
+    Such as "sim.water" of "sim.water.waves", and "sim.flight" of "sim.flight".
+    """
+    package, *rest = module.split(".")
+    return package if package in ("laisn", "models") or not rest else f"{package}.{rest[0]}"
+
+
+def rooms(found: Mapping[str, Iterable[str]]) -> Imports:
+    """Which rooms each room imports."""
+    between: Imports = {}
+    for module, names in found.items():
+        here = between.setdefault(room_of(module), set())
+        here |= {room_of(name) for name in names} - {room_of(module)}
+    return between
+
+
+def circle(found: Mapping[str, Iterable[str]]) -> list[str]:
+    """Names that import each other in a circle, the first of them again at the end; empty if there is none."""
+    try:
+        TopologicalSorter(found).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def floors(found: Mapping[str, Iterable[str]]) -> dict[str, int]:
+    """The floor of each room: one above the highest that it imports, the ground being 0."""
+    level: dict[str, int] = {}
+    for room in TopologicalSorter(found).static_order():
+        level[room] = max((level[below] + 1 for below in found.get(room, ())), default=0)
+    return level
