@@ -13,6 +13,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,7 +32,10 @@ from sim.scenario.file import parse
 from sim.scenario.settings import Scenario
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENTS = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")), *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 STUDIES = ("reproduce", "asymmetry")
 FOREIGN = ("apt-get", "pip", "rerun", "source")
 """Programs that are not ours to try."""
@@ -266,3 +270,8 @@ def test_built_in_scenarios_introduce_themselves(path: Path) -> None:
     assert re.match(r"# [a-z].{20,110}\n", text)
     assert parse(text, str(path))["name"] == path.stem
     assert CliRunner().invoke(app, ["check", path.stem]).exit_code == 0
+
+
+def test_the_version_is_said_once_and_quoted() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert f"\nversion: {project}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

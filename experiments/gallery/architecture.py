@@ -32,15 +32,12 @@ def places(between: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
     placed: dict[str, tuple[float, float]] = {}
     widest = max(list(level.values()).count(floor) for floor in set(level.values()))
     for floor in sorted(set(level.values())):
-        here = sorted(room for room, on in level.items() if on == floor)
-
-        def middle(room: str) -> float:
-            below = [placed[name][0] for name in between[room] if name in placed]
-            return sum(below) / len(below) if below else widest / 2
-
-        here.sort(key=middle)
-        start = (widest - len(here)) / 2
-        placed |= {room: (start + i, float(floor)) for i, room in enumerate(here)}
+        middle = {}
+        for room in sorted(room for room, on in level.items() if on == floor):
+            below = [placed[name][0] for name in between[room]]
+            middle[room] = sum(below) / len(below) if below else widest / 2
+        start = (widest - len(middle)) / 2
+        placed |= {room: (start + i, float(floor)) for i, room in enumerate(sorted(middle, key=middle.__getitem__))}
     return placed
 
 

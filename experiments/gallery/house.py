@@ -45,7 +45,7 @@ def imports(root: Path = ROOT) -> Imports:
 
 
 def room_of(module: str) -> str:
-    """The folder in which a module stands; a file that joins rooms stands for itself, `laisn` and `models` are one each.
+    """The folder in which a module stands; a file beside the folders stands for itself.
 
     Such as "sim.water" of "sim.water.waves", and "sim.flight" of "sim.flight".
     """
