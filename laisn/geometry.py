@@ -110,7 +110,8 @@ def intersections(
 
     With d the distance of the centres, a = (d² + D_i² − D_j²) / 2d is how far along the way from i to j the common
     chord lies, and h² = D_i² − a² its half-length squared: N = 0 for h² < 0, N = 1 for h² = 0 exactly, else N = 2.
-    Concentric circles have N = 0, also if they coincide.
+    Here h² is the product of Heron's formula (height of the triangle with sides d, D_i, D_j), for the difference of
+    squares loses a short chord to rounding. Concentric circles have N = 0, also if they coincide.
     """
     dx = east_j - east_i
     dy = north_j - north_i
@@ -119,7 +120,8 @@ def intersections(
     if d == 0.0:
         return Intersections(0, 0.0, nowhere, nowhere)
     a = (d * d + radius_i * radius_i - radius_j * radius_j) / (2.0 * d)
-    h_squared = radius_i * radius_i - a * a
+    overlap = (radius_i + radius_j - d) * (d + radius_i - radius_j) * (d - radius_i + radius_j)
+    h_squared = (d + radius_i + radius_j) * overlap / (4.0 * d * d)
     if h_squared < 0.0:
         return Intersections(0, 0.0, nowhere, nowhere)
     ux = dx / d

@@ -80,7 +80,8 @@ def _fix_pair(block: Floats, t: Tuning, pair: tuple[int, int, int], front_anchor
         ux = dx * per_d if apart else block[row.LEADER_SIN + lane]
         uy = dy * per_d if apart else block[row.LEADER_COS + lane]
         a = (d * d + di * di - dj * dj) * (0.5 * per_d)
-        h_squared = di * di - a * a
+        overlap = (di + dj - d) * (d + di - dj) * (d - di + dj)
+        h_squared = (d + di + dj) * overlap * (0.25 * per_d * per_d)
         two = apart and h_squared > 0.0
         h = math.sqrt(h_squared if two else 0.0)
         sep = 2.0 * h

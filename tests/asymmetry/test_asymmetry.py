@@ -5,7 +5,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from effort import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -32,7 +33,7 @@ def physical_ranges(pitch: float, depth_offset: float, reach: float, bearing: fl
 
 
 @given(pitch=st.floats(-0.5, 0.5), offset=st.floats(-15, 15), reach=st.floats(3, 100), bearing=st.floats(0, 2 * np.pi))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_ranges_are_those_of_the_physical_leader(pitch, offset, reach, bearing):
     heard, _ = chart.sweep(np.array([[pitch, offset, reach, bearing]]), ANYWHERE)
     assert_allclose(heard[0], physical_ranges(pitch, offset, reach, bearing), rtol=1e-9)
@@ -51,7 +52,7 @@ def test_abeam_error_is_0_87_m_at_5_degrees_and_10_m_whatever_the_range(reach):
 
 
 @given(pitch=st.floats(-0.35, 0.35), offset=st.floats(-15, 15), reach=st.floats(5, 100), bearing=st.floats(0.2, 2.9))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_pitch_turns_the_fix_about_the_leader(pitch, offset, reach, bearing):
     closed_form = chart.closed_form_error(pitch, offset, reach, bearing)
     cosine = np.cos(bearing) * np.cos(pitch) - offset / reach * np.sin(pitch)

@@ -1,8 +1,11 @@
 """Plane and hull geometry: closed forms and invariants."""
 
+import math
+from fractions import Fraction
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from laisn import geometry
@@ -60,6 +63,8 @@ def test_horizontal_range_of_a_pythagorean_triple_and_of_an_impossible_one() -> 
     assert np.isnan(geometry.horizontal_range(np.nan, 5.0))
 
 
+# a circle through the other's centre, and that one as small as rounding: their chord is short, but there
+@example(x=0.0, y=0.0, dx=12.0, turn=0.0, r1=12.0, r2=1.192092896e-07)
 @given(x=COORDINATE, y=COORDINATE, dx=st.floats(0.1, 100), turn=ANGLE, r1=RADIUS, r2=RADIUS)
 def test_intersections_lie_on_both_circles(x: float, y: float, dx: float, turn: float, r1: float, r2: float) -> None:
     xj, yj = x + dx * np.cos(turn), y + dx * np.sin(turn)
@@ -77,6 +82,26 @@ def test_intersections_lie_on_both_circles(x: float, y: float, dx: float, turn: 
         assert meet.separation == pytest.approx(np.hypot(*np.subtract(meet.left, meet.right)), abs=1e-6)
         left_of_axis = (xj - x) * (meet.left[1] - y) - (yj - y) * (meet.left[0] - x)
         assert left_of_axis > 0
+
+
+@example(d=12.0, r1=12.0, share=-1.0 + 1e-8)
+@given(d=st.floats(0.1, 100), r1=RADIUS, share=st.floats(-1.1, 1.1))
+def test_chord_is_that_of_exact_arithmetic(d: float, r1: float, share: float) -> None:
+    """In fractions, where nothing is rounded; the second circle lies within the first's reach, or a little beyond."""
+    r2 = abs(d + share * r1)
+    meet = geometry.intersections(0.0, 0.0, r1, d, 0.0, r2)
+    along = (Fraction(d) ** 2 + Fraction(r1) ** 2 - Fraction(r2) ** 2) / (2 * Fraction(d))
+    squared = Fraction(r1) ** 2 - along**2
+    # each factor of the product is a sum of three sides, off by their rounding
+    sides = float(d + r1 + r2)
+    factors = [sides, abs(r1 + r2 - d), abs(d + r1 - r2), abs(d - r1 + r2)]
+    off = 1e-15 * sides
+    rounded = (math.prod(f + off for f in factors) - math.prod(factors)) / (4 * d * d)
+    if squared > rounded:
+        assert meet.n_points == 2
+        assert meet.separation**2 / 4 == pytest.approx(float(squared), abs=rounded, rel=1e-12)
+    if squared < -rounded:
+        assert meet.n_points == 0
 
 
 @given(east=COORDINATE, north=COORDINATE, turn=ANGLE, x=COORDINATE, y=st.floats(1, 100))

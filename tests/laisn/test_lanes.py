@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 import pytest
+from effort import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -143,7 +144,7 @@ navigations = st.builds(
 
 
 @given(case=cases, navigation=navigations)
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
+@settings(examples(150), suppress_health_check=[HealthCheck.too_slow])
 def test_engines_agree_on_anything(case: Case, navigation: NavigationSettings) -> None:
     assert_engines_agree(case, navigation)
 

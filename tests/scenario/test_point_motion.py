@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sim import point_fleet
@@ -135,7 +135,6 @@ def test_what_cannot_be_flown_is_refused_by_name(points, message):
         plan(Route.timed("mine", points, 5.0))
 
 
-@settings(max_examples=200, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(20, 200), st.floats(-200, 200), st.floats(-200, 200)), min_size=1, max_size=6),
     st.sampled_from([Limits(), Limits(sharpest_cut=0.0), Limits(turn_rate=0.5, speed_max=2.0)]),

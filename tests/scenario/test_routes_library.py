@@ -5,7 +5,8 @@ from importlib import resources
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from effort import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.scenario import routes as missions
@@ -121,7 +122,7 @@ def test_malformed_depths_are_refused(points, message):
         DepthProfile.through(points)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.integers(0, 2**32), st.sampled_from(sorted(CLASSES)))
 def test_random_routes_keep_to_their_class(seed, name):
     route_class = CLASSES[name]

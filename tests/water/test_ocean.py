@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.water.ocean import Ocean, flow
@@ -50,7 +50,6 @@ def textbook_velocity(ocean: Ocean, p: Floats, t: float) -> Floats:
 
 
 @given(period=st.floats(0.5, 60), depth=st.floats(0.5, 5000))
-@settings(max_examples=200, deadline=None)
 def test_wavenumber_solves_the_dispersion_relation(period: float, depth: float) -> None:
     omega = 2 * np.pi / period
     k = float(wavenumber(omega, depth))

@@ -1,0 +1,11 @@
+"""How many examples a property test tries."""
+
+from hypothesis import settings
+
+_USUAL = 100
+"""Of the profile that tests run with; `make fuzz` has one with more."""
+
+
+def examples(count: int) -> settings:
+    """Settings of a property whose examples are dear: so many, and in proportion more in a search for new ones."""
+    return settings(max_examples=max(1, count * settings().max_examples // _USUAL))
