@@ -16,6 +16,7 @@ from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant, PlantError
+from sim.vehicle.stepping import FINE, Fault, advance
 from sim.water.ocean import Water, water_velocity
 
 Floats = npt.NDArray[np.float64]
@@ -80,6 +81,39 @@ def _steer(
         where = belief[i] if np.isfinite(belief[i, 0]) else pose[:2]
         steering = steer(wanted[k, i], where, around, TICK, memory[0][i])
         control(autopilots[i], steering, wanted[k, i], pose, twist, around, TICK, memory[1][i], command[i])
+
+
+@compiled
+def _fly(
+    span: tuple[int, int, int],
+    afloat: Any,
+    state: tuple[Floats, Floats, Floats],
+    water: Water,
+    steering: tuple[Floats, Floats, Any, tuple[Floats, Floats], Floats],
+    record: Floats,
+) -> tuple[int, Fault]:
+    """Steer, advance and record from one instant to another.
+
+    Args:
+        span: the first instant, which is recorded; the last; physics steps from one to the next.
+        afloat: of `Plant.afloat`.
+        state: pose, twist and thrust of the plant.
+        water: as of `_note`.
+        steering: wanted, belief, autopilots, memory and command of `_steer`.
+        record: of all instants, shape (n, v, COLUMNS).
+
+    Returns:
+        The last instant that is recorded, and what ended the flight there, if it is not FINE.
+    """
+    first, last, substeps = span
+    wanted, belief, autopilots, memory, command = steering
+    for k in range(first, last):
+        _steer(k, record[k], wanted, belief, autopilots, memory, command)
+        fault = advance(afloat, command, substeps)
+        if fault[0] != FINE:
+            return k, fault
+        _note(k + 1, state, water, record)
+    return last, (FINE, -1)
 
 
 def _trajectory(plant: Plant, record: Floats, since: int = 0) -> Trajectory | None:
@@ -157,20 +191,36 @@ def fly_fleet(
     wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, limits, lead)
     record = np.empty((ticks + 1, v, COLUMNS))
     memory = np.zeros((v, GUIDANCE_MEMORY)), np.zeros((v, AUTOPILOT_MEMORY))
-    command = np.zeros((v, 5))
-    state, water = (plant.pose, plant.twist, plant.thrust), plant.ocean.water
-    step, belief = plant.step, np.full((v, 2), np.nan)
-    for k in range(ticks + 1):
-        _note(k, state, water, record)
-        if believe is not None:
-            belief[:] = believe(k, partial(_flown, plant, record[: k + 1]))
-        _steer(k, record[k], wanted, belief, autopilots, memory, command)
-        if k == ticks:
-            break
+    command, belief = np.zeros((v, 5)), np.full((v, 2), np.nan)
+    state, water = plant.state, plant.ocean.water
+    steering = wanted, belief, autopilots, memory, command
+
+    def leg(k: int, last: int) -> None:
+        """Fly from instant k to the last one."""
+        afloat = plant.afloat()
         try:
-            step(command, substeps)
+            if afloat is not None:
+                k, fault = _fly((k, last, substeps), afloat, state, water, steering, record)
+                plant.settle(fault)
+            while k < last:
+                _steer(k, record[k], *steering)
+                plant.step(command, substeps)
+                k += 1
+                _note(k, state, water, record)
         except PlantError as error:
             raise FleetError(str(error), error.time, _trajectory(plant, record[: k + 1])) from error
-        if progress is not None and k % _PROGRESS_TICKS == 0:
-            progress(k * TICK)
+
+    _note(0, state, water, record)
+    k = 0
+    while k < ticks:
+        if believe is not None:
+            belief[:] = believe(k, partial(_flown, plant, record[: k + 1]))
+        # between these instants nothing from outside is looked at: not the beliefs, not Ctrl-C
+        last = k + 1 if believe is not None else min(k + _PROGRESS_TICKS - (k - 1) % _PROGRESS_TICKS, ticks)
+        leg(k, last)
+        if progress is not None and (last - 1) % _PROGRESS_TICKS == 0:
+            progress((last - 1) * TICK)
+        k = last
+    if believe is not None:
+        believe(ticks, partial(_flown, plant, record))
     return _flown(plant, record)

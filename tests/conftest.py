@@ -1,8 +1,12 @@
 """Settings of all tests."""
 
 import signal
+from collections.abc import Callable
 
+import pytest
 from hypothesis import HealthCheck, settings
+
+from sim.vehicle import mujoco_functions
 
 # Compiling on first use takes longer than any deadline. Every run tries the same examples, so that a test that passes
 # today passes tomorrow; `make fuzz` looks for others, and what it finds becomes an explicit example.
@@ -15,3 +19,20 @@ settings.load_profile("repeatable")
 # A shell that starts something in the background has it ignore Ctrl-C, and so would all that it starts; tests press it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def step_from_python(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Call it, and plants that are made from then on find no way to MuJoCo for compiled code."""
+
+    def refuse(*_: object) -> None:
+        raise mujoco_functions.UnavailableError("for a test")
+
+    return lambda: monkeypatch.setattr(mujoco_functions, "find", refuse)
+
+
+@pytest.fixture(params=["compiled", "python"])
+def either_way(request: pytest.FixtureRequest, step_from_python: Callable[[], None]) -> None:
+    """Run a test with plants that step in compiled code, and with plants that step by calls from Python."""
+    if request.param == "python":
+        step_from_python()

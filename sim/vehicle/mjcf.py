@@ -75,8 +75,13 @@ class Vehicle:
     """In the order of THRUSTERS."""
 
 
-def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None) -> mujoco.MjSpec:
+def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True) -> mujoco.MjSpec:
     """The ocean with vehicles attached, each under the prefix "name/".
+
+    Args:
+        setups: of the vehicles.
+        floor_depth_m: None leaves the floor where the MJCF has it.
+        looks: with the vehicles' geoms, which have no mass and touch nothing, but which MuJoCo moves at every step.
 
     Raises:
         LaisnError: two vehicles share a name, there is no vehicle, or a vehicle lacks the site that is to be moved.
@@ -89,15 +94,17 @@ def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None) 
         # crests of the relief reach up to the floor's depth, so that what is above it is clear
         spec.geom("floor").pos[2] = -floor_depth_m - spec.hfield("floor").size[2]
     for setup in setups:
-        spec.attach(_edited(setup), frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
+        spec.attach(_edited(setup, looks), frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
     return spec
 
 
-def _edited(setup: VehicleSetup) -> mujoco.MjSpec:
+def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     """The vehicle's own MJCF, loaded afresh, with what the setup changes of it."""
     spec = mujoco.MjSpec.from_file(str(models.path(setup.model)))
     for key in list(spec.keys):
         spec.delete(key)  # the keyframe of one vehicle alone does not fit the composed model
+    for geom in [] if looks else list(spec.geoms):
+        spec.delete(geom)
     hull = spec.body("hull")
     if hull is None:
         raise LaisnError(f"{setup.name}: the model {setup.model!r} is no vehicle, it has no body 'hull'")

@@ -20,6 +20,9 @@ from sim.vehicle.mjcf import Vehicle
 
 Floats = npt.NDArray[np.float64]
 
+Layout = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]
+"""Of MuJoCo's sparse matrix of moments: numbers of entries and their addresses by row, and their columns."""
+
 
 def unit_wrenches(model: Any, vehicles: Sequence[Vehicle]) -> Floats:
     """Force and torque about the body's origin of a unit of thrust, in the body frame.
@@ -48,6 +51,21 @@ def unit_wrenches(model: Any, vehicles: Sequence[Vehicle]) -> Floats:
             out[v, i, :3] = force
             out[v, i, 3:] = torque + np.cross(model.site_pos[site], force)
     return out
+
+
+@compiled
+def lay_out(layout: Layout, per_vehicle: int) -> None:
+    """Have MuJoCo's matrix of moments hold all six of each thruster; `mj_forward` leaves out those of zero.
+
+    Args:
+        layout: `moment_rownnz`, `moment_rowadr` and `moment_colind`; overwritten.
+        per_vehicle: number of thrusters of a vehicle.
+    """
+    entries, address, column = layout
+    for i in range(entries.size):
+        entries[i], address[i] = 6, 6 * i
+        for j in range(6):
+            column[6 * i + j] = 6 * (i // per_vehicle) + j
 
 
 @compiled

@@ -1,5 +1,7 @@
 """The plant: what it shows of the state, what it can do, and how it fails."""
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import numpy.typing as npt
@@ -8,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.geometry import attitude
 from sim.vehicle import coefficients, hydrodynamics, thrusters
-from sim.vehicle.mjcf import VehicleSetup, resolve
+from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant, PlantError
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
@@ -63,7 +65,7 @@ def test_views_follow_the_state() -> None:
     assert plant.site_names[int(np.flatnonzero(v == 1)[0])] == "T2/hydrophone"
 
 
-def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
+def test_a_step_is_mujocos_own_with_the_water_in_its_middle(either_way: None) -> None:
     """The plant leaves out parts of `mj_step1`; with all of them the vehicles move alike."""
     plant = Plant(setups(speed_m_s=1.0), rough_sea())
     model, data = plant.model, mujoco.MjData(plant.model)
@@ -130,6 +132,36 @@ def test_thrust_follows_the_command_with_its_lag_and_within_its_limits() -> None
     np.testing.assert_allclose(plant.thrust, (1 - np.exp(-1)) * plant.thrust_limits[..., 1], rtol=1e-9)
     plant.step(np.full((2, 5), -1e4), 500)
     np.testing.assert_allclose(plant.thrust, plant.thrust_limits[..., 0], rtol=1e-9)
+
+
+def test_looks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plant's model lacks the vehicles' geoms; with them it moves the same, to the bit."""
+    command = np.array([[40.0, 5, -5, 1, 1], [20, -3, 3, 0, 2]])
+    without = Plant(setups(), rough_sea())
+    monkeypatch.setattr("sim.vehicle.plant.compose", lambda setups, depth, looks: compose(setups, depth))
+    complete = Plant(setups(), rough_sea())
+    assert complete.model.ngeom > without.model.ngeom + 20
+    for plant in (without, complete):
+        plant.step(command, 500)
+    assert without.pose.tobytes() == complete.pose.tobytes()
+    assert without.twist.tobytes() == complete.twist.tobytes()
+
+
+def test_steps_are_the_same_to_the_bit_whoever_calls_mujoco(step_from_python: Callable[[], None]) -> None:
+    compiled = Plant(setups(speed_m_s=1.0), rough_sea())
+    step_from_python()
+    called = Plant(setups(speed_m_s=1.0), rough_sea())
+    assert compiled.afloat() is not None
+    assert called.afloat() is None
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        command, substeps = rng.uniform(-60, 60, (2, 5)), int(rng.integers(1, 9))
+        compiled.step(command, substeps)
+        called.step(command, substeps)
+        for one, other in zip(compiled.state, called.state, strict=True):
+            assert one.tobytes() == other.tobytes()
+        assert compiled.site_positions.tobytes() == called.site_positions.tobytes()
+        assert compiled.time == called.time
 
 
 def test_same_start_gives_the_same_bytes() -> None:
@@ -218,7 +250,7 @@ def test_command_of_wrong_shape_is_refused() -> None:
         plant.step(np.zeros(5))
 
 
-def test_lost_state_names_vehicle_time_and_last_good_state() -> None:
+def test_lost_state_names_vehicle_time_and_last_good_state(either_way: None) -> None:
     plant = Plant(setups(), Ocean.calm())
     plant.step(np.zeros((2, 5)), 50)
     good = plant.pose.copy()
@@ -230,7 +262,7 @@ def test_lost_state_names_vehicle_time_and_last_good_state() -> None:
     np.testing.assert_array_equal(caught.value.last_pose, good)
 
 
-def test_command_that_is_not_finite_is_refused() -> None:
+def test_command_that_is_not_finite_is_refused(either_way: None) -> None:
     plant = Plant(setups(), Ocean.calm())
     command = np.zeros((2, 5))
     command[1, 3] = np.inf
@@ -238,7 +270,9 @@ def test_command_that_is_not_finite_is_refused() -> None:
         plant.step(command)
 
 
-def test_integration_that_fails_is_stopped_before_mujoco_complains(capfd: pytest.CaptureFixture[str]) -> None:
+def test_integration_that_fails_is_stopped_before_mujoco_complains(
+    either_way: None, capfd: pytest.CaptureFixture[str]
+) -> None:
     """Steps of 5 s are far too long: the hulls tumble ever faster."""
     plant = Plant(setups(), Ocean.calm(), dt=5.0)
     plant.twist[:] = 1.0
@@ -260,7 +294,7 @@ def test_ten_followers_step_as_one_model() -> None:
     assert len(plant.site_names) == 10 + 8 * 10
 
 
-def test_warning_of_mujoco_stops_the_run() -> None:
+def test_warning_of_mujoco_stops_the_run(either_way: None) -> None:
     plant = Plant(setups(), Ocean.calm())
     plant.data.warning[int(mujoco.mjtWarning.mjWARN_INERTIA)].number = 1
     with pytest.raises(PlantError, match="MuJoCo warns: mjWARN_INERTIA"):

@@ -1,0 +1,93 @@
+"""MuJoCo's C functions for compiled code: their addresses in the library that the `mujoco` package ships.
+
+From Python a call costs more than such a function's work on two hulls. Compiled code calls it like any other function,
+by its address, with the addresses of MuJoCo's own model and data.
+"""
+
+import ctypes
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+
+import mujoco
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+TRIED = "4.0.0"
+"""The release of MuJoCo on which compiled and Python calls were found to give the same bits."""
+STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM", "mj_step2")
+"""Functions of (model, data) that make up a physics step."""
+
+Calls = tuple[tuple[int, int, int, int, int, int], int, int]
+"""Addresses of STAGES, of the model and of the data."""
+
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+
+
+class UnavailableError(RuntimeError):
+    """Compiled code cannot call MuJoCo here; the message says why."""
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """The shared library behind the Python package, or UnavailableError."""
+    if mujoco.__version__ != TRIED:
+        raise UnavailableError(f"MuJoCo is {mujoco.__version__}, compiled steps were tried with {TRIED} alone")
+    folder = Path(mujoco.__file__).parent
+    names = (f"libmujoco.so.{TRIED}", f"libmujoco.{TRIED}.dylib", "mujoco.dll")
+    found = [folder / name for name in names if (folder / name).is_file()]
+    if not found:
+        raise UnavailableError(f"{folder} holds none of {', '.join(names)}")
+    try:
+        library = ctypes.CDLL(str(found[0]))
+    except OSError as error:
+        raise UnavailableError(f"{found[0]} cannot be loaded: {error}") from error
+    missing = [name for name in (*STAGES, "mj_version", "mj_getState") if not hasattr(library, name)]
+    if missing:
+        raise UnavailableError(f"{found[0]} lacks {', '.join(missing)}")
+    if library.mj_version() != mujoco.mj_version():
+        raise UnavailableError(f"{found[0]} is version {library.mj_version()}, the package's is {mujoco.mj_version()}")
+    return library
+
+
+def find(model: Any, data: Any) -> Calls:
+    """Addresses with which compiled code steps this model; they hold as long as model and data live.
+
+    Args:
+        model: MjModel.
+        data: MjData of it.
+
+    Raises:
+        UnavailableError: this release of MuJoCo was not tried, its library or a function is missing, or the library
+            sees another state behind the addresses than Python does.
+    """
+    library = _library()
+    try:
+        model_address, data_address = int(model._address), int(data._address)
+    except AttributeError as error:
+        raise UnavailableError(f"MuJoCo's Python objects do not tell their addresses: {error}") from error
+    seen, expected = np.full((2, mujoco.mj_stateSize(model, _STATE)), np.nan)
+    mujoco.mj_getState(model, data, expected, _STATE)
+    pointers = (ctypes.c_void_p(address) for address in (model_address, data_address, seen.ctypes.data))
+    library.mj_getState(*pointers, ctypes.c_int(_STATE))
+    if not np.array_equal(seen, expected):
+        raise UnavailableError("MuJoCo's library sees another state than its Python package")
+    stages = (cast(int, ctypes.cast(getattr(library, name), ctypes.c_void_p).value) for name in STAGES)
+    return cast(Calls, (tuple(stages), model_address, data_address))
+
+
+def _emit_call(_: Any, function: Any, model: Any, data: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        address = args[0].type
+        pointer = ir.FunctionType(ir.VoidType(), [address, address]).as_pointer()
+        builder.call(builder.inttoptr(args[0], pointer), args[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.intp, types.intp), generate
+
+
+call: Callable[[int, int, int], None] = cast(Any, intrinsic(_emit_call))
+"""Call one of STAGES: its address, the model's and the data's. To be called from compiled code only."""

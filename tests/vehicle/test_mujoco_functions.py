@@ -1,0 +1,95 @@
+"""Whether compiled code can call MuJoCo is found out at the start, and said in words."""
+
+import ctypes
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import mujoco
+import pytest
+
+from laisn.compiled import compiled
+from sim.vehicle import mujoco_functions
+from sim.vehicle.mujoco_functions import STAGES, UnavailableError, call, find
+
+
+@pytest.fixture(autouse=True)
+def forget() -> Iterator[None]:
+    """Look for the library anew."""
+    mujoco_functions._library.cache_clear()
+    yield
+    mujoco_functions._library.cache_clear()
+
+
+def falling() -> tuple[Any, Any]:
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
+    )
+    return model, mujoco.MjData(model)
+
+
+@compiled
+def _in_turn(stages: tuple[int, ...], model: int, data: int, times: int) -> None:
+    for _ in range(times):
+        for stage in stages:
+            call(stage, model, data)
+
+
+def test_compiled_code_moves_what_python_sees() -> None:
+    """A ball falls by MuJoCo's semi-implicit Euler: after n steps it is g dt² n (n + 1) / 2 lower."""
+    model, data = falling()
+    _in_turn(*find(model, data), 100)
+    assert data.time == pytest.approx(100 * model.opt.timestep)
+    assert data.qpos[2] == pytest.approx(-9.81 * model.opt.timestep**2 * 100 * 101 / 2, rel=1e-12)
+
+
+def test_release_that_was_not_tried_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mujoco, "__version__", "4.1.0")
+    with pytest.raises(UnavailableError, match=r"MuJoCo is 4\.1\.0, compiled steps were tried with 4\.0\.0 alone"):
+        find(*falling())
+
+
+def test_library_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(mujoco, "__file__", str(tmp_path / "__init__.py"))
+    with pytest.raises(UnavailableError, match=r"holds none of libmujoco\.so\.4\.0\.0"):
+        find(*falling())
+    (tmp_path / "libmujoco.so.4.0.0").write_bytes(b"no library")
+    with pytest.raises(UnavailableError, match=r"libmujoco\.so\.4\.0\.0 cannot be loaded"):
+        find(*falling())
+
+
+def test_function_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mujoco_functions, "STAGES", (*STAGES, "mj_swim"))
+    with pytest.raises(UnavailableError, match="lacks mj_swim$"):
+        find(*falling())
+
+
+def test_library_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mujoco, "mj_version", lambda: 3)
+    with pytest.raises(UnavailableError, match="the package's is 3"):
+        find(*falling())
+
+
+def test_objects_without_addresses_are_refused() -> None:
+    model, data = falling()
+    with pytest.raises(UnavailableError, match="do not tell their addresses"):
+        find(SimpleNamespace(), data)
+
+
+def test_addresses_of_another_state_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    (model, data), (_, other) = falling(), falling()
+    other.qpos[0] = 1.0
+    library = mujoco_functions._library()
+    get_state = library.mj_getState
+
+    class Elsewhere:
+        """The library, had Python told the address of other data."""
+
+        @staticmethod
+        def mj_getState(model: Any, data: Any, state: Any, which: Any) -> None:  # noqa: N802
+            get_state(model, ctypes.c_void_p(other._address), state, which)
+
+    monkeypatch.setattr(mujoco_functions, "_library", Elsewhere)
+    with pytest.raises(UnavailableError, match="sees another state"):
+        find(model, data)
