@@ -81,6 +81,17 @@ def _encodes_h264() -> bool:
         return False
 
 
+def _say_how_steps_are_made(table: Table) -> None:
+    from sim.vehicle import mujoco_functions
+
+    try:
+        mujoco_functions.library()
+    except mujoco_functions.UnavailableError as error:
+        table.add_row("--", "compiled steps", escape(f"not here, missions take twice as long: {error}"))
+    else:
+        table.add_row("[green]ok[/]", "compiled steps", "compiled code calls MuJoCo")
+
+
 def examine() -> int:
     """Print a table of abilities; 0 if a mission can be flown, 1 if not. Film alone may be missing."""
     from sim.film import graphics
@@ -101,6 +112,8 @@ def examine() -> int:
         row(False, _name(entry), fault)
     if broken:
         table.add_row("", "", escape(_remedy(broken)))
+    else:
+        _say_how_steps_are_made(table)
     backends = graphics.probe()
     renders = any(backend.works for backend in backends)
     for backend in backends:

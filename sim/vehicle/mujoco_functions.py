@@ -32,8 +32,8 @@ class UnavailableError(RuntimeError):
 
 
 @cache
-def _library() -> ctypes.CDLL:
-    """The shared library behind the Python package, or UnavailableError."""
+def library() -> ctypes.CDLL:
+    """The shared library behind the Python package; UnavailableError if it is not there or not the one expected."""
     if mujoco.__version__ != TRIED:
         raise UnavailableError(f"MuJoCo is {mujoco.__version__}, compiled steps were tried with {TRIED} alone")
     folder = Path(mujoco.__file__).parent
@@ -42,15 +42,15 @@ def _library() -> ctypes.CDLL:
     if not found:
         raise UnavailableError(f"{folder} holds none of {', '.join(names)}")
     try:
-        library = ctypes.CDLL(str(found[0]))
+        loaded = ctypes.CDLL(str(found[0]))
     except OSError as error:
         raise UnavailableError(f"{found[0]} cannot be loaded: {error}") from error
-    missing = [name for name in (*STAGES, "mj_version", "mj_getState") if not hasattr(library, name)]
+    missing = [name for name in (*STAGES, "mj_version", "mj_getState") if not hasattr(loaded, name)]
     if missing:
         raise UnavailableError(f"{found[0]} lacks {', '.join(missing)}")
-    if library.mj_version() != mujoco.mj_version():
-        raise UnavailableError(f"{found[0]} is version {library.mj_version()}, the package's is {mujoco.mj_version()}")
-    return library
+    if loaded.mj_version() != mujoco.mj_version():
+        raise UnavailableError(f"{found[0]} is version {loaded.mj_version()}, the package's is {mujoco.mj_version()}")
+    return loaded
 
 
 def find(model: Any, data: Any) -> Calls:
@@ -64,7 +64,7 @@ def find(model: Any, data: Any) -> Calls:
         UnavailableError: this release of MuJoCo was not tried, its library or a function is missing, or the library
             sees another state behind the addresses than Python does.
     """
-    library = _library()
+    shared = library()
     try:
         model_address, data_address = int(model._address), int(data._address)
     except AttributeError as error:
@@ -72,10 +72,10 @@ def find(model: Any, data: Any) -> Calls:
     seen, expected = np.full((2, mujoco.mj_stateSize(model, _STATE)), np.nan)
     mujoco.mj_getState(model, data, expected, _STATE)
     pointers = (ctypes.c_void_p(address) for address in (model_address, data_address, seen.ctypes.data))
-    library.mj_getState(*pointers, ctypes.c_int(_STATE))
+    shared.mj_getState(*pointers, ctypes.c_int(_STATE))
     if not np.array_equal(seen, expected):
         raise UnavailableError("MuJoCo's library sees another state than its Python package")
-    stages = (cast(int, ctypes.cast(getattr(library, name), ctypes.c_void_p).value) for name in STAGES)
+    stages = (cast(int, ctypes.cast(getattr(shared, name), ctypes.c_void_p).value) for name in STAGES)
     return cast(Calls, (tuple(stages), model_address, data_address))
 
 

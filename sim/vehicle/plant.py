@@ -18,7 +18,7 @@ from sim.water.ocean import Ocean, water_velocity
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-_NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
+NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
 """Hulls pass through one another and through the floor, whatever their geoms say."""
 
 
@@ -67,7 +67,7 @@ class Plant:
             raise ValueError(f"dt={dt} must be positive")
         spec = compose(setups, ocean.floor_depth_m, looks=False)
         spec.option.timestep = dt
-        spec.option.disableflags |= _NO_CONTACT
+        spec.option.disableflags |= NO_CONTACT
         self.ocean = ocean
         self.dt = dt
         self.names = tuple(s.name for s in setups)

@@ -17,9 +17,9 @@ from sim.vehicle.mujoco_functions import STAGES, UnavailableError, call, find
 @pytest.fixture(autouse=True)
 def forget() -> Iterator[None]:
     """Look for the library anew."""
-    mujoco_functions._library.cache_clear()
+    mujoco_functions.library.cache_clear()
     yield
-    mujoco_functions._library.cache_clear()
+    mujoco_functions.library.cache_clear()
 
 
 def falling() -> tuple[Any, Any]:
@@ -61,7 +61,7 @@ def test_library_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch, tmp
 
 def test_function_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mujoco_functions, "STAGES", (*STAGES, "mj_swim"))
-    with pytest.raises(UnavailableError, match="lacks mj_swim$"):
+    with pytest.raises(UnavailableError, match=r"lacks mj_swim$"):
         find(*falling())
 
 
@@ -72,7 +72,7 @@ def test_library_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_objects_without_addresses_are_refused() -> None:
-    model, data = falling()
+    _, data = falling()
     with pytest.raises(UnavailableError, match="do not tell their addresses"):
         find(SimpleNamespace(), data)
 
@@ -80,7 +80,7 @@ def test_objects_without_addresses_are_refused() -> None:
 def test_addresses_of_another_state_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     (model, data), (_, other) = falling(), falling()
     other.qpos[0] = 1.0
-    library = mujoco_functions._library()
+    library = mujoco_functions.library()
     get_state = library.mj_getState
 
     class Elsewhere:
@@ -90,6 +90,6 @@ def test_addresses_of_another_state_are_refused(monkeypatch: pytest.MonkeyPatch)
         def mj_getState(model: Any, data: Any, state: Any, which: Any) -> None:  # noqa: N802
             get_state(model, ctypes.c_void_p(other._address), state, which)
 
-    monkeypatch.setattr(mujoco_functions, "_library", Elsewhere)
+    monkeypatch.setattr(mujoco_functions, "library", Elsewhere)
     with pytest.raises(UnavailableError, match="sees another state"):
         find(model, data)
