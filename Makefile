@@ -6,23 +6,30 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: run test check bench figures lock clean
+.PHONY: help run test fuzz check bench figures lock clean
 
-run: $(VENV)/.runtime
+run: $(VENV)/.runtime  ## fly mission T5 (the target of a plain `make`)
 	$(BIN)/laisn fly T5
 
-test: $(VENV)/.dev
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-check: $(VENV)/.dev
+# Idle workers take tests from busy ones; more than eight only wait for each other.
+test: $(VENV)/.dev  ## run the tests on all cores; PYTEST_ARGS="-n 0 -k word" for some of them in one process
+	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
+
+fuzz: $(VENV)/.dev  ## search for counterexamples to the property tests with fresh seeds, for minutes
+	$(BIN)/python -m pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile fuzz $(PYTEST_ARGS)
+
+check: $(VENV)/.dev  ## lint, formatting, types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/.dev
+bench: $(VENV)/.dev  ## measure speeds
 	$(BIN)/python -m experiments.benchmarks.run
 
-figures: $(VENV)/.runtime
+figures: $(VENV)/.runtime  ## draw the pictures of README and docs anew
 	$(BIN)/python -m experiments.gallery.draw
 
 $(BIN)/python:
@@ -57,9 +64,9 @@ $(VENV)/.dev: requirements-dev.lock pyproject.toml | $(BIN)/python
 
 # Pins the newest versions that pyproject.toml allows; needs uv.
 LOCK := uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
-lock:
+lock:  ## pin the newest versions that are allowed (needs uv)
 	$(LOCK) --extra build pyproject.toml -o requirements.lock
 	$(LOCK) --extra build --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
 
-clean:
+clean:  ## remove the environment, results and caches
 	rm -rf $(VENV) out dist build .pytest_cache .mypy_cache .ruff_cache

@@ -12,10 +12,28 @@ from experiments.command.errors import plain_errors
 app = typer.Typer(
     name="laisn",
     help="Simulate a leader and its followers under water, navigated by acoustic ranges (LAISN).",
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"laisn-sim {version('laisn-sim')}")
+        raise typer.Exit
+
+
+@app.callback()
+def every_command(
+    _: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="show the version and exit")
+    ] = False,
+) -> None:
+    """Options of the command itself."""
+
+
 log_app = typer.Typer(help="Look into logs, export and mend them.", no_args_is_help=True)
 app.add_typer(log_app, name="log")
 
