@@ -95,7 +95,7 @@ def film(example: Example, folder: Path, video: Video = VIDEO) -> Path | None:
         The film; None where no graphics library renders.
 
     Raises:
-        RenderError: a process that renders died.
+        RendererDiedError: a process that renders died.
     """
     if graphics.working() is None:
         return None

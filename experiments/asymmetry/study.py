@@ -6,7 +6,7 @@ by one, so that a study that was killed goes on where it stopped.
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -136,7 +136,7 @@ def run(
         gates=tuple(GateRow(**row) for row in stored(_GATES)),
         chart=chart,
         example=shown,
-        film=film(shown, folder) if film else None,
+        film=None,
     )
     by_key = {condition.key: condition for condition in conditions}
     missions_flown: list[Record] = [
@@ -148,5 +148,11 @@ def run(
     _table(folder / "gates.parquet", results.gates)
     write_table(folder / "map.parquet", {name: chart[name] for name in chart.column_names})
     report = folder / "report.html"
-    write_report(results, report)
+    try:
+        filmed = film(shown, folder) if film else None
+    except Exception:
+        # a film that fails costs nothing else
+        write_report(results, report)
+        raise
+    write_report(replace(results, film=filmed), report)
     return report

@@ -231,9 +231,12 @@ def asymmetry(
     """Study what a leader that pitches does to the ranges, and what helps."""
     from experiments.asymmetry import film as asymmetry_film
     from experiments.asymmetry import study
+    from sim.film import graphics
 
     folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
     wanted = not quick if film is None else film
+    if wanted and graphics.working() is None:
+        typer.echo(f"no film: {graphics.MISSING}", err=True)
     report = study.run(
         folder,
         quick=quick,

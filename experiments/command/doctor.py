@@ -4,9 +4,11 @@ import platform
 import re
 import shlex
 import sys
+import tempfile
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
+from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
@@ -69,18 +71,6 @@ def _remedy(broken: Mapping[str, str]) -> str:
     return f"in the project's folder: rm -r .venv && make run; elsewhere: pip install {again}{shlex.join(broken)}"
 
 
-def _encodes_h264() -> bool:
-    try:
-        import av
-        from av.error import FFmpegError
-    except ImportError:
-        return False
-    try:
-        return bool(av.codec.Codec("libx264", "w").is_encoder)
-    except (FFmpegError, ValueError):
-        return False
-
-
 def _say_how_steps_are_made(table: Table) -> None:
     from sim.vehicle import mujoco_functions
 
@@ -90,6 +80,30 @@ def _say_how_steps_are_made(table: Table) -> None:
         table.add_row("--", "compiled steps", escape(f"not here, missions take twice as long: {error}"))
     else:
         table.add_row("[green]ok[/]", "compiled steps", "compiled code calls MuJoCo")
+
+
+def _first_line(error: BaseException) -> str:
+    return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+
+
+def _try_to_fly() -> tuple[str, str]:
+    """Fly, log, report and film two seconds of a mission, with all that `laisn fly` uses.
+
+    Returns:
+        Why that cannot be done, and why the film cannot; nothing where it can.
+    """
+    small = ["duration_s=2", "video.width_px=320", "video.height_px=180", "video.speed_up=20"]
+    try:
+        from experiments.campaign.progress import compiling_shown
+        from experiments.command.fly import write_flight
+        from experiments.flight.library import load_flyable
+
+        with tempfile.TemporaryDirectory(prefix="laisn-doctor-") as folder, compiling_shown():
+            written = write_flight(load_flyable("T5", small), Path(folder), Console(quiet=True), with_video=True)
+    except Exception as error:
+        # whatever may be wrong with a machine, the doctor's part is to say so
+        return _first_line(error), "no flight, no film"
+    return "", _first_line(written.fault) if written.fault else written.no_film
 
 
 def examine() -> int:
@@ -123,9 +137,11 @@ def examine() -> int:
             table.add_row("--", f"rendering with {backend.name}", "not there, and not needed")
     if not renders and not broken:
         table.add_row("", "", graphics.INSTALL)
-    row(_encodes_h264(), "H.264", "film and camera channel")
+    no_flight, no_film = ("a package is missing",) * 2 if broken else _try_to_fly()
+    row(not no_flight, "flight", no_flight or "flown, logged and reported: 2 s of T5")
+    row(not no_film, "film", no_film or "of it: H.264")
     named = {_name(entry) for entry in broken}
     fine = (name for name in (_PROJECT, *PACKAGES) if name not in named)
     row(True, "packages", ", ".join(f"{name} {number}" for name in fine if (number := _version(name))))
     Console().print(table)
-    return 0 if able and right and not broken else 1
+    return 0 if able and right and not no_flight else 1

@@ -49,8 +49,18 @@ class Written(NamedTuple):
     """Of the program, if that cost the film."""
 
 
-def _write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
-    """Fly a scenario and write its files into an empty folder; errors as of `fly_and_write`."""
+def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
+    """Fly a scenario and write its files.
+
+    Args:
+        scenario: to fly.
+        folder: an empty one.
+        console: shows how far it is.
+        with_video: render the film too.
+
+    Raises:
+        OSError, LogError: the folder cannot be written.
+    """
     from experiments.pages.flight_report import flight_report
     from sim.film import render
     from sim.log import writer
@@ -128,7 +138,7 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     console = Console()
     results.require_safe(folder, source, partial(dumps, scenario))
     with results.one_flight(folder) as work:
-        written = _write_flight(scenario, work, console, with_video=with_video)
+        written = write_flight(scenario, work, console, with_video=with_video)
         had_film = (folder / results.FILM).exists()
     show(console, written.flight, written.summary)
     for event in written.strays:

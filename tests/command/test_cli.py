@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 import warnings
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -339,7 +340,7 @@ def test_a_scenario_is_printed_as_a_start_for_ones_own(tmp_path: Path) -> None:
 def test_doctor_names_what_it_tried() -> None:
     result = CliRunner().invoke(app, ["doctor"])
     assert result.exit_code == 0
-    for what in ("Python", "MuJoCo", "egl", "osmesa", "H.264"):
+    for what in ("Python", "MuJoCo", "egl", "osmesa", "flight", "film"):
         assert what in result.output
 
 
@@ -449,6 +450,16 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
     assert {path.name for path in (tmp_path / "o").iterdir()} == WITHOUT_FILM
 
 
+def test_the_pitch_study_says_at_once_that_there_will_be_no_film(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(graphics, "working", lambda: None)
+    monkeypatch.setattr("experiments.asymmetry.study.run", lambda folder, **_: folder / "report.html")
+    asked = CliRunner().invoke(app, ["asymmetry", "--film", "--quick", "--out", str(tmp_path)])
+    assert asked.stderr == f"no film: {graphics.MISSING}\n"
+    assert CliRunner().invoke(app, ["asymmetry", "--quick", "--out", str(tmp_path)]).stderr == ""
+
+
 def test_a_film_goes_with_the_flight_that_it_shows(flown: Path, tmp_path: Path) -> None:
     shutil.copytree(flown / "first", tmp_path / "T5")
     (tmp_path / "T5" / "flight.mp4").write_bytes(b"film")
@@ -458,6 +469,34 @@ def test_a_film_goes_with_the_flight_that_it_shows(flown: Path, tmp_path: Path) 
     assert "the film of the earlier flight went with it" in result.output
     names = {path.name for path in (tmp_path / "T5").iterdir()}
     assert names == {*WITHOUT_FILM, "notes.txt"}
+
+
+def test_the_command_tells_its_version() -> None:
+    result = CliRunner().invoke(app, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"laisn-sim {version('laisn-sim')}\n")
+
+
+def test_the_command_installs_completion_of_its_words() -> None:
+    result = CliRunner().invoke(app, ["--show-completion", "bash"], prog_name="laisn")
+    assert result.exit_code == 0
+    assert "complete -o default -F _laisn_completion laisn" in result.output
+    words = {"_LAISN_COMPLETE": "complete_bash", "COMP_WORDS": "laisn scen", "COMP_CWORD": "1"}
+    assert CliRunner().invoke(app, [], env=words, prog_name="laisn").output.split() == ["scenarios"]
+
+
+def test_the_command_works_where_other_packages_have_our_names(tmp_path: Path) -> None:
+    for name in ("models", "sim", "experiments"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong package')")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    code = "import sys; sys.argv = ['laisn', 'check', 'T5']; from laisn_sim import main; main()"
+    # -P: as for a console script, whose folder stands first instead of the working directory
+    command = [sys.executable, "-P", "-c", code]
+    result = subprocess.run(
+        command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "T5: fine" in result.stdout
 
 
 def test_help_imports_nothing_heavy() -> None:

@@ -3,10 +3,13 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from sim.film import graphics
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_probe_examines_every_backend_and_gives_reasons():
@@ -49,6 +52,33 @@ def test_a_child_imports_our_modules_whatever_the_working_directory_holds(tmp_pa
         command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60
     )
     assert answer.stdout.strip() == "fine"
+
+
+BLOCKED = """
+import pkgutil, sys
+from importlib import import_module
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"OpenGL", "EGL", "av"}:
+            raise AssertionError(f"{name} is imported")
+
+sys.meta_path.insert(0, Blocked())
+for package in map(import_module, sys.argv[1:]):
+    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+        import_module(module.name)
+        print(module.name)
+"""
+
+
+def test_no_module_loads_a_graphics_library_when_it_is_imported():
+    """A machine without such libraries flies all the same; what films, loads them in a process of its own."""
+    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    command = [sys.executable, "-c", BLOCKED, "models", "laisn", "sim", "experiments"]
+    child = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert child.returncode == 0, child.stderr
+    filming = {"sim.film.render", "sim.film.scene", "sim.film.studio", "experiments.command.cli"}
+    assert filming <= set(child.stdout.split())
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the message names Debian's packages")
