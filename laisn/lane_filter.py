@@ -59,12 +59,17 @@ def own_motion(block: Floats, t: Tuning) -> None:
 
 @compiled_lanes
 def leader_motion(block: Floats, t: Tuning) -> None:
-    """Take a message's speed and heading: γ becomes that of the vehicle that changed most."""
+    """Take a message's speed and heading, if a ping of it is heard: γ becomes that of the vehicle that changed most."""
     per_speed_max = 1.0 / t.leader_speed_max
     for lane in range(LANES):
-        speed, heading = block[row.LEADER_SPEED + lane], block[row.LEADER_HEADING + lane]
-        of_speed = _speed_share(block[row.LAST_LEADER_SPEED + lane], speed, per_speed_max)
-        of_heading = _turn_share(block[row.LAST_LEADER_HEADING + lane], heading)
+        rear, front, middle = block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane]
+        heard = rear == rear or front == front or middle == middle
+        last_speed, last_heading = block[row.LAST_LEADER_SPEED + lane], block[row.LAST_LEADER_HEADING + lane]
+        # what was not heard repeats what was
+        speed = block[row.LEADER_SPEED + lane] if heard else last_speed
+        heading = block[row.LEADER_HEADING + lane] if heard else last_heading
+        of_speed = _speed_share(last_speed, speed, per_speed_max)
+        of_heading = _turn_share(last_heading, heading)
         own_speed, own_heading = block[row.GAMMA_V + lane], block[row.GAMMA_THETA + lane]
         block[row.GAMMA_V + lane] = of_speed if of_speed > own_speed else own_speed
         block[row.GAMMA_THETA + lane] = of_heading if of_heading > own_heading else own_heading

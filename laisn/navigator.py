@@ -130,14 +130,15 @@ class Navigator:
     def _acceleration(self, own: OwnMotion, reception: Reception | None) -> float:
         """σa = α (γv + γθ) + σa0 (paper, Section 2.1) [m/s²].
 
-        The leader's changes are those from message to message, in the step in which the later one arrives.
+        The leader's changes are those from message to message, in the step in which the later one arrives. A message
+        none of whose pings is heard says nothing.
         """
         settings = self.settings
         speed_change = turn = 0.0
         if self._own is not None:
             speed_change = abs(own.speed - self._own.speed) / settings.follower_speed_max
             turn = angle_between(own.heading, self._own.heading) / np.pi
-        if reception is not None:
+        if reception is not None and not np.all(np.isnan(reception.ranges)):
             message = reception.message
             if self._message is not None:
                 of_leader = abs(message.speed - self._message.speed) / settings.leader_speed_max

@@ -143,7 +143,7 @@ class Waves(Section):
     period_s: Annotated[float, Field(gt=0.5, le=30)] = Field(4.0, description="period T, or peak period Tp")
     direction_deg: Angle = Field(90.0, description="compass direction that the waves run towards")
     peak_enhancement: Annotated[float, Field(ge=1, le=10)] = Field(3.3, description="γ of JONSWAP")
-    components: Annotated[int, Field(ge=1, le=200)] = Field(40, description="number of components of a sea")
+    components: Annotated[int, Field(ge=1, le=200)] = Field(100, description="number of components of a sea")
     spreading_deg: Annotated[float, Field(ge=0, le=60)] = Field(
         0.0, description="standard deviation of the directions of a sea"
     )

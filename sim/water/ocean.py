@@ -2,7 +2,8 @@
 
 Velocity of the water at depth −z and time t: u = U(z) + Σ waves, U(z) = (speed + shear z) along one compass
 direction. A wave's phase moves with the surface current, so its frequency at a fixed place is ω + k·U(0). Above the
-still surface the waves' velocity stays what it is at z = 0, as linear theory knows no water there.
+still surface the waves' velocity stays what it is at z = 0, as linear theory knows no water there, and so do all its
+derivatives but those with z, which are nil.
 """
 
 from dataclasses import dataclass, field
@@ -173,6 +174,9 @@ def flow(
     bx = by = bz = 0.0
     cx = cy = cz = 0.0
     below = max(min(z, 0.0), -depth)
+    # where waves do not change with height any more, neither does climbing count, nor what of an axis points up
+    varies = 1.0 if z == below else 0.0
+    vz, az = varies * vz, varies * az
     for i in range(waves.shape[0]):
         w = waves[i]
         omega, k, ex, ey = w[OMEGA], w[K], w[EAST], w[NORTH]
@@ -187,7 +191,7 @@ def flow(
         dy += change * ey
         dz += s_cos * rate + c_sin * rise
 
-        # potential flow: the gradient is symmetric and has no trace
+        # potential flow: within the sea the gradient is symmetric and has no trace
         gh, gz = -k * c_sin, k * s_cos
         gxx += gh * ex * ex
         gxy += gh * ex * ey
@@ -207,7 +211,11 @@ def flow(
         cx += omega * p * ex
         cy += omega * p * ey
         cz += omega * q
-    gradient = ((gxx, gxy, gxz + sx), (gxy, gyy, gyz + sy), (gxz, gyz, gzz))
+    gradient = (
+        (gxx, gxy, varies * gxz + sx),
+        (gxy, gyy, varies * gyz + sy),
+        (gxz, gyz, varies * gzz),
+    )
     return (ux, uy, uz), (dx, dy, dz), gradient, (bx, by, bz), (cx, cy, cz)
 
 

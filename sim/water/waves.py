@@ -108,12 +108,12 @@ class Waves:
         spread_rad: float = 0.0,
         floor_depth_m: float = FLOOR_DEPTH_M,
         peakedness: float = 3.3,
-        n_components: int = 48,
+        n_components: int = 100,
     ) -> Self:
         """An irregular sea: JONSWAP spectrum, phases and places within the frequency bins drawn from `rng`.
 
-        The amplitudes are scaled so that 4 √(Σ a²/2) is the significant height exactly. `spread_rad` is the
-        standard deviation of the components' directions (0: long-crested).
+        Each component has the energy of its bin, so that 4 √(Σ a²/2) is the significant height exactly. `spread_rad`
+        is the standard deviation of the components' directions (0: long-crested).
 
         Raises:
             LaisnError: a period, a depth or the number of components is not positive, the spread negative, or the
@@ -125,14 +125,9 @@ class Waves:
         peak = 2 * np.pi / peak_period_s
         k_peak = float(wavenumber(peak, floor_depth_m))
         _require_unbroken("significant_height_m", significant_height_m, k_peak, floor_depth_m)
-        # 99 % of the variance of the spectrum lies between these frequencies
-        edges = peak * np.linspace(0.6, 3.0, n_components + 1)
-        omega = rng.uniform(edges[:-1], edges[1:])
-        width = np.where(omega <= peak, 0.07, 0.09)
-        bell = np.exp(-((omega / peak - 1) ** 2) / (2 * width**2))
-        density = omega**-5.0 * np.exp(-1.25 * (peak / omega) ** 4) * peakedness**bell
-        amplitude = np.sqrt(2 * density * np.diff(edges))
-        amplitude *= significant_height_m / (4 * np.sqrt(np.sum(amplitude**2) / 2))
+        edges, energy = _jonswap_bins(peakedness, n_components)
+        omega = peak * rng.uniform(edges[:-1], edges[1:])
+        amplitude = significant_height_m / 4 * np.sqrt(2 * energy)
         phase = rng.uniform(0.0, 2 * np.pi, n_components)
         direction = direction_rad + spread_rad * rng.standard_normal(n_components)
         towards = np.stack([np.sin(direction), np.cos(direction)], axis=1)
@@ -143,6 +138,23 @@ class Waves:
             phase_rad=phase,
             floor_depth_m=floor_depth_m,
         )
+
+
+def _jonswap_bins(peakedness: float, n: int) -> tuple[Floats, Floats]:
+    """Edges of n bins in multiples of the peak's frequency, shape (n + 1,), and the share of energy in each, (n,).
+
+    Bins are narrow in frequency and in energy alike: their edges divide the mean of both shares evenly, so that no
+    bin holds more than 2/n of the energy, however sharp the peak, nor of the range, however thin the tail.
+    """
+    # 99 % of the energy of the spectrum lies between these frequencies
+    grid = np.linspace(0.6, 3.0, 24_001)
+    bell = np.exp(-((grid - 1) ** 2) / (2 * np.where(grid <= 1, 0.07, 0.09) ** 2))
+    density = grid**-5.0 * np.exp(-1.25 * grid**-4.0) * peakedness**bell
+    energy = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+    energy /= energy[-1]
+    share = (energy + np.linspace(0.0, 1.0, grid.size)) / 2
+    edges = np.interp(np.linspace(0.0, 1.0, n + 1), share, grid)
+    return edges, np.diff(np.interp(edges, grid, energy))
 
 
 def _require_positive(**values: float) -> None:

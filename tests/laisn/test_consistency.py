@@ -1,0 +1,56 @@
+"""A filter that is told the truth about its noise: its covariance must be that of its errors."""
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from laisn.estimates import Estimates
+from laisn.filter import Filter
+from laisn.metrics import nees
+
+Floats = npt.NDArray[np.float64]
+
+DT, EVERY, STEPS, RUNS = 0.1, 10, 100, 500
+SIGMA_A, SIGMA_P, SIGMA_V, SIGMA_THETA = 0.05, 0.3, 0.05, np.deg2rad(0.5)
+START_SIGMA = np.array([0.5, 0.5, 0.02, 0.02])
+
+
+def matched(random: np.random.Generator) -> tuple[Filter, Floats]:
+    """A vehicle that accelerates as the filter assumes it, measured as the filter assumes; both at the end."""
+    truth = np.array([0.0, 0.0, 1.5, 1.0])
+    kalman = Filter(DT, truth + START_SIGMA * random.normal(size=4), START_SIGMA)
+    for k in range(1, STEPS + 1):
+        acceleration = SIGMA_A * random.normal(size=2)
+        truth = truth + np.concatenate([DT * truth[2:] + DT**2 / 2 * acceleration, DT * acceleration])
+        kalman.predict(SIGMA_A)
+        if k % EVERY == 0:
+            x, y = truth[:2] + SIGMA_P * random.normal(size=2)
+            kalman.update_position((x, y), SIGMA_P)
+        speed = np.hypot(*truth[2:]) + SIGMA_V * random.normal()
+        heading = np.arctan2(truth[2], truth[3]) + SIGMA_THETA * random.normal()
+        kalman.update_speed(speed, heading, SIGMA_V, SIGMA_THETA)
+    return kalman, truth
+
+
+def test_normalised_errors_of_a_matched_filter_are_chi_square() -> None:
+    """Sums over independent runs against the 99.9 % interval: 2 a run for the position, 4 for the state."""
+    ends = [matched(np.random.default_rng([7, run])) for run in range(RUNS)]
+    truth = np.array([t for _, t in ends])
+    none = np.zeros(0)
+    estimates = Estimates(
+        state=np.array([f.state for f, _ in ends]),
+        covariance=np.array([f.covariance for f, _ in ends]),
+        fix_step=np.zeros(0, dtype=np.int64),
+        fix_position=np.zeros((0, 2)),
+        fix_sigma=none,
+        fix_kind=np.zeros(0, dtype=np.int64),
+        innovation=np.zeros((0, 2)),
+        innovation_covariance=np.zeros((0, 2, 2)),
+    )
+    of_position = nees(estimates, truth[:, :2])
+    low, high = chi2.interval(0.999, 2 * RUNS)
+    assert low < of_position.sum() < high
+    error = estimates.state - truth
+    of_state = np.einsum("ri,rij,rj->r", error, np.linalg.inv(estimates.covariance), error)
+    low, high = chi2.interval(0.999, 4 * RUNS)
+    assert low < of_state.sum() < high
