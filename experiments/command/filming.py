@@ -13,6 +13,7 @@ from experiments.flight.source import flight_of
 from experiments.flight.summary import position_and_bearing_errors
 from sim.film import render
 from sim.film.cameras import CAMERAS
+from sim.flyable import film_misfits
 from sim.scenario.settings import Video
 from sim.screen import plain
 
@@ -66,6 +67,9 @@ def film(source: str, assignments: Iterable[str], wish: Wish) -> Path:
         raise render.RenderError(f"unknown camera {wish.camera!r}; available: {', '.join(CAMERAS)}")
     flight = flight_of(source, list(assignments))
     video = _video(flight.scenario.video, wish)
+    too_much = film_misfits(flight.scenario.duration_s, video)
+    if wish.still is None and too_much:
+        raise render.RenderError(too_much[0].text)
     if not 0 <= wish.follower < len(flight.scenario.followers):
         raise render.RenderError(
             f"--follower {wish.follower}: there are followers 0 … {len(flight.scenario.followers) - 1}"

@@ -1,12 +1,13 @@
 """The built-in scenarios, and how a user's scenario is found."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from sim.scenario.file import ScenarioError, override, read, validate
 from sim.scenario.settings import Scenario
+from sim.screen import plain, shortened
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
 ROUTES = tuple(f"T{i}" for i in range(2, 10))
@@ -23,11 +24,17 @@ _DESCRIPTIONS = {
 }
 
 
-def _built_in(name: str) -> Mapping[str, Any] | None:
+def _built_in(name: str) -> dict[str, Any] | None:
     if name in ROUTES:
         return {"name": name, "followers": [{"route": name}]}
-    path = FOLDER / f"{name}.toml"
-    return read(path) if path.is_file() else None
+    return read(FOLDER / f"{name}.toml") if name in names() else None
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False  # no system has a file of such a name
 
 
 def names() -> tuple[str, ...]:
@@ -41,6 +48,20 @@ def name_of(path: Path) -> str:
     return name if re.match(r"[A-Za-z0-9]", name) else f"scenario{name}"[:64]
 
 
+def _read(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], str]:
+    """The table of a scenario with overrides applied, and what to call it in messages."""
+    table = _built_in(source)
+    if table is None:
+        path = Path(source)
+        if path.suffix != ".toml" and not _exists(path):
+            known = f"available: {', '.join(names())}, or a TOML file"
+            raise ScenarioError(f"unknown scenario '{shortened(plain(source), 200)}'; {known}")
+        table = read(path)
+        table.setdefault("name", name_of(path))
+    given = list(assignments)
+    return override(table, given), " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
+
+
 def load(source: str, assignments: Iterable[str]) -> Scenario:
     """A built-in scenario or a TOML file, with overrides applied.
 
@@ -51,51 +72,18 @@ def load(source: str, assignments: Iterable[str]) -> Scenario:
     Raises:
         ScenarioError: there is no such scenario, or it is not valid.
     """
-    table = _built_in(source)
-    if table is None:
-        path = Path(source)
-        if path.suffix != ".toml" and not path.exists():
-            raise ScenarioError(f"unknown scenario {source!r}; available: {', '.join(names())}, or a TOML file")
-        table = read(path)
-        table.setdefault("name", name_of(path))
-    given = list(assignments)
-    return validate(override(table, given), " ".join([source, *(f"--set {a}" for a in given)]))
+    return validate(*_read(source, assignments))
 
 
 def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
-    """As `load`, with sea and routes tried too.
+    """As `load`, with sea, routes, date and cost tried too: what this gives can be flown, filmed and logged.
 
     Raises:
-        ScenarioError: names file, key, waypoint and limit if a route is unknown or cannot be flown, if the waves
-            would break, if there is no such camera or if a log cannot hold the date.
+        ScenarioError: names file, key, value and limit of every fault.
     """
-    from sim.assembly import ocean_of, route_of, vehicle_names
-    from sim.film.cameras import CAMERAS
-    from sim.log.clock import Clock
-    from sim.scenario.point_motion import plan
+    from sim.flyable import misfits
 
-    scenario = load(source, assignments)
-    try:
-        Clock(scenario.epoch)
-    except ValueError as error:
-        raise ScenarioError(f"{source}: {error}") from None
-    if scenario.video.camera not in CAMERAS:
-        raise ScenarioError(
-            f"{source}: video.camera: unknown camera {scenario.video.camera!r}; available: {', '.join(CAMERAS)}"
-        )
-    try:
-        ocean_of(scenario)
-    except ValueError as error:
-        raise ScenarioError(f"{source}: ocean.waves: {error}") from None
-    keys = ("leader", *(f"followers[{i}]" for i in range(len(scenario.followers))))
-    vehicles = (scenario.leader, *scenario.followers)
-    for key, vehicle, name in zip(keys, vehicles, vehicle_names(scenario), strict=True):
-        try:
-            plan(route_of(vehicle, name))
-        except ValueError as error:
-            where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
-            raise ScenarioError(f"{source}: {where}: {error}") from None
-    return scenario
+    return validate(*_read(source, assignments), further=misfits)
 
 
 def show() -> None:

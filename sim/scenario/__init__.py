@@ -4,5 +4,5 @@ Takes a file or keyword arguments; gives a `Scenario` (`settings`), routes of th
 `random_routes`), and the plan by which a point with limits swims a route (`point_motion`). All faults of a file are
 named at once (`file`). It knows neither MuJoCo nor water nor sensors: settings are numbers until somebody flies them.
 
-Imports: laisn
+Imports: laisn sim.screen
 """

@@ -1,118 +1,185 @@
 """Scenario files: TOML in and out, overrides, and messages that say what to mend."""
 
-import difflib
 import json
+import stat
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import tomli_w
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from laisn.failure import LaisnError
-from sim.scenario.settings import Scenario
+from sim.scenario.faults import Location, described, key_of, overlaps, told_apart, without
+from sim.scenario.settings import APART, Misfit, Scenario
+from sim.screen import ROWS, plain, screenful, shortened
+
+LARGEST_BYTES = 16_000_000
+"""Of a file: four routes of the most points that a route may have."""
+_DEEPEST = 16
+"""Tables within tables; a scenario needs five."""
+_WIDEST_BITS = 1024
+"""Of an integer; more is beyond every number of a scenario, and costly to write down."""
+_ROUNDS = 5
+"""Of looking for faults behind faults: a section, an item and a key may hide one another."""
 
 
 class ScenarioError(LaisnError):
     """A scenario that cannot be flown; the text names source, key, value and expectation of every fault."""
 
 
-def _section(location: tuple[int | str, ...]) -> type[BaseModel] | None:
-    """The model that a key path ends in."""
-    model: type[BaseModel] = Scenario
-    for part in location:
-        if isinstance(part, int):
-            continue
-        field = model.model_fields.get(part)
-        if field is None:
-            return None
-        annotation = field.annotation
-        candidates = [annotation, *get_args(annotation)]
-        nested = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
-        if nested is None:
-            return None
-        model = nested
-    return model
+def _no_misfits(scenario: Scenario) -> Iterable[Misfit]:
+    return ()
 
 
-def _key(location: tuple[int | str, ...]) -> str:
-    text = ""
-    for part in location:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return text or "scenario"
+def _json_ready(value: object, depth: int = 0) -> object:
+    """TOML has dates and knows NaN; JSON does not. Both become text that validation refuses with its key.
 
-
-def _hint(location: tuple[int | str, ...]) -> str:
-    model = _section(location[:-1])
-    known = list(model.model_fields) if model else []
-    close = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
-
-
-def _describe(source: str, error: ValidationError) -> str:
-    lines = []
-    faults = error.errors()
-    places = [fault["loc"] for fault in faults]
-    for fault in faults:
-        location = fault["loc"]
-        if fault["type"] == "too_short" and any(p[: len(location)] == location and p != location for p in places):
-            continue  # an item that is at fault itself does not count as one
-        if fault["type"] == "extra_forbidden":
-            lines.append(f"  {_key(location)}: unknown key; {_hint(location)}")
-            continue
-        message = fault["msg"].removeprefix("Value error, ")
-        given = fault["input"]
-        shown = "" if isinstance(given, dict | BaseModel) or fault["type"] == "missing" else f" (given: {given!r:.80})"
-        lines.append(f"  {_key(location)}: {message}{shown}")
-    return f"{source}: {len(lines)} fault{'s' if len(lines) > 1 else ''}\n" + "\n".join(lines)
-
-
-def _json_ready(value: object) -> object:
-    """TOML has dates and knows NaN; JSON does not. Both become text that validation refuses with its key."""
+    Raises:
+        RecursionError: tables or lists nest deeper than those of any scenario.
+    """
+    if depth > _DEEPEST:
+        raise RecursionError
     if isinstance(value, Mapping):
-        return {key: _json_ready(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_json_ready(item) for item in value]
+        return {str(key): _json_ready(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json_ready(item, depth + 1) for item in value]
     if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
         return str(value)
-    if isinstance(value, str | int | float | bool) or value is None:
+    if isinstance(value, int) and value.bit_length() > _WIDEST_BITS:
+        return f"an integer of {value.bit_length()} bits"
+    if isinstance(value, str):
+        # a lone surrogate, of which JSON knows nothing, comes from a command line that is no UTF-8
+        return value.encode(errors="backslashreplace").decode()
+    if isinstance(value, int | float) or value is None:
         return value
     return str(value)
 
 
-def validate(table: Mapping[str, Any], source: str) -> Scenario:
+def _ready(table: Mapping[str, Any], source: str) -> Any:
+    """A copy of a table that JSON can hold; ScenarioError if it nests too deep."""
+    try:
+        return _json_ready(table)
+    except RecursionError:
+        raise ScenarioError(f"{source}: lists or tables nest more than {_DEEPEST} deep, a scenario's five") from None
+
+
+def _with_numbered_followers(table: dict[str, Any]) -> dict[str, Any]:
+    """The table; of several followers, those without a name are called follower-1 and so on, after their places."""
+    followers = table.get("followers")
+    if not isinstance(followers, list) or len(followers) < 2:
+        return table
+    numbered = [
+        {"name": f"follower-{i}", **item} if isinstance(item, dict) else item for i, item in enumerate(followers, 1)
+    ]
+    return {**table, "followers": numbered}
+
+
+def _examined(
+    table: dict[str, Any], further: Callable[[Scenario], Iterable[Misfit]]
+) -> tuple[Scenario | None, list[str]]:
+    """The scenario, and a line for each fault.
+
+    What is at fault is put aside and the rest looked at again, so that one fault hides no other; of those found then,
+    only such count as concern nothing that was put aside.
+    """
+    scenario: Scenario | None = None
+    lines: list[str] = []
+    aside: set[Location] = set()
+    for _ in range(_ROUNDS):
+        try:
+            scenario = Scenario.model_validate_json(json.dumps(table), strict=True, context=APART)
+            break
+        except ValidationError as error:
+            faults = [f for f in told_apart(error) if not any(overlaps(f["loc"], place) for place in aside)]
+            # describing costs time, and nobody sees more
+            lines += [described(fault) for fault in faults[:ROWS]] + [""] * len(faults[ROWS:])
+            table, taken = without(table, [fault["loc"] for fault in told_apart(error)])
+            aside |= taken
+    if scenario is not None:
+        put_aside = [key_of(place) for place in aside]
+        for misfit in (*scenario.misfits(), *further(scenario)):
+            if not any(overlaps(key, place) for key in misfit.keys for place in put_aside):
+                lines.append(f"  {misfit.text}")
+    return scenario, lines
+
+
+def validate(
+    table: Mapping[str, Any], source: str, further: Callable[[Scenario], Iterable[Misfit]] = _no_misfits
+) -> Scenario:
     """A scenario from a table of keys.
 
     Args:
         table: as read from TOML.
         source: name of the file, for messages.
+        further: what else is wrong with a scenario whose keys are right.
 
     Raises:
-        ScenarioError: with one line for every fault.
+        ScenarioError: with one line for every fault, as many as a screen holds.
     """
-    try:
-        return Scenario.model_validate_json(json.dumps(_json_ready(table)), strict=True)
-    except ValidationError as error:
-        raise ScenarioError(_describe(source, error)) from None
+    ready = _ready(table, source)
+    scenario, lines = _examined(_with_numbered_followers(ready), further)
+    if lines or scenario is None:
+        head = f"{source}: {len(lines)} fault{'s' if len(lines) != 1 else ''}"
+        raise ScenarioError("\n".join(screenful([head, *lines])))
+    return scenario
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
-    """The table in a TOML text; ScenarioError names line and column of a syntax error."""
+    """The table in a TOML text, as JSON can hold it; ScenarioError names line and column of a syntax error."""
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{source}: not valid TOML: {error}") from None
+        table: dict[str, Any] = _ready(tomllib.loads(text), source)
+        return table
+    except ScenarioError:
+        raise
+    except RecursionError:
+        raise ScenarioError(f"{source}: not valid TOML: lists or tables nest too deep") from None
+    except ValueError as error:
+        # besides its own, tomllib lets those of int() and of dates through
+        raise ScenarioError(f"{source}: not valid TOML: {shortened(plain(error), 300)}") from None
 
 
 def read(path: Path) -> dict[str, Any]:
-    """The table in a TOML file; ScenarioError if it cannot be read."""
+    """The table in a TOML file; ScenarioError if it cannot be read, is no plain file or larger than any scenario."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ScenarioError(f"{path}: cannot be read: {reason}") from None
-    return parse(text, str(path))
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            reason = "it is a folder" if stat.S_ISDIR(status.st_mode) else "it is no plain file"
+        elif status.st_size > LARGEST_BYTES:
+            reason = f"it has {status.st_size} bytes, a scenario at most {LARGEST_BYTES}"
+        else:
+            return parse(path.read_text(encoding="utf-8-sig"), str(path))
+    except OSError as error:
+        reason = error.strerror or str(error)
+    except UnicodeDecodeError:
+        reason = "not UTF-8 text"
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        reason = str(error)  # a NUL in the path
+    raise ScenarioError(f"{path}: cannot be read: {reason}")
+
+
+def _value(text: str, source: str) -> Any:
+    """Of an assignment: TOML, or text without quotes."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+    except (ValueError, RecursionError):
+        raise ScenarioError(f"{source}: a number is too long, or lists nest too deep") from None
+
+
+def _assign(place: Any, parts: list[str], value: object) -> None:
+    """Put a value at the end of a path; IndexError, TypeError or ValueError if the path does not lead there."""
+    *parents, last = (int(part) if part.isdecimal() else part for part in parts)
+    for part in parents:
+        place = place.setdefault(str(part), {}) if isinstance(place, dict) else place[part]
+    if isinstance(place, dict):
+        place[str(last)] = value
+    else:
+        place[last] = value
 
 
 def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
@@ -123,26 +190,21 @@ def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, 
     Raises:
         ScenarioError: an assignment without `=`, or a path through something that is no table or list.
     """
-    result: dict[str, Any] = json.loads(json.dumps(_json_ready(table)))
+    result: dict[str, Any] = _ready(table, "scenario")
     for assignment in assignments:
+        source = f"--set {shortened(plain(assignment), 200)}"
         path, equals, text = assignment.partition("=")
+        parts = path.strip().split(".")
         if not equals or not path.strip():
-            raise ScenarioError(f"--set {assignment}: expected key=value, such as sensors.speed_bias_m_s=0.1")
+            raise ScenarioError(f"{source}: expected key=value, such as sensors.speed_bias_m_s=0.1")
+        value = _ready({"value": _value(text.strip(), source)}, source)["value"]
         try:
-            value = tomllib.loads(f"value = {text.strip()}")["value"]
-        except tomllib.TOMLDecodeError:
-            value = text.strip()
-        *parents, last = path.strip().split(".")
-        place: Any = result
-        try:
-            for part in parents:
-                place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
-            if isinstance(place, list):
-                place[int(last)] = value
-            else:
-                place[last] = value
-        except (IndexError, ValueError, TypeError, AttributeError):
-            raise ScenarioError(f"--set {assignment}: {path} is no key of this scenario") from None
+            if len(parts) > _DEEPEST:
+                raise IndexError
+            _assign(result, parts, value)
+        except (IndexError, ValueError, TypeError):
+            key = shortened(plain(path.strip()), 100)
+            raise ScenarioError(f"{source}: {key} is no key of this scenario") from None
     return result
 
 

@@ -1,11 +1,12 @@
 """A mission as data: everything a user may set, validated, frozen. Degrees and units stand in the names."""
 
 import math
+from collections import Counter
 from datetime import datetime
 from itertools import pairwise
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from laisn.settings import GateRule, SideRule, Variant
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
@@ -22,13 +23,29 @@ Angle = Annotated[float, Field(ge=-360, le=360)]
 Chance = Annotated[float, Field(ge=0, le=1)]
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-TimedPoint = tuple[float, float, float]
-TimedDepth = tuple[float, NonNegative]
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+TimedPoint = tuple[NonNegative, Coordinate, Coordinate]
+TimedDepth = tuple[NonNegative, NonNegative]
+
+MOST_POINTS = 100_000
+"""Of a route or a profile: one a second for more than a day."""
 
 
 def _multiple(whole: float, part: float) -> bool:
     ratio = whole / part
     return abs(ratio - round(ratio)) < 1e-9 and round(ratio) >= 1
+
+
+class Misfit(NamedTuple):
+    """What is wrong with a scenario though every key alone is right."""
+
+    keys: tuple[str, ...]
+    """Whose values do not fit together, such as `ocean.floor_depth_m`; a section stands for all of its keys."""
+    text: str
+
+
+APART = {"misfits": "allowed"}
+"""Context of a validation that looks at every key alone; `Scenario.misfits` tells the rest."""
 
 
 class Section(BaseModel):
@@ -40,7 +57,7 @@ class Section(BaseModel):
 class Timing(Section):
     """Time steps."""
 
-    physics_step_s: Annotated[float, Field(gt=0, le=0.1)] = Field(
+    physics_step_s: Annotated[float, Field(ge=1e-4, le=0.1)] = Field(
         0.02, description="step of the rigid-body solver; must divide 0.1 s"
     )
     filter_step_s: Positive = Field(0.1, description="filter step Δt; a multiple of 0.1 s")
@@ -65,11 +82,13 @@ class Vehicle(Section):
 
     route: Name | None = Field(None, description="a route of the library (L, T2 … T9)")
     waypoints: tuple[TimedPoint, ...] = Field(
-        (), description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0"
+        (),
+        max_length=MOST_POINTS,
+        description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0",
     )
     depth_m: NonNegative = Field(LEADER_DEPTH, description="depth that the autopilot holds")
     depth_profile: tuple[TimedDepth, ...] = Field(
-        (), description="[[time_s, depth_m], …], linear between; replaces depth_m"
+        (), max_length=MOST_POINTS, description="[[time_s, depth_m], …], linear between; replaces depth_m"
     )
     saw_tooth_amplitude_m: NonNegative = Field(0.0, description="half height of a saw-tooth about the depth")
     saw_tooth_period_s: Positive = Field(120.0, description="period of that saw-tooth")
@@ -102,11 +121,6 @@ class Vehicle(Section):
 
     @model_validator(mode="after")
     def _one_route(self) -> Self:
-        if self.saw_tooth_amplitude_m > self.depth_m and not self.depth_profile:
-            raise ValueError(
-                f"saw_tooth_amplitude_m = {self.saw_tooth_amplitude_m:g} about depth_m = {self.depth_m:g} would leave "
-                "the water"
-            )
         if not self.route and not self.waypoints:
             raise ValueError("a vehicle needs a route of the library or waypoints of its own")
         return self
@@ -116,8 +130,8 @@ class Leader(Vehicle):
     """The vehicle with the transmitters."""
 
     route: Name | None = Field("L", description="a route of the library (L, T2 … T9)")
-    baseline_m: Annotated[float, Field(gt=0, le=2.4)] = Field(2.0, description="L, rear to front transmitter")
-    middle_offset_m: Annotated[float, Field(ge=-0.5, le=0.5)] = Field(
+    baseline_m: Annotated[float, Field(ge=0.01, le=2.4)] = Field(2.0, description="L, rear to front transmitter")
+    middle_offset_m: Annotated[float, Field(ge=0.001, le=0.5)] = Field(
         0.1, description="H_T, middle transmitter to port of the axis"
     )
     broadcast_attitude: bool = Field(False, description="messages carry the measured pitch and roll")
@@ -207,7 +221,9 @@ class Acoustics(Section):
         0.0, description="what the follower believes in addition"
     )
     sound_speed_profile: tuple[tuple[NonNegative, SoundSpeed], ...] = Field(
-        (), description="[[depth_m, speed_m_s], …], linear between; the true speed of sound instead of sound_speed_m_s"
+        (),
+        max_length=MOST_POINTS,
+        description="[[depth_m, speed_m_s], …], linear between; the true speed of sound instead of sound_speed_m_s",
     )
     clock_offset_s: Annotated[float, Field(ge=-1, le=1)] = Field(
         0.0, description="the follower's clock less the leader's, at the start"
@@ -307,38 +323,65 @@ class Scenario(Section):
         return text
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        names = ["leader", *(f.name for f in self.followers)]
-        repeated = sorted({n for n in names if names.count(n) > 1})
-        if repeated:
-            raise ValueError(f"vehicle names must differ; repeated: {', '.join(repeated)}")
-        if not _multiple(self.duration_s, self.timing.filter_step_s):
-            raise ValueError(
-                f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {self.timing.filter_step_s:g}"
-            )
-        for vehicle, name in zip((self.leader, *self.followers), names, strict=True):
-            depths = [d for _, d in vehicle.depth_profile] or [vehicle.depth_m]
-            deepest = max(depths) + vehicle.saw_tooth_amplitude_m
-            if deepest > self.ocean.floor_depth_m - 1:
-                raise ValueError(
-                    f"{name} would dive to {deepest:g} m, the floor lies at ocean.floor_depth_m = "
-                    f"{self.ocean.floor_depth_m:g} m (1 m is kept clear)"
-                )
-            drift = self.ocean.current_speed_m_s - self.ocean.current_shear_per_s * deepest
-            if abs(drift) > FASTEST_CURRENT_M_S:
-                raise ValueError(
-                    f"ocean: the current at {name}'s {deepest:g} m would run at {drift:.3g} m/s; current_speed_m_s and "
-                    f"current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
-                )
-        for follower in self.followers:
-            if follower.steers_by == "estimate" and self.motion == "kinematic":
-                raise ValueError(
-                    f"{follower.name}: steers_by = 'estimate' needs motion = 'physics'; the paper's point motion keeps "
-                    "to its route whatever the follower believes"
-                )
-        if self.navigation.use_attitude and not self.leader.broadcast_attitude:
-            raise ValueError("navigation.use_attitude needs leader.broadcast_attitude = true")
+    def _fits_together(self, info: ValidationInfo) -> Self:
+        told = [] if info.context == APART else self.misfits()
+        if told:
+            raise ValueError("; ".join(misfit.text for misfit in told))
         return self
+
+    def misfits(self) -> list[Misfit]:
+        """What does not fit together: names, steps, floor, current, what one setting needs of another."""
+        found = []
+        names = ["leader", *(f.name for f in self.followers)]
+        counts = Counter(names)
+        repeated = sorted(name for name, count in counts.items() if count > 1)
+        if repeated:
+            found.append(Misfit(("followers",), f"vehicle names must differ; repeated: {', '.join(repeated)}"))
+        if not _multiple(self.duration_s, self.timing.filter_step_s):
+            text = f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {self.timing.filter_step_s:g}"
+            found.append(Misfit(("duration_s", "timing"), text))
+        for key, vehicle in self.vehicles():
+            found += self._out_of_water(key, vehicle)
+        for key, follower in self.vehicles()[1:]:
+            if isinstance(follower, Follower) and follower.steers_by == "estimate" and self.motion == "kinematic":
+                text = (
+                    f"{key}.steers_by = 'estimate' needs motion = 'physics'; the paper's point motion keeps to its "
+                    "route whatever the follower believes"
+                )
+                found.append(Misfit((f"{key}.steers_by", "motion"), text))
+        if self.navigation.use_attitude and not self.leader.broadcast_attitude:
+            keys = ("navigation.use_attitude", "leader.broadcast_attitude")
+            found.append(Misfit(keys, "navigation.use_attitude needs leader.broadcast_attitude = true"))
+        return found
+
+    def _out_of_water(self, key: str, vehicle: Vehicle) -> list[Misfit]:
+        found = []
+        deepest = max([d for _, d in vehicle.depth_profile] or [vehicle.depth_m]) + vehicle.saw_tooth_amplitude_m
+        depth_keys = tuple(f"{key}.{what}" for what in ("depth_m", "depth_profile", "saw_tooth_amplitude_m"))
+        if vehicle.saw_tooth_amplitude_m > vehicle.depth_m and not vehicle.depth_profile:
+            text = (
+                f"{key}: saw_tooth_amplitude_m = {vehicle.saw_tooth_amplitude_m:g} about depth_m = "
+                f"{vehicle.depth_m:g} would leave the water"
+            )
+            found.append(Misfit(depth_keys, text))
+        if deepest > self.ocean.floor_depth_m - 1:
+            text = (
+                f"{key} would dive to {deepest:g} m, the floor lies at ocean.floor_depth_m = "
+                f"{self.ocean.floor_depth_m:g} m (1 m is kept clear)"
+            )
+            found.append(Misfit((*depth_keys, "ocean.floor_depth_m"), text))
+        drift = self.ocean.current_speed_m_s - self.ocean.current_shear_per_s * deepest
+        if abs(drift) > FASTEST_CURRENT_M_S:
+            text = (
+                f"ocean: the current at {key}'s {deepest:g} m would run at {drift:.3g} m/s; current_speed_m_s and "
+                f"current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
+            )
+            found.append(Misfit((*depth_keys, "ocean.current_speed_m_s", "ocean.current_shear_per_s"), text))
+        return found
+
+    def vehicles(self) -> list[tuple[str, Vehicle]]:
+        """All vehicles with their keys, the leader first: leader, followers[0] and so on."""
+        return [("leader", self.leader), *((f"followers[{i}]", f) for i, f in enumerate(self.followers))]
 
     @property
     def message_every(self) -> int:

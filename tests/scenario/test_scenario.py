@@ -55,11 +55,14 @@ def test_defaults_are_the_papers() -> None:
         ({"sensors": {"speed_bais_m_s": 1.0}}, "sensors.speed_bais_m_s: unknown key; did you mean 'speed_bias_m_s'"),
         ({"seed": "one"}, "seed: Input should be a valid integer"),
         ({"ocean": {"density_kg_m3": float("nan")}}, "ocean.density_kg_m3: Input should be a valid number"),
-        ({"leader": {"baseline_m": -2.0}}, "leader.baseline_m: Input should be greater than 0 (given: -2.0)"),
+        (
+            {"leader": {"baseline_m": -2.0}},
+            "leader.baseline_m: Input should be greater than or equal to 0.01 (given",
+        ),
         ({"timing": {"message_interval_s": 0.25}}, "message_interval_s = 0.25 is no multiple of filter_step_s = 0.1"),
         ({"timing": {"physics_step_s": 0.03}}, "physics_step_s = 0.03 does not divide 0.1 s"),
         ({"followers": [{}]}, "followers[0]: a vehicle needs a route"),
-        ({"followers": [{"route": "T2"}, {"route": "T3"}]}, "vehicle names must differ; repeated: follower"),
+        ({"followers": [{"route": "T2", "name": n} for n in ("a", "a")]}, "vehicle names must differ; repeated: a"),
         ({"followers": [{"waypoints": [[0, 0, 0], [0, 1, 1]]}]}, "waypoint 2 at 0 s is not later"),
         ({"navigation": {"variant": "laisn-4"}}, "navigation.variant: Input should be 'laisn-2', 'laisn-3-1'"),
         ({"navigation": {"use_attitude": True}}, "needs leader.broadcast_attitude = true"),
@@ -120,7 +123,9 @@ def test_a_broken_override_is_refused(assignment: str) -> None:
 def test_what_cannot_be_flown_names_file_and_key(assignments: list[str], expected: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         library.load_flyable("T5", assignments)
-    assert str(caught.value).startswith("T5: " + expected)
+    source, fault = str(caught.value).splitlines()
+    assert source == f"T5 {' '.join(f'--set {a}' for a in assignments)}: 1 fault"
+    assert fault.startswith(f"  {expected}")
 
 
 def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:

@@ -1,0 +1,87 @@
+"""Whether a scenario whose keys are right can be flown: sea, routes, date, and what all of it would cost."""
+
+from collections.abc import Callable
+from functools import partial
+
+from laisn.failure import LaisnError
+from sim.assembly import ocean_of, route_of, vehicle_names
+from sim.film.cameras import CAMERAS
+from sim.log.clock import Clock
+from sim.scenario.point_motion import Plan, plan
+from sim.scenario.settings import CONTROL_STEP_S, Misfit, Scenario, Vehicle, Video
+
+MOST_INSTANTS = 2_000_000
+"""Of all vehicles together: a leader and a follower for a day. A million takes 1.1 GB of memory and 0.45 GB of log."""
+MOST_PHYSICS_STEPS = 200_000_000
+"""Of all vehicles together, about an hour on one core."""
+MOST_PIXELS = 120_000_000_000
+"""Of all frames of a film: an hour at 1280 × 720 and 30 Hz, and so a day of mission at 20 times its pace."""
+
+
+def frames(duration_s: float, video: Video) -> int:
+    """Number of frames of a film of a mission."""
+    return max(1, round(duration_s / video.speed_up * video.frame_rate_hz))
+
+
+def film_misfits(duration_s: float, video: Video) -> list[Misfit]:
+    """What keeps a film from being made: no such camera, or too many pixels."""
+    found = []
+    if video.camera not in CAMERAS:
+        text = f"video.camera: unknown camera {video.camera!r}; available: {', '.join(CAMERAS)}"
+        found.append(Misfit(("video.camera",), text))
+    count = frames(duration_s, video)
+    if count * video.width_px * video.height_px > MOST_PIXELS:
+        most = MOST_PIXELS // (video.width_px * video.height_px)
+        text = (
+            f"video: a film of {duration_s:g} s at speed_up = {video.speed_up:g} and {video.frame_rate_hz} Hz has "
+            f"{count:.4g} frames, at {video.width_px} × {video.height_px} there may be {most}"
+        )
+        found.append(Misfit(("video", "duration_s"), text))
+    return found
+
+
+def _cost(scenario: Scenario) -> list[Misfit]:
+    """What would take more memory, disk or time than anybody means to spend."""
+    vehicles, found = 1 + len(scenario.followers), []
+    instants = scenario.duration_s / CONTROL_STEP_S * vehicles
+    if instants > MOST_INSTANTS:
+        text = (
+            f"duration_s: {scenario.duration_s:g} s of {vehicles} vehicles would take {instants * 1.1e-6:.3g} GB of "
+            f"memory; so many vehicles may fly {MOST_INSTANTS * CONTROL_STEP_S / vehicles:.0f} s"
+        )
+        found.append(Misfit(("duration_s", "followers"), text))
+    steps = scenario.duration_s / scenario.timing.physics_step_s * vehicles
+    if scenario.motion == "physics" and steps > MOST_PHYSICS_STEPS:
+        text = (
+            f"timing.physics_step_s: {scenario.duration_s:g} s of {vehicles} vehicles in steps of "
+            f"{scenario.timing.physics_step_s:g} s are {steps:.4g} steps, there may be {MOST_PHYSICS_STEPS}"
+        )
+        found.append(Misfit(("duration_s", "followers", "timing.physics_step_s"), text))
+    return found
+
+
+def _tried(build: Callable[[], object], where: str, *keys: str) -> list[Misfit]:
+    try:
+        build()
+    except LaisnError as error:
+        text = str(error)
+        return [Misfit((where, *keys), text if text.startswith(where) else f"{where}: {text}")]
+    return []
+
+
+def _plan(vehicle: Vehicle, name: str) -> Plan:
+    # a saw-tooth that leaves the water is no fault of the route
+    return plan(route_of(vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0}), name))
+
+
+def misfits(scenario: Scenario) -> list[Misfit]:
+    """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.misfits`."""
+    found = [
+        *_tried(partial(Clock, scenario.epoch), "epoch"),
+        *film_misfits(scenario.duration_s, scenario.video),
+        *_tried(partial(ocean_of, scenario), "ocean.waves", "ocean.floor_depth_m"),
+    ]
+    for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
+        where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
+        found += _tried(partial(_plan, vehicle, name), where)
+    return [*found, *_cost(scenario)]

@@ -1,0 +1,97 @@
+"""Scenarios that nobody would write: keys of the schema with values at their bounds, beyond them, or of other kinds."""
+
+from random import Random
+from typing import Any
+
+from sim.scenario.settings import Scenario
+
+SCHEMA = Scenario.model_json_schema()
+FOREIGN: tuple[Any, ...] = (
+    float("nan"), float("inf"), -float("inf"), 1e308, -1e308, 5e-324, 1e-300, 1e-7, -0.0, 0, -1, 2**63, -(2**63),
+    10**400, 16**5000, True, "", "x", "T2", "[/red]", "\x1b[2J", "a\x00b", "\u202e水😀", "x" * 10_000, [], [[]],
+    [[0, 0, 0]], [[0, 0, 0], [0, 0, 0]], [1, 2, 3], [["a"]], {}, {"a": {"b": 1}}, [{}], "2026-01-01",
+    "9999-12-31T23:59:59+14:00", "0001-01-01T00:00:00-14:00",
+)  # fmt: skip
+
+TEXTS = {"epoch": ("2030-06-01T12:00:00+02:00", "1970-01-01T00:00:00+00:00"), "camera": ("chase", "top", "drone")}
+
+
+def _resolved(schema: dict[str, Any]) -> dict[str, Any]:
+    return SCHEMA["$defs"][schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
+
+
+def _number(rng: Random, schema: dict[str, Any]) -> float | int:
+    low = schema.get("minimum", schema.get("exclusiveMinimum", -10.0))
+    high = schema.get("maximum", schema.get("exclusiveMaximum", 1e6))
+    kind = rng.choice(("low", "high", "near low", "within", "small"))
+    value = {
+        "low": low,
+        "high": high,
+        "near low": low + rng.choice((1e-12, 1e-3, 0.1)),
+        "within": rng.uniform(low, min(high, 1e9)),
+        "small": rng.choice((0.1, 0.2, 0.5, 1.0, 2.0, 10.0)),
+    }[kind]
+    return int(value) if schema["type"] == "integer" else float(value)
+
+
+def _route(rng: Random) -> list[list[float]]:
+    """Waypoints that often can be flown."""
+    time, east, north, points = 0.0, rng.uniform(-50, 50), rng.uniform(-50, 50), []
+    for _ in range(rng.choice((2, 2, 3, 6))):
+        points.append([time, east, north])
+        time += rng.choice((0.5, 20.0, 100.0))
+        east, north = east + rng.uniform(-60, 60), north + rng.uniform(-60, 60)
+    return points
+
+
+def _value(rng: Random, key: str, schema: dict[str, Any], wild: float) -> Any:
+    if rng.random() < wild:
+        return rng.choice(FOREIGN)
+    schema = _resolved(schema)
+    if key == "route":
+        return rng.choice(("L", *(f"T{i}" for i in range(1, 10))))
+    if key == "waypoints":
+        return _route(rng)
+    if key in {"depth_profile", "sound_speed_profile"}:
+        low, high = (0, 28) if key == "depth_profile" else (1300, 1700)
+        return [[10.0 * i, rng.uniform(low, high)] for i in range(rng.choice((1, 2, 5)))]
+    if "enum" in schema:
+        return rng.choice(schema["enum"])
+    match schema.get("type"):
+        case "object":
+            return _table(rng, schema, wild)
+        case "boolean":
+            return rng.random() < 0.5
+        case "number" | "integer":
+            return _number(rng, schema)
+        case "array" if "prefixItems" in schema:
+            return [_value(rng, "", item, wild) for item in schema["prefixItems"]]
+        case "array":
+            return [_value(rng, "", schema["items"], wild) for _ in range(rng.choice((1, 1, 1, 2, 3)))]
+    return rng.choice(TEXTS.get(key, ("mine", "a.b")))
+
+
+def _table(rng: Random, schema: dict[str, Any], wild: float) -> dict[str, Any]:
+    keys = schema["properties"]
+    chosen = [key for key in keys if rng.random() < rng.choice((0.05, 0.3))]
+    table = {key: _value(rng, key, keys[key], wild) for key in chosen}
+    if rng.random() < wild:
+        table[rng.choice(("senors", "", "a.b", "[/red]", "x" * 5000))] = rng.choice(FOREIGN)
+    return table
+
+
+def table(seed: int, wild: float = 0.01) -> dict[str, Any]:
+    """A scenario's table.
+
+    Args:
+        seed: the same seed gives the same table.
+        wild: share of values that are no values of their keys.
+    """
+    rng = Random(seed)
+    made = {"duration_s": rng.choice((0.1, 0.2, 1.0, 3.0)), **_table(rng, SCHEMA, wild)}
+    followers = made.get("followers")
+    if not isinstance(followers, list) or rng.random() > wild:
+        made["followers"] = [
+            {"route": "T5", **_table(rng, SCHEMA["$defs"]["Follower"], wild)} for _ in range(rng.choice((1, 1, 2, 4)))
+        ]
+    return {"name": "absurd", **made}

@@ -1,0 +1,228 @@
+"""What is accepted can be flown; what cannot is refused with every fault, on one screen, before anything is spent."""
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import absurd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from experiments.flight import library
+from experiments.flight.fly import fly
+from experiments.flight.summary import position_and_bearing_errors, summarise
+from sim import flyable
+from sim.assembly import ocean_of, routes_of, setups_of
+from sim.scenario import file as scenario_file
+from sim.scenario.file import ScenarioError
+from sim.scenario.settings import Scenario
+from sim.screen import ROWS, plain
+from sim.vehicle.plant import Plant
+
+SEEDS = st.integers(0, 2**64)
+
+
+def accepted(table: dict[str, Any]) -> Scenario | None:
+    """The scenario, or None if it is refused as it should be."""
+    try:
+        return scenario_file.validate(table, "absurd.toml", flyable.misfits)
+    except ScenarioError as error:
+        told = str(error)
+    head, *lines = told.split("\n")
+    assert head.startswith("absurd.toml: ")
+    assert 0 < len(lines) <= ROWS
+    assert all(plain(line) == line for line in lines)
+    return None
+
+
+@settings(max_examples=200, deadline=None)
+@given(SEEDS, st.sampled_from((0.0, 0.01, 0.3)))
+def test_every_scenario_that_is_accepted_becomes_a_plant(seed: int, wild: float) -> None:
+    scenario = accepted(absurd.table(seed, wild))
+    if scenario is not None:
+        Plant(setups_of(scenario, routes_of(scenario)), ocean_of(scenario), scenario.timing.physics_step_s)
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS)
+def test_what_is_accepted_can_be_flown_and_summarised(seed: int) -> None:
+    scenario = accepted(absurd.table(seed, 0.0))
+    if scenario is None or scenario.duration_s / scenario.timing.physics_step_s > 2000:
+        return
+    flight, _ = fly(scenario)
+    json.dumps(summarise(flight, position_and_bearing_errors(flight)), allow_nan=False)
+    assert accepted(scenario.model_dump(mode="json", exclude_none=True)) == scenario
+
+
+def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
+    """Or the properties above would say nothing."""
+    count = sum(accepted(absurd.table(seed, 0.0)) is not None for seed in range(100))
+    assert 10 < count < 90
+
+
+@pytest.mark.parametrize(
+    ("assignment", "told"),
+    [
+        ("leader.middle_offset_m=0", "leader.middle_offset_m: Input should be greater than or equal to 0.001"),
+        ("leader.middle_offset_m=-0.1", "leader.middle_offset_m: Input should be greater than or equal to 0.001"),
+        ("timing.physics_step_s=1e-300", "timing.physics_step_s: Input should be greater than or equal to 0.0001"),
+        ("timing.physics_step_s=1e-7", "timing.physics_step_s: Input should be greater than or equal to 0.0001"),
+        ("video.speed_up=1e-12", "video: a film of 1000 s at speed_up = 1e-12 and 30 Hz has 3e+16 frames"),
+        ("followers.0.waypoints=[[0,0,0],[1e308,1e308,0]]", "followers[0].waypoints[1][0]: Input should be less"),
+        ("a" + ".a" * 3000 + "=1", "is no key of this scenario"),
+        ("seed=" + "9" * 5000, "a number is too long"),
+        ("seed=0x" + "f" * 5000, "seed: Input should be a valid integer (given: 'an integer of 20000 bits')"),
+        ("seed=" + "[" * 3000 + "]" * 3000, "lists nest too deep"),
+        ("seed=" + "[" * 30 + "]" * 30, "nest more than 16 deep"),
+        ("name=\udcff", "name: String should match pattern"),
+        ("followers.0=1", "followers[0]: Input should be an object"),
+        ("followers=1", "followers: Input should be a valid array"),
+    ],
+)
+def test_an_override_that_cannot_be_flown_is_refused(assignment: str, told: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        library.load_flyable("T5", [assignment])
+    assert told in str(caught.value)
+    assert len(str(caught.value)) < 80 * 24
+
+
+FOLLOWER = b"duration_s=2\n[[followers]]\n"
+POINTS = 20_000
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "followers: Field required"),
+        (b"name = '\xe9'", "cannot be read: not UTF-8 text"),
+        (b"name = 'a\x00b'", "not valid TOML: Found invalid character"),
+        (b"seed = " + b"9" * 5000, "not valid TOML: Exceeds the limit"),
+        (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: lists or tables nest too deep"),
+        (b"a = " + b"{a = " * 3000 + b"1" + b"}" * 3000, "not valid TOML: lists or tables nest too deep"),
+        (b"a" + b".a" * 3000 + b" = 1", "lists or tables nest more than 16 deep"),
+        (b"epoch = 2026-13-45", "not valid TOML"),
+        (b"k" * 100_000 + b" = 1\n", "unknown key; known here: name, seed"),
+        (b"\n".join(b"k%d = 1" % i for i in range(POINTS)), f"{POINTS + 1} faults"),
+        (FOLLOWER + b"waypoints = [" + b"['a', 1, 2]," * POINTS + b"]", f"{POINTS} faults"),
+        (FOLLOWER + b"waypoints = [" + b"[0, 0, 0]," * POINTS + b"]", "waypoint 2 at 0 s is not later"),
+        (FOLLOWER * 1 + b"[[followers]]\n" * POINTS, f"{POINTS + 1} faults"),
+        (b"#" * (scenario_file.LARGEST_BYTES + 1), "a scenario at most 16000000"),
+    ],
+    ids=range(14),
+)
+def test_a_file_full_of_nonsense_is_told_on_a_screen(content: bytes, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_bytes(content)
+    with pytest.raises(ScenarioError) as caught:
+        library.load_flyable(str(path), ())
+    assert told in str(caught.value)
+    assert len(str(caught.value).replace(str(tmp_path), "")) < 80 * 24
+
+
+def test_a_mark_of_the_byte_order_and_foreign_line_ends_are_taken(tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + FOLLOWER.replace(b"\n", b"\r\n") + b"route = 'T5'\r\n")
+    assert library.load_flyable(str(path), ()).duration_s == 2
+
+
+def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "link.toml").symlink_to("/dev/zero")
+    began = time.monotonic()
+    for name, told in (
+        ("pipe", "no plain file"),
+        ("folder", "a folder"),
+        ("link", "no plain file"),
+        ("none", "No such"),
+    ):
+        with pytest.raises(ScenarioError, match=f"cannot be read: .*{told}"):
+            library.load_flyable(str(tmp_path / f"{name}.toml"), ())
+    for source in ("a" * 5000, "a\x00b", "../scenarios/swarm", "a" * 5000 + ".toml", "a\x00.toml", "\x1b[2J"):
+        with pytest.raises(ScenarioError) as caught:
+            library.load_flyable(source, ())
+        assert len(str(caught.value)) < 80 * 24 + len(source)
+    assert time.monotonic() - began < 1
+
+
+def test_faults_of_every_kind_are_told_in_one_round() -> None:
+    table = {
+        "name": "mine",
+        "senors": {},
+        "epoch": "1960-01-01T00:00:00+00:00",
+        "duration_s": 1000.05,
+        "leader": {"depth_m": 40.0, "saw_tooth_amplitude_m": 50.0},
+        "ocean": {"current_speed_m_s": "fast", "waves": {"kind": "regular", "height_m": 19.0}},
+        "video": {"camera": "drone"},
+        "timing": {"physics_step_s": 0.03},
+        "navigation": {"use_attitude": True},
+        "followers": [
+            {"route": "T1"},
+            {"waypoints": [[0, 0, 0], [10, 52.2, 0]], "depth_m": 35.0},
+            {"waypoints": [[0, 0, "x"], [10, 9, 0]]},
+        ],
+    }
+    with pytest.raises(ScenarioError) as caught:
+        scenario_file.validate(table, "mine.toml", flyable.misfits)
+    head, *lines = str(caught.value).splitlines()
+    expected = [
+        "senors: unknown key; did you mean 'sensors'?",
+        "leader: saw_tooth_amplitude_m = 50",
+        "timing: physics_step_s = 0.03 does not divide 0.1 s",
+        "ocean.current_speed_m_s: Input should be a valid number",
+        "followers[2].waypoints[0][2]: Input should be a valid number",
+        "leader would dive to 90 m",
+        "followers[1] would dive to 35 m",
+        "navigation.use_attitude needs leader.broadcast_attitude",
+        "epoch 1960",
+        "video.camera: unknown camera 'drone'",
+        "ocean.waves: height_m=19.0",
+        "followers[0].route: unknown route 'T1'",
+        "followers[1].waypoints: route 'follower-2', waypoint 2: 5.22 m/s",
+    ]
+    missing = [text for text in expected if not any(line.strip().startswith(text) for line in lines)]
+    assert not missing
+    assert head == f"mine.toml: {len(expected)} faults"
+
+
+def test_what_is_put_aside_raises_no_fault_of_its_own() -> None:
+    """The leader's depth is no number: that its default of 8 m would lie below the floor is nobody's fault."""
+    table = {"name": "a", "leader": {"depth_m": "x"}, "ocean": {"floor_depth_m": 5.0}}
+    followers = [{"route": "T5", "depth_m": 3.0}]
+    with pytest.raises(ScenarioError, match=r"mine.toml: 1 fault\n  leader.depth_m: "):
+        scenario_file.validate({**table, "followers": followers}, "mine.toml", flyable.misfits)
+
+
+def test_followers_without_names_are_numbered() -> None:
+    def names(*followers: dict[str, Any]) -> list[str]:
+        table = {"name": "a", "followers": list(followers)}
+        return [f.name for f in scenario_file.validate(table, "a.toml").followers]
+
+    assert names({"route": "T5"}) == ["follower"]
+    assert names({"route": "T5"}, {"route": "T6"}) == ["follower-1", "follower-2"]
+    assert names({"route": "T5"}, {"route": "T6", "name": "b"}, {"route": "T7"}) == ["follower-1", "b", "follower-3"]
+
+
+@pytest.mark.parametrize(
+    ("assignments", "told"),
+    [
+        (["duration_s=86400", "timing.physics_step_s=0.0005"], "timing.physics_step_s: 86400 s of 2 vehicles"),
+        (["video.speed_up=0.01", "video.width_px=3840"], "video: a film of 1000 s at speed_up = 0.01"),
+    ],
+)
+def test_what_would_take_for_ever_is_refused_with_its_cost(assignments: list[str], told: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        library.load_flyable("T5", assignments)
+    assert told in str(caught.value)
+
+
+def test_a_day_of_one_follower_is_accepted_and_of_fifty_is_not() -> None:
+    table: dict[str, Any] = {"name": "a", "duration_s": 86400.0, "followers": [{"route": "T5"}]}
+    assert scenario_file.validate(table, "a.toml", flyable.misfits)
+    swarm = {**table, "followers": [{"route": "T5"} for _ in range(50)]}
+    # 864 000 instants of 51 vehicles at 1.1 kB; 2 000 000 instants are 3922 s of 51
+    with pytest.raises(ScenarioError, match=r"would take 48.5 GB of memory; so many vehicles may fly 3922 s"):
+        scenario_file.validate(swarm, "a.toml", flyable.misfits)
