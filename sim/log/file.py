@@ -3,33 +3,25 @@
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from operator import attrgetter
 from pathlib import Path
 from typing import IO, Any
 
-import numpy as np
-import numpy.typing as npt
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
-from mcap.well_known import MessageEncoding
-from mcap_protobuf.decoder import DecoderFactory
+from mcap.records import Chunk, Message
 
 from laisn.failure import LaisnError
+from sim.log.records import HEAD, MAGIC, Budget, DamagedError, attachment_name, inside, is_intact, parse, places, read_content
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-
-MAGIC = b"\x89MCAP0\r\n"
-RECORD_HEAD_BYTES = 1 + 8
-FOOTER_BYTES = RECORD_HEAD_BYTES + 8 + 8 + 4
-DATA_END_BYTES = RECORD_HEAD_BYTES + 4
+FOOTER_BYTES = HEAD.size + 8 + 8 + 4
+DATA_END_BYTES = HEAD.size + 4
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
 """Attachments of a log."""
+LARGEST_ATTACHMENT = 64 << 20
+"""Larger ones are not looked at [bytes]."""
+_HOLDING = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA}
 
 
 class LogError(LaisnError):
@@ -50,6 +42,8 @@ def faults(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from error
+    except DamagedError as error:
+        raise LogError(f"{path}: damaged: {error}") from error
     except Exception as error:
         # foreign bytes make decompressors, decoders and arrays fail in many ways; to the reader they are one
         raise LogError(f"{path}: damaged, or written by something else ({type(error).__name__}: {error})") from error
@@ -66,15 +60,14 @@ def _crc(stream: IO[bytes], start: int, stop: int, crc: int = 0) -> int:
 
 def end_of_log(stream: IO[bytes]) -> int | None:
     """Where the first whole MCAP file in a stream ends, whatever follows it; None if no end of one is there."""
-    size, place = stream.seek(0, os.SEEK_END), len(MAGIC)
-    while place + RECORD_HEAD_BYTES <= size:
-        stream.seek(place)
-        opcode, length = struct.unpack("<BQ", stream.read(RECORD_HEAD_BYTES))
-        place += RECORD_HEAD_BYTES + length
-        if opcode == Opcode.FOOTER:
-            stream.seek(min(place, size))
-            return place + len(MAGIC) if stream.read(len(MAGIC)) == MAGIC else None
-    return None
+    end = 0
+    try:
+        for place in places(stream):
+            end = place.start + place.length
+    except EOFError:
+        return None
+    stream.seek(end)
+    return end + len(MAGIC) if stream.read(len(MAGIC)) == MAGIC else None
 
 
 def _refusal(path: Path, stream: IO[bytes], size: int, what: str) -> LogError:
@@ -115,16 +108,42 @@ def check(path: Path) -> None:
             raise _refusal(path, stream, size, "damaged: a checksum does not fit its bytes")
 
 
-def whole_records(path: Path) -> Iterator[Any]:
-    """Records of a file of which the end may be missing, chunks as they are, up to the first that is not whole."""
+def records(stream: IO[bytes], budget: Budget, left_out: list[str] | None = None) -> Iterator[Any]:
+    """Schemas, channels, messages, attachments and metadata of a file, those in chunks included.
+
+    Args:
+        stream: the file.
+        budget: what it may unfold to.
+        left_out: takes a line for every attachment that fails its checksum, which is left out then; None: it raises.
+
+    Raises:
+        DamagedError: a record fails its checksum or unfolds to more than is believable.
+        EOFError: the file ends before its footer.
+    """
+    for place in places(stream):
+        attached = place.opcode == Opcode.ATTACHMENT
+        if place.opcode not in _HOLDING or (attached and place.length > LARGEST_ATTACHMENT):
+            continue
+        content = read_content(stream, place)
+        if attached and left_out is not None and not is_intact(content):
+            left_out.append(f"attachment {attachment_name(content)} does not fit its checksum and is left out")
+            continue
+        record = parse(place.opcode, content)
+        if isinstance(record, Chunk):
+            yield from inside(record, budget)
+        elif record is not None:
+            yield record
+
+
+def whole_records(path: Path, left_out: list[str]) -> Iterator[Any]:
+    """As `records`, of a file of which the end may be missing or damaged: up to the first record that is not whole."""
     with path.open("rb") as stream:
-        reader = StreamReader(stream, emit_chunks=True, record_size_limit=path.stat().st_size)
-        records = iter(reader.records)
+        found = records(stream, Budget(path.stat().st_size), left_out)
         while True:
             try:
-                record = next(records)
-            except StopIteration:
-                return
+                record = next(found)
+            except OSError:
+                raise
             except Exception:
                 # past the last whole record there may be anything
                 return
@@ -132,116 +151,14 @@ def whole_records(path: Path) -> Iterator[Any]:
 
 
 def rescuable(path: Path) -> bool:
-    """Whether a partial log holds so much that recovering it makes sense: a chunk of more than one instant."""
+    """Whether a partial log holds so much that recovering it makes sense: messages of more than one instant."""
+    first = None
     try:
-        records = whole_records(path)
-        return any(isinstance(r, Chunk) and r.message_end_time > r.message_start_time for r in records)
-    except OSError:
-        return False
-
-
-@dataclass
-class Messages:
-    """The messages of a topic in order of time."""
-
-    schema: Schema | None
-    encoding: str
-    time_ns: list[int] = field(default_factory=list)
-    """Log times since 1970 [ns]."""
-    data: list[bytes] = field(default_factory=list)
-
-    def decoded(self) -> Iterator[Any]:
-        """As protobuf messages, by the schema in the file."""
-        decode = self._decoder()
-        return (decode(data) for data in self.data)
-
-    def _decoder(self) -> Callable[[bytes], Any]:
-        decode: Callable[[bytes], Any] | None = DecoderFactory().decoder_for(self.encoding, self.schema)
-        if decode is None:
-            raise ValueError(f"messages are encoded as {self.encoding or 'nothing known'}, expected protobuf")
-        return decode
-
-    def descriptor(self) -> Any:
-        """The protobuf descriptor of the messages."""
-        return self._decoder()(b"").DESCRIPTOR
-
-    def columns(self, names: Sequence[str]) -> Floats:
-        """Numbers by the names of their fields ("pose.position.x"), shape (n, len(names))."""
-        get = attrgetter(*names)
-        rows = [get(message) for message in self.decoded()]
-        return np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
-
-    def integers(self, name: str) -> Ints:
-        """An integer field, shape (n,)."""
-        get = attrgetter(name)
-        return np.array([get(message) for message in self.decoded()], dtype=np.int64)
-
-
-@dataclass
-class Contents:
-    """What a log holds."""
-
-    attachments: dict[str, bytes] = field(default_factory=dict)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    topics: dict[str, Messages] = field(default_factory=dict)
-
-
-def contents(path: Path, wanted: Callable[[str], bool] = lambda topic: True) -> Contents:
-    """Read a log after `check`; channels of the same topic are one, messages come in order of their log time.
-
-    Raises:
-        LogError: it cannot be read, is damaged, or no MCAP file.
-    """
-    check(path)
-    result, schemas, ids = Contents(), dict[int, Schema](), dict[int, Messages]()
-    with faults(path), path.open("rb") as stream:
-        for record in StreamReader(stream, validate_crcs=True).records:
+        for record in whole_records(path, []):
             if isinstance(record, Message):
-                messages = ids.get(record.channel_id)
-                if messages is not None:
-                    messages.time_ns.append(record.log_time)
-                    messages.data.append(record.data)
-            elif isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel) and wanted(record.topic):
-                ids[record.id] = result.topics.setdefault(
-                    record.topic, Messages(schemas.get(record.schema_id), record.message_encoding)
-                )
-            elif isinstance(record, Attachment):
-                result.attachments[record.name] = record.data
-            elif isinstance(record, Metadata):
-                result.metadata[record.name] = record.metadata
-        for messages in result.topics.values():
-            order = np.argsort(messages.time_ns, kind="stable").tolist()
-            messages.time_ns = [messages.time_ns[i] for i in order]
-            messages.data = [messages.data[i] for i in order]
-    return result
-
-
-def require(path: Path, log: Contents, topic: str, names: Sequence[str]) -> Messages:
-    """The messages of a topic that has all the named fields.
-
-    Raises:
-        LogError: naming the topics or the fields that there are.
-    """
-    messages = log.topics.get(topic)
-    if messages is None:
-        raise LogError(f"{path}: lacks channel {topic}; available: {', '.join(sorted(log.topics)) or 'none'}")
-    with faults(path):
-        if messages.encoding != MessageEncoding.Protobuf:
-            raise LogError(f"{path}: channel {topic} is encoded as {messages.encoding!r}, expected protobuf")
-        missing = [name for name in names if not has_field(messages.descriptor(), name)]
-    if missing:
-        known = ", ".join(f.name for f in messages.descriptor().fields)
-        raise LogError(f"{path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
-    return messages
-
-
-def has_field(descriptor: Any, name: str) -> bool:
-    """Whether a protobuf type has the field "name" or "name.of.a.nested.one"."""
-    for part in name.split("."):
-        inner = descriptor.fields_by_name.get(part) if descriptor is not None else None
-        if inner is None:
-            return False
-        descriptor = inner.message_type
-    return True
+                first = record.log_time if first is None else first
+                if record.log_time > first:
+                    return True
+    except OSError:
+        pass
+    return False

@@ -1,0 +1,134 @@
+"""What is in a log: its attachments, metadata, and the messages of its channels."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.well_known import MessageEncoding
+from mcap_protobuf.decoder import DecoderFactory
+
+from sim.log.file import LogError, check, faults, records
+from sim.log.records import KEPT_COST, Budget
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass
+class Messages:
+    """The messages of a topic in order of time."""
+
+    schema: Schema | None
+    encoding: str
+    time_ns: list[int] = field(default_factory=list)
+    """Log times since 1970 [ns]."""
+    data: list[bytes] = field(default_factory=list)
+
+    def is_like(self, other: "Messages") -> bool:
+        """Whether messages of the other channel are understood in the same way."""
+        mine, yours = (None if m.schema is None else (m.schema.name, m.schema.data) for m in (self, other))
+        return (mine, self.encoding) == (yours, other.encoding)
+
+    def decoded(self) -> Iterator[Any]:
+        """As protobuf messages, by the schema in the file."""
+        decode = self._decoder()
+        return (decode(data) for data in self.data)
+
+    def _decoder(self) -> Callable[[bytes], Any]:
+        decode: Callable[[bytes], Any] | None = DecoderFactory().decoder_for(self.encoding, self.schema)
+        if decode is None:
+            raise ValueError(f"messages are encoded as {self.encoding or 'nothing known'}, expected protobuf")
+        return decode
+
+    def descriptor(self) -> Any:
+        """The protobuf descriptor of the messages."""
+        return self._decoder()(b"").DESCRIPTOR
+
+    def columns(self, names: Sequence[str]) -> Floats:
+        """Numbers by the names of their fields ("pose.position.x"), shape (n, len(names))."""
+        get = attrgetter(*names)
+        rows = [get(message) for message in self.decoded()]
+        return np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
+
+    def integers(self, name: str) -> Ints:
+        """An integer field, shape (n,)."""
+        get = attrgetter(name)
+        return np.array([get(message) for message in self.decoded()], dtype=np.int64)
+
+
+@dataclass
+class Contents:
+    """What a log holds."""
+
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    topics: dict[str, Messages] = field(default_factory=dict)
+
+
+def contents(path: Path, wanted: Callable[[str], bool] = lambda topic: True) -> Contents:
+    """Read a log after `check`; channels of the same topic are one, messages come in order of their log time.
+
+    Raises:
+        LogError: it cannot be read, is damaged, unfolds to more than is believable, or is no MCAP file.
+    """
+    check(path)
+    result, schemas, ids = Contents(), dict[int, Schema](), dict[int, Messages]()
+    budget = Budget(path.stat().st_size)
+    with faults(path), path.open("rb") as stream:
+        for record in records(stream, budget):
+            if isinstance(record, Message):
+                messages = ids.get(record.channel_id)
+                if messages is not None:
+                    budget.charge(KEPT_COST + len(record.data))
+                    messages.time_ns.append(record.log_time)
+                    messages.data.append(record.data)
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel) and wanted(record.topic):
+                channel = Messages(schemas.get(record.schema_id), record.message_encoding)
+                ids[record.id] = result.topics.setdefault(record.topic, channel)
+                if not ids[record.id].is_like(channel):
+                    raise LogError(f"{path}: channel {record.topic} has messages of two types; it may have one")
+            elif isinstance(record, Attachment):
+                result.attachments[record.name] = record.data
+            elif isinstance(record, Metadata):
+                result.metadata[record.name] = record.metadata
+        for messages in result.topics.values():
+            order = np.argsort(messages.time_ns, kind="stable").tolist()
+            messages.time_ns = [messages.time_ns[i] for i in order]
+            messages.data = [messages.data[i] for i in order]
+    return result
+
+
+def require(path: Path, log: Contents, topic: str, names: Sequence[str]) -> Messages:
+    """The messages of a topic that has all the named fields.
+
+    Raises:
+        LogError: naming the topics or the fields that there are.
+    """
+    messages = log.topics.get(topic)
+    if messages is None:
+        raise LogError(f"{path}: lacks channel {topic}; available: {', '.join(sorted(log.topics)) or 'none'}")
+    with faults(path):
+        if messages.encoding != MessageEncoding.Protobuf:
+            raise LogError(f"{path}: channel {topic} is encoded as {messages.encoding!r}, expected protobuf")
+        missing = [name for name in names if not has_field(messages.descriptor(), name)]
+    if missing:
+        known = ", ".join(f.name for f in messages.descriptor().fields)
+        raise LogError(f"{path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
+    return messages
+
+
+def has_field(descriptor: Any, name: str) -> bool:
+    """Whether a protobuf type has the field "name" or "name.of.a.nested.one"."""
+    for part in name.split("."):
+        inner = descriptor.fields_by_name.get(part) if descriptor is not None else None
+        if inner is None:
+            return False
+        descriptor = inner.message_type
+    return True

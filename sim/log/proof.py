@@ -1,0 +1,152 @@
+"""Digests by which a log that is read back proves that it is what was written, and how far it is.
+
+Checksums protect single records of a log; they say nothing of one that is missing, doubled, or written anew by another
+program. So every ten seconds of mission the writer adds a metadata record, "proof 0", "proof 1" …, with digests of all
+that belongs to the flight up to then: each of its channels, the attachments and the other metadata. The last one also
+says how the mission ended.
+"""
+
+import hashlib
+import json
+import struct
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import IO, Any, Self
+
+from mcap.records import Schema
+from mcap.writer import CompressionType, Writer
+
+CORE = ("/pose", "/state", "/motion", "/reception", "/filter", "/innovation")
+"""How the topics end that make up a flight; everything else in its log is drawn from them."""
+PROOF = "proof "
+"""How the names of these metadata records begin."""
+_MESSAGE = struct.Struct("<QQ")
+_DIGEST_BYTES = 16
+
+
+def is_core(topic: str) -> bool:
+    """Whether a channel belongs to the flight."""
+    return topic.endswith(CORE)
+
+
+class Digests:
+    """Running digests of channels, by topic, and of attachments and metadata, by "attachment NAME" and so on."""
+
+    def __init__(self) -> None:
+        self._running: dict[str, Any] = {}
+
+    def _add(self, name: str, *parts: bytes) -> None:
+        running = self._running.setdefault(name, hashlib.blake2b(digest_size=_DIGEST_BYTES))
+        for part in parts:
+            running.update(len(part).to_bytes(8, "little") + part)
+
+    def add_attachment(self, name: str, data: bytes) -> None:
+        """Take in an attachment."""
+        self._add(f"attachment {name}", data)
+
+    def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
+        """Take in a metadata record; proofs don't count."""
+        if not name.startswith(PROOF):
+            self._add(f"metadata {name}", json.dumps(facts, sort_keys=True).encode())
+
+    def add_channel(self, topic: str, encoding: str, schema: Schema | None) -> None:
+        """Take in how the messages of a channel are to be understood."""
+        parts = [] if schema is None else [schema.name.encode(), schema.encoding.encode(), schema.data]
+        self._add(topic, encoding.encode(), *parts)
+
+    def add_message(self, topic: str, time_ns: int, data: bytes) -> None:
+        """Take in the next message of a channel that was taken in."""
+        self._running[topic].update(_MESSAGE.pack(time_ns, len(data)) + data)
+
+    def current(self) -> dict[str, str]:
+        """The digests as they stand, by name, in hexadecimal."""
+        return {name: running.hexdigest() for name, running in self._running.items()}
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What was written up to some time."""
+
+    until_ns: int
+    """It covers the messages before this time since 1970 [ns]."""
+    digests: Mapping[str, str]
+    outcome: str = ""
+    """How the mission ended, in the last proof of a log; else empty."""
+
+    @classmethod
+    def parse(cls, facts: Mapping[str, str]) -> Self:
+        """From a metadata record; ValueError if its time is no number."""
+        digests = {name: digest for name, digest in facts.items() if name not in ("until_ns", "outcome")}
+        return cls(int(facts.get("until_ns", "")), digests, facts.get("outcome", ""))
+
+    def record(self) -> dict[str, str]:
+        """As a metadata record."""
+        return {"until_ns": str(self.until_ns), "outcome": self.outcome, **self.digests}
+
+    def differing(self, found: Digests) -> list[str]:
+        """Names of what is there and is not what was written.
+
+        What was left out as a whole does not count, nor do attachments and metadata that were added.
+        """
+        return sorted(
+            name
+            for name, digest in found.current().items()
+            if (name in self.digests or is_core(name)) and self.digests.get(name) != digest
+        )
+
+
+def proofs(metadata: Iterable[tuple[str, Mapping[str, str]]]) -> list[Proof]:
+    """The proofs among metadata records, in order of time; ValueError if the time of one is no number."""
+    found = [Proof.parse(facts) for name, facts in metadata if name.startswith(PROOF)]
+    return sorted(found, key=lambda proof: (proof.until_ns, proof.outcome))
+
+
+class ProvingWriter(Writer):  # type: ignore[misc]  # the library carries no types
+    """Writes an MCAP file, and proofs of what it wrote."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        super().__init__(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._digests = Digests()
+        self._known: dict[int, Schema] = {}
+        self._topics: dict[int, str] = {}
+        self._proofs = 0
+        self.start(profile="")
+
+    def add_attachment(self, create_time: int, log_time: int, name: str, media_type: str, data: bytes) -> None:
+        """Attach a file."""
+        self._digests.add_attachment(name, data)
+        super().add_attachment(create_time, log_time, name, media_type, data)
+
+    def add_metadata(self, name: str, data: dict[str, str]) -> None:
+        """Write a metadata record."""
+        self._digests.add_metadata(name, data)
+        super().add_metadata(name, data)
+
+    def register_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """Register a message type; returns its number."""
+        number = int(super().register_schema(name, encoding, data))
+        self._known[number] = Schema(id=number, data=data, encoding=encoding, name=name)
+        return number
+
+    def register_channel(
+        self, topic: str, message_encoding: str, schema_id: int, metadata: Mapping[str, str] | None = None
+    ) -> int:
+        """Register a channel; returns its number."""
+        number = int(super().register_channel(topic, message_encoding, schema_id, dict(metadata or {})))
+        if is_core(topic):
+            self._topics[number] = topic
+            self._digests.add_channel(topic, message_encoding, self._known.get(schema_id))
+        return number
+
+    def add_message(self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0) -> None:
+        """Write a message."""
+        topic = self._topics.get(channel_id)
+        if topic is not None:
+            self._digests.add_message(topic, log_time, data)
+        super().add_message(channel_id, log_time, data, publish_time, sequence)
+
+    def prove(self, until_ns: int, outcome: str = "") -> None:
+        """Add a proof of everything so far, which lies before `until_ns`; an outcome makes it the last one."""
+        proof = Proof(until_ns, self._digests.current(), outcome)
+        super().add_metadata(f"{PROOF}{self._proofs}", proof.record())
+        self._proofs += 1
