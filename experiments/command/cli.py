@@ -280,7 +280,7 @@ def log_recover(log: LogArgument) -> None:
     """Finish a log that a crash, a full disk or Ctrl-C left behind."""
     from sim.log.recovery import recover
 
-    _say(recover(log))
+    _say(recover(log, lambda remark: _say(f"note: {remark}")))
 
 
 def main() -> None:

@@ -99,9 +99,11 @@ def dissect(flight: Flight, follower: int = 0) -> Anatomy:
     """
     scenario, trajectory, measured = flight.scenario, flight.trajectory, flight.measurements[follower]
     sound = propagate(trajectory, scenario, follower)
-    _, row, kept = np.intersect1d(sound.message_step, measured.message_step, return_indices=True)
+    # sound counts steps from the start of the mission, a flight from its own
+    first = round(float(trajectory.time[0]) / measured.dt)
+    _, row, kept = np.intersect1d(sound.message_step - first, measured.message_step, return_indices=True)
     emission = sound.emission_step[row]
-    fix, sent = measured.message_step[kept] * flight.stride, emission * flight.stride
+    fix, sent = measured.message_step[kept] * flight.stride, (emission - first) * flight.stride
 
     sites = [trajectory.site(name) for name in TRANSMITTERS]
     broadcast = trajectory.site_position[sent][:, sites]

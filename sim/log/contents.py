@@ -1,6 +1,7 @@
 """What is in a log: its attachments, metadata, and the messages of its channels."""
 
-from collections.abc import Callable, Iterator, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -51,9 +52,10 @@ class Messages:
 
     def columns(self, names: Sequence[str]) -> Floats:
         """Numbers by the names of their fields ("pose.position.x"), shape (n, len(names))."""
-        get = attrgetter(*names)
-        rows = [get(message) for message in self.decoded()]
-        return np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
+        fields = [attrgetter(name) for name in names]
+        numbers = (get(message) for message in self.decoded() for get in fields)
+        count = len(self.data) * len(names)
+        return np.fromiter(numbers, dtype=np.float64, count=count).reshape(len(self.data), len(names))
 
     def integers(self, name: str) -> Ints:
         """An integer field, shape (n,)."""
@@ -69,40 +71,56 @@ class Contents:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     topics: dict[str, Messages] = field(default_factory=dict)
 
+    def keep_before(self, time_ns: int) -> None:
+        """Drop the messages from some time since 1970 on [ns]."""
+        for messages in self.topics.values():
+            n = bisect_left(messages.time_ns, time_ns)
+            del messages.time_ns[n:], messages.data[n:]
+
+
+def collect(path: Path, records: Iterable[Any], budget: Budget, wanted: Callable[[str], bool]) -> Contents:
+    """What is in the records of a log; channels of the same topic are one, messages come in order of their log time.
+
+    Raises:
+        LogError: a channel has messages of several types.
+        DamagedError: it unfolds to more than is believable.
+    """
+    result, schemas, ids = Contents(), dict[int, Schema](), dict[int, Messages]()
+    for record in records:
+        if isinstance(record, Message):
+            messages = ids.get(record.channel_id)
+            if messages is not None:
+                budget.charge(KEPT_COST + len(record.data))
+                messages.time_ns.append(record.log_time)
+                messages.data.append(record.data)
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel) and wanted(record.topic):
+            channel = Messages(schemas.get(record.schema_id), record.message_encoding)
+            ids[record.id] = result.topics.setdefault(record.topic, channel)
+            if not ids[record.id].is_like(channel):
+                raise LogError(f"{path}: channel {record.topic} has messages of two types; it may have one")
+        elif isinstance(record, Attachment):
+            result.attachments[record.name] = record.data
+        elif isinstance(record, Metadata):
+            result.metadata[record.name] = record.metadata
+    for messages in result.topics.values():
+        order = np.argsort(messages.time_ns, kind="stable").tolist()
+        messages.time_ns = [messages.time_ns[i] for i in order]
+        messages.data = [messages.data[i] for i in order]
+    return result
+
 
 def contents(path: Path, wanted: Callable[[str], bool] = lambda topic: True) -> Contents:
-    """Read a log after `check`; channels of the same topic are one, messages come in order of their log time.
+    """Read a log after `check`; as `collect` orders it.
 
     Raises:
         LogError: it cannot be read, is damaged, unfolds to more than is believable, or is no MCAP file.
     """
     check(path)
-    result, schemas, ids = Contents(), dict[int, Schema](), dict[int, Messages]()
     budget = Budget(path.stat().st_size)
     with faults(path), path.open("rb") as stream:
-        for record in records(stream, budget):
-            if isinstance(record, Message):
-                messages = ids.get(record.channel_id)
-                if messages is not None:
-                    budget.charge(KEPT_COST + len(record.data))
-                    messages.time_ns.append(record.log_time)
-                    messages.data.append(record.data)
-            elif isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel) and wanted(record.topic):
-                channel = Messages(schemas.get(record.schema_id), record.message_encoding)
-                ids[record.id] = result.topics.setdefault(record.topic, channel)
-                if not ids[record.id].is_like(channel):
-                    raise LogError(f"{path}: channel {record.topic} has messages of two types; it may have one")
-            elif isinstance(record, Attachment):
-                result.attachments[record.name] = record.data
-            elif isinstance(record, Metadata):
-                result.metadata[record.name] = record.metadata
-        for messages in result.topics.values():
-            order = np.argsort(messages.time_ns, kind="stable").tolist()
-            messages.time_ns = [messages.time_ns[i] for i in order]
-            messages.data = [messages.data[i] for i in order]
-    return result
+        return collect(path, records(stream, budget), budget, wanted)
 
 
 def require(path: Path, log: Contents, topic: str, names: Sequence[str]) -> Messages:

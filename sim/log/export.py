@@ -1,18 +1,34 @@
 """Channels of a log as tables: a Parquet or CSV file for each."""
 
+import itertools
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, get_args
+from urllib.parse import quote
 
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
+from google.protobuf.descriptor import FieldDescriptor
 
-from sim.log.file import LogError, Messages, contents, faults
+from sim.log.contents import Messages, contents
+from sim.log.file import LogError, faults
 
 Format = Literal["parquet", "csv"]
+_WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
+_ROWS = 20_000
+_KINDS = {
+    FieldDescriptor.CPPTYPE_DOUBLE: pa.float64(),
+    FieldDescriptor.CPPTYPE_FLOAT: pa.float64(),
+    FieldDescriptor.CPPTYPE_INT32: pa.int64(),
+    FieldDescriptor.CPPTYPE_INT64: pa.int64(),
+    FieldDescriptor.CPPTYPE_UINT32: pa.uint64(),
+    FieldDescriptor.CPPTYPE_UINT64: pa.uint64(),
+    FieldDescriptor.CPPTYPE_BOOL: pa.bool_(),
+    FieldDescriptor.CPPTYPE_STRING: pa.string(),
+}
 
 
 def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -33,20 +49,54 @@ def _value(message: Any, path: str) -> Any:
     return message
 
 
-def _table(messages: Messages) -> Any:
-    """A row a message: its log time, then its leaves; None if it has none."""
-    leaves = list(_leaves(messages.descriptor()))
-    if not leaves:
-        return None
-    decoded = list(messages.decoded())
-    columns: dict[str, Any] = {"log_time_ns": pa.array(messages.time_ns, type=pa.int64())}
-    for path, field in leaves:
-        kind = pa.float64() if field.cpp_type == field.CPPTYPE_DOUBLE else None
-        values = [_value(message, path) for message in decoded]
-        if field.enum_type is not None:
-            values = [field.enum_type.values_by_number[value].name for value in values]
-        columns[path] = pa.array(values, type=kind)
-    return pa.table(columns)
+def _schema(leaves: Sequence[tuple[str, Any]]) -> Any:
+    """Columns of a table: the log time, then the leaves."""
+    kinds = [pa.string() if leaf.enum_type is not None else _KINDS[leaf.cpp_type] for _, leaf in leaves]
+    names = [name for name, _ in leaves]
+    return pa.schema([("log_time_ns", pa.int64()), *zip(names, kinds, strict=True)])
+
+
+def _enum_name(leaf: Any, number: int) -> str:
+    known = leaf.enum_type.values_by_number.get(number)
+    return str(number) if known is None else str(known.name)
+
+
+def _batches(messages: Messages, leaves: Sequence[tuple[str, Any]], schema: Any) -> Iterator[Any]:
+    """Rows of a table, some thousands at a time: a message decoded takes ten times the room that its numbers take."""
+    decoded = messages.decoded()
+    for start in range(0, len(messages.time_ns), _ROWS):
+        times = messages.time_ns[start : start + _ROWS]
+        part = list(itertools.islice(decoded, len(times)))
+        columns: list[list[Any]] = [times]
+        for name, leaf in leaves:
+            values = [_value(message, name) for message in part]
+            columns.append(values if leaf.enum_type is None else [_enum_name(leaf, value) for value in values])
+        yield pa.record_batch([pa.array(c, type=t) for c, t in zip(columns, schema.types, strict=True)], schema=schema)
+
+
+def _file_names(topics: Iterable[str]) -> dict[str, str]:
+    """A name for the table of each topic, without suffix: no two the same, also where case does not count."""
+    names: dict[str, str] = {}
+    taken: set[str] = set()
+    for topic in topics:
+        # "/" separates, what is no letter, digit, ".", "_", "-" or "~" is written as %XX
+        stem = quote(topic.strip("/").replace("/", "_"), safe="") or "channel"
+        stem = next(
+            n for n in itertools.chain([stem], (f"{stem}~{k}" for k in itertools.count(2))) if n.lower() not in taken
+        )
+        taken.add(stem.lower())
+        names[topic] = stem
+    return names
+
+
+def _whole(path: Path, batches: Iterator[Any]) -> Iterator[Any]:
+    """The batches; what goes wrong in making them is the log's fault, not that of the table's file."""
+    while True:
+        with faults(path):
+            batch = next(batches, None)
+        if batch is None:
+            return
+        yield batch
 
 
 def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path]:
@@ -54,7 +104,8 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
 
     Args:
         path: any MCAP log with protobuf channels.
-        out: folder for the tables, made if need be; "/follower/estimate" becomes "follower_estimate.parquet".
+        out: folder for the tables, made if need be; "/follower/estimate" becomes "follower_estimate.parquet". Unusual
+            characters become %XX, and names that would fall together end in "~2", "~3" …
         table_format: "parquet", or "csv" (numbers in shortest form that reads back to the same float64).
 
     Returns:
@@ -66,27 +117,32 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
     if table_format not in get_args(Format):
         raise LogError(f"unknown format {table_format!r}; available: {', '.join(get_args(Format))}")
     log = contents(path)
+    names = _file_names(sorted(log.topics))
     files = []
-    for topic, messages in sorted(log.topics.items()):
+    for topic, name in names.items():
+        messages = log.topics[topic]
         if messages.encoding != "protobuf":
             continue
         with faults(path):
-            table = _table(messages)
-        if table is None:
+            leaves = list(_leaves(messages.descriptor()))
+        if not leaves:
             continue
-        file = out / f"{topic.strip('/').replace('/', '_')}.{table_format}"
+        file = out / f"{name}.{table_format}"
         work = file.with_name(f"{file.name}.partial")
         try:
             out.mkdir(parents=True, exist_ok=True)
-            if table_format == "parquet":
-                pa.parquet.write_table(table, work)
-            else:
-                pa.csv.write_csv(table, work)
+            with faults(path):
+                schema = _schema(leaves)
+            with _WRITERS[table_format](work, schema) as table:
+                for batch in _whole(path, _batches(messages, leaves, schema)):
+                    table.write_batch(batch)
             os.replace(work, file)
-        except OSError as error:
+        except BaseException as error:
             with suppress(OSError):
                 work.unlink()
-            raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
+            if isinstance(error, OSError):
+                raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
+            raise
         files.append(file)
     if not files:
         channels = ", ".join(sorted(log.topics)) or "none"

@@ -4,7 +4,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,7 +12,19 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
 
 from laisn.failure import LaisnError
-from sim.log.records import HEAD, MAGIC, Budget, DamagedError, attachment_name, inside, is_intact, parse, places, read_content
+from sim.log.records import (
+    HEAD,
+    MAGIC,
+    Budget,
+    DamagedError,
+    attachment_crc,
+    attachment_name,
+    inside,
+    is_intact,
+    parse,
+    places,
+    read_content,
+)
 
 FOOTER_BYTES = HEAD.size + 8 + 8 + 4
 DATA_END_BYTES = HEAD.size + 4
@@ -135,10 +147,10 @@ def records(stream: IO[bytes], budget: Budget, left_out: list[str] | None = None
             yield record
 
 
-def whole_records(path: Path, left_out: list[str]) -> Iterator[Any]:
+def whole_records(path: Path, budget: Budget, left_out: list[str]) -> Iterator[Any]:
     """As `records`, of a file of which the end may be missing or damaged: up to the first record that is not whole."""
     with path.open("rb") as stream:
-        found = records(stream, Budget(path.stat().st_size), left_out)
+        found = records(stream, budget, left_out)
         while True:
             try:
                 record = next(found)
@@ -150,11 +162,31 @@ def whole_records(path: Path, left_out: list[str]) -> Iterator[Any]:
             yield record
 
 
+def unprotected(path: Path) -> list[str]:
+    """What in a file, as far as its records are whole, has no checksum; damage to it would go unnoticed."""
+    attachments: list[str] = []
+    others: list[str] = []
+    chunks = bare_chunks = 0
+    with path.open("rb") as stream, suppress(EOFError):
+        for place in places(stream):
+            if place.opcode == Opcode.ATTACHMENT and place.length <= LARGEST_ATTACHMENT:
+                content = read_content(stream, place)
+                attachments += [] if attachment_crc(content) else [f"attachment {attachment_name(content)}"]
+            elif place.opcode == Opcode.CHUNK:
+                chunks += 1
+                bare_chunks += not int.from_bytes(read_content(stream, place, 28)[24:], "little")
+            elif place.opcode == Opcode.DATA_END:
+                others += [] if any(read_content(stream, place)) else ["the data as a whole"]
+            elif place.opcode == Opcode.FOOTER:
+                others += [] if any(read_content(stream, place)[16:]) else ["the summary"]
+    return attachments + ([f"{bare_chunks} of {chunks} chunks"] if bare_chunks else []) + others
+
+
 def rescuable(path: Path) -> bool:
     """Whether a partial log holds so much that recovering it makes sense: messages of more than one instant."""
     first = None
     try:
-        for record in whole_records(path, []):
+        for record in whole_records(path, Budget(path.stat().st_size), []):
             if isinstance(record, Message):
                 first = record.log_time if first is None else first
                 if record.log_time > first:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from sim.log.file import LogError, check, faults
+from sim.log.file import LogError, check, faults, unprotected
+from sim.log.proof import PROOF
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,9 @@ class LogInfo:
     attachments: dict[str, int]
     """Sizes by name [bytes]."""
     metadata: dict[str, dict[str, str]]
+    """Without the proofs, which tell a reader nothing."""
+    unprotected: tuple[str, ...]
+    """What has no checksum, so that damage to it cannot be seen."""
 
 
 def info(path: Path) -> LogInfo:
@@ -55,7 +59,8 @@ def info(path: Path) -> LogInfo:
             )
             for id_, channel in summary.channels.items()
         ]
-        metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
+        records = (record for record in reader.iter_metadata() if not record.name.startswith(PROOF))
+        metadata = {record.name: dict(record.metadata) for record in records}
         start_ns, end_ns = statistics.message_start_time, statistics.message_end_time
         return LogInfo(
             path=path,
@@ -65,4 +70,5 @@ def info(path: Path) -> LogInfo:
             channels=tuple(sorted(channels, key=lambda channel: channel.topic)),
             attachments={index.name: index.data_size for index in summary.attachment_indexes},
             metadata=metadata,
+            unprotected=tuple(unprotected(path)),
         )

@@ -101,7 +101,7 @@ def proofs(metadata: Iterable[tuple[str, Mapping[str, str]]]) -> list[Proof]:
     return sorted(found, key=lambda proof: (proof.until_ns, proof.outcome))
 
 
-class ProvingWriter(Writer):  # type: ignore[misc]  # the library carries no types
+class ProvingWriter(Writer):
     """Writes an MCAP file, and proofs of what it wrote."""
 
     def __init__(self, stream: IO[bytes]) -> None:

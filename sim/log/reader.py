@@ -2,7 +2,7 @@
 
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,10 @@ import numpy.typing as npt
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from sim.flight import Flight, Outcome
-from sim.log.file import SCENARIO, VEHICLES, Contents, LogError, Messages, contents, faults, has_field, require
+from sim.log.clock import Clock
+from sim.log.contents import Contents, Messages, contents, has_field, require
+from sim.log.file import SCENARIO, VEHICLES, LogError, faults
+from sim.log.proof import CORE, is_core
 from sim.log.schema import (
     ANGULAR_VELOCITY,
     COVARIANCE,
@@ -25,7 +28,9 @@ from sim.log.schema import (
     VELOCITY,
     WATER_VELOCITY,
 )
+from sim.log.wholeness import prove
 from sim.scenario import file as scenario_file
+from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
@@ -109,6 +114,7 @@ def read_measurements(path: Path | str, follower: str = "follower") -> Measureme
     """
     path = Path(path)
     log = contents(path, lambda topic: topic.endswith(("/motion", "/reception")))
+    prove(path, log)
     return _measurements(path, log, follower)[0]
 
 
@@ -163,6 +169,48 @@ def _trajectory(path: Path, log: Contents) -> Trajectory:
     )
 
 
+def _check_facts(path: Path, flight: Flight, facts: Mapping[str, str]) -> None:
+    """The metadata must be of the scenario."""
+    scenario = flight.scenario
+    expected = {
+        "filter_step_s": repr(scenario.timing.filter_step_s),
+        "seed": str(scenario.seed),
+        "run": str(scenario.run),
+    }
+    for name, value in expected.items():
+        if facts.get(name) != value:
+            raise LogError(f"{path}: metadata laisn says {name} = {facts.get(name)}, its scenario {value}")
+    vehicles = ("leader", *(follower.name for follower in scenario.followers))
+    if flight.trajectory.names != vehicles:
+        raise LogError(f"{path}: it holds {', '.join(flight.trajectory.names)}; its scenario has {', '.join(vehicles)}")
+
+
+def _check_times(path: Path, flight: Flight, times: Sequence[Sequence[int]]) -> None:
+    """The flight must begin where the mission does, have no gap, and end where its outcome says.
+
+    Args:
+        path: for messages.
+        flight: as read.
+        times: log times of the truth, then of every follower's filter steps [ns].
+    """
+    scenario, truth = flight.scenario, flight.trajectory
+    clock, points = Clock(scenario.epoch), truth.time.size
+    grid = clock.ns(CONTROL_STEP_S * np.arange(points))
+    if times[0] != grid.tolist() or not np.array_equal(clock.ns(truth.time), grid):
+        raise LogError(f"{path}: the truth does not come every {CONTROL_STEP_S:g} s from the start of the mission")
+    n = (points - 1) // flight.stride
+    if flight.outcome is Outcome.COMPLETED and n != scenario.filter_steps:
+        raise LogError(
+            f"{path}: a completed mission of {scenario.duration_s:g} s has {scenario.filter_steps} filter steps, "
+            f"this log has {n}"
+        )
+    for name, steps_ns, m, e in zip(truth.names[1:], times[1:], flight.measurements, flight.estimates, strict=True):
+        if steps_ns != clock.ns(m.dt * np.arange(1, n + 1)).tolist():
+            raise LogError(f"{path}: the filter steps of {name} are not those of a flight of {n * m.dt:g} s")
+        if not np.array_equal(np.unique(e.fix_step), m.message_step):
+            raise LogError(f"{path}: {name} has receptions without a fix, or fixes without a reception")
+
+
 def read(path: Path | str) -> Flight:
     """The flight that `sim.log.writer.write` wrote, equal to the bit.
 
@@ -170,11 +218,12 @@ def read(path: Path | str) -> Flight:
         LogError: the log is damaged, or was not written by the simulator; the text names what is missing.
     """
     path = Path(path)
-    suffixes = ("/pose", "/state", "/motion", "/reception", "/filter", "/innovation")
-    log = contents(path, lambda topic: topic.endswith(suffixes))
+    log = contents(path, is_core)
+    whole = prove(path, log)
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
     missing += [] if "laisn" in log.metadata else ["metadata laisn"]
-    missing += [f"channel /NAME{suffix}" for suffix in suffixes if not any(t.endswith(suffix) for t in log.topics)]
+    missing += [f"channel /NAME{suffix}" for suffix in CORE if not any(t.endswith(suffix) for t in log.topics)]
+    missing += [] if missing or whole is not None else ["proofs of being whole (metadata proof 0, proof 1 …)"]
     if missing:
         raise LogError(
             f"{path}: holds no whole flight: it lacks {', '.join(missing)}; available: "
@@ -190,10 +239,14 @@ def read(path: Path | str) -> Flight:
             _estimates(path, log, name, steps_ns)
             for name, (_, steps_ns) in zip(trajectory.names[1:], measured, strict=True)
         ]
-        return Flight(
+        flight = Flight(
             scenario=scenario,
             trajectory=trajectory,
             measurements=tuple(measurements for measurements, _ in measured),
             estimates=tuple(estimates),
-            outcome=Outcome[log.metadata["laisn"]["outcome"]],
+            outcome=Outcome[log.metadata["laisn"]["outcome"]] if whole else Outcome.INTERRUPTED,
         )
+        times = log.topics[f"/{trajectory.names[0]}/pose"].time_ns, *(steps_ns.tolist() for _, steps_ns in measured)
+        _check_times(path, flight, times)
+        _check_facts(path, flight, log.metadata["laisn"])
+        return flight

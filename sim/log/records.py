@@ -22,10 +22,10 @@ ATTACHMENT_HEAD = struct.Struct("<QQI")
 
 ALLOWANCE = 32 << 20
 RATIO = 64
-"""A file or chunk of n bytes may unfold to ALLOWANCE + RATIO · n bytes; flights unfold to 2 to 4 times their size."""
+"""A file or chunk of n bytes may unfold to ALLOWANCE + RATIO · n bytes; flights unfold to some 5 n."""
 READ_SHARE = 16
 """What is unfolded and then dropped costs time, but no memory: a sixteenth of what is kept."""
-MESSAGE_COST, KEPT_COST = 20, 100
+MESSAGE_COST, KEPT_COST = 50, 100
 """What a message costs besides its bytes when it is read, and when it is kept [bytes]."""
 
 _PARSERS: dict[int, Callable[[ReadDataStream], Any]] = {

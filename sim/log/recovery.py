@@ -2,16 +2,35 @@
 
 import os
 import shutil
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
-from mcap.writer import CompressionType, Writer
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from sim.flight import Outcome
-from sim.log.file import LogError, check, end_of_log, faults, partial_path, rescuable, whole_records
+from sim.log import reader
+from sim.log.contents import collect
+from sim.log.file import (
+    SCENARIO,
+    VEHICLES,
+    LogError,
+    check,
+    end_of_log,
+    faults,
+    partial_path,
+    rescuable,
+    unprotected,
+    whole_records,
+)
+from sim.log.proof import PROOF, ProvingWriter, is_core, proofs
+from sim.log.records import Budget
+from sim.log.wholeness import proved_times, strangers
+
+_RECOVERY = "recovery"
+"""Name of the metadata that a recovered log bears."""
 
 
 def _is_whole(path: Path) -> bool:
@@ -22,33 +41,88 @@ def _is_whole(path: Path) -> bool:
     return True
 
 
-def _last_instant(path: Path) -> int:
-    return max(record.message_end_time for record in whole_records(path) if isinstance(record, Chunk))
+@dataclass(frozen=True)
+class _Rescue:
+    """What of an unfinished log is to be kept."""
+
+    ends_ns: list[int]
+    """Where to stop, exclusive [ns]: the first that gives a whole flight."""
+    proofs_ns: list[int]
+    """Where its flight is proved; none if it is no flight's log."""
+    left_out: list[str]
+    """Damaged attachments and metadata, as "attachment NAME" and so on."""
+    remarks: list[str]
+    """What the user should know."""
+    readable: bool
+    """Whether it should read as a flight."""
 
 
-def _copy(source: Path, stream: IO[bytes], before_ns: int) -> None:
-    """Write what is whole in `source` and earlier than `before_ns` as a finished log."""
-    writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
-    writer.start(profile="")
+def _survey(path: Path) -> _Rescue:
+    """Find out how far a log is what was written.
+
+    A flight is proved up to the last proof that fits. What lies behind is kept too if its chunks have checksums and
+    if it goes on without a gap.
+    """
+    remarks: list[str] = []
+    budget, last_ns = Budget(path.stat().st_size), 0
+
+    def followed() -> Iterator[Any]:
+        nonlocal last_ns
+        for record in whole_records(path, budget, remarks):
+            if isinstance(record, Message):
+                last_ns = max(last_ns, record.log_time)
+            yield record
+
+    log = collect(path, followed(), budget, is_core)
+    bare = unprotected(path)
+    if not any(name.startswith(PROOF) for name in log.metadata):
+        remarks += [f"{what} is not protected: it has no checksum, damage to it cannot be seen" for what in bare]
+        return _Rescue([last_ns], [], [], remarks, readable=False)
+    left_out = strangers(path, log)
+    remarks += [f"{name} is not what was written, and is left out" for name in left_out]
+    for name in left_out:
+        kind, _, rest = name.partition(" ")
+        (log.attachments if kind == "attachment" else log.metadata).pop(rest)
+    proved = proved_times(path, log)
+    if not proved:
+        raise LogError(f"{path}: damaged beyond recovery: its first messages are not what was written")
+    readable = {SCENARIO, VEHICLES} <= set(log.attachments) and "laisn" in log.metadata
+    broken = any(proof.until_ns <= last_ns + 1 for proof in proofs(log.metadata.items()) if proof.until_ns > proved[-1])
+    tail = readable and not broken and not any("chunks" in what for what in bare)
+    return _Rescue([last_ns, proved[-1]] if tail else [proved[-1]], proved, left_out, remarks, readable)
+
+
+def _copy(source: Path, stream: IO[bytes], rescue: _Rescue, before_ns: int) -> None:
+    """Write what is to be kept of `source` and lies before some time as a finished log."""
+    flight = bool(rescue.proofs_ns)
+    writer = ProvingWriter(stream)
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
-    for record in whole_records(source):
-        if isinstance(record, Attachment):
+    recoveries, proved = 0, list(rescue.proofs_ns)
+    for record in whole_records(source, Budget(source.stat().st_size), []):
+        if isinstance(record, Attachment) and f"attachment {record.name}" not in rescue.left_out:
             writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-        elif isinstance(record, Metadata):
+        elif isinstance(record, Metadata) and f"metadata {record.name}" not in rescue.left_out:
             facts = dict(record.metadata)
             if record.name == "laisn":
                 facts["outcome"] = Outcome.INTERRUPTED.name
-            writer.add_metadata(record.name, facts)
-        for part in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]:
-            if isinstance(part, Schema) and part.id not in schemas:
-                schemas[part.id] = writer.register_schema(part.name, part.encoding, part.data)
-            elif isinstance(part, Channel) and part.id not in channels:
-                channels[part.id] = writer.register_channel(
-                    part.topic, part.message_encoding, schemas[part.schema_id], part.metadata
-                )
-            elif isinstance(part, Message) and part.log_time < before_ns:
-                writer.add_message(channels[part.channel_id], part.log_time, part.data, part.publish_time)
+            recoveries += record.name.startswith(_RECOVERY)
+            if not record.name.startswith(PROOF):
+                writer.add_metadata(record.name, facts)
+        elif isinstance(record, Schema) and record.id not in schemas:
+            schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+        elif isinstance(record, Channel) and record.id not in channels:
+            channels[record.id] = writer.register_channel(
+                record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
+            )
+        elif isinstance(record, Message) and record.log_time < before_ns:
+            while proved and proved[0] <= record.log_time:
+                writer.prove(proved.pop(0))
+            writer.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time)
+    if rescue.remarks:
+        writer.add_metadata(f"{_RECOVERY} {recoveries}", {str(i): text for i, text in enumerate(rescue.remarks)})
+    if flight:
+        writer.prove(before_ns, Outcome.INTERRUPTED.name)
     writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
@@ -59,7 +133,7 @@ def _ends_before(path: Path) -> int | None:
         return stop if stop is not None and stop < stream.seek(0, os.SEEK_END) else None
 
 
-def _rescue(path: Path, work: Path) -> None:
+def _rescue(path: Path, work: Path, say: Callable[[str], None]) -> None:
     """Write a whole log into `work`: the one that ends within the file, or else what is whole of one without an end."""
     stop = _ends_before(path)
     if stop is not None:
@@ -70,21 +144,35 @@ def _rescue(path: Path, work: Path) -> None:
             os.fsync(stream.fileno())
         if _is_whole(work):
             return
-    with work.open("wb") as stream:
-        _copy(path, stream, _last_instant(path))
-        stream.flush()
-        os.fsync(stream.fileno())
+    rescue = _survey(path)
+    for remark in rescue.remarks:
+        say(remark)
+    for attempt, end_ns in enumerate(rescue.ends_ns, start=1):
+        with work.open("wb") as stream:
+            _copy(path, stream, rescue, end_ns)
+            stream.flush()
+            os.fsync(stream.fileno())
+        try:
+            if rescue.readable:
+                reader.read(work)
+        except LogError:
+            if attempt == len(rescue.ends_ns):
+                raise
+        else:
+            return
 
 
-def recover(path: Path) -> Path:
+def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Path:
     """Finish an unfinished log and give it its name; the flight in it ends where whole instants end.
 
     A log that is whole and has other bytes behind its end is copied without these and keeps all of its flight.
     Messages lie in the file in order of time, so that all instants before the last one that was begun are whole;
-    that last one is left out. The unfinished file is removed when the new one is in place.
+    that last one is left out. So is everything from the first damage on, and every damaged attachment. The unfinished
+    file is removed when the new one is in place.
 
     Args:
         path: the unfinished log, "NAME.partial", or a log that was cut off or goes on behind its end.
+        say: takes a sentence for everything that was left out, or that could not be checked for damage.
 
     Returns:
         The finished log: NAME; or "NAME.recovered" + suffix beside a log that was at fault under its own name.
@@ -106,13 +194,15 @@ def recover(path: Path) -> Path:
         raise LogError(f"{path}: holds no whole part of a log; there is nothing to recover")
     work = partial_path(target.with_name(f"{target.name}.recovery"))
     try:
-        _rescue(path, work)
+        _rescue(path, work, say)
         os.replace(work, target)
     except BaseException as error:
         with suppress(OSError):
             work.unlink()
         if isinstance(error, OSError):
             raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
+        if isinstance(error, LogError):
+            raise LogError(str(error).replace(str(work), str(path))) from error
         if isinstance(error, Exception):
             raise LogError(f"{path}: damaged beyond recovery ({type(error).__name__}: {error})") from error
         raise

@@ -12,7 +12,6 @@ from typing import IO, Any
 import numpy as np
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from mcap.well_known import MessageEncoding
-from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from sim.flight import Flight
@@ -20,10 +19,11 @@ from sim.log.channels import Channel, Errors, channels
 from sim.log.clock import Clock, timestamp
 from sim.log.events import Event
 from sim.log.file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path, rescuable
+from sim.log.proof import ProvingWriter
 from sim.scenario import file as scenario_file
 
-BLOCK_NS = 60 * 10**9
-"""Time that is serialised at once: bounds the memory [ns]."""
+BLOCK_NS = 10 * 10**9
+"""Time that is serialised at once, and proved by one record [ns]."""
 PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-schemas-protobuf")
 CONVENTIONS = {
     "world": "x east, y north, z up [m]; depth = -z",
@@ -74,11 +74,15 @@ def _frames(video: Iterable[tuple[float, bytes]], clock: Clock) -> Iterator[tupl
         yield at, frame.SerializeToString()
 
 
+def _last_ns(all_channels: Sequence[Channel]) -> int:
+    return max(int(channel.time_ns[-1]) for channel in all_channels if channel.time_ns.size)
+
+
 def _blocks(all_channels: Sequence[Channel], ids: Sequence[int]) -> Iterator[tuple[int, list[tuple[int, int, bytes]]]]:
-    """End of each block of time, and its messages (time, channel, data) in order of time."""
+    """Start of each block of time, and its messages (time, channel, data) in order of time."""
     filled = [(channel, id_) for channel, id_ in zip(all_channels, ids, strict=True) if channel.time_ns.size]
     start = min(int(channel.time_ns[0]) for channel, _ in filled)
-    end = max(int(channel.time_ns[-1]) for channel, _ in filled)
+    end = _last_ns(all_channels)
     for begin in range(start, end + 1, BLOCK_NS):
         messages: list[tuple[int, int, bytes]] = []
         for channel, id_ in filled:
@@ -87,7 +91,7 @@ def _blocks(all_channels: Sequence[Channel], ids: Sequence[int]) -> Iterator[tup
             messages += zip(times, [id_] * len(times), channel.rows(first, stop), strict=True)
         # stable, so that equal times keep the order of channels and of messages within one
         messages.sort(key=lambda message: message[0])
-        yield begin + BLOCK_NS, messages
+        yield begin, messages
 
 
 def _write(
@@ -98,8 +102,7 @@ def _write(
     frames: Iterator[tuple[int, bytes]],
 ) -> int:
     """Write the whole log and return the number of messages; what describes the flight stands before its messages."""
-    writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
-    writer.start(profile="")
+    writer = ProvingWriter(stream)
     epoch_ns = Clock(flight.scenario.epoch).epoch_ns
     texts = [
         (SCENARIO, "application/toml", scenario_file.dumps(flight.scenario).encode()),
@@ -130,8 +133,9 @@ def _write(
     frame = next(frames, None)
     if frame is not None:
         camera = register("/camera", CompressedVideo)
-    for end, messages in _blocks(all_channels, ids):
-        while frame is not None and frame[0] < end:
+    for begin, messages in _blocks(all_channels, ids):
+        writer.prove(begin)
+        while frame is not None and frame[0] < begin + BLOCK_NS:
             messages.append((frame[0], camera, frame[1]))
             frame = next(frames, None)
         messages.sort(key=lambda message: message[0])
@@ -142,6 +146,7 @@ def _write(
         writer.add_message(camera, frame[0], frame[1], frame[0])
         count += 1
         frame = next(frames, None)
+    writer.prove(_last_ns(all_channels) + 1, flight.outcome.name)
     writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
     return count
 
@@ -169,9 +174,11 @@ def write(
             frame), in order of time.
 
     Raises:
-        LogError: the file cannot be written.
+        LogError: the file cannot be written, or the flight is a stretch that begins within its mission.
         ValueError: errors or video do not fit the flight, or its epoch no log.
     """
+    if flight.trajectory.time[0] != 0:
+        raise LogError(f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} s of it")
     all_channels = channels(flight, errors, events)
     frames = _frames(video, Clock(flight.scenario.epoch))
     partial = partial_path(path)

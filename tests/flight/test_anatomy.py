@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from experiments.command import anatomy
 from experiments.flight.anatomy import Anatomy, Cause, dissect
 from experiments.pages import anatomy_page
+from sim.excerpt import excerpt
 from sim.flight import Flight
 from sim.scenario.settings import Acoustics, Scenario
 from sim.sensing.acoustics import propagate
@@ -165,3 +166,11 @@ def test_a_follower_that_hears_nothing_has_no_anatomy():
     section = anatomy_page.section(replace(flight, measurements=(deaf,)))
     assert [block.text for block in section.blocks[1:]] == ["follower received no ping."]
     assert list(anatomy.records(replace(flight, measurements=(deaf,)))) == []
+
+
+def test_a_stretch_of_a_flight_has_the_shares_that_the_whole_has_then():
+    flight = make_flight(30.0, 2)
+    whole, part = dissect(flight, 1), dissect(excerpt(flight, 11.0, 23.0), 1)
+    then = (whole.time > 11.0 + 1e-9) & (whole.time < 23.0 + 1e-9)
+    assert np.array_equal(part.time, whole.time[then])
+    assert np.array_equal(part.share, whole.share[then], equal_nan=True)

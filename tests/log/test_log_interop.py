@@ -18,7 +18,7 @@ from synthetic import errors_of, make_flight
 
 from sim.flight import Flight
 from sim.log import writer
-from sim.log.file import contents
+from sim.log.contents import contents
 from sim.log.info import info
 
 RERUN = shutil.which("rerun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")

@@ -11,7 +11,7 @@ from logged import messages, short_flight, write_log
 import models
 from sim.flight import Flight
 from sim.geometry.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
-from sim.log.file import contents
+from sim.log.contents import contents
 from sim.log.hull import hull
 
 LAYOUT = Path(__file__).resolve().parents[2] / "experiments" / "data" / "foxglove_layout.json"
