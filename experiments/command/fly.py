@@ -62,7 +62,6 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         OSError, LogError: the folder cannot be written.
     """
     from experiments.pages.flight_report import flight_report
-    from sim.film import render
     from sim.log import writer
 
     watch = Stopwatch()
@@ -94,6 +93,8 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
             write_log()
         film, no_film, fault = folder / results.FILM, "not asked for", None
         if with_video:
+            from sim.film import render
+
             no_film = ""
             with phase("video") as update:
                 try:
