@@ -63,10 +63,10 @@ def pendulum() -> Drawn:
 
     arm, dt, duration = 0.02, 0.002, 45.0
     tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean.calm(), dt)
-    tank.pose[0] = [0, 0, -50, *attitude.from_euler(0.0, np.radians(1))]
+    tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     pitch = []
     for _ in range(round(duration / dt)):
-        pitch.append(float(np.degrees(attitude.pitch(tank.pose[0, 3:]))))
+        pitch.append(float(np.degrees(attitude.pitch(tank.pose[3:]))))
         tank.step()
     time = np.linspace(0.0, duration, len(pitch), endpoint=False)
     # the hull turns about its low centre of gravity, and its added mass surges with it
@@ -99,12 +99,12 @@ def orbits() -> Drawn:
     lines = []
     for depth in (1.0, 2.0, 3.0, 4.0, 5.0):
         tank = Tank(xml, ocean, dt)
-        tank.pose[0, :3] = [0, 0, -depth]
-        tank.twist[0, :3] = ocean.velocity(tank.pose[:, :3], 0.0)[0]
+        start = np.array([0.0, 0.0, -depth])
+        tank.place(start, twist=[*ocean.velocity(start[None], 0.0)[0], 0, 0, 0])
         path = []
         for _ in range(round(period / dt)):
             tank.step()
-            path.append(tank.pose[0, [0, 2]].copy())
+            path.append(tank.pose[[0, 2]])
         flown = np.array(path)
         across = height / 2 * np.cosh(k * (floor - depth)) / np.sinh(k * floor)
         up = height / 2 * np.sinh(k * (floor - depth)) / np.sinh(k * floor)

@@ -1,83 +1,126 @@
-"""A test tank: one hull from any MJCF, stepped with the water's forces and a wrench of the test's own."""
+"""A test tank: one hull from any MJCF in a `Plant` of its own, with thrusters of the test's own."""
 
-import mujoco
+import tempfile
+from pathlib import Path
+from unittest.mock import patch
+from xml.etree import ElementTree
+
 import numpy as np
 import numpy.typing as npt
 
-from sim.vehicle import coefficients, hydrodynamics
+import models
+from sim.geometry import attitude
+from sim.vehicle import coefficients
+from sim.vehicle.mjcf import THRUSTERS, VehicleSetup
+from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 
 Floats = npt.NDArray[np.float64]
 
+AXES = np.eye(6)[[0, 1, 2, 4, 5]]
+"""Thrusters that push ahead, to port and up and turn about port and up: force and moment about the origin, (5, 6)."""
+
 
 class Tank:
-    """The hull lies under the prefix "hull/"; `numerics` replace those of the MJCF, `strips` included.
+    """The hull is the only vehicle of `plant`, named "hull"."""
 
-    `twist` belongs to the instant and may be set at any time; MuJoCo's own lies half a step earlier.
-    """
+    def __init__(
+        self,
+        xml: str,
+        ocean: Ocean,
+        dt: float,
+        numerics: dict[str, npt.ArrayLike] | None = None,
+        thrusters: Floats = AXES,
+    ) -> None:
+        """Put a hull into the tank, at rest 50 m deep, heading east.
 
-    def __init__(self, xml: str, ocean: Ocean, dt: float, numerics: dict[str, npt.ArrayLike] | None = None) -> None:
-        child = mujoco.MjSpec.from_string(xml)
-        for key in list(child.keys):
-            child.delete(key)
+        Args:
+            xml: its MJCF.
+            ocean: the water.
+            dt: step [s].
+            numerics: replace those of the MJCF, strips included.
+            thrusters: force and moment about the origin of a unit of each thrust, in the body, shape (5, 6).
+        """
+        root = ElementTree.fromstring(xml)
+        for part in [*root.findall("actuator"), *root.findall("keyframe")]:
+            root.remove(part)
         for name, value in (numerics or {}).items():
-            child.delete(child.numeric(name))
-            data = np.atleast_1d(np.asarray(value, dtype=np.float64)).ravel()
-            child.add_numeric(name=name, data=data, size=data.size)
-        child.option.timestep = dt
-        spec = mujoco.MjSpec()
-        spec.option.gravity = [0, 0, -9.81]
-        spec.option.timestep = dt
-        spec.attach(child, frame=spec.worldbody.add_frame(), prefix="hull/")
-        self.model = spec.compile()
-        self.data = mujoco.MjData(self.model)
-        self.coefficients = coefficients.read(self.model, ["hull"], ocean.density_kg_m3)
-        self.water = ocean.water
-        self.pose, self.twist = self.data.qpos.reshape(1, 7), self.data.qvel.reshape(1, 6)
-        self._before: Floats | None = None
+            numeric = root.find(f"custom/numeric[@name='{name}']")
+            assert numeric is not None, name
+            numeric.set("data", text(value))
+        body = root.find("worldbody/body")
+        assert body is not None
+        ElementTree.SubElement(body, "site", name="origin")
+        if body.find("site[@name='cg']") is None:
+            ElementTree.SubElement(body, "site", name="cg")
+        actuators = ElementTree.SubElement(root, "actuator")
+        # a lag, as the plant wants it; the tank's thrusts are there at once
+        lag = {"dyntype": "filterexact", "dynprm": "1", "ctrllimited": "true", "ctrlrange": "-1e6 1e6"}
+        for name, gear in zip(THRUSTERS, thrusters, strict=True):
+            ElementTree.SubElement(actuators, "general", {"name": name, "site": "origin", "gear": text(gear), **lag})
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "hull.xml"
+            file.write_bytes(ElementTree.tostring(root))
+            with patch("models.path", side_effect={"hull": file, "ocean": models.path("ocean")}.get):
+                setup = VehicleSetup(name="hull", model="hull", position_m=(0.0, 0.0, -50.0), heading_rad=np.pi / 2)
+                self.plant = Plant([setup], ocean, dt)
+        self.pose, self.twist, self.data = self.plant.pose[0], self.plant.twist[0], self.plant.data
+        self.coefficients = coefficients.read(self.plant.model, ["hull"], ocean.density_kg_m3)[0]
+        self._placed = True
 
-    def prepare(self, wrench: npt.ArrayLike = 0.0) -> None:
-        """All of a step but its end: with `wrench` (force, moment about the origin), in the body, shape (6,)."""
-        mujoco.mj_step1(self.model, self.data)
-        applied = self.data.qfrc_applied.reshape(1, 6)
-        rows = self.model.M_rowadr.astype(np.int64).reshape(1, 6)
-        solver = (rows, self.data.M, applied)
-        bad = hydrodynamics.apply(self.coefficients, self.pose, self.twist, self.data.time, self.water, solver)
-        assert bad == -1
-        own = np.zeros(6) + np.asarray(wrench, dtype=np.float64)
-        applied[0, :3] += self.rotation @ own[:3]
-        applied[0, 3:] += own[3:]
-        mujoco.mj_factorM(self.model, self.data)
+    def place(
+        self,
+        position: npt.ArrayLike = (0.0, 0.0, -50.0),
+        quaternion: npt.ArrayLike = (1.0, 0.0, 0.0, 0.0),
+        twist: npt.ArrayLike = 0.0,
+        time: float = 0.0,
+    ) -> None:
+        """Begin elsewhere: `twist` is velocity in the world and angular velocity in the body, shape (6,)."""
+        self.pose[:3], self.pose[3:], self.twist[:], self.data.time = position, quaternion, twist, time
+        self._placed = True
 
-    def step(self, wrench: npt.ArrayLike = 0.0) -> None:
-        """Advance by one step, to second order as `sim.vehicle.plant` does."""
-        before = self.acceleration(wrench) if self._before is None else self._before
-        half = self.model.opt.timestep / 2
-        self.prepare(wrench)
-        self.twist -= half * before
-        mujoco.mj_step2(self.model, self.data)
-        self._before = self.data.qacc.copy()
-        self.twist += half * self._before
+    def step(self, thrust: npt.ArrayLike = 0.0, n: int = 1) -> None:
+        """Advance by n steps of `Plant.step` under thrusts that are there at once, shape (5,)."""
+        if self._placed:
+            # a step wants the acceleration of the step before; at the start it is that of the start
+            self.acceleration(thrust)
+            self._placed = False
+        self._step(thrust, n)
 
-    def acceleration(self, wrench: npt.ArrayLike = 0.0) -> Floats:
+    def acceleration(self, thrust: npt.ArrayLike = 0.0) -> Floats:
         """World acceleration of the origin and body angular acceleration, shape (6,), leaving the state as it is."""
         pose, twist, time = self.pose.copy(), self.twist.copy(), self.data.time
-        self.prepare(wrench)
-        mujoco.mj_step2(self.model, self.data)
+        # without a step before, velocities are those of the instant as they stand, unrounded
+        self.data.qacc[:] = 0.0
+        self._step(thrust, 1)
         self.pose[:], self.twist[:], self.data.time = pose, twist, time
-        return self.data.qacc.copy()
+        return np.array(self.data.qacc)
+
+    def water_wrench(self) -> Floats:
+        """What the water does to the hull, but for added mass times its acceleration: force in the world, moment in
+        the body, shape (6,); buoyancy included.
+        """
+        self.acceleration()
+        return np.array(self.data.qfrc_applied)
+
+    def _step(self, thrust: npt.ArrayLike, n: int) -> None:
+        self.plant.thrust[0] = thrust
+        self.plant.step(self.plant.thrust.copy(), n)
 
     @property
     def rotation(self) -> Floats:
         """Body to world, shape (3, 3)."""
-        out = np.empty(9)
-        mujoco.mju_quat2Mat(out, self.pose[0, 3:])
-        return out.reshape(3, 3)
+        return attitude.rotate(self.pose[None, 3:], np.eye(3)).T
 
     @property
     def body_velocity(self) -> Floats:
         """Velocity over ground and angular velocity, both in the body, shape (6,)."""
-        return np.concatenate([self.rotation.T @ self.twist[0, :3], self.twist[0, 3:]])
+        return np.concatenate([self.rotation.T @ self.twist[:3], self.twist[3:]])
+
+
+def text(value: npt.ArrayLike) -> str:
+    """Numbers as MJCF has them, to the last digit."""
+    return " ".join(repr(float(v)) for v in np.ravel(np.asarray(value, dtype=np.float64)))
 
 
 def hull(mass: float, inertia: npt.ArrayLike, cg: npt.ArrayLike = (0, 0, 0), **numerics: npt.ArrayLike) -> str:
@@ -100,9 +143,6 @@ def hull(mass: float, inertia: npt.ArrayLike, cg: npt.ArrayLike = (0, 0, 0), **n
         "fin_area": [0, 0],
         "fin_lift_slope": 0,
     }
-
-    def text(value: npt.ArrayLike) -> str:
-        return " ".join(repr(float(v)) for v in np.ravel(np.asarray(value, dtype=np.float64)))
 
     lines = [f'<numeric name="{k}" data="{text(v)}"/>' for k, v in (values | numerics).items()]
     return f"""<mujoco><worldbody><body name="hull" simple="false"><freejoint/>

@@ -23,9 +23,7 @@ G = 9.81
 def test_terminal_speed_is_where_drag_balances_thrust(thrust: float) -> None:
     """0.42 on the frontal area (Allen et al. 2000), and linear damping that fades as exp(−3 u)."""
     tank = Tank(models.path("follower").read_text(), Ocean.calm(), 0.02)
-    tank.pose[0, 2] = -50
-    for _ in range(10000):
-        tank.step([thrust, 0, 0, 0, 0, 0])
+    tank.step([thrust, 0, 0, 0, 0], 10000)
     linear = (31.0294 + 0.83891) / 20.0
 
     def balance(u: float) -> float:
@@ -44,10 +42,8 @@ def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: fl
 
     def force(**numerics: npt.ArrayLike) -> tuple[Floats, Floats]:
         tank = Tank(hull(60.0, [1, 10, 10], **numerics), Ocean.calm(), 0.02)
-        tank.pose[0, 2] = -50
-        tank.twist[0, 0], tank.twist[0, plane] = u, across
-        tank.prepare()
-        applied = tank.data.qfrc_applied - [0, 0, 60.0 * G, 0, 0, 0]
+        tank.place(twist=u * np.eye(6)[0] + across * np.eye(6)[plane])
+        applied = tank.water_wrench() - [0, 0, 60.0 * G, 0, 0, 0]
         return applied[:3], applied[3:]
 
     # sections across the flow: one strip of 0.3 m² at x = 0.4 m
@@ -75,10 +71,8 @@ def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: fl
 def test_broadside_drag_is_that_of_cylinders(name: str, length: float, diameter: float, plane: int) -> None:
     """Coefficient 1.1 (Hoerner 1965) on the side view of the spheroid, and no force along the axis."""
     tank = Tank(models.path(name).read_text(), Ocean.calm(), 0.02, {"linear_damping": np.zeros(6)})
-    tank.pose[0, 2] = -50
-    tank.twist[0, plane] = 0.5
-    tank.prepare()
-    force = tank.data.qfrc_applied[:3] - [0, 0, tank.coefficients[0]["buoyancy"]]
+    tank.place(twist=0.5 * np.eye(6)[plane])
+    force = tank.water_wrench()[:3] - [0, 0, tank.coefficients["buoyancy"]]
     side_view = np.pi / 4 * length * diameter
     expected = -0.5 * 1026 * 1.1 * side_view * 0.5**2 * np.eye(3)[plane]
     np.testing.assert_allclose(force, expected, rtol=1e-3, atol=1e-12)
@@ -89,10 +83,8 @@ def test_force_is_odd_in_surge_and_has_no_jump_where_it_turns(name: str) -> None
     tank = Tank(models.path(name).read_text(), Ocean.calm(), 0.02)
 
     def force(u: float) -> Floats:
-        tank.pose[0, 2] = -50
-        tank.twist[0, :3] = u, 0.5, 0.3
-        tank.prepare()
-        return tank.data.qfrc_applied[:3].copy()
+        tank.place(twist=[u, 0.5, 0.3, 0, 0, 0])
+        return tank.water_wrench()[:3]
 
     at_rest = force(0.0)
     assert at_rest[0] == 0.0
@@ -107,33 +99,27 @@ def test_force_is_odd_in_surge_and_has_no_jump_where_it_turns(name: str) -> None
 def test_hull_pushed_sideways_does_not_run_ahead(surge: float) -> None:
     """20 N of lateral thrust for 30 s: the surge that there was at first does not grow."""
     tank = Tank(models.path("leader").read_text(), Ocean.calm(), 0.02)
-    tank.pose[0, 2] = -50
-    tank.twist[0, 0] = surge
-    for _ in range(1500):
-        tank.step([0, 20, 0, 0, 0, 0])
-    assert tank.pose[0, 1] > 5.0
-    assert abs(tank.pose[0, 0]) < 30 * abs(surge)
+    tank.place(twist=surge * np.eye(6)[0])
+    tank.step([0, 20, 0, 0, 0], 1500)
+    assert tank.pose[1] > 5.0
+    assert abs(tank.pose[0]) < 30 * abs(surge)
 
 
 def test_hull_left_in_a_beam_sea_does_not_run_ahead() -> None:
     """Waves of 1 m from the side: swell, sway and roll, and no reason to go either way along the axis."""
     waves = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.0)
     tank = Tank(models.path("leader").read_text(), Ocean(waves=waves), 0.02)
-    tank.pose[0, 2] = -3
-    tank.twist[0, 0] = 1e-3
-    for _ in range(3000):
-        tank.step()
-    assert abs(tank.pose[0, 0]) < 0.06
+    tank.place([0, 0, -3], twist=1e-3 * np.eye(6)[0])
+    tank.step(n=3000)
+    assert abs(tank.pose[0]) < 0.06
 
 
 def test_cross_flow_drag_does_not_know_the_direction_of_a_round_hull() -> None:
     rotated = []
     for roll in (0.0, 0.6):
         tank = Tank(hull(60.0, [1, 10, 10], cross_flow_drag=[1.1, 1.1], strip_area=0.3), Ocean.calm(), 0.02)
-        tank.pose[0] = [0, 0, -50, *attitude.from_euler(0.0, 0.0, roll)]
-        tank.twist[0, :3] = [1.0, 0.0, 0.5]
-        tank.prepare()
-        rotated.append(tank.data.qfrc_applied[:3].copy())
+        tank.place(quaternion=attitude.from_euler(0.0, 0.0, roll), twist=[1.0, 0.0, 0.5, 0, 0, 0])
+        rotated.append(tank.water_wrench()[:3])
     np.testing.assert_allclose(*rotated, atol=1e-9)
 
 
@@ -153,10 +139,8 @@ def test_drag_takes_energy_out_whatever_the_motion() -> None:
             twist = rng.normal(size=6) * [2, 1, 1, 1, 1, 1]
             power = []
             for tank in (wet, ideal):
-                tank.pose[0] = [0, 0, -50, 1, 0, 0, 0]
-                tank.twist[0] = twist
-                tank.prepare()
-                power.append(float(tank.data.qfrc_applied @ twist))
+                tank.place(twist=twist)
+                power.append(float(tank.water_wrench() @ twist))
             # lift works on nothing, damping and drag on the motion: the difference is loss
             assert power[0] < power[1]
 
@@ -164,24 +148,21 @@ def test_drag_takes_energy_out_whatever_the_motion() -> None:
 def test_drifting_with_a_uniform_current_there_is_exactly_no_force() -> None:
     ocean = Ocean(current_speed_m_s=0.7, current_direction_rad=1.1)
     tank = Tank(models.path("leader").read_text(), ocean, 0.02, {"buoyancy": 0.0})
-    tank.pose[0] = [10, 20, -15, *attitude.from_euler(0.3, 0.1, -0.2)]
-    tank.twist[0, :3] = ocean.velocity(tank.pose[:, :3], 0.0)[0]
-    tank.prepare()
-    np.testing.assert_array_equal(tank.data.qfrc_applied, 0.0)
+    place = np.array([10.0, 20.0, -15.0])
+    twist = [*ocean.velocity(place[None], 0.0)[0], 0, 0, 0]
+    tank.place(place, attitude.from_euler(0.3, 0.1, -0.2), twist)
+    np.testing.assert_array_equal(tank.water_wrench(), 0.0)
 
 
 def test_motion_in_a_uniform_current_is_the_motion_in_still_water_carried_along() -> None:
     ocean = Ocean(current_speed_m_s=0.7, current_direction_rad=1.1)
     drift = ocean.velocity(np.zeros((1, 3)), 0.0)[0]
     still, moving = (Tank(models.path("leader").read_text(), o, 0.02) for o in (Ocean.calm(), ocean))
-    wrench = [30, 4, 2, 0.1, 0.3, 1.0]
     for tank, velocity in ((still, np.zeros(3)), (moving, drift)):
-        tank.pose[0] = [0, 0, -20, *attitude.from_euler(0.3)]
-        tank.twist[0, :3] = velocity
-        for _ in range(500):
-            tank.step(wrench)
-    np.testing.assert_allclose(moving.pose[0, :3], still.pose[0, :3] + 10.0 * drift, atol=1e-9)
-    np.testing.assert_allclose(moving.pose[0, 3:], still.pose[0, 3:], atol=1e-10)
+        tank.place([0, 0, -20], attitude.from_euler(0.3), [*velocity, 0, 0, 0])
+        tank.step([30, 4, 2, 0.3, 1.0], 500)
+    np.testing.assert_allclose(moving.pose[:3], still.pose[:3] + 10.0 * drift, atol=1e-9)
+    np.testing.assert_allclose(moving.pose[3:], still.pose[3:], atol=1e-10)
 
 
 def airy(ocean_depth: float, height: float, period: float, k: float, p: Floats, t: float) -> Floats:
@@ -223,12 +204,11 @@ def test_small_neutral_body_follows_its_wave_orbit(depth: float) -> None:
 
     def worst(dt: float) -> float:
         tank = Tank(xml, ocean, dt)
-        tank.pose[0, :3] = start
-        tank.twist[0, :3] = airy(depth, height, period, k, start, 0.0)
+        tank.place(start, twist=[*airy(depth, height, period, k, start, 0.0), 0, 0, 0])
         errors = []
         for _ in range(round(duration / dt)):
             tank.step()
-            errors.append(float(np.abs(tank.pose[0, :3] - path(tank.data.time)).max()))
+            errors.append(float(np.abs(tank.pose[:3] - path(tank.data.time)).max()))
         return max(errors)
 
     coarse, fine = worst(0.04), worst(0.02)
@@ -260,12 +240,10 @@ def test_sphere_feels_the_acceleration_of_the_water_however_fast_it_passes(veloc
     ocean = Ocean(waves=Waves.regular(height_m=1.0, period_s=4.0, direction_rad=1.0), current_speed_m_s=0.4)
     for t in (0.0, 0.9, 2.3):
         tank = Tank(SPHERE, ocean, 0.02)
-        tank.pose[0, :3] = 3.0, -2.0, -1.5
-        tank.twist[0, :3], tank.data.time = velocity, t
-        tank.prepare()
-        force = tank.data.qfrc_applied[:3] - [0, 0, SPHERE_DISPLACED * G]
-        u = ocean.velocity(tank.pose[:, :3], t)[0]
-        expected = 1.5 * SPHERE_DISPLACED * rate_along(ocean, tank.pose[0, :3].copy(), u, t)
+        place = np.array([3.0, -2.0, -1.5])
+        tank.place(place, twist=[*velocity, 0, 0, 0], time=t)
+        force = tank.water_wrench()[:3] - [0, 0, SPHERE_DISPLACED * G]
+        expected = 1.5 * SPHERE_DISPLACED * rate_along(ocean, place, ocean.velocity(place[None], t)[0], t)
         np.testing.assert_allclose(force, expected, atol=1e-5)
 
 
@@ -273,10 +251,9 @@ def test_sphere_at_rest_in_a_shearing_current_is_lifted_to_the_quicker_side() ->
     """Added mass times (u − v) × curl u (Auton, Hunt and Prud'homme 1988): upwards, as the current gains with z."""
     ocean = Ocean(current_speed_m_s=0.8, current_direction_rad=np.pi / 2, current_shear_1_s=0.05)
     tank = Tank(SPHERE, ocean, 0.02)
-    tank.pose[0, 2] = -4.0
-    tank.prepare()
+    tank.place([0, 0, -4])
     lift = SPHERE_DISPLACED / 2 * (0.8 - 0.05 * 4.0) * 0.05
-    np.testing.assert_allclose(tank.data.qfrc_applied[:3], [0, 0, SPHERE_DISPLACED * G + lift], atol=1e-9)
+    np.testing.assert_allclose(tank.water_wrench()[:3], [0, 0, SPHERE_DISPLACED * G + lift], atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -327,10 +304,8 @@ def test_force_on_added_mass_is_lagranges_in_water_that_waves_and_shears(seed: i
     moment = np.array(by_angle) - (angular - angular_before) / (2 * far) - np.cross(spin, impulse(0.0)[1])
 
     tank = Tank(hull(60.0, [1, 10, 10], added_mass=added, buoyancy=0.0), ocean, 0.02)
-    tank.pose[0] = [*place, *start.as_quat(scalar_first=True)]
-    tank.twist[0], tank.data.time = [*velocity, *spin], t0
-    tank.prepare()
-    np.testing.assert_allclose(tank.data.qfrc_applied, [*force, *moment], rtol=1e-4, atol=1e-3)
+    tank.place(place, start.as_quat(scalar_first=True), [*velocity, *spin], t0)
+    np.testing.assert_allclose(tank.water_wrench(), [*force, *moment], rtol=1e-4, atol=1e-3)
 
 
 def test_neutral_hull_without_drag_pitches_with_the_slope_of_long_waves() -> None:
@@ -346,15 +321,14 @@ def test_neutral_hull_without_drag_pitches_with_the_slope_of_long_waves() -> Non
         hull_radius=0.15,
     )
     tank = Tank(xml, ocean, 0.01)
-    tank.pose[0] = [0, 0, -depth, *attitude.from_euler(np.pi / 2)]
-    tank.twist[0, :3] = ocean.velocity(tank.pose[:, :3], 0.0)[0]
+    place = np.array([0.0, 0.0, -depth])
     # displacement of the water is vertical a e^{kz} cos θ: at θ = 0 the slope −k a e^{kz} sin θ is nil, and grows
     slope = k * amplitude * np.exp(-k * depth)
-    tank.twist[0, 4] = -slope * 2 * np.pi / 6.0
+    tank.place(place, twist=[*ocean.velocity(place[None], 0.0)[0], 0, -slope * 2 * np.pi / 6.0, 0])
     pitch = []
     for _ in range(1200):
         tank.step()
-        pitch.append(float(attitude.pitch(tank.pose[0, 3:])))
+        pitch.append(float(attitude.pitch(tank.pose[3:])))
     expected = slope * np.sin(2 * np.pi / 6.0 * 0.01 * np.arange(1, 1201))
     np.testing.assert_allclose(pitch, expected, atol=0.01 * slope)
 
@@ -372,9 +346,9 @@ def _growth(path: Path, speed: float, numerics: dict[str, npt.ArrayLike]) -> tup
     tank = Tank(path.read_text(), Ocean.calm(), 0.02, numerics)
 
     def rate(v: float, w: float, q: float, r: float, pitch: float) -> Floats:
-        tank.pose[0] = [0, 0, -50, *attitude.from_euler(np.pi / 2, pitch)]
         body = np.array([speed, v, w, 0, q, r])
-        tank.twist[0] = [*tank.rotation @ body[:3], *body[3:]]
+        lying = attitude.from_euler(np.pi / 2, pitch)
+        tank.place(quaternion=lying, twist=[*attitude.rotate(lying, body[:3]), *body[3:]])
         a = tank.acceleration()
         body_rate = tank.rotation.T @ a[:3] - np.cross(body[3:], body[:3])
         # a turn about port lowers the nose
@@ -404,12 +378,12 @@ def test_buoyancy_fades_as_the_hull_emerges() -> None:
         linear_damping=[2, 60, 60, 1, 11, 11],
     )
     tank = Tank(xml, Ocean.calm(), 0.02)
-    tank.pose[0, 2] = -5
+    tank.place([0, 0, -5])
     highest = -5.0
     for _ in range(5000):
         tank.step()
-        highest = max(highest, float(tank.pose[0, 2]))
+        highest = max(highest, float(tank.pose[2]))
     # a section's share falls evenly from 1 to 0 while its middle rises from −r to r
-    assert tank.pose[0, 2] == pytest.approx(radius * (1 - 2 / excess), abs=1e-3)
+    assert tank.pose[2] == pytest.approx(radius * (1 - 2 / excess), abs=1e-3)
     assert highest < 4 * radius
-    assert abs(float(attitude.pitch(tank.pose[0, 3:]))) < 1e-6
+    assert abs(float(attitude.pitch(tank.pose[3:]))) < 1e-6
