@@ -31,7 +31,9 @@ class Gate:
             return self._settings.follower_speed_max * elapsed
         if self._settings.gate == "v-measured":
             return speed * elapsed
-        return np.inf
+        if self._settings.gate == "off":
+            return np.inf
+        raise NotImplementedError(f"there is no bound for the gate {self._settings.gate!r}")
 
     def passes(self, position: Point, step: int, speed: float) -> bool:
         """Whether a fix at that position is believable."""

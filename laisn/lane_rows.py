@@ -5,13 +5,13 @@ not overlap, and turns each pass into vector instructions.
 """
 
 from itertools import count
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled_lanes
-from laisn.settings import VARIANTS, NavigationSettings
+from laisn.settings import NavigationSettings
 
 Floats = npt.NDArray[np.float64]
 
@@ -48,6 +48,12 @@ SIZE = next(_row)
 TWO, THREE_1, THREE_2, BEST, MAIN = range(5)
 GATE_OFF, GATE_MAX, GATE_MEASURED = range(3)
 
+_VARIANTS = {"laisn-2": TWO, "laisn-3-1": THREE_1, "laisn-3-2": THREE_2, "laisn-best": BEST, "laisn-main": MAIN}
+_GATES = {"off": GATE_OFF, "v-max": GATE_MAX, "v-measured": GATE_MEASURED}
+_SIDES = {"behind": False, "predicted": True}
+
+Choice = TypeVar("Choice")
+
 
 class Tuning(NamedTuple):
     """`NavigationSettings` as compiled code takes them; fields of the same name mean the same."""
@@ -74,12 +80,19 @@ class Tuning(NamedTuple):
     sine_of_pitch: float
 
 
+def _compiled(name: str, chosen: str, twins: dict[str, Choice]) -> Choice:
+    """What compiled code knows a choice as."""
+    if chosen not in twins:
+        raise NotImplementedError(f"{name} {chosen!r} has no compiled twin; there are: {', '.join(twins)}")
+    return twins[chosen]
+
+
 def tuning(settings: NavigationSettings) -> Tuning:
-    """Settings as compiled code takes them."""
+    """Settings as compiled code takes them; NotImplementedError naming a choice that it does not know."""
     return Tuning(
-        variant=VARIANTS.index(settings.variant),
-        gate=("off", "v-max", "v-measured").index(settings.gate),
-        predicted_side=settings.side_rule == "predicted",
+        variant=_compiled("variant", settings.variant, _VARIANTS),
+        gate=_compiled("gate", settings.gate, _GATES),
+        predicted_side=_compiled("side_rule", settings.side_rule, _SIDES),
         use_attitude=settings.use_attitude,
         dt=settings.dt,
         baseline=settings.baseline,

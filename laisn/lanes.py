@@ -51,8 +51,10 @@ def position_update(block: Floats, t: Tuning, k: int) -> None:
             lane_fix.fuse(block)
         elif t.variant == row.BEST:
             lane_fix.choose_best_baseline(block)
-        else:
+        elif t.variant == row.MAIN:
             lane_fix.choose_main_baseline(block)
+        else:
+            raise NotImplementedError("position_update has no branch for this variant")
         lane_filter.update(block, t, k)
     lane_filter.remember_accepted(block, k)
 

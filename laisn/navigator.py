@@ -17,6 +17,9 @@ from laisn.settings import NavigationSettings
 
 Floats = npt.NDArray[np.float64]
 
+SEQUENTIAL = "laisn-3-1"
+"""The variant that updates with one pair after the other."""
+
 _UNKNOWN = np.full(2, np.nan), np.full((2, 2), np.nan)
 
 
@@ -45,7 +48,12 @@ class Navigator:
 
         Raises:
             ValueError: the start is not four finite numbers.
+            NotImplementedError: nothing makes fixes of this variant.
         """
+        if settings.variant not in (SEQUENTIAL, *fix.SINGLE):
+            raise NotImplementedError(
+                f"variant {settings.variant!r} makes no fixes; there are: {', '.join((SEQUENTIAL, *fix.SINGLE))}"
+            )
         start = np.asarray(start, dtype=np.float64)
         if start.shape != (4,) or not np.all(np.isfinite(start)):
             raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
@@ -154,7 +162,7 @@ class Navigator:
     def _update_position(self, own: OwnMotion, reception: Reception) -> list[FixRecord]:
         settings = self.settings
         heard = fix.circles(reception.message, reception.ranges, own.depth, settings)
-        if settings.variant != "laisn-3-1":
+        if settings.variant != SEQUENTIAL:
             found = [fix.SINGLE[settings.variant](heard, self._position(), settings)]
             records = [self._use(f, heard, own) for f in found]
         else:

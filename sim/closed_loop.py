@@ -18,6 +18,7 @@ from laisn.settings import NavigationSettings
 from sim.fleet import Flown
 from sim.flight import navigation_settings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.hearing import Hearing
 from sim.sensing.observation import SITES, errors_of, observe, own_motion, start_of
 from sim.sensing.sensor_errors import measure, sense_own
 
@@ -47,7 +48,7 @@ class Pilot:
 
     def __init__(self, scenario: Scenario, follower: int, navigator: OnlineFactory) -> None:
         self._scenario, self._vehicles, self._make = scenario, (0, follower + 1), navigator
-        self._errors = errors_of(scenario)
+        self._errors, self._hearing = errors_of(scenario), Hearing.of(scenario)
         self._seed, self._run, self._follower = scenario.seed, scenario.run, follower
         dt = scenario.timing.filter_step_s
         self._stride, self._patience = round(dt / CONTROL_STEP_S), round(_PATIENCE_S / dt)
@@ -95,7 +96,7 @@ class Pilot:
         """The message that is in at filter step k, if there is one."""
         # errors with a history take the whole of it
         since = 0 if self._remembering else self._awaited[0] - 1
-        truth = observe(flown(since * self._stride).only(self._vehicles, SITES), self._scenario)
+        truth = observe(flown(since * self._stride).only(self._vehicles, SITES), self._hearing)
         if not truth.message_step.size or truth.message_step[-1] != k:
             return None
         self._awaited = [sent for sent in self._awaited if sent > truth.emission_step[-1]]

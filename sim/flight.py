@@ -12,6 +12,7 @@ from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
 from sim.sensing.sensor_errors import measure
 from sim.trajectory import Trajectory
@@ -125,7 +126,7 @@ def navigate(
     errors = errors_of(scenario)
     measurements, estimates = [], []
     for follower in range(len(scenario.followers)):
-        truth = observe(trajectory, scenario, follower)
+        truth = observe(trajectory, Hearing.of(scenario), follower)
         heard = measure(truth, errors, seed=scenario.seed, run=scenario.run, follower=follower)
         settings = navigation_settings(scenario, trajectory, follower)
         measurements.append(heard)

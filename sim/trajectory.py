@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import BinaryIO, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -203,12 +203,12 @@ class Trajectory:
             np.savez(file, allow_pickle=False, **{f.name: np.asarray(getattr(self, f.name)) for f in fields(self)})
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, file: Path | BinaryIO) -> Self:
         """Read what `save` wrote; ValueError if arrays are missing."""
-        with np.load(path, allow_pickle=False) as data:
+        with np.load(file, allow_pickle=False) as data:
             missing = [f.name for f in fields(cls) if f.name not in data]
             if missing:
-                raise ValueError(f"{path} is no trajectory: it lacks {', '.join(missing)}")
+                raise ValueError(f"{file} is no trajectory: it lacks {', '.join(missing)}")
             values = {f.name: data[f.name] for f in fields(cls)}
         for name in ("names", "site_names"):
             values[name] = tuple(values[name].tolist())

@@ -12,6 +12,7 @@ from laisn.settings import GateRule
 from sim.flight import navigation_settings
 from sim.motion import move
 from sim.sensing.echo import Path, locked_path
+from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
 from sim.sensing.sensor_errors import measure
 
@@ -55,7 +56,7 @@ def fly_gates(plan: Plan) -> list[GateRow]:
                     ),
                 }
             )
-            truth, errors = observe(both, one), errors_of(one)
+            truth, errors = observe(both, Hearing.of(one)), errors_of(one)
             runs = range(min(plan.runs, _RUNS))
             heard = [measure(truth, errors, seed=SEED, run=run) for run in runs]
             quiet = [measure(truth, replace(errors, echo_chance=(0.0, 0.0)), seed=SEED, run=run) for run in runs]

@@ -21,6 +21,7 @@ from sim.flight import navigation_settings
 from sim.motion import move
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.ahrs import apparent_tilt, measured_attitude, random_error
+from sim.sensing.hearing import Hearing
 from sim.sensing.observation import SITES, errors_of, observe
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
@@ -112,11 +113,11 @@ def sense(both: Trajectory, condition: Condition, route: str, offset: float, dur
     pitch = np.rad2deg(both.pitch[:, 0])
     steadied = measured_attitude(both, AHRS)
     reading, left = np.deg2rad(AHRS.leader_attitude_sigma_deg), random_error(AHRS).sigma
-    real = observe(both, one)
+    real = observe(both, Hearing.of(one))
     sent = real.emission_step * round(real.dt / CONTROL_STEP_S)
     return Sensed(
         real=real,
-        level=observe(leveled(both), one),
+        level=observe(leveled(both), Hearing.of(one)),
         ahrs=replace(real, sent_attitude=steadied[sent]),
         settings=navigation_settings(one, both, 0),
         facts={

@@ -18,6 +18,7 @@ from experiments.campaign.montecarlo import simulate
 from laisn.settings import Variant
 from sim.flight import navigation_settings
 from sim.motion import move
+from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
 from sim.tilt import leveled, tilted
 
@@ -87,7 +88,7 @@ def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2"
             one = scenario(CALM, route, offset, plan.duration_s)
             one = one.model_copy(update={"timing": one.timing.model_copy(update={"message_interval_s": interval})})
             errors, settings = errors_of(one), navigation_settings(one, level, 0)
-            truths = [observe(tilted(level, np.deg2rad(degrees)), one) for degrees in PITCH_DEG]
+            truths = [observe(tilted(level, np.deg2rad(degrees)), Hearing.of(one)) for degrees in PITCH_DEG]
             for variant in variants:
                 cell = Cell(
                     truth=truths[0], errors=errors, settings=replace(settings, variant=variant), seed=SEED,

@@ -25,18 +25,11 @@ from experiments.campaign.version import code_version
 from laisn import metrics
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from sim.flight import navigation_settings
 from sim.scenario.settings import Scenario
-from sim.sensing.observation import errors_of, observe
-from sim.sensing.truth import MissionTruth
 from sim.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
 
-_HEARD = {"timing", "leader", "acoustics", "ocean"}
-"""What, beside the motion, decides what a follower hears …"""
-_NOISE = {"acoustics": {"range_tau_m", "range_scale_mean_m", "range_scale_sigma_m"}}
-"""… less the random errors, which are added to it run by run."""
 _BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
 
@@ -61,10 +54,14 @@ class CellPlan:
             raise LaisnError(f"follower is {self.follower}, the scenario has {len(self.scenario.followers)}")
 
     @cached_property
+    def content(self) -> Scenario:
+        """What is computed of the scenario."""
+        return flights.content_of(self.scenario)
+
+    @cached_property
     def key(self) -> str:
-        """Hash of settings, seed, number of runs and code version."""
-        given = self.scenario.model_dump(mode="json", exclude={"name", "run", "video", "epoch"})
-        return flights.digest([code_version(), given, self.runs, self.follower])
+        """Hash of all that is computed, of the number of runs and of the code version."""
+        return flights.key_of(self.content, self.runs, self.follower)
 
     @property
     def size(self) -> int:
@@ -73,13 +70,12 @@ class CellPlan:
 
 
 def _row(plan: CellPlan, result: CellResult) -> Record:
-    """What is stored of a cell."""
+    """What is stored of a cell; plans of other names may share it."""
     row: Record = {
         "key": plan.key,
-        "mission": plan.scenario.name,
-        "variant": plan.scenario.navigation.variant,
-        "motion": plan.scenario.motion,
-        "seed": plan.scenario.seed,
+        "variant": plan.content.navigation.variant,
+        "motion": plan.content.motion,
+        "seed": plan.content.seed,
         "runs": plan.runs,
         "steps": result.steps,
         "version": code_version(),
@@ -130,33 +126,12 @@ def _steps(cell: Cell) -> Steps:
     return {name: np.asarray(values, dtype=np.float32) for name, values in columns.items()}
 
 
-def _cells(trajectory: Trajectory, plans: Sequence[CellPlan]) -> Iterator[Cell]:
-    """Cells to simulate; what several of them share is computed once."""
-    sited: dict[str, Trajectory] = {}
-    seen: dict[str, MissionTruth] = {}
-    for plan in plans:
-        scenario = plan.scenario
-        leader = scenario.leader.model_dump_json()
-        if leader not in sited:
-            sited[leader] = flights.sited(trajectory, scenario.leader)
-        heard = scenario.model_dump_json(include=_HEARD, exclude=_NOISE) + str(plan.follower)
-        if heard not in seen:
-            seen[heard] = observe(sited[leader], scenario, plan.follower)
-        yield Cell(
-            truth=seen[heard],
-            errors=errors_of(scenario),
-            settings=navigation_settings(scenario, sited[leader], plan.follower),
-            seed=plan.scenario.seed,
-            runs=range(plan.runs),
-            follower=plan.follower,
-        )
-
-
 def compute(
     trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1
 ) -> list[tuple[str, Record, Steps | None]]:
     """Compute cells of one mission: key, row and, where asked for, errors at each step."""
-    cells = list(_cells(trajectory, plans))
+    mission = flights.Mission(plans[0].scenario, trajectory)
+    cells = [Cell.of(plan.content, plan.follower, plan.runs, mission=mission) for plan in plans]
     results = simulate_many(cells, threads=threads, keep_runs=True)
     return [
         (plan.key, _row(plan, result), _steps(cell) if plan.keep_steps else None)
@@ -268,4 +243,4 @@ def stored_row(plan: CellPlan, store: Store) -> Record:
     row = store.read(plan.key)
     if row is None:
         raise CampaignError(f"{store.folder}: cell {plan.key} of {plan.scenario.name} vanished while it was computed")
-    return row | {"mission": plan.scenario.name}
+    return {"key": plan.key, "mission": plan.scenario.name} | row

@@ -2,17 +2,22 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from experiments.campaign import lane_metrics as metric
+from experiments.campaign.missions import Mission, flown, motion_of
 from laisn.compiled import compiled_lanes
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.metrics import Summary
 from laisn.settings import NavigationSettings
+from sim.flight import navigation_settings
+from sim.scenario.settings import Scenario
+from sim.sensing.observation import errors_of
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
 
@@ -39,6 +44,34 @@ class Cell:
             raise ValueError(f"settings.dt is {self.settings.dt} s, the mission's {self.truth.dt} s")
         if not self.runs or self.runs.step != 1:
             raise ValueError(f"runs are {self.runs}, expected at least one, in steps of one")
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, follower: int = 0, runs: int | range = 60, *, mission: Mission | None = None
+    ) -> Self:
+        """The cell of a scenario: its run k is the scenario flown with `run = k`, noise and all.
+
+        Args:
+            scenario: to fly; its own `run` does not matter.
+            follower: its index, 0 for the first.
+            runs: how many, from run 0 on, or which.
+            mission: the scenario's flight; None: it is flown, once for scenarios that follow each other and move alike.
+
+        Raises:
+            LaisnError: there is no such follower, or the mission is not the scenario's.
+            CampaignError: the simulation left finite numbers.
+        """
+        if not 0 <= follower < len(scenario.followers):
+            raise LaisnError(f"follower is {follower}, the scenario has {len(scenario.followers)}")
+        trajectory, truth = (mission or flown(motion_of(scenario))).seen(scenario, follower)
+        return cls(
+            truth=truth,
+            errors=errors_of(scenario),
+            settings=navigation_settings(scenario, trajectory, follower),
+            seed=scenario.seed,
+            runs=range(runs) if isinstance(runs, int) else runs,
+            follower=follower,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

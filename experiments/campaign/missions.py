@@ -1,24 +1,32 @@
-"""Flown missions on disk: the truth of a mission is simulated once and serves all its cells."""
+"""Flown missions: the truth of a mission is simulated once, kept on disk, and serves all its cells."""
 
 import hashlib
 import json
-import os
 import warnings
 from dataclasses import replace
+from functools import cache, lru_cache, partial
+from io import BytesIO
 from pathlib import Path
-from zipfile import is_zipfile
+from typing import TypeVar
+from zipfile import ZipFile
 
 import numpy as np
+from pydantic import BaseModel
 
 from experiments.campaign.failures import CampaignError, DamagedResult
+from experiments.campaign.seal import blank, require_whole, sealed
 from experiments.campaign.version import code_version
+from laisn.failure import LaisnError
+from laisn.whole_files import replaced
 from sim.fleet import FleetError
 from sim.motion import DivergedError, move
 from sim.scenario.settings import Leader, Scenario
+from sim.sensing.hearing import Hearing
+from sim.sensing.observation import observe
+from sim.sensing.truth import MissionTruth
 from sim.trajectory import Trajectory
 
-_FREE = ("baseline_m", "middle_offset_m", "broadcast_attitude")
-"""Of the leader: change what is heard, not how anything moves."""
+Section = TypeVar("Section", bound=BaseModel)
 
 
 def digest(content: object) -> str:
@@ -26,23 +34,37 @@ def digest(content: object) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:24]
 
 
+def without(section: Section, *names: str) -> Section:
+    """A section of a scenario with these keys at their defaults."""
+    known = type(section).model_fields
+    return section.model_copy(update={name: known[name].get_default(call_default_factory=True) for name in names})
+
+
+def content_of(scenario: Scenario) -> Scenario:
+    """The scenario with everything at its default that changes no number of a campaign.
+
+    This is what campaigns compute in place of the scenario, and what their keys are made of: nothing else can matter.
+    """
+    return without(scenario, "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video")
+
+
+def motion_of(scenario: Scenario) -> Scenario:
+    """The scenario with everything at its default that does not change how vehicles move; this is what is flown."""
+    moving = {
+        "leader": without(scenario.leader, "baseline_m", "middle_offset_m", "broadcast_attitude"),
+        "timing": without(scenario.timing, "filter_step_s", "message_interval_s"),
+    }
+    return without(content_of(scenario), "sensors", "acoustics", "navigation").model_copy(update=moving)
+
+
+def key_of(scenario: Scenario, *others: object) -> str:
+    """Hash of a scenario but for its name, of the code version, and of whatever else matters."""
+    return digest([code_version(), scenario.model_dump(mode="json", exclude={"name"}), *others])
+
+
 def motion_key(scenario: Scenario) -> str:
     """Hash of everything that may change how the vehicles move, and of the code version."""
-    leader = scenario.leader.model_dump(mode="json")
-    for name in _FREE:
-        leader.pop(name)
-    return digest(
-        {
-            "version": code_version(),
-            "motion": scenario.motion,
-            "seed": scenario.seed,  # of the waves
-            "duration_s": scenario.duration_s,
-            "physics_step_s": scenario.timing.physics_step_s,
-            "leader": leader,
-            "followers": [f.model_dump(mode="json") for f in scenario.followers],
-            "ocean": scenario.ocean.model_dump(mode="json"),
-        }
-    )
+    return key_of(motion_of(scenario))
 
 
 def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
@@ -63,36 +85,67 @@ def read(folder: Path, scenario: Scenario) -> Trajectory | None:
 
     A damaged file warns and counts as missing.
     """
-    path = folder / f"{motion_key(scenario)}.npz"
+    key = motion_key(scenario)
+    path = folder / f"{key}.npz"
     if not path.is_file():
         return None
     try:
-        if not is_zipfile(path):
-            raise ValueError("it is no .npz archive, or only a part of one")
-        return Trajectory.load(path)
-    except Exception as error:
-        # foreign bytes make archives and arrays fail in many ways; here they are one
-        reason = str(error).partition("\n")[0].removeprefix(f"{path} ") or type(error).__name__
-        warnings.warn(f"{path} cannot be read and is flown again: {reason}", DamagedResult, stacklevel=2)
+        content = path.read_bytes()
+        require_whole(content, key)
+    except (ValueError, OSError) as error:
+        warnings.warn(f"{path} cannot be read and is flown again: {error}", DamagedResult, stacklevel=2)
         return None
+    return Trajectory.load(BytesIO(content))
 
 
 def store(folder: Path, scenario: Scenario, trajectory: Trajectory) -> None:
-    """Write a flight under a temporary name and rename it."""
+    """Write a flight; the same bytes for all scenarios that share it."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{motion_key(scenario)}.npz"
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    trajectory.save(temporary)
-    temporary.replace(path)
+    motion = motion_of(scenario)
+    key = motion_key(scenario)
+    with replaced(folder / f"{key}.npz") as part:
+        sited(trajectory, motion.leader).save(part)
+        with ZipFile(part, "a") as archive:
+            archive.comment = blank(key)
+        part.write_bytes(sealed(part.read_bytes()))
 
 
 def fly(scenario: Scenario) -> Trajectory:
     """Fly a mission; CampaignError naming it if the simulation left finite numbers."""
     try:
-        trajectory = move(scenario)
+        trajectory = move(motion_of(scenario))
     except (DivergedError, FleetError) as error:
         # They carry the flight so far, which no process can hand to another: what they say is what counts.
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
     if not np.all(np.isfinite(trajectory.position)):
         raise CampaignError(f"mission {scenario.name!r}: the simulation left finite numbers")
-    return trajectory
+    return sited(trajectory, scenario.leader)
+
+
+class Mission:
+    """A flown mission; what its cells share is computed once, and depends on the arguments alone."""
+
+    def __init__(self, scenario: Scenario, trajectory: Trajectory) -> None:
+        """Take a flight of a scenario, or of another one that moves alike."""
+        self._motion = motion_of(scenario).model_dump(exclude={"name"})
+        self._sited = cache(partial(sited, trajectory))
+        self._heard = cache(self._observe)
+
+    def _observe(self, leader: Leader, hearing: Hearing, follower: int) -> MissionTruth:
+        return observe(self._sited(leader), hearing, follower)
+
+    def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, MissionTruth]:
+        """The flight with a scenario's transmitters, and what one follower sees of it.
+
+        Raises:
+            LaisnError: the scenario's vehicles move otherwise.
+        """
+        if motion_of(scenario).model_dump(exclude={"name"}) != self._motion:
+            raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was flown")
+        return self._sited(scenario.leader), self._heard(scenario.leader, Hearing.of(scenario), follower)
+
+
+@lru_cache(maxsize=4)
+def flown(motion: Scenario) -> Mission:
+    """A mission, flown once for all scenarios of this motion; errors as of `fly`."""
+    return Mission(motion, fly(motion))

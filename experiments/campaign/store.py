@@ -2,9 +2,9 @@
 
 import csv
 import json
-import os
 import warnings
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from experiments.campaign.failures import CampaignError, DamagedResult
-from experiments.campaign.leftovers import writer_runs
+from experiments.campaign.seal import blank, require_whole, sealed
 from experiments.campaign.version import code_version
+from laisn.failure import LaisnError
+from laisn.whole_files import held, parts, remove_abandoned, replaced
 
 Record = dict[str, Any]
 """A row: column names and plain values."""
@@ -26,18 +28,22 @@ PER_RUN = "run_"
 """Start of the names of columns that hold a list over runs."""
 
 _MANIFEST = "campaign.json"
-_KEY = b"cell"
 
 
-def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[bytes, bytes] | None = None) -> None:
-    """Write a Parquet file under a temporary name and rename it; the same content gives the same bytes."""
-    table = pa.table(dict(columns)).replace_schema_metadata(dict(metadata or {}))
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+def _parquet(columns: Mapping[str, Any], metadata: Mapping[bytes, bytes]) -> bytes:
+    """A table as Parquet; the same content gives the same bytes."""
+    table, file = pa.table(dict(columns)), BytesIO()
+    with pq.ParquetWriter(file, table.schema, compression="zstd", write_page_checksum=True) as writer:
+        writer.write_table(table)
+        # not with the schema, of which Arrow keeps a second copy
+        writer.add_key_value_metadata(dict(metadata))
+    return file.getvalue()
+
+
+def write_table(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write a Parquet file, whole or not at all; the same content gives the same bytes."""
+    with replaced(path) as part:
+        part.write_bytes(_parquet(columns, {}))
 
 
 def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
@@ -47,9 +53,9 @@ def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
 
 
 class Store:
-    """The results folder of a campaign.
+    """The results folder of a campaign; any number of processes may work in it at once.
 
-    Raises ValueError if the folder holds results of another version and `force` is not set.
+    Raises LaisnError if the folder holds results of another version and `force` is not set.
     """
 
     def __init__(self, folder: Path, *, force: bool = False) -> None:
@@ -63,27 +69,42 @@ class Store:
         self._cells = folder / "cells"
         self._force = force
         self._rows: dict[str, Record] = {}
-        manifest = folder / _MANIFEST
-        if manifest.is_file() and (found := self._version(manifest)) != code_version():
-            if not force:
-                raise ValueError(
-                    f"{folder} holds results of version {found}, this is {code_version()}; "
+        self._cells.mkdir(parents=True, exist_ok=True)
+        # versions are compared, and results of others removed, by one process at a time
+        with held(folder):
+            self._require_version()
+        remove_abandoned(parts(folder))
+
+    def _require_version(self) -> None:
+        """Make the folder one of this version, or refuse."""
+        manifest = self.folder / _MANIFEST
+        found = self._version(manifest)
+        if found == code_version():
+            return
+        if found is not None:
+            if not self._force:
+                raise LaisnError(
+                    f"{self.folder} holds results of version {found}, this is {code_version()}; "
                     "choose another folder with --out, or replace them with --force"
                 )
-            for path in self._cells.glob("*.parquet"):
-                path.unlink()
-        self._cells.mkdir(parents=True, exist_ok=True)
-        for part in folder.rglob(".*.part"):
-            if not writer_runs(part.name.split(".")[-2]):
-                part.unlink(missing_ok=True)
-        manifest.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
+            for path in (*self._cells.glob("*.parquet"), *self.flights.glob("*.npz")):
+                path.unlink(missing_ok=True)
+        with replaced(manifest) as part:
+            part.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
 
     @staticmethod
-    def _version(manifest: Path) -> str:
+    def _version(manifest: Path) -> str | None:
+        """The version of a folder's results; None if it has none, or says none that can be read.
+
+        Nothing is taken for what it is not: the names of cells and flights depend on their version.
+        """
         try:
             return str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
+        except FileNotFoundError:
+            return None
         except (ValueError, KeyError, TypeError):
-            return "unknown"
+            warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=4)
+            return None
 
     @property
     def flights(self) -> Path:
@@ -95,14 +116,12 @@ class Store:
         if not path.is_file() or (self._force and key not in self._rows):
             return None
         try:
-            table = pq.ParquetFile(path, page_checksum_verification=True).read()
-            if (table.schema.metadata or {}).get(_KEY) != key.encode():
-                raise ValueError("it is another cell's")
-        except (pa.ArrowException, ValueError, OSError) as error:
-            reason = str(error).partition("\n")[0]
-            warnings.warn(f"{path} cannot be read and is computed again: {reason}", DamagedResult, stacklevel=3)
+            content = path.read_bytes()
+            require_whole(content, key)
+        except (ValueError, OSError) as error:
+            warnings.warn(f"{path} cannot be read and is computed again: {error}", DamagedResult, stacklevel=3)
             return None
-        return table
+        return pq.read_table(BytesIO(content))
 
     def read(self, key: str) -> Record | None:
         """The row of a cell less its lists over runs; None if it must be computed.
@@ -134,22 +153,20 @@ class Store:
                 f"a worker has version {row['version']}, the campaign began with {code_version()}: "
                 "the sources changed while it ran; run it again"
             )
-        metadata = {_KEY: key.encode()}
         if steps is not None:
-            write_table(self._cells / f"{key}.steps.parquet", steps, metadata)
-        write_table(self._cells / f"{key}.parquet", columns_of([row]), metadata)
+            self._write(key, ".steps.parquet", steps)
+        self._write(key, ".parquet", columns_of([row]))
         self._rows[key] = {name: value for name, value in row.items() if not name.startswith(PER_RUN)}
+
+    def _write(self, key: str, suffix: str, columns: Mapping[str, Any]) -> None:
+        with replaced(self._cells / f"{key}{suffix}") as part:
+            part.write_bytes(sealed(_parquet(columns, {b"seal": blank(key)})))
 
 
 def write_csv(path: Path, rows: Sequence[Record]) -> None:
-    """Write rows as CSV under a temporary name and rename it; numbers with all their digits."""
+    """Write rows as CSV, whole or not at all; numbers with all their digits."""
     columns = columns_of(rows)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows(zip(*columns.values(), strict=True))
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))

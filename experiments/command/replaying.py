@@ -44,7 +44,7 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
     from sim.flight import navigation_settings
     from sim.log import reader, writer
     from sim.scenario.file import ScenarioError
-    from sim.sensing.observation import observe
+    from sim.sensing.observation import start_of
 
     _require_own_file(out, ".mcap", path)
     flown = reader.read(path)
@@ -55,9 +55,7 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
     table = override(flown.scenario.model_dump(mode="json", exclude_none=True), given)
     scenario = validate(table, f"{path} {' '.join(f'--set {a}' for a in given)}")
     estimates = tuple(
-        Navigator(navigation_settings(scenario, flown.trajectory, i), observe(flown.trajectory, scenario, i).start).run(
-            measured
-        )
+        Navigator(navigation_settings(scenario, flown.trajectory, i), start_of(flown.trajectory, i)).run(measured)
         for i, measured in enumerate(flown.measurements)
     )
     again = replace(flown, scenario=scenario, estimates=estimates)
@@ -94,7 +92,7 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
     from sim.flight import navigation_settings
     from sim.log import reader
     from sim.motion import move
-    from sim.sensing.observation import observe
+    from sim.sensing.observation import start_of
 
     _require_own_file(out, ".csv", path)
     scenario = load_flyable(source, assignments)
@@ -105,7 +103,7 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
     for i, name in enumerate(begin.names[1:]):
         measured = reader.read_measurements(path, name)
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
-        estimates = Navigator(settings, observe(begin, scenario, i).start).run(measured)
+        estimates = Navigator(settings, start_of(begin, i)).run(measured)
         kinds = [FixKind(kind) for kind in estimates.fix_kind.tolist()]
         counts = ", ".join(f"{kinds.count(k)} {k.name.lower().replace('_', ' ')}" for k in FixKind if k in kinds)
         last = estimates.state[-1]

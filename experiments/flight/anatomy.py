@@ -19,6 +19,7 @@ from laisn.messages import LeaderMessage
 from sim.flight import Flight, navigation_settings
 from sim.sensing.acoustics import TRANSMITTERS, propagate
 from sim.sensing.echo import Path, locked_path
+from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of
 from sim.tilt import leveled
 
@@ -98,7 +99,7 @@ def dissect(flight: Flight, follower: int = 0) -> Anatomy:
         follower: its index, 0 for the first.
     """
     scenario, trajectory, measured = flight.scenario, flight.trajectory, flight.measurements[follower]
-    sound = propagate(trajectory, scenario, follower)
+    sound = propagate(trajectory, Hearing.of(scenario), follower)
     # sound counts steps from the start of the mission, a flight from its own
     first = round(float(trajectory.time[0]) / measured.dt)
     _, row, kept = np.intersect1d(sound.message_step - first, measured.message_step, return_indices=True)

@@ -17,6 +17,7 @@ import jinja2
 from markupsafe import Markup, escape
 
 from experiments.campaign.version import versions
+from laisn.whole_files import replaced
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
 """Of what shapes numbers; the page says with which versions it was made."""
@@ -233,7 +234,6 @@ def render(page: Page) -> str:
 
 
 def write(page: Page, path: Path) -> None:
-    """Write the page under a temporary name and rename it, so that no reader meets half a page."""
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(render(page), encoding="utf-8")
-    temporary.replace(path)
+    """Write the page, whole or not at all."""
+    with replaced(path) as part:
+        part.write_text(render(page), encoding="utf-8")

@@ -15,8 +15,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from sim.scenario.settings import CONTROL_STEP_S, Acoustics, Scenario
-from sim.sensing.echo import Path, image, mean_slowness, possible_paths
+from sim.scenario.settings import CONTROL_STEP_S
+from sim.sensing.echo import Path, image, mean_slowness
+from sim.sensing.hearing import Hearing
 from sim.trajectory import Trajectory
 from sim.water.sound import SoundSpeed
 
@@ -66,19 +67,19 @@ class Propagation:
         return self.length * self.slowness_ratio + self.clock_range
 
 
-def sound_speed(acoustics: Acoustics) -> SoundSpeed:
-    """The true speed of sound of a scenario."""
-    if acoustics.sound_speed_profile:
-        return SoundSpeed.through(acoustics.sound_speed_profile)
-    return SoundSpeed.constant(acoustics.sound_speed_m_s)
+def sound_speed(hearing: Hearing) -> SoundSpeed:
+    """The true speed of sound."""
+    if hearing.sound_speed_profile:
+        return SoundSpeed.through(hearing.sound_speed_profile)
+    return SoundSpeed.constant(hearing.sound_speed_m_s)
 
 
-def _ratio(acoustics: Acoustics, source: Floats, receiver: Floats, path: Path, floor_depth: float) -> Floats:
+def _ratio(hearing: Hearing, source: Floats, receiver: Floats, path: Path) -> Floats:
     """c_b s of a path; exactly 1 where the follower believes the true constant, so that nothing is rounded."""
-    believed = acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s
-    if not acoustics.sound_speed_profile:
-        return np.full(source.shape[:-1], believed / acoustics.sound_speed_m_s)
-    return believed * mean_slowness(sound_speed(acoustics), source, receiver, path, floor_depth)
+    believed = hearing.sound_speed_m_s + hearing.sound_speed_bias_m_s
+    if not hearing.sound_speed_profile:
+        return np.full(source.shape[:-1], believed / hearing.sound_speed_m_s)
+    return believed * mean_slowness(sound_speed(hearing), source, receiver, path, hearing.floor_depth_m)
 
 
 def _reader(trajectory: Trajectory, site: str, *, on_grid: bool) -> Callable[[Floats], Floats]:
@@ -107,34 +108,34 @@ def _arrivals(
     return arrival, hydrophone(arrival)
 
 
-def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Propagation:
+def propagate(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Propagation:
     """Follow the sound of all messages of a mission to one follower.
 
     Messages that are not in by the last filter step are left out.
 
     Args:
-        trajectory: of the scenario, or a stretch of it that begins at a filter step; messages sent after that are
+        trajectory: of a mission, or a stretch of it that begins at a filter step; messages sent after that are
             followed.
-        scenario: gives filter step, message interval, acoustics and floor.
+        hearing: of its scenario.
         follower: its index, 0 for the first.
     """
-    acoustics, floor, dt = scenario.acoustics, scenario.ocean.floor_depth_m, scenario.timing.filter_step_s
+    floor, dt, every = hearing.floor_depth_m, hearing.filter_step_s, hearing.message_every
     first = round(float(trajectory.time[0]) / dt)
     last = first + (trajectory.time.size - 1) // round(dt / CONTROL_STEP_S)
-    moving = acoustics.travel_time
-    on_grid = not moving and acoustics.ping_slot_s == 0
+    moving = hearing.travel_time
+    on_grid = not moving and hearing.ping_slot_s == 0
     # integers count messages: an accumulated time would drop some
-    steps = np.arange(first // scenario.message_every + 1, last // scenario.message_every + 1) * scenario.message_every
+    steps = np.arange(first // every + 1, last // every + 1) * every
     hydrophone = _reader(trajectory, f"{trajectory.names[follower + 1]}/hydrophone", on_grid=on_grid)
-    sound = sound_speed(acoustics)
+    sound = sound_speed(hearing)
 
     m, paths, ping = steps.size, len(Path), len(TRANSMITTERS)
-    sent = steps[:, None] * dt + acoustics.ping_slot_s * np.arange(ping)
+    sent = steps[:, None] * dt + hearing.ping_slot_s * np.arange(ping)
     transmitter, receiver = np.empty((m, ping, 3)), np.empty((m, ping, 3))
     arrival, length, ratio = (np.full((m, ping, paths), np.nan) for _ in range(3))
     for i, site in enumerate(TRANSMITTERS):
         transmitter[:, i] = _reader(trajectory, site, on_grid=on_grid)(sent[:, i])
-        for path in possible_paths(acoustics):
+        for path in hearing.paths:
             source = image(transmitter[:, i], path, floor)
             at = hydrophone(sent[:, i])
             if moving:
@@ -146,7 +147,7 @@ def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> 
             else:
                 arrival[:, i, path] = sent[:, i]
             length[:, i, path] = np.linalg.norm(source - at, axis=1)
-            ratio[:, i, path] = _ratio(acoustics, transmitter[:, i], at, path, floor)
+            ratio[:, i, path] = _ratio(hearing, transmitter[:, i], at, path)
             if path is Path.DIRECT:
                 receiver[:, i] = at
 
@@ -154,8 +155,8 @@ def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> 
     message_step = np.ceil(complete / dt - 1e-6).astype(np.int64)
     # Two messages within one filter step: the follower keeps the first.
     heard = (message_step <= last) & (np.diff(message_step, prepend=0) > 0)
-    believed = acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s
-    clock = acoustics.clock_offset_s + 1e-6 * acoustics.clock_drift_ppm * arrival
+    believed = hearing.sound_speed_m_s + hearing.sound_speed_bias_m_s
+    clock = hearing.clock_offset_s + 1e-6 * hearing.clock_drift_ppm * arrival
     return Propagation(
         emission_step=steps[heard],
         message_step=message_step[heard],

@@ -11,7 +11,7 @@ Accelerations are the same in every run, and go through the filter here; the ran
 correlation time τ, of which `sim.sensing.sensor_errors` takes the values that are broadcast.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +36,19 @@ class RandomError(NamedTuple):
     """Correlation time; 0: each reading has its own [s]."""
 
 
-def gain(sensors: Sensors) -> float:
+class Ahrs(Protocol):
+    """What of the leader's AHRS is the same in every run; the sensors of a scenario have it."""
+
+    @property
+    def leader_attitude_feels_acceleration(self) -> bool:
+        """Whether the inclinometer takes accelerations for tilt."""
+
+    @property
+    def leader_gyro_time_constant_s(self) -> float:
+        """τ of the filter; 0: no gyros."""
+
+
+def gain(sensors: Ahrs) -> float:
     """γ: share of the inclinometer in each step of the filter; 1 without gyros."""
     if sensors.leader_gyro_time_constant_s == 0.0:
         return 1.0
@@ -81,7 +93,7 @@ def _low_pass(error: Floats, share: float) -> Floats:
     return passed
 
 
-def measured_attitude(trajectory: Trajectory, sensors: Sensors, vehicle: int = 0) -> Floats:
+def measured_attitude(trajectory: Trajectory, sensors: Ahrs, vehicle: int = 0) -> Floats:
     """Pitch and roll as the leader measures them, but for random errors, shape (n, 2), [rad].
 
     The filter starts without error.

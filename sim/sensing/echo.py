@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled, inlined
-from sim.scenario.settings import Acoustics
 from sim.sensing import noise
 from sim.water.sound import SoundSpeed
 
@@ -58,9 +57,9 @@ def mean_slowness(sound: SoundSpeed, source: Floats, receiver: Floats, path: Pat
     return np.where(first + second > 0.0, legs / crossed, 1.0 / sound.at(turn))
 
 
-def possible_paths(acoustics: Acoustics) -> tuple[Path, ...]:
-    """Paths that have a chance to be taken."""
-    chances = (1.0, acoustics.surface_echo_chance, acoustics.bottom_echo_chance)
+def possible_paths(surface_chance: float, bottom_chance: float) -> tuple[Path, ...]:
+    """Paths that have a chance to be taken, by the chances of echoes."""
+    chances = (1.0, surface_chance, bottom_chance)
     return tuple(path for path, chance in zip(Path, chances, strict=True) if chance > 0)
 
 

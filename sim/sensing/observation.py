@@ -8,6 +8,7 @@ from sim.sensing.acoustics import TRANSMITTERS as TRANSMITTERS
 from sim.sensing.acoustics import propagate
 from sim.sensing.ahrs import measured_attitude, random_error
 from sim.sensing.echo import Path
+from sim.sensing.hearing import Hearing
 from sim.sensing.loss import Channel
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
@@ -64,22 +65,22 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
     return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2]])
 
 
-def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> MissionTruth:
+def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> MissionTruth:
     """What the sensors of one follower see of a trajectory, without errors.
 
     Ranges come from `sim.sensing.acoustics`: with the paper's settings they are distances between the transmitter sites
     and the hydrophone site at the instant of the ping.
 
     Args:
-        trajectory: of the scenario, on the control grid; or a stretch of it that begins at a filter step, for which
+        trajectory: of a mission, on the control grid; or a stretch of it that begins at a filter step, for which
             errors of the leader's attitude begin anew.
-        scenario: gives filter step and message interval.
+        hearing: of its scenario.
         follower: its index, 0 for the first.
 
     Raises:
         ValueError: the trajectory is too short for one filter step.
     """
-    dt = scenario.timing.filter_step_s
+    dt = hearing.filter_step_s
     stride = round(dt / CONTROL_STEP_S)
     n = (trajectory.time.size - 1) // stride
     if n < 1:
@@ -88,13 +89,13 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     name = trajectory.names[follower + 1]
     hydrophone = trajectory.site_position[:, trajectory.site(f"{name}/hydrophone")]
     own = own_motion(trajectory, follower)[grid]
-    sound = propagate(trajectory, scenario, follower)
+    sound = propagate(trajectory, hearing, follower)
     sent = (sound.emission_step - first) * stride
-    limit = scenario.acoustics.max_range_m or np.inf
+    limit = hearing.max_range_m or np.inf
     heard = np.where(sound.length[:, :, [Path.DIRECT]] <= limit, sound.range, np.nan)
     attitude = np.full((sent.size, 2), np.nan)
-    if scenario.leader.broadcast_attitude:
-        attitude = measured_attitude(trajectory, scenario.sensors)[sent]
+    if hearing.broadcast_attitude:
+        attitude = measured_attitude(trajectory, hearing)[sent]
     leader = trajectory.position[:, 0]
     return MissionTruth(
         dt=dt,

@@ -1,0 +1,224 @@
+"""Cells: what they share, what their keys hold, and whose noise they have."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import BaseModel, ValidationError
+
+from experiments.campaign import missions as flights
+from experiments.campaign.campaign import CellPlan, compute
+from experiments.campaign.cells import Cell
+from experiments.campaign.missions import Mission, motion_of
+from experiments.campaign.montecarlo import histories
+from laisn import lane_rows, lanes
+from laisn.failure import LaisnError
+from laisn.navigator import Navigator
+from laisn.settings import NavigationSettings
+from sim.flight import navigate
+from sim.motion import move
+from sim.scenario.settings import (
+    Acoustics,
+    Follower,
+    Leader,
+    Navigation,
+    Ocean,
+    Scenario,
+    Sensors,
+    Timing,
+    Waves,
+)
+from sim.trajectory import Trajectory
+
+# the leader turns from the start, so that its inclinometer has accelerations to feel
+TURNING = tuple((t, 20.0 * float(np.sin(t / 20.0)), 20.0 - 20.0 * float(np.cos(t / 20.0))) for t in range(0, 40, 2))
+
+
+def mission(**changes: Any) -> Scenario:
+    given = {"leader": Leader(route=None, waypoints=TURNING), "name": "turning", **changes}
+    followers = (Follower(name="one", route="T3", depth_m=14.0), Follower(name="two", route="T5"))
+    return Scenario(motion="kinematic", duration_s=12.0, followers=followers, **given)
+
+
+@pytest.fixture(scope="module")
+def flown() -> Trajectory:
+    return flights.fly(mission())
+
+
+def computed(flown: Trajectory, *plans: CellPlan) -> list[Any]:
+    return [row for _, row, _ in compute(flown, plans)]
+
+
+def test_cells_that_differ_in_the_inclinometer_alone_do_not_share_what_they_see(flown: Trajectory) -> None:
+    leader = Leader(route=None, waypoints=TURNING, broadcast_attitude=True)
+    exact, feels = (
+        CellPlan(
+            scenario=mission(
+                leader=leader,
+                navigation=Navigation(use_attitude=True),
+                sensors=Sensors(leader_attitude_feels_acceleration=felt),
+            ),
+            runs=3,
+        )
+        for felt in (False, True)
+    )
+    ([one], [other]) = computed(flown, exact), computed(flown, feels)
+    assert one["e_p_mean_m"] != other["e_p_mean_m"]
+    assert computed(flown, exact, feels) == [one, other]
+    assert computed(flown, feels, exact) == [other, one]
+
+
+some = st.sampled_from
+LEADERS = st.builds(
+    lambda baseline, offset, told: Leader(
+        route=None, waypoints=TURNING, baseline_m=baseline, middle_offset_m=offset, broadcast_attitude=told
+    ),
+    some([1.0, 2.0]), some([0.1, 0.2]), st.booleans(),
+)  # fmt: skip
+SENSORS = st.builds(
+    Sensors,
+    heading_bias_deg=some([0.0, 5.0]), depth_sigma_m=some([0.0, 0.1]), leader_attitude_sigma_deg=some([0.0, 1.0]),
+    leader_attitude_feels_acceleration=st.booleans(), leader_gyro_time_constant_s=some([0.0, 4.0]),
+)  # fmt: skip
+ACOUSTICS = st.builds(
+    Acoustics,
+    range_scale_mean_m=some([0.1, 0.3]), travel_time=st.booleans(), ping_slot_s=some([0.0, 0.05]),
+    sound_speed_bias_m_s=some([0.0, 10.0]), sound_speed_profile=some([(), ((0.0, 1480.0), (20.0, 1510.0))]),
+    clock_offset_s=some([0.0, 1e-4]), clock_drift_ppm=some([0.0, 50.0]), bottom_echo_chance=some([0.0, 0.3]),
+    surface_echo_chance=some([0.0, 0.3]), loss_chance=some([0.0, 0.2]), max_range_m=some([0.0, 25.0]),
+)  # fmt: skip
+TIMES = st.builds(
+    Timing, filter_step_s=some([0.1, 0.2]), message_interval_s=some([1.0, 2.0]), physics_step_s=some([0.02])
+)
+PLANS = st.builds(
+    lambda leader, sensors, acoustics, timing, variant, use, follower: CellPlan(
+        scenario=mission(
+            leader=leader, sensors=sensors, acoustics=acoustics, timing=timing,
+            navigation=Navigation(variant=variant, use_attitude=use and leader.broadcast_attitude),
+        ),
+        runs=2,
+        follower=follower,
+    ),
+    LEADERS, SENSORS, ACOUSTICS, TIMES, some(["laisn-2", "laisn-3-1", "laisn-best"]), st.booleans(), some([0, 1]),
+)  # fmt: skip
+
+
+@given(plans=st.lists(PLANS, min_size=2, max_size=4), data=st.data())
+@settings(max_examples=40)
+def test_a_cell_depends_on_no_other_and_on_no_order(plans: list[CellPlan], data: st.DataObject) -> None:
+    trajectory = flights.flown(motion_of(mission()))._sited(mission().leader)
+    alone = {plan.key: computed(trajectory, plan) for plan in plans}
+    order = data.draw(st.permutations(plans))
+    assert computed(trajectory, *order) == [row for plan in order for row in alone[plan.key]]
+
+
+def leaves(section: BaseModel) -> list[tuple[str, ...]]:
+    """Names of all settings within a section that are no sections themselves."""
+    found: list[tuple[str, ...]] = []
+    for name in type(section).model_fields:
+        value = getattr(section, name)
+        if isinstance(value, BaseModel):
+            found += [(name, *rest) for rest in leaves(value)]
+        else:
+            found.append((name,))
+    return found
+
+
+def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
+    """A valid scenario that differs in one setting."""
+    table = scenario.model_dump()
+    place = table
+    for name in leaf[:-1]:
+        place = place[name]
+    was = place[leaf[-1]]
+    points = [((0.0, 1480.0), (20.0, 1510.0)), ((0.0, 9.0),), (0.02, 0.02, 0.02), ((0.0, 0.0, 0.0), (50.0, 50.0, 9.0))]
+    words = ["regular", "thrust", "physics", "laisn-3-2", "v-measured", "predicted", "2027-01-01T00:00:00+00:00", "top"]
+    others = {
+        bool: [not was], int: [3, 320, 240, 24], float: [0.2, 2.5, 0.05, 40.0, 1490.0, 1020.0], tuple: points,
+        str: [*words, "kinematic", "L"], type(None): ["T4"],
+    }[type(was)]  # fmt: skip
+    for other in others:
+        place[leaf[-1]] = other
+        try:
+            made = Scenario.model_validate(table)
+        except ValidationError:
+            continue
+        if other != was:
+            return made
+    raise AssertionError(f"no other value of {leaf} is known")
+
+
+def test_what_the_keys_leave_out_changes_nothing() -> None:
+    """Setting by setting: a flight that is shared is the one that would be flown, a row that is shared the same row."""
+    sea = Ocean(waves=Waves(kind="jonswap", height_m=0.5, period_s=6.0))
+    still = mission(ocean=sea, leader=Leader(route=None, waypoints=TURNING, broadcast_attitude=True))
+    for base in (still, still.model_copy(update={"motion": "physics", "duration_s": 2.0})):
+        plan = CellPlan(scenario=base, runs=2)
+        shared, of_cells = [], []
+        row = computed(flights.fly(base), plan)
+        for leaf in leaves(base):
+            if leaf == ("followers",):
+                continue
+            other = changed(base, leaf)
+            if flights.motion_key(other) == flights.motion_key(base):
+                shared.append(leaf)
+                served, direct = flights.sited(flights.fly(base), other.leader), move(other)
+                for name in ("position", "velocity", "quaternion", "site_offset"):
+                    np.testing.assert_array_equal(getattr(served, name), getattr(direct, name), err_msg=str(leaf))
+            if CellPlan(scenario=other, runs=2).key == plan.key:
+                of_cells.append(leaf[0])
+                assert computed(move(other), CellPlan(scenario=other, runs=2)) == row, leaf
+        assert {("name",), ("run",), ("leader", "baseline_m"), ("acoustics", "travel_time")} <= set(shared)
+        assert set(of_cells) == {
+            "name", "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video"
+        }  # fmt: skip
+
+
+def test_run_k_of_a_scenario_s_cell_is_the_flight_with_that_run() -> None:
+    given = mission(seed=7, sensors=Sensors(depth_sigma_m=0.1), acoustics=Acoustics(loss_chance=0.2))
+    states = histories(Cell.of(given, follower=1, runs=4))
+    for run in range(4):
+        flight = navigate(given.model_copy(update={"run": run}), move(given), Navigator)
+        assert np.abs(states[:, :, run] - flight.estimates[1].state).max() < 1e-9
+    some_runs = histories(Cell.of(given.model_copy(update={"run": 9}), follower=1, runs=range(2, 4)))
+    np.testing.assert_array_equal(some_runs, states[:, :, 2:])
+
+
+def test_a_cell_of_what_is_not_there_is_refused(flown: Trajectory) -> None:
+    given = mission()
+    for follower in (-1, 2):
+        with pytest.raises(LaisnError, match=f"follower is {follower}, the scenario has 2"):
+            Cell.of(given, follower)
+    taken = Mission(given, flown)
+    assert Cell.of(given.model_copy(update={"name": "other"}), mission=taken).runs == range(60)
+    with pytest.raises(LaisnError, match="'turning' moves otherwise than the mission that was flown"):
+        Cell.of(given.model_copy(update={"duration_s": 6.0}), mission=taken)
+
+
+def unknown(name: str, value: str) -> NavigationSettings:
+    """Settings with a choice that was added to the names and nowhere else."""
+    made = NavigationSettings()
+    object.__setattr__(made, name, value)
+    return made
+
+
+@pytest.mark.parametrize("name", ["variant", "gate", "side_rule"])
+def test_a_choice_without_a_compiled_twin_is_refused(name: str) -> None:
+    with pytest.raises(NotImplementedError, match=f"{name} 'laisn-9' has no compiled twin; there are: "):
+        lane_rows.tuning(unknown(name, "laisn-9"))
+
+
+def test_a_variant_without_a_branch_in_the_lanes_is_refused() -> None:
+    tuning = lane_rows.tuning(NavigationSettings())._replace(variant=5)
+    block = lane_rows.new_block(np.zeros(4), tuning)
+    with pytest.raises(NotImplementedError, match="no branch for this variant"):
+        lanes.position_update(block, tuning, 1)
+
+
+def test_a_variant_or_a_gate_that_the_navigator_lacks_is_refused() -> None:
+    with pytest.raises(NotImplementedError, match="'laisn-9' makes no fixes; there are: laisn-3-1, laisn-2, "):
+        Navigator(unknown("variant", "laisn-9"), np.zeros(4))
+    with pytest.raises(NotImplementedError, match="no bound for the gate 'tight'"):
+        Navigator(unknown("gate", "tight"), np.zeros(4))._gate.passes((0.0, 0.0), 1, 1.0)
