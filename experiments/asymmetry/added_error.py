@@ -1,19 +1,29 @@
 """What pitch, and what a remedy, does to the mean error of a mission: arms of the same mission put together."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from experiments.asymmetry.missions import Row
-from experiments.asymmetry.remedies import LEVEL, REAL, Arm
-from experiments.asymmetry.verdict import Verdict, verdict
+from experiments.asymmetry.remedies import EXACT, LEVEL, LEVEL_BROADCAST, READINGS, REAL, REMEDIES, STEADIED, Arm
+from experiments.asymmetry.verdict import Verdict, judge_captures, judge_errors
+from experiments.intervals import CONFIDENCE, Interval, proportion, share_removed
 
 Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
-SMALLEST_PART_M = 0.02
-"""Missions in which pitch does less than this to the mean error say nothing about a remedy."""
+JUDGED_FROM_M = 0.1
+"""Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean. That is known
+from the motion alone, before anybody navigates; what came out of a mission has no say in it."""
+CAPTURES_WANTED = 0.9
+"""Share of the captures that pitch adds which any remedy should remove: a run is captured or not, so that 99 % of them
+would take thousands of runs to tell."""
+SETTLED = (EXACT, STEADIED, READINGS)
+"""Remedies for which open questions about captures, too, are worth the time of more runs."""
+JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
+"""Remedies, and what each is held against."""
 Mission = tuple[str, str, float, str]
 """Condition, route, depth offset, variant."""
 
@@ -28,28 +38,63 @@ class Excess:
 
     @property
     def part(self) -> float:
-        """The pitch-driven part of the mean position error [m]."""
+        """The pitch-driven part of the mean position error, captured runs included [m]."""
         return self.real.e_p_mean_m - self.level.e_p_mean_m
+
+    @property
+    def judged(self) -> bool:
+        """Whether remedies are judged on this mission."""
+        return self.level.fix_error_m >= JUDGED_FROM_M
+
+    @property
+    def lever(self) -> float:
+        """Δz sin φ, both root mean square [m]."""
+        return self.real.depth_offset_rms_m * float(np.sin(np.deg2rad(self.real.pitch_rms_deg)))
 
     def left(self, arm: Arm, base: Arm = LEVEL) -> float:
         """What a remedy leaves of it, against a level leader without equipment, or with that of another arm [m]."""
         return self.arms[arm.key].e_p_mean_m - self.arms[base.key].e_p_mean_m
 
     def removed(self, arm: Arm) -> float:
-        """Share of the pitch-driven part that a remedy removes."""
-        return 1.0 - self.left(arm) / self.part
+        """Share that a remedy removes of the pitch-driven part in runs that nobody captures; NaN if there are none."""
+        part, left, free = self._compared(arm, LEVEL)
+        return 1.0 - float(left[free].mean() / part[free].mean()) if free.any() else float("nan")
 
-    def verdict(self, arm: Arm, missions: int = 1, base: Arm = LEVEL) -> Verdict:
-        """Whether the remedy removes the share that it should; `missions` are judged together."""
-        return verdict(self._runs(REAL) - self._runs(LEVEL), self._runs(arm) - self._runs(base), arm.wanted, missions)
+    def left_free(self, arm: Arm) -> float:
+        """What a remedy leaves of the pitch-driven part in runs that nobody captures; NaN if there are none [m]."""
+        _, left, free = self._compared(arm, LEVEL)
+        return float(left[free].mean()) if free.any() else float("nan")
 
-    def _runs(self, arm: Arm) -> Floats:
-        return np.array(self.arms[arm.key].e_p_run_mean_m)
+    def verdict(self, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Verdict:
+        """Whether the remedy removes the share that it should of the error in runs that nobody captures."""
+        part, left, free = self._compared(arm, base)
+        return judge_errors(part, left, free, arm.wanted, looks)
 
-    @property
-    def lever(self) -> float:
-        """Δz sin φ, both root mean square [m]."""
-        return self.real.depth_offset_rms_m * float(np.sin(np.deg2rad(self.real.pitch_rms_deg)))
+    def capture_verdict(self, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Verdict:
+        """Whether the remedy removes the share that it should of the captures that pitch adds."""
+        real, level, remedy, other = np.array(self._of_all("captured_run", arm, base), dtype=np.float64)
+        return judge_captures(real - level, remedy - other, CAPTURES_WANTED, looks)
+
+    def errors(self, arm: Arm) -> Floats:
+        """Mean error of each of the first runs, shape (R,), [m]."""
+        return np.array(self.arms[arm.key].e_p_run_mean_m[: self.real.runs])
+
+    def captures(self, arm: Arm) -> Floats:
+        """1 for each of the first runs that is captured, else 0, shape (R,)."""
+        return np.array(self.arms[arm.key].captured_run[: self.real.runs], dtype=np.float64)
+
+    def _of_all(self, field: str, arm: Arm, base: Arm) -> list[tuple[float, ...]]:
+        """A field of each run behind the real and the level leader, with a remedy and with another arm."""
+        values = [getattr(row, field) for row in (self.real, self.level, self.arms[arm.key], self.arms[base.key])]
+        runs = min(map(len, values))
+        return [value[:runs] for value in values]
+
+    def _compared(self, arm: Arm, base: Arm) -> tuple[Floats, Floats, Flags]:
+        """Pitch-driven error and what the remedy leaves of it, run by run, and whether no arm captures the run."""
+        real, level, remedy, other = np.array(self._of_all("e_p_run_mean_m", arm, base))
+        captured = np.array(self._of_all("captured_run", arm, base))
+        free: Flags = np.logical_not(captured.any(axis=0))
+        return real - level, remedy - other, free
 
 
 def paired(rows: Iterable[Row]) -> dict[Mission, Excess]:
@@ -60,21 +105,74 @@ def paired(rows: Iterable[Row]) -> dict[Mission, Excess]:
     return {mission: Excess(level=arms[LEVEL.key], real=arms[REAL.key], arms=arms) for mission, arms in found.items()}
 
 
+def undecided(mission: Excess, looks: Sequence[int]) -> list[str]:
+    """Keys of the arms, in the order of flying, that must be flown on to settle what is open on a mission."""
+    if not mission.judged:
+        return []
+    wanted: set[str] = set()
+    for arm, base in JUDGEMENTS:
+        if not {arm.key, base.key} <= mission.arms.keys():
+            continue
+        open_ = mission.verdict(arm, looks, base) is Verdict.OPEN
+        if base is LEVEL and arm in SETTLED:
+            open_ |= mission.capture_verdict(arm, looks, base) is Verdict.OPEN
+        if open_:
+            wanted |= {LEVEL.key, REAL.key, arm.key, base.key}
+    return [key for key in mission.arms if key in wanted]
+
+
+def with_verdicts(mission: Excess, looks: Sequence[int]) -> list[Row]:
+    """The rows of a mission, those of remedies with their verdicts if they are judged on it."""
+    remedies = {arm.key: arm for arm in REMEDIES} if mission.judged else {}
+    return [
+        replace(
+            row,
+            error_verdict=mission.verdict(remedies[key], looks).value,
+            capture_verdict=mission.capture_verdict(remedies[key], looks).value,
+        )
+        if key in remedies
+        else row
+        for key, row in mission.arms.items()
+    ]
+
+
 def mean_of(values: Iterable[float]) -> float:
     """Mean of those that are numbers; NaN if none is."""
     given = [v for v in values if not np.isnan(v)]
     return float(np.mean(given)) if given else float("nan")
 
 
-def driven(missions: dict[Mission, Excess], variant: str, cause: str | None = None) -> list[Excess]:
-    """Missions of a variant in which pitch does something, of one cause or of all."""
+def of_cause(
+    missions: dict[Mission, Excess], variant: str, cause: str | None = None, route: str | None = None
+) -> list[Excess]:
+    """Missions of a variant, of one cause and on one route, or of all."""
     return [
         e
-        for (_, _, _, flown), e in missions.items()
-        if flown == variant and e.part >= SMALLEST_PART_M and cause in (None, e.real.cause)
+        for (_, flown_on, _, flown), e in missions.items()
+        if flown == variant and cause in (None, e.real.cause) and route in (None, flown_on)
     ]
 
 
-def removed_in_all(missions: Sequence[Excess], arm: Arm, base: Arm = LEVEL) -> float:
-    """Share of the pitch-driven parts of missions, added up, that a remedy removes; `base` as in `Excess.left`."""
-    return 1.0 - sum(e.left(arm, base) for e in missions) / sum(e.part for e in missions)
+def judged(missions: dict[Mission, Excess], variant: str, cause: str | None = None) -> list[Excess]:
+    """Missions of a variant on which remedies are judged, of one cause or of all."""
+    return [e for e in of_cause(missions, variant, cause) if e.judged]
+
+
+def removed_in_all(missions: Sequence[Excess], arm: Arm, confidence: float = CONFIDENCE) -> Interval:
+    """Share of the pitch-driven errors of missions, added up, that a remedy removes; captured runs are included."""
+    level = [e.errors(LEVEL) for e in missions]
+    pairs = [(e.errors(REAL) - own, e.errors(arm) - own) for e, own in zip(missions, level, strict=True)]
+    return share_removed(pairs, confidence)
+
+
+def captures_in_all(missions: Sequence[Excess], arm: Arm) -> Interval:
+    """Chance that a run of these missions is captured."""
+    rows = [e.arms[arm.key] for e in missions]
+    return proportion(sum(row.captured for row in rows), sum(row.runs for row in rows))
+
+
+def captures_removed(missions: Sequence[Excess], arm: Arm) -> Interval:
+    """Share of the captures that pitch adds to missions, added up, that a remedy removes."""
+    return share_removed(
+        [(e.captures(REAL) - e.captures(LEVEL), e.captures(arm) - e.captures(LEVEL)) for e in missions]
+    )

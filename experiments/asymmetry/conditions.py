@@ -8,6 +8,8 @@ from sim.scenario.settings import Scenario
 OFFSETS_M = (0.0, 2.0, 5.0, 10.0)
 """Depth of the follower below the leader's mean depth."""
 SEED = 1
+_ROOM = 10_000
+"""Runs that a mission may have: with as many numbers each, no two missions share noise."""
 PHYSICS_STEP_S = 0.05
 """In the roughest sea of the study 2 mm from the motion at finer steps, and 2.5 times as quick as the default step."""
 
@@ -79,6 +81,13 @@ CONDITIONS = (
 QUICK_CONDITIONS = (_trim(12.0), _dive(4.0), _waves(1.0, "following", 2.0))
 
 
+def first_run(condition: Condition, route: str, offset: float) -> int:
+    """Number of a mission's run 0: the seed is the study's, so that all see one sea, but the noise is its own."""
+    place = [c.key for c in (CALM, *CONDITIONS)].index(condition.key)
+    place = len(ROUTES) * place + ROUTES.index(route)
+    return _ROOM * (len(OFFSETS_M) * place + OFFSETS_M.index(offset))
+
+
 def _assignments(condition: Condition, offset: float) -> list[str]:
     """What differs from the built-in scenario of a route."""
     return [
@@ -99,11 +108,11 @@ def scenario(condition: Condition, route: str, offset: float, duration: float = 
 def _flown(condition: Condition, route: str, offset: float, run: int, variant: str) -> tuple[str, list[str]]:
     chosen = [f"navigation.variant={variant}"] if variant != "laisn-2" else []
     settings = [f"--set {assignment}" for assignment in [*_assignments(condition, offset), *chosen]]
-    return f"laisn fly {route} --run {run}", settings
+    return f"laisn fly {route} --run {first_run(condition, route, offset) + run}", settings
 
 
 def command_line(condition: Condition, route: str, offset: float, run: int = 0, variant: str = "laisn-2") -> str:
-    """The command that flies the same alone, with the noise of a run, in one line."""
+    """The command that flies the same alone, with the noise of the mission's run 0, 1, …, in one line."""
     start, settings = _flown(condition, route, offset, run, variant)
     return " ".join([start, *settings])
 

@@ -3,9 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
-from experiments.asymmetry.conditions import CALM, SEED, fleet, scenario
+from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
 from experiments.asymmetry.missions import Plan, pair
+from experiments.intervals import Interval, bootstrap_ratios
 from laisn import lanes
 from laisn.estimates import FixKind
 from laisn.settings import GateRule
@@ -15,6 +17,8 @@ from sim.sensing.echo import Path, locked_path
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
 from sim.sensing.sensor_errors import measure
+
+Flags = npt.NDArray[np.bool_]
 
 RULES: tuple[GateRule, ...] = ("off", "v-max", "v-measured")
 INTERVALS_S = (1.0, 5.0)
@@ -31,12 +35,27 @@ class GateRow:
     route: str
     rule: str
     interval_s: float
-    detected: float
-    """Share of the messages with an echo in a range that counts (rear, front) that the gate rejects."""
-    false_alarms: float
-    """Share of the other messages that it rejects."""
+    detected: Interval
+    """Share of the messages with an echo in a range that counts (rear, front) that the gate rejects, and its limits."""
+    false_alarms: Interval
+    """Share of the other messages that it rejects, and its limits."""
     e_p_mean_m: float
     e_p_mean_without_echoes_m: float
+
+
+def rates(rejected: Flags, echoed: Flags) -> tuple[Interval, Interval]:
+    """Share of the messages with an echo that the gate rejects, and share of those without one.
+
+    Messages of a run hang together, for a fix that is accepted moves the gate: limits come from a bootstrap over runs.
+
+    Args:
+        rejected: by message and run, shape (m, R).
+        echoed: whether there is an echo in a range that counts, likewise.
+    """
+    of = np.column_stack([echoed.sum(axis=0), (~echoed).sum(axis=0)]).astype(np.float64)
+    found = np.column_stack([(rejected & echoed).sum(axis=0), (rejected & ~echoed).sum(axis=0)]).astype(np.float64)
+    detected, false_alarms = bootstrap_ratios(found, of)
+    return detected, false_alarms
 
 
 def fly_gates(plan: Plan) -> list[GateRow]:
@@ -57,7 +76,8 @@ def fly_gates(plan: Plan) -> list[GateRow]:
                 }
             )
             truth, errors = observe(both, Hearing.of(one)), errors_of(one)
-            runs = range(min(plan.runs, _RUNS))
+            first = first_run(CALM, route, _OFFSET_M)
+            runs = range(first, first + _RUNS)
             heard = [measure(truth, errors, seed=SEED, run=run) for run in runs]
             quiet = [measure(truth, replace(errors, echo_chance=(0.0, 0.0)), seed=SEED, run=run) for run in runs]
             paths = np.stack([locked_path(SEED, run, 0, truth.emission_step, errors.echo_chance) for run in runs], -1)
@@ -65,7 +85,7 @@ def fly_gates(plan: Plan) -> list[GateRow]:
             for rule in RULES:
                 settings = replace(navigation_settings(one, both, 0), gate=rule)
                 result = lanes.run(heard, truth.start, settings)
-                rejected = result.fix_kind[:, 0] == FixKind.GATED
+                detected, false_alarms = rates(result.fix_kind[:, 0] == FixKind.GATED, echoed)
 
                 def mean_error(state: np.ndarray, hydrophone: np.ndarray = truth.hydrophone) -> float:
                     return float(np.hypot(*(state[:, :2] - hydrophone[:, :, None]).swapaxes(0, 1)).mean())
@@ -75,8 +95,8 @@ def fly_gates(plan: Plan) -> list[GateRow]:
                         route=route,
                         rule=rule,
                         interval_s=interval,
-                        detected=float(rejected[echoed].mean()),
-                        false_alarms=float(rejected[~echoed].mean()),
+                        detected=detected,
+                        false_alarms=false_alarms,
                         e_p_mean_m=mean_error(result.state),
                         e_p_mean_without_echoes_m=mean_error(lanes.run(quiet, truth.start, settings).state),
                     )

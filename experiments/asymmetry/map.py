@@ -129,15 +129,31 @@ def level_ranges(points: Floats, settings: NavigationSettings) -> Floats:
     return np.array([slant_ranges(0.0, dz, reach, bearing, hull) for _, dz, reach, bearing in points.tolist()])
 
 
+def _turned_cosine(
+    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+) -> Floats:
+    """cos B̂; beyond ±1 where the circles do not meet."""
+    lever = np.asarray(depth_offset) / np.asarray(reach) * np.sin(pitch)
+    return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
+
+
 def closed_form_error(
     pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
 ) -> Floats:
     """Position error of LAISN-2 [m], NaN where the circles do not meet; arguments broadcast, [rad] and [m]."""
-    cosine = np.cos(bearing) * np.cos(pitch) - np.asarray(depth_offset) / np.asarray(reach) * np.sin(pitch)
-    met = np.abs(cosine) <= 1.0
-    turned = np.arccos(np.where(met, cosine, 1.0))
-    side = np.arccos(np.cos(bearing))
-    return np.where(met, 2.0 * np.asarray(reach) * np.sin(np.abs(turned - side) / 2.0), np.nan)
+    met = np.abs(_turned_cosine(pitch, depth_offset, reach, bearing)) <= 1.0
+    return np.where(met, fix_error(pitch, depth_offset, reach, bearing), np.nan)
+
+
+def fix_error(
+    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+) -> Floats:
+    """As `closed_form_error`; where the circles do not meet, the error of a fix on the leader's axis, [m].
+
+    The end of the axis is the nearer one, so that the error is the least that the pitch can do.
+    """
+    turned = np.arccos(np.clip(_turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
+    return np.asarray(2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0))
 
 
 def first_order_error(pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, bearing: npt.ArrayLike) -> Floats:

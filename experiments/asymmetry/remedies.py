@@ -33,11 +33,10 @@ class Arm:
     """The follower inflates σp by the root mean square pitch of the mission."""
     wanted: float = 0.9
     """Share of the pitch-driven error that the remedy should remove."""
-    variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-1", "laisn-3-2")
+    variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
     """Flown in this arm."""
 
 
-_BOTH: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
 _TWO: tuple[Variant, ...] = ("laisn-2",)
 _HALF_DEGREE = Sensors(leader_attitude_sigma_deg=0.5)
 LEVEL = Arm(key="level", label="level leader", seen="level")
@@ -48,15 +47,14 @@ LEVEL_BROADCAST = Arm(
 )  # fmt: skip
 EXACT = Arm(
     key="attitude-0", label="attitude broadcast, exact", short="attitude, exact", use_attitude=True, wanted=0.99,
-    variants=_BOTH,
 )  # fmt: skip
 STEADIED = Arm(
     key="ahrs-0.5", label="AHRS: inclinometer of 0.5°, gyros", short="AHRS of 0.5°", seen="ahrs", use_attitude=True,
-    sensors=AHRS, variants=_BOTH,
+    sensors=AHRS,
 )  # fmt: skip
 READINGS = Arm(
     key="attitude-0.5", label="each message 0.5° off", short="each message 0.5°", use_attitude=True,
-    sensors=_HALF_DEGREE, variants=_BOTH,
+    sensors=_HALF_DEGREE,
 )  # fmt: skip
 ROUGH = Arm(
     key="attitude-2", label="each message 2° off", short="each message 2°", use_attitude=True,

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.asymmetry.added_error import Excess, Mission, driven, paired, removed_in_all
+from experiments.asymmetry.added_error import Excess, Mission, judged, paired, removed_in_all
 from experiments.asymmetry.conditions import SEED
 from experiments.asymmetry.missions import QUICK
 from experiments.asymmetry.missions_page import Results, on_missions, stage_4
 from experiments.asymmetry.question_page import chart_section, one_message, question
 from experiments.asymmetry.remedies import EXACT, STEADIED
-from experiments.asymmetry.remedies_page import remedies, shortfalls
+from experiments.asymmetry.remedies_page import in_words, remedies, shortfalls
 from experiments.asymmetry.tables import gate_table, planner_table
 from experiments.campaign.version import code_version
 from experiments.pages.page import Film, Page, Section, Text, write
@@ -33,14 +33,14 @@ def _limits() -> Section:
 
 
 def _summary(missions: dict[Mission, Excess]) -> str:
-    chosen = driven(missions, "laisn-2")
+    chosen = judged(missions, "laisn-2")
     if not chosen:
-        return "In the conditions flown, pitch made no difference."
+        return "In the conditions flown, pitch moves no fix by as much as a decimetre in the mean."
     worst = max(chosen, key=lambda e: e.part)
-    exact, steadied = (f"{100 * removed_in_all(chosen, arm):.1f} %" for arm in (EXACT, STEADIED))
+    exact, steadied = (in_words(removed_in_all(chosen, arm)) for arm in (EXACT, STEADIED))
     return (
         "A pitching leader turns its followers' fixes about itself, by Δz sin φ abeam and more toward its axis. On "
-        f"missions that adds up to {worst.part:.1f} m to the mean error (route {worst.real.route}, "
+        f"{len(chosen)} missions that adds up to {worst.part:.1f} m to the mean error (route {worst.real.route}, "
         f"{worst.real.depth_offset_m:g} m below, {worst.real.pitch_rms_deg:.1f}° rms), because estimates are pushed "
         f"over the leader's axis. A leader that broadcasts its attitude takes that away: {exact} of it in sum if it "
         f"knows its attitude exactly, {steadied} with an inclinometer of 0.5° that gyros steady."
@@ -50,14 +50,14 @@ def _summary(missions: dict[Mission, Excess]) -> str:
 def write_report(results: Results, path: Path) -> None:
     """Write the page; the same results give the same bytes."""
     missions = paired(results.missions)
-    short = shortfalls(missions)
+    short = shortfalls(missions, results.plan)
     sections: Sequence[Section] = [
         question(),
         one_message(results.example),
         chart_section(results.chart),
         on_missions(results, missions),
         stage_4(results),
-        remedies(missions, results.plan.routes, results.plan.offsets_m, results.plan.variants),
+        remedies(missions, results.plan),
         *([Section(title="Where the remedy falls short", blocks=short)] if short else []),
         Section(
             title="Table for a planner",

@@ -15,9 +15,10 @@ import pyarrow as pa
 
 from experiments.asymmetry.conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition, command_line
 from experiments.asymmetry.example import Example, fly_example
+from experiments.asymmetry.flying import fly_condition
 from experiments.asymmetry.gates import GateRow, fly_gates
 from experiments.asymmetry.map import full_grid, measure_map, quick_grid
-from experiments.asymmetry.missions import QUICK, Plan, Row, fly_condition
+from experiments.asymmetry.missions import QUICK, Plan, Row
 from experiments.asymmetry.missions_page import Results
 from experiments.asymmetry.report import write_report
 from experiments.asymmetry.tau import Curve, Curves, fly_curves
@@ -26,7 +27,9 @@ from experiments.campaign.processes import Pool
 from experiments.campaign.progress import progress
 from experiments.campaign.store import Record, Store, columns_of, write_table
 from experiments.campaign.version import code_version
+from experiments.intervals import Interval
 from laisn.settings import NavigationSettings
+from laisn.sources import ROOT, Sources
 
 Table = list[dict[str, Any]]
 """Rows by column name."""
@@ -34,13 +37,15 @@ Table = list[dict[str, Any]]
 _CURVES, _GATES = "curves", "gates"
 
 
-_SOURCES = ("remedies", "conditions", "gates", "missions", "tau")
-"""Modules of the study that may change a number, besides those of the code version."""
+_COMPUTING = tuple(f"experiments.asymmetry.{name}" for name in ("flying", "gates", "tau"))
+"""Where the study's stored numbers come from, besides the campaigns of the code version."""
 
 
 @cache
 def _sources() -> str:
-    return digest([(Path(__file__).parent / f"{name}.py").read_text(encoding="utf-8") for name in _SOURCES])
+    """Hash of all that these modules can reach."""
+    files = Sources(ROOT).reached(_COMPUTING)
+    return digest([files[name].read_text(encoding="utf-8") for name in sorted(files)])
 
 
 def _key(name: str, plan: Plan) -> str:
@@ -74,6 +79,10 @@ def _curves_of(rows: Table) -> Curves:
         return tuple(Curve(**row | {k: tuple(row[k]) for k in ("value", "e_p_mean_m")}) for row in chosen)
 
     return Curves(tau=made("tau"), pitch=made("pitch"))
+
+
+def _gate(row: dict[str, Any]) -> GateRow:
+    return GateRow(**row | {rate: Interval(*row[rate]) for rate in ("detected", "false_alarms")})
 
 
 def _table(path: Path, rows: Sequence[Any]) -> None:
@@ -133,7 +142,7 @@ def run(
         conditions=conditions,
         missions=tuple(Row(**row) for name in missions for row in stored(name)),
         curves=_curves_of(stored(_CURVES)),
-        gates=tuple(GateRow(**row) for row in stored(_GATES)),
+        gates=tuple(_gate(row) for row in stored(_GATES)),
         chart=chart,
         example=shown,
         film=None,

@@ -8,12 +8,22 @@ from experiments.asymmetry.added_error import Excess, Mission, mean_of
 from experiments.asymmetry.conditions import Condition, command
 from experiments.asymmetry.gates import GateRow
 from experiments.asymmetry.planner import OFF_AXIS_DEG, PITCH_DEG, rules
+from experiments.asymmetry.remedies import LEVEL, REAL
 from experiments.asymmetry.tau import Curves, equivalent
-from experiments.pages.page import Cell, Table, number, words
+from experiments.intervals import mean_over_missions
+from experiments.pages.page import Cell, Table, number, percent, words
 
 
 def _of(missions: dict[Mission, Excess], condition: str, offset: float, variant: str) -> list[Excess]:
     return [e for (c, _, o, v), e in missions.items() if (c, o, v) == (condition, offset, variant)]
+
+
+def _more_captured(missions: Sequence[Excess]) -> Cell:
+    """How many more runs are captured behind the real leader, with the interval of that number."""
+    runs = sum(e.real.runs for e in missions)
+    more = mean_over_missions([e.captures(REAL) - e.captures(LEVEL) for e in missions])
+    value, low, high = (number(runs * share, 0).text for share in more)
+    return Cell(text=f"{value} ({low} … {high})", sort=runs * more.value)
 
 
 def mission_table(
@@ -39,7 +49,7 @@ def mission_table(
                     number(mean_of(e.part for e in two), 2),
                     number(mean_of(e.part for e in three), 2) if three else words("–"),
                     number(mean_of(tau), 3),
-                    number(sum(e.real.captured for e in two) - sum(e.level.captured for e in two), 0),
+                    _more_captured(two),
                     words(worst.real.route, title=line),
                     number(worst.part, 2),
                 ]
@@ -52,9 +62,10 @@ def mission_table(
         heads=heads,
         rows=rows,
         groups=(("", 2), ("leader", 2), ("mean E_P [m], LAISN-2", 3), ("excess", 1), ("", 2), ("route", 2)),
-        caption="Means over the routes, 60 runs each. 3(2): excess of LAISN-3(2). Captured: how many more runs than "
-        "behind a level leader end up on the wrong side of the leader's axis. Rest the pointer on a condition for "
-        "the command that flies its worst route.",
+        caption=f"Means over the routes, {worst.real.runs} runs each. 3(2): excess of LAISN-3(2). Captured: runs, of "
+        f"{worst.real.runs * len(two)}, that end up on the wrong side of the leader's axis behind the real leader, "
+        "less those behind a level one, with the 95 % interval. Rest the pointer on a condition for the "
+        "command that flies its worst route.",
     )
     return table, "\n".join(lines)
 
@@ -92,8 +103,8 @@ def gate_table(gates: Sequence[GateRow]) -> Table:
     """Detection and false alarms of the gate rules."""
     rows = [
         [
-            words(g.route), number(g.interval_s, 0), words(g.rule), number(100 * g.detected, 0),
-            number(100 * g.false_alarms, 1), number(g.e_p_mean_m, 2), number(g.e_p_mean_without_echoes_m, 2),
+            words(g.route), number(g.interval_s, 0), words(g.rule), percent(g.detected),
+            percent(g.false_alarms, 2), number(g.e_p_mean_m, 2), number(g.e_p_mean_without_echoes_m, 2),
         ]
         for g in gates
     ]  # fmt: skip
@@ -102,7 +113,7 @@ def gate_table(gates: Sequence[GateRow]) -> Table:
         rows=rows,
         caption="Each ping is taken from the surface with a chance of 5 % and from the bottom with 2 %. Rejected: "
         "share of the messages in which the echo spoils a range that LAISN-2 uses. False alarms: share of the "
-        "others.",
+        "others. Both with the 95 % interval of a bootstrap over runs.",
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from experiments.asymmetry.conditions import CALM, SEED, fleet, scenario
+from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
 from experiments.asymmetry.missions import Plan, pair
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
@@ -88,11 +88,12 @@ def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2"
             one = scenario(CALM, route, offset, plan.duration_s)
             one = one.model_copy(update={"timing": one.timing.model_copy(update={"message_interval_s": interval})})
             errors, settings = errors_of(one), navigation_settings(one, level, 0)
+            first = first_run(CALM, route, offset)
             truths = [observe(tilted(level, np.deg2rad(degrees)), Hearing.of(one)) for degrees in PITCH_DEG]
             for variant in variants:
                 cell = Cell(
                     truth=truths[0], errors=errors, settings=replace(settings, variant=variant), seed=SEED,
-                    runs=range(plan.runs),
+                    runs=range(first, first + plan.runs),
                 )  # fmt: skip
                 key = {"route": route, "variant": variant, "interval_s": interval}
                 means = tuple(simulate(replace(cell, truth=truth)).errors.e_p_mean_m for truth in truths)

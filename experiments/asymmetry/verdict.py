@@ -1,58 +1,85 @@
-"""Whether a remedy removes enough of what pitch does to a mission, and whether its runs can tell.
+"""Whether a remedy removes enough of what pitch does to a mission, as far as its runs can tell.
 
-A remedy meets its aim on a mission if it removes the wanted share q of the pitch-driven part of the mean error. With
-the mean errors of run i behind the real leader r_i, behind the level one l_i, and with the remedy a_i, that is
+An estimate that is captured on the wrong side of the leader's axis is a matter of its own: how often that happens, and
+how large the error is in runs to which it does not happen, are judged apart. For either, let r_i be what happens to run
+i behind the real leader, l_i behind the level one, a_i with the remedy and b_i behind a level leader with the same
+equipment, or simply l_i: its mean error, or 1 if it is captured and 0 if not. A remedy meets its aim if it removes the
+share q of what pitch adds,
 
-    mean(d) ≤ 0,    d_i = (a_i − b_i) − (1 − q)(r_i − l_i),
+    mean(d) ≤ 0,    d_i = (a_i − b_i) − (1 − q)(r_i − l_i).
 
-b being the error behind a level leader with the same equipment, or simply l. All arms of a run share their noise, so
-that d_i is a paired difference. Where few runs are captured on the wrong side of the leader's axis, one run more or
-less decides on the mean; a one-sided t-test over the runs tells a failure from such a chance.
+All arms of a run share their noise, so that d_i is a paired difference; errors are compared in runs that no arm of the
+comparison captures. Met: the whole interval of mean(d) is at or below zero; missed: it is wholly above; open: neither.
+Where the first runs do not show that pitch does harm, there is nothing that a remedy could remove.
 """
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtrit
+
+from experiments.intervals import Interval, bootstrap_mean, difference_of_shares
 
 Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
-FALSE_ALARM = 0.01
-"""Chance that any of all missions together is called missed though the remedy meets its aim (Bonferroni)."""
+WRONG = 0.025
+"""Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
 
 
 class Verdict(Enum):
     """On one remedy and mission."""
 
     MET = "met"
-    OPEN = "open: the runs cannot tell"
+    OPEN = "open"
     MISSED = "missed"
+    NO_HARM = "no harm shown"
 
 
-def verdict(excess: Floats, left: Floats, wanted: float, missions: int = 1) -> Verdict:
-    """Judge one mission.
+def _judge(
+    part: Floats, left: Floats, wanted: float, looks: Sequence[int], interval: Callable[[Floats, int, float], Interval]
+) -> Verdict:
+    """Judge by `interval`, of values of the first so many runs with a confidence, after each look until it is settled.
+
+    Each look has its part of `WRONG`.
+    """
+    if not interval(part, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
+        return Verdict.NO_HARM
+    for runs in (look for look in looks if look <= part.size):
+        rest = interval(left - (1.0 - wanted) * part, runs, 1.0 - 2.0 * WRONG / len(looks))
+        if rest.high <= 0.0:
+            return Verdict.MET
+        if rest.low > 0.0:
+            return Verdict.MISSED
+    return Verdict.OPEN
+
+
+def judge_errors(part: Floats, left: Floats, free: Flags, wanted: float, looks: Sequence[int]) -> Verdict:
+    """Judge errors of runs without capture, by bootstrap over the runs.
 
     Args:
-        excess: pitch-driven error of each run without the remedy, r − l, shape (R,), [m].
-        left: with it, a − b, in the same order, [m].
+        part: pitch-driven error of each run without the remedy, r − l, shape (R,), [m].
+        left: with it, a − b, likewise.
+        free: runs that no arm captures, shape (R,).
         wanted: share q that the remedy should remove.
-        missions: number of missions that are judged together.
+        looks: numbers of runs after which to judge, increasing; those above R are still to be flown.
     """
-    kept = left - (1.0 - wanted) * excess
-    mean, runs = float(kept.mean()), kept.size
-    if mean <= 0.0:
-        return Verdict.MET
-    if runs < 2:
-        return Verdict.OPEN
-    spread = float(kept.std(ddof=1)) / np.sqrt(runs)
-    bound = float(stdtrit(runs - 1, 1.0 - FALSE_ALARM / missions))
-    return Verdict.MISSED if mean > bound * spread else Verdict.OPEN
+
+    def interval(values: Floats, runs: int, confidence: float) -> Interval:
+        return bootstrap_mean(values[:runs], free[:runs], confidence)
+
+    return _judge(part, left, wanted, looks, interval)
 
 
-def counts(verdicts: Iterable[Verdict]) -> tuple[int, int, int]:
-    """How many are met, open and missed."""
+def judge_captures(part: Floats, left: Floats, wanted: float, looks: Sequence[int]) -> Verdict:
+    """Judge captures; arguments as of `judge_errors`, differences of 0 and 1 instead of errors."""
+    return _judge(part, left, wanted, looks, lambda values, runs, level: difference_of_shares(values[:runs], level))
+
+
+def counts(verdicts: Iterable[Verdict]) -> tuple[int, int, int, int]:
+    """How many are met, open and missed, and on how many missions no harm is shown."""
     number = Counter(verdicts)
-    return number[Verdict.MET], number[Verdict.OPEN], number[Verdict.MISSED]
+    met, undecided, missed, harmless = (number[verdict] for verdict in Verdict)
+    return met, undecided, missed, harmless

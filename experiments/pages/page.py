@@ -17,6 +17,7 @@ import jinja2
 from markupsafe import Markup, escape
 
 from experiments.campaign.version import versions
+from experiments.intervals import Interval
 from laisn.whole_files import replaced
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
@@ -184,6 +185,12 @@ def number(value: float | int | None, digits: int = 2, tone: str = "", title: st
     # what is rounded to zero has no sign
     shown = shown.replace("-", "−" if float(shown) else "")
     return Cell(text=shown, sort=value, tone=tone, title=title)
+
+
+def percent(share: Interval, digits: int = 1, tone: str = "", title: str = "") -> Cell:
+    """A share in per cent with its interval in brackets; a dash for limits that the data do not give."""
+    value, low, high = (number(100 * v, digits).text for v in share)
+    return Cell(text=f"{value} ({low} … {high})", sort=number(share.value).sort, tone=tone, title=title)
 
 
 def words(text: str, tone: str = "", title: str = "") -> Cell:

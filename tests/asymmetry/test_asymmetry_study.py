@@ -1,5 +1,7 @@
 """The pitch study on missions: arithmetic of its tables against closed forms, and a smoke run."""
 
+import itertools
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -7,20 +9,30 @@ from numpy.testing import assert_allclose
 
 from experiments.asymmetry import study as asymmetry
 from experiments.asymmetry.added_error import paired
-from experiments.asymmetry.conditions import CONDITIONS, QUICK_CONDITIONS, command, fleet, scenario
-from experiments.asymmetry.missions import Plan, Row, fly_condition, pair, sense
+from experiments.asymmetry.conditions import (
+    CALM,
+    CONDITIONS,
+    OFFSETS_M,
+    QUICK_CONDITIONS,
+    command,
+    first_run,
+    fleet,
+    scenario,
+)
+from experiments.asymmetry.flying import fly_condition
+from experiments.asymmetry.missions import Plan, pair, sense
 from experiments.asymmetry.planner import deepest_offset, worst_error
 from experiments.asymmetry.remedies import ARM, EXACT, LEVEL_BROADCAST, READINGS, STEADIED
 from experiments.asymmetry.tau import Curve, equivalent
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import histories
-from experiments.flight.library import load
+from experiments.flight.library import ROUTES, load
 from laisn.navigator import Navigator
 from sim.flight import navigate
 from sim.motion import move
 from sim.sensing.observation import errors_of
 
-SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), runs=4,
+SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), looks=(24,),
              duration_s=40.0)  # fmt: skip
 
 
@@ -33,6 +45,24 @@ def test_every_mission_is_flown_in_every_arm(rows):
     assert len(rows) == len(SHORT.routes) * len(SHORT.offsets_m) * len(ARM)
     assert {(r.route, r.depth_offset_m) for r in rows} == {(t, o) for t in SHORT.routes for o in SHORT.offsets_m}
     assert all(r.pitch_rms_deg > 1.0 for r in rows)
+    assert all(r.runs == len(r.e_p_run_mean_m) == len(r.captured_run) == 24 for r in rows)
+    for row in rows:
+        assert row.e_p_mean_m == pytest.approx(np.mean(row.e_p_run_mean_m), rel=1e-9)
+        assert row.captured == sum(row.captured_run)
+
+
+def test_no_two_missions_share_noise(rows):
+    numbers = [
+        range(first_run(c, route, offset), first_run(c, route, offset) + 10_000)
+        for c in (CALM, *CONDITIONS)
+        for route in ROUTES
+        for offset in OFFSETS_M
+    ]
+    ordered = sorted(numbers, key=lambda r: r.start)
+    assert all(a.stop <= b.start for a, b in itertools.pairwise(ordered))
+    assert ordered[-1].stop < 2**31
+    assert max(Plan().looks) <= 10_000
+    assert all(r.first_run == first_run(QUICK_CONDITIONS[0], r.route, r.depth_offset_m) for r in rows)
 
 
 def test_exact_attitude_gives_the_level_leaders_error(rows):
@@ -41,6 +71,7 @@ def test_exact_attitude_gives_the_level_leaders_error(rows):
         if excess.real.depth_offset_m == 10.0:
             assert excess.part > 0.1
             assert excess.removed(EXACT) > 0.95
+            assert excess.arms[EXACT.key].error_verdict in ("met", "no harm shown")
 
 
 def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
@@ -74,7 +105,7 @@ def test_a_mission_of_a_fleet_is_the_mission_flown_alone():
 def test_commands_name_the_scenario_that_is_flown():
     for condition in CONDITIONS:
         words = command(condition, "T5", 10.0, run=7).replace("\\\n", " ").split()
-        assert words[:5] == ["laisn", "fly", "T5", "--run", "7"]
+        assert words[:5] == ["laisn", "fly", "T5", "--run", str(first_run(condition, "T5", 10.0) + 7)]
         sets = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
         assert load("T5", sets) == scenario(condition, "T5", 10.0)
 
@@ -87,20 +118,6 @@ def test_equivalent_value_inverts_a_curve():
     assert equivalent(0.7, curve) == pytest.approx(4.0)
     assert np.isnan(equivalent(0.71, curve))
     assert np.isnan(equivalent(-0.01, curve))
-
-
-def row(arm: str, mean: float) -> Row:
-    return Row(condition="c", cause="trim", route="T3", depth_offset_m=5.0, variant="laisn-2", arm=arm, runs=60,
-               e_p_mean_m=mean, e_p_run_mean_m=(mean,) * 60, e_p_std_m=0.1, e_p_95_m=1.0, e_p_max_m=2.0,
-               e_b_mean_deg=1.0, captured=0, gated=0, pitch_rms_deg=5.0, pitch_max_deg=6.0, range_mean_m=40.0,
-               depth_offset_rms_m=5.0, inclinometer_rms_deg=0.5, ahrs_rms_deg=0.05)  # fmt: skip
-
-
-def test_share_removed_and_lever():
-    (excess,) = paired([row("level", 0.2), row("real", 0.7), row("attitude-0.5", 0.25)]).values()
-    assert excess.part == pytest.approx(0.5)
-    assert excess.removed(READINGS) == pytest.approx(0.9)
-    assert excess.lever == pytest.approx(5.0 * np.sin(np.deg2rad(5.0)))
 
 
 @pytest.mark.parametrize("pitch_deg", [2.0, 5.0, 10.0])

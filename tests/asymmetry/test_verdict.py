@@ -1,47 +1,123 @@
-"""Verdicts on remedies: what is met, what is missed, and what a few captured runs leave open."""
+"""Verdicts on remedies: how often they are wrong, how often they find what is there, and what leaves them open."""
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
-from experiments.asymmetry.verdict import FALSE_ALARM, Verdict, counts, verdict
+from experiments.asymmetry.missions import Plan
+from experiments.asymmetry.verdict import WRONG, Verdict, counts, judge_captures, judge_errors
 
-RUNS = 60
+Floats = npt.NDArray[np.float64]
 
-
-def test_a_remedy_is_judged_by_the_mean_of_its_rest() -> None:
-    excess = np.linspace(0.1, 0.3, RUNS)
-    assert verdict(excess, 0.0999 * excess, 0.9) is Verdict.MET
-    assert verdict(excess, -0.5 * excess, 0.9) is Verdict.MET
-    assert verdict(excess, 0.1001 * excess, 0.9) is Verdict.MISSED
-    assert verdict(excess, 0.05 * excess, 0.99) is Verdict.MISSED
+LOOKS = Plan().looks
+FREE = np.ones(LOOKS[-1], dtype=bool)
+AIM = 0.9
 
 
-def test_one_captured_run_leaves_a_mission_open() -> None:
-    excess, left = np.full(RUNS, 0.1), np.zeros(RUNS)
-    left[17] = 5.0
-    assert left.mean() > 0.1 * excess.mean()
-    assert verdict(excess, left, 0.9) is Verdict.OPEN
-    # as many runs more cannot be chance
-    left[:20] = 5.0
-    assert verdict(excess, left, 0.9) is Verdict.MISSED
-    assert verdict(excess[:1], left[:1], 0.9) is Verdict.OPEN
+def trial(
+    rng: np.random.Generator, removed: float, size: float, noise: float
+) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+    """What pitch adds to the error of each run, skewed, what a remedy leaves of it, and who is free of capture."""
+    runs = LOOKS[-1]
+    part = size * rng.gamma(4.0, 0.25, runs)
+    left = (1.0 - removed) * part + noise * (rng.gamma(2.0, size=runs) - 2.0) / np.sqrt(2.0)
+    return part, left, rng.random(runs) < 0.7
 
 
-@pytest.mark.parametrize("missions", [1, 5])
-def test_false_alarms_are_as_rare_as_said(missions: int) -> None:
-    # at the very edge of the aim, of normal rests, one in 100 groups of missions holds a miss
-    rng, groups = np.random.default_rng(8), 6000
-    excess = np.ones(RUNS)
-    missed = [
-        any(
-            verdict(excess, 0.1 + 0.3 * rng.normal(size=RUNS), 0.9, missions) is Verdict.MISSED
-            for _ in range(missions)
-        )
-        for _ in range(groups // missions)
-    ]  # fmt: skip
-    spread = np.sqrt(FALSE_ALARM / len(missed))
-    assert np.mean(missed) == pytest.approx(FALSE_ALARM, abs=4 * spread)
+def shares(removed: float, size: float, noise: float, trials: int = 300) -> dict[Verdict, float]:
+    """How often each verdict falls, of a remedy that truly removes a share."""
+    rng = np.random.default_rng([round(1000 * removed), round(1000 * size), round(1000 * noise)])
+    verdicts = [judge_errors(*trial(rng, removed, size, noise), AIM, LOOKS) for _ in range(trials)]
+    return {verdict: verdicts.count(verdict) / trials for verdict in Verdict}
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.3])
+def test_a_remedy_that_falls_short_is_hardly_ever_called_met(noise: float) -> None:
+    """It removes 85 % of 0.3 m against an aim of 90 %; noise: scatter of what it leaves, run by run [m]."""
+    found = shares(0.85, 0.3, noise)
+    assert found[Verdict.MET] < WRONG
+    if noise <= 0.05:
+        assert found[Verdict.MISSED] > 0.9
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.3])
+def test_a_remedy_that_does_enough_is_hardly_ever_called_missed(noise: float) -> None:
+    """It removes 95 %."""
+    found = shares(0.95, 0.3, noise)
+    assert found[Verdict.MISSED] < WRONG
+    if noise <= 0.05:
+        assert found[Verdict.MET] > 0.9
+
+
+def test_either_is_as_rare_as_said_at_the_very_aim() -> None:
+    found, trials = shares(0.9, 0.3, 0.1, trials=800), 800
+    # the bootstrap's own error of some tenths of a per cent, beside the scatter of the trials
+    most = WRONG + 3 * np.sqrt(WRONG / trials) + 0.005
+    assert found[Verdict.MET] < most
+    assert found[Verdict.MISSED] < most
+
+
+def test_a_lottery_credits_nobody() -> None:
+    """Level leader, real leader and remedy draw their errors, and their captures, from one and the same hat."""
+    rng, verdicts = np.random.default_rng(11), []
+    for _ in range(150):
+        level, real, remedy = rng.gamma(1.0, size=(3, LOOKS[-1]))
+        verdicts.append(judge_errors(real - level, remedy - level, FREE, AIM, LOOKS))
+        level, real, remedy = (rng.random((3, LOOKS[-1])) < 0.5).astype(float)
+        verdicts.append(judge_captures(real - level, remedy - level, AIM, LOOKS))
+    met, _, _, harmless = counts(verdicts)
+    assert met <= 1
+    assert harmless > 0.95 * len(verdicts)
+
+
+@pytest.mark.parametrize("removed", [0.85, 0.95])
+@pytest.mark.parametrize("pushed", [0.1, 0.5, 1.0])
+def test_captures_are_judged_by_the_same_measure(removed: float, pushed: float) -> None:
+    """Pitch captures a share of the runs that the level leader's followers survive, half of all."""
+    rng, trials, verdicts = np.random.default_rng(12), 400, []
+    for _ in range(trials):
+        level = rng.random(LOOKS[-1]) < 0.5
+        real = level | (rng.random(LOOKS[-1]) < pushed)
+        remedy = level | (real & (rng.random(LOOKS[-1]) > removed))
+        verdicts.append(judge_captures(real * 1.0 - level, remedy * 1.0 - level, AIM, LOOKS))
+    wrong = Verdict.MET if removed < AIM else Verdict.MISSED
+    assert verdicts.count(wrong) / trials < WRONG
+
+
+def test_aims_are_shares_of_what_pitch_does() -> None:
+    part = np.linspace(0.1, 0.3, LOOKS[0])
+    free = FREE[: LOOKS[0]]
+    assert judge_errors(part, 0.0999 * part, free, 0.9, LOOKS) is Verdict.MET
+    assert judge_errors(part, -0.5 * part, free, 0.9, LOOKS) is Verdict.MET
+    assert judge_errors(part, 0.1001 * part, free, 0.9, LOOKS) is Verdict.MISSED
+    assert judge_errors(part, 0.05 * part, free, 0.99, LOOKS) is Verdict.MISSED
+
+
+def test_where_pitch_does_no_harm_nothing_is_said_of_a_remedy() -> None:
+    rng = np.random.default_rng(13)
+    nothing, left = 0.1 * rng.normal(size=LOOKS[0]), np.full(LOOKS[0], 0.02)
+    free = FREE[: LOOKS[0]]
+    assert judge_errors(nothing, left, free, 0.9, LOOKS) is Verdict.NO_HARM
+    assert judge_errors(-1.0 - nothing, left, free, 0.9, LOOKS) is Verdict.NO_HARM
+    assert judge_captures(np.zeros(LOOKS[0]), left, 0.9, LOOKS) is Verdict.NO_HARM
+
+
+def test_captured_runs_have_no_say_in_errors() -> None:
+    part, left = np.full(64, 0.3), np.zeros(64)
+    captured = np.arange(64) < 20
+    assert judge_errors(part + 40.0 * captured, left + 40.0 * captured, ~captured, 0.9, LOOKS) is Verdict.MET
+    assert judge_errors(part, left, np.arange(64) < 19, 0.9, LOOKS) is Verdict.NO_HARM
+
+
+def test_more_runs_settle_what_a_first_look_leaves_open() -> None:
+    rng = np.random.default_rng(14)
+    part = np.full(LOOKS[-1], 0.3)
+    left = 0.022 + 0.03 * rng.normal(size=LOOKS[-1])
+    first = slice(LOOKS[0])
+    assert judge_errors(part[first], left[first], FREE[first], AIM, LOOKS) is Verdict.OPEN
+    assert judge_errors(part, left, FREE, AIM, LOOKS) is Verdict.MET
 
 
 def test_verdicts_are_counted() -> None:
-    assert counts([Verdict.MISSED, Verdict.MET, Verdict.OPEN, Verdict.MET]) == (2, 1, 1)
+    given = [Verdict.MISSED, Verdict.MET, Verdict.OPEN, Verdict.MET, Verdict.NO_HARM, Verdict.NO_HARM, Verdict.NO_HARM]
+    assert counts(given) == (2, 1, 1, 3)

@@ -1,0 +1,168 @@
+"""Confidence intervals of what studies print: proportions, means over runs, and shares of sums over missions.
+
+Runs are independent, and so are missions, each of which has noise of its own; arms of one run share their noise, so
+that their differences are paired. All limits are two-sided and leave the same chance on either side.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import betaincinv, ndtr, ndtri
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+CONFIDENCE = 0.95
+"""Of every interval that is printed."""
+RESAMPLES = 2000
+FEWEST_RUNS = 20
+"""A bootstrap over fewer runs says nothing about its tails: such an interval is not given."""
+
+
+class Interval(NamedTuple):
+    """An estimate and its limits; NaN limits: the data do not bound it."""
+
+    value: float
+    low: float
+    high: float
+
+    def beyond(self, aim: float) -> bool:
+        """Whether all of it is at or above a value."""
+        return self.low >= aim
+
+    def short(self, aim: float) -> bool:
+        """Whether all of it is below a value."""
+        return self.high < aim
+
+
+def proportion(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
+    """Share of trials with an outcome, with the exact limits of Clopper and Pearson (Biometrika 26, 1934).
+
+    They cover at least as often as promised; 0 of n leaves up to 1 − (α/2)^(1/n). Where the chance differs from trial
+    to trial they hold for its mean (Hoeffding 1956).
+
+    Raises:
+        ValueError: no trial, or a count that is not among 0 … of.
+    """
+    if not 0 <= count <= of or of == 0:
+        raise ValueError(f"{count} of {of} is no proportion")
+    tail = (1.0 - confidence) / 2.0
+    low = 0.0 if count == 0 else float(betaincinv(count, of - count + 1, tail))
+    high = 1.0 if count == of else float(betaincinv(count + 1, of - count, 1.0 - tail))
+    return Interval(count / of, low, high)
+
+
+@lru_cache(maxsize=4)
+def _weights(runs: int) -> npt.NDArray[np.float32]:
+    """How often each run is drawn in each resample, shape (RESAMPLES, runs): the same for all missions."""
+    drawn = np.random.default_rng([runs, RESAMPLES]).multinomial(runs, np.full(runs, 1.0 / runs), size=RESAMPLES)
+    return drawn.astype(np.float32)
+
+
+def bootstrap_ratios(above: Floats, below: Floats, confidence: float = CONFIDENCE) -> list[Interval]:
+    """Ratios of sums over runs, Σ above / Σ below, with BCa bootstrap intervals (Efron, J. Am. Stat. Assoc. 82, 1987).
+
+    Resamples draw whole runs. The acceleration is that of the infinitesimal jackknife: a sixth of the skewness of
+    above − ratio · below, over √n.
+
+    Args:
+        above: of each run, a column for each ratio, shape (R, k).
+        below: likewise, not negative; 0: the run has no say.
+        confidence: of the intervals.
+
+    Returns:
+        An interval for each column; limits are NaN where fewer than `FEWEST_RUNS` have a say, all where none has.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = above.sum(axis=0) / below.sum(axis=0)
+        # centred, so that single precision is enough for the resamples
+        rest = np.nan_to_num(above - ratio * below)
+        spread = np.sqrt(np.sum(rest**2, axis=0))
+        scale = np.where(spread > 0.0, spread, 1.0)
+        acceleration = np.sum((rest / scale) ** 3, axis=0) / 6.0
+        sums = _weights(above.shape[0]) @ np.hstack([rest / scale, below]).astype(np.float32)
+        drawn = sums[:, : ratio.size] / sums[:, ratio.size :]
+    found = []
+    for j, value in enumerate(ratio.tolist()):
+        if np.count_nonzero(below[:, j]) < FEWEST_RUNS:
+            found.append(Interval(value, math.nan, math.nan))
+            continue
+        lower = np.count_nonzero(drawn[:, j] < 0) + np.count_nonzero(drawn[:, j] == 0) / 2
+        # equal values, but for rounding, may all fall on one side
+        bias = float(ndtri(np.clip(lower, 0.5, RESAMPLES - 0.5) / RESAMPLES))
+        normal = bias + ndtri(np.array([(1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0]))
+        shares = ndtr(bias + normal / (1.0 - acceleration[j] * normal))
+        low, high = value + scale[j] * np.quantile(drawn[:, j], shares)
+        found.append(Interval(value, float(low), float(high)))
+    return found
+
+
+def bootstrap_mean(values: Floats, counted: Flags | None = None, confidence: float = CONFIDENCE) -> Interval:
+    """Mean over runs that count, shape (R,) each, with its interval as of `bootstrap_ratios`; None: all count."""
+    mask = np.ones(values.shape, dtype=np.float64) if counted is None else counted.astype(np.float64)
+    return bootstrap_ratios((mask * values)[:, None], mask[:, None], confidence)[0]
+
+
+def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) -> Interval:
+    """Mean over runs of paired differences of outcomes that are 0 or 1, or of a combination of such, within −1 … 1.
+
+    The adjusted Wald interval of Bonett & Price (J. Educ. Behav. Stat. 37, 2012): a run that speaks for either side is
+    added, so that outcomes which no run had are not taken for impossible.
+
+    Args:
+        differences: of each run, shape (R,).
+        confidence: of the interval.
+    """
+    adjusted = np.append(differences, [1.0, -1.0])
+    half = float(ndtri((1.0 + confidence) / 2.0)) * float(adjusted.std()) / math.sqrt(adjusted.size)
+    middle = float(adjusted.mean())
+    return Interval(float(differences.mean()), max(middle - half, -1.0), min(middle + half, 1.0))
+
+
+def _mean_and_covariance(missions: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """Sum over missions of the means over runs of columns, and its covariance matrix."""
+    total = np.sum([mission.mean(axis=0) for mission in missions], axis=0)
+    each = [np.atleast_2d(np.cov(mission, rowvar=False, ddof=1)) / mission.shape[0] for mission in missions]
+    return np.atleast_1d(total), np.sum(each, axis=0)
+
+
+def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENCE) -> Interval:
+    """Mean over missions of the means over their runs: what other noise on the same missions would change.
+
+    Args:
+        missions: values of the runs of each mission, shape (R,) each.
+        confidence: of the interval, by the normal law for a sum of many runs.
+    """
+    total, covariance = _mean_and_covariance([mission[:, None] for mission in missions])
+    half = float(ndtri((1.0 + confidence) / 2.0)) * math.sqrt(float(covariance[0, 0]))
+    return Interval(*((float(total[0]) + step) / len(missions) for step in (0.0, -half, half)))
+
+
+def share_removed(missions: Sequence[tuple[Floats, Floats]], confidence: float = CONFIDENCE) -> Interval:
+    """Share of a sum over missions that is taken away, 1 − Σ mean(left) / Σ mean(part), by Fieller's theorem.
+
+    Args:
+        missions: of each mission what there is to remove and what is left of it, run by run, shape (R,) each.
+        confidence: of the interval (Fieller, J. R. Stat. Soc. B 16, 1954).
+
+    Returns:
+        The share; limits are NaN where the sum to remove cannot be told from zero.
+    """
+    total, covariance = _mean_and_covariance([np.column_stack(pair) for pair in missions])
+    part, left = (float(v) for v in total)
+    if part == 0.0:
+        return Interval(math.nan, math.nan, math.nan)
+    z2 = float(ndtri((1.0 + confidence) / 2.0)) ** 2
+    # roots t of (left − t part)² = z² Var(left − t part)
+    a = part * part - z2 * float(covariance[0, 0])
+    b = part * left - z2 * float(covariance[0, 1])
+    c = left * left - z2 * float(covariance[1, 1])
+    root = b * b - a * c
+    if a <= 0.0 or root < 0.0:
+        return Interval(1.0 - left / part, math.nan, math.nan)
+    kept = sorted(((b - math.sqrt(root)) / a, (b + math.sqrt(root)) / a))
+    return Interval(1.0 - left / part, 1.0 - kept[1], 1.0 - kept[0])
