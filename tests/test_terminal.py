@@ -78,12 +78,13 @@ def test_topics_of_a_log_are_no_markup(monkeypatch: pytest.MonkeyPatch, capsys: 
         channels=(ChannelInfo(nasty, nasty, 1),),
         attachments={nasty: 1},
         metadata={nasty: {nasty: nasty}},
+        unprotected=(nasty,),
     )
     monkeypatch.setattr("sim.log.info.info", lambda _: seen)
     replaying.show_info(Path("[/x]"))
     told = capsys.readouterr().out
     assert told.startswith("[/x]: ")
-    assert told.count("[/red][bold]\\x1b[2J") == 6
+    assert told.count("[/red][bold]\\x1b[2J") == 7
     assert "\x1b" not in told
 
 

@@ -177,7 +177,9 @@ def anatomy(
     ranges.anatomise(source, set_ or (), out)
 
 
-WorkersOption = Annotated[int | None, typer.Option(help="local processes (default: one for each core)")]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, max=1024, help="local processes (default: one for each core)")
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
 ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]
 
@@ -189,11 +191,12 @@ def reproduce(
         list[int] | None, typer.Option(help="a stage of the paper, 1 … 5; repeatable (default: all)")
     ] = None,
     motion: Annotated[str, typer.Option(help="physics, or the paper's point motion: kinematic")] = "physics",
-    runs: Annotated[int, typer.Option(help="runs of each cell")] = 60,
+    runs: Annotated[int, typer.Option(min=1, max=1_000_000, help="runs of each cell")] = 60,
     missions: Annotated[
-        int | None, typer.Option(help="draw this many routes for each class instead of the paper's eight")
+        int | None,
+        typer.Option(min=2, max=10_000, help="draw this many routes for each class instead of the paper's eight"),
     ] = None,
-    seed: Annotated[int, typer.Option(help="key of all random numbers")] = 1,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="key of all random numbers")] = 1,
     workers: WorkersOption = None,
     out: OutOption = None,
     force: ForceOption = False,

@@ -86,7 +86,8 @@ class Anatomy:
 
 def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
     """Horizontal ranges as the follower computes them; shapes (m, 3) and (m,) or (m, 3)."""
-    slant, depth_difference = np.broadcast_arrays(slant, depth_difference.reshape(slant.shape[0], -1))
+    column = depth_difference if depth_difference.ndim == 2 else depth_difference[:, None]
+    slant, depth_difference = np.broadcast_arrays(slant, column)
     flat = [horizontal_range(r, dz) for r, dz in zip(slant.ravel().tolist(), depth_difference.ravel(), strict=True)]
     return np.array(flat).reshape(slant.shape)
 

@@ -104,6 +104,9 @@ def test_a_vehicle_that_sinks_through_the_floor_is_told(tmp_path: Path) -> None:
         (["log", "info", __file__], "no MCAP file"),
         (["log", "recover", __file__], "test_cli.py"),
         (["replay", __file__], "no MCAP file"),
+        (["reproduce", "--seed", "-1"], "Invalid value for"),
+        (["reproduce", "--runs", "1000000000000"], "Invalid value for"),
+        (["reproduce", "--workers", "0"], "Invalid value for"),
     ],
 )
 def test_bad_input_gets_one_screen_and_exit_code_2(arguments: list[str], expected: str) -> None:
