@@ -150,6 +150,14 @@ def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
     monkeypatch.setattr(asymmetry, "_compute", never)
     assert asymmetry.run(tmp_path, quick=True, workers=1, quiet=True).read_bytes() == first
 
+    def fail(*_: object) -> None:
+        raise RuntimeError("a process that renders frames ended with code 1")
+
+    report.unlink()
+    with pytest.raises(RuntimeError, match="renders frames"):
+        asymmetry.run(tmp_path, quick=True, workers=1, quiet=True, film=fail)
+    assert report.read_bytes() == first
+
 
 def test_a_run_of_the_study_is_the_flight_of_its_command():
     condition, duration = QUICK_CONDITIONS[2], 30.0
