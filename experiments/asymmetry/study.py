@@ -24,7 +24,7 @@ from experiments.asymmetry.report import write_report
 from experiments.asymmetry.tau import Curve, Curves, fly_curves
 from experiments.campaign.missions import digest
 from experiments.campaign.processes import Pool
-from experiments.campaign.progress import progress
+from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Record, Store, columns_of, write_table
 from experiments.campaign.version import code_version
 from experiments.intervals import Interval
@@ -64,6 +64,12 @@ def _compute(name: str, plan: Plan, mission: tuple[Condition, float] | None) -> 
         curves = fly_curves(plan)
         rows = [asdict(c) | {"over": "tau"} for c in curves.tau] + [asdict(c) | {"over": "pitch"} for c in curves.pitch]
     return name, columns_of(rows) | {"version": code_version()}
+
+
+def _compile_ahead(condition: Condition, plan: Plan) -> None:
+    """Compile here, with a word, what each process would else compile for itself before its first result."""
+    with compiling_shown():
+        fly_condition(condition, plan.offsets_m[0], replace(plan, routes=plan.routes[:1], duration_s=2.0, runs=1))
 
 
 def _rows_of(record: Record) -> Table:
@@ -125,6 +131,8 @@ def run(
     store = Store(folder, force=force)
     missing = [name for name in names if store.read(_key(name, plan)) is None]
     if missing:
+        if cluster is None and not quiet:
+            _compile_ahead(conditions[0], plan)
         with Pool(min(workers or len(os.sched_getaffinity(0)), len(missing)), cluster) as pool:
             tasks = ((name, plan, missions.get(name)) for name in missing)
             with progress("fleets", len(missing), quiet=quiet) as advance:
@@ -135,7 +143,8 @@ def run(
     def stored(name: str) -> Table:
         return _rows_of(store.read(_key(name, plan)) or {})
 
-    chart: pa.Table = measure_map(quick_grid() if quick else full_grid(), NavigationSettings(side_rule="predicted"))
+    with compiling_shown():
+        chart: pa.Table = measure_map(quick_grid() if quick else full_grid(), NavigationSettings(side_rule="predicted"))
     shown = fly_example(QUICK_CONDITIONS[-1], plan.duration_s)
     results = Results(
         plan=plan,

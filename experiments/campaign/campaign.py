@@ -19,7 +19,7 @@ from experiments.campaign.cells import PERCENTILES, Cell, CellResult
 from experiments.campaign.failures import CampaignError
 from experiments.campaign.montecarlo import histories, simulate_many
 from experiments.campaign.processes import Pool
-from experiments.campaign.progress import progress
+from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Record, Steps, Store
 from experiments.campaign.version import code_version
 from laisn import metrics
@@ -190,6 +190,14 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
     return flights.sited(trajectory, scenario.leader)
 
 
+def _compile_ahead(plan: CellPlan) -> None:
+    """Compile here, with a word, what each process would else compile for itself before its first result."""
+    two = min(2 * plan.scenario.timing.message_interval_s, plan.scenario.duration_s)
+    short = plan.scenario.model_copy(update={"duration_s": two})
+    with compiling_shown():
+        compute(flights.fly(short), [replace(plan, scenario=short, runs=1)])
+
+
 def run(
     plans: Sequence[CellPlan],
     folder: Path,
@@ -222,6 +230,8 @@ def run(
     store = Store(folder, force=force)
     missing = _missing(plans, store)
     if missing:
+        if cluster is None and not quiet:
+            _compile_ahead(missing[0])
         with processes as pool:
             fly_missions((plan.scenario for plan in missing), store, pool, quiet=quiet)
             tasks = ((mission_of(batch, store), batch) for batch in _batches(missing, pool.size))

@@ -82,6 +82,20 @@ def computed(tmp_path_factory):
     return folder, rows
 
 
+@pytest.mark.parametrize(("quiet", "first"), [(False, [(2.0, 1)]), (True, [])])
+def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeypatch, quiet, first):
+    """By the smallest campaign that there is: two messages, one run."""
+    computed, compute = [], campaign.compute
+
+    def noted(trajectory, plans, threads=1):
+        computed.append((trajectory.time[-1], plans[0].runs))
+        return compute(trajectory, plans, threads)
+
+    monkeypatch.setattr(campaign, "compute", noted)
+    campaign.run(plans()[:1], tmp_path, workers=1, quiet=quiet)
+    assert computed == [*first, (DURATION, 5)]
+
+
 def test_two_workers_give_the_bytes_of_one(computed, tmp_path):
     folder, rows = computed
     assert campaign.run(plans(), tmp_path / "two", workers=2, quiet=True) == rows
