@@ -52,8 +52,10 @@ SPEED_LEAST = 0.1
 
 def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
     """Mean of a function over an interval about each instant."""
-    parts = (np.arange(12) + 0.5) / 12 - 0.5
-    return np.asarray(np.mean([value(time + part * width) for part in parts], axis=0))
+    total = np.zeros(time.size)
+    for part in (np.arange(12) + 0.5) / 12 - 0.5:
+        total += value(time + part * width)
+    return total / 12
 
 
 def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
@@ -75,7 +77,7 @@ def _reference_of(route: Route, limits: Limits | None, time: Floats, lead: float
         return np.interp(t, flown.start, flown.speed)
 
     def depth(t: Floats) -> Floats:
-        return route.depth.at(np.maximum(t, 0.0))[0]
+        return route.depth.depth_at(np.maximum(t, 0.0))
 
     columns = {
         EAST: motion.east,

@@ -56,6 +56,20 @@ class Motion(NamedTuple):
     """Of the speed [m/s²]."""
 
 
+def _later(begin: Motion, dt: Floats | float) -> Motion:
+    """Motion a time dt [s] after the beginning of a segment; numbers or arrays of one shape."""
+    speed = begin.speed + begin.acceleration * dt
+    # on an arc the chord points along the mean course and is sin(half)/half of the arc long
+    half = 0.5 * begin.turn_rate * dt
+    chord = 0.5 * (begin.speed + speed) * dt * np.sinc(half / np.pi)
+    return begin._replace(
+        east=begin.east + chord * np.sin(begin.course + half),
+        north=begin.north + chord * np.cos(begin.course + half),
+        course=begin.course + begin.turn_rate * dt,
+        speed=speed,
+    )
+
+
 class Plan(NamedTuple):
     """Segments of constant acceleration and turn rate, each array of shape (m,); the last one has no end."""
 
@@ -71,20 +85,8 @@ class Plan(NamedTuple):
     def at(self, time: Floats) -> Motion:
         """Motion at instants of shape (n,), not negative, [s]."""
         i = np.searchsorted(self.start, time, side="right") - 1
-        dt = time - self.start[i]
-        course = self.course[i] + self.turn_rate[i] * dt
-        speed = self.speed[i] + self.acceleration[i] * dt
-        # on an arc the chord points along the mean course and is sin(half)/half of the arc long
-        half = 0.5 * self.turn_rate[i] * dt
-        chord = 0.5 * (self.speed[i] + speed) * dt * np.sinc(half / np.pi)
-        return Motion(
-            east=self.east[i] + chord * np.sin(self.course[i] + half),
-            north=self.north[i] + chord * np.cos(self.course[i] + half),
-            course=course,
-            speed=speed,
-            turn_rate=self.turn_rate[i],
-            acceleration=self.acceleration[i],
-        )
+        begin = Motion(*(column[i] for column in self[1:]))
+        return _later(begin, time - self.start[i])
 
 
 class _Planner:
@@ -99,11 +101,12 @@ class _Planner:
         """One more segment; one of no duration is left out."""
         if duration <= 0:
             return
-        row = (self.time, self.east, self.north, self.course, self.speed, turn_rate, acceleration)
-        self.rows.append(row)
-        end = Plan(*(np.array([value]) for value in row)).at(np.array([self.time + duration]))
+        begin = self.east, self.north, self.course, self.speed, turn_rate, acceleration
+        self.rows.append((self.time, *begin))
+        # the rounding of times is that of `Plan.at`
+        end = _later(Motion(*begin), self.time + duration - self.time)  # type: ignore[arg-type]  # numbers of one instant
         self.time += duration
-        self.east, self.north, self.course, self.speed = (float(value[0]) for value in end[:4])
+        self.east, self.north, self.course, self.speed = (float(value) for value in end[:4])
 
 
 def _wrap(angle: float) -> float:

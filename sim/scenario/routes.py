@@ -72,13 +72,17 @@ class DepthProfile:
             period=period,
         )
 
+    def _within(self, time: Floats) -> Floats:
+        return time if self.period is None else time % self.period
+
+    def depth_at(self, time: Floats) -> Floats:
+        """Depth at instants of shape (n,), [s], [m]."""
+        return np.interp(self._within(time), self.time, self.depth)
+
     def at(self, time: Floats) -> tuple[Floats, Floats]:
         """Depth [m] and its rate [m/s], positive down, at instants of shape (n,), [s]."""
-        if self.period is not None:
-            time = time % self.period
-        depth = np.interp(time, self.time, self.depth)
         slope = np.concatenate([[0.0], np.diff(self.depth) / np.diff(self.time), [0.0]])
-        return depth, slope[np.searchsorted(self.time, time, side="right")]
+        return self.depth_at(time), slope[np.searchsorted(self.time, self._within(time), side="right")]
 
 
 @dataclass(frozen=True, kw_only=True)
