@@ -22,6 +22,10 @@ NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit
 """Hulls pass through one another and through the floor, whatever their geoms say."""
 
 
+_NO_JOINT_FORCES = mujoco.mjtDisableBit.mjDSBL_SPRING.value | mujoco.mjtDisableBit.mjDSBL_DAMPER.value
+"""Free bodies have neither springs nor dampers, and MuJoCo need not look for them; damping is the water's."""
+
+
 class PlantError(LaisnError):
     """A simulation that cannot go on: which vehicle, when, and its last good state.
 
@@ -67,7 +71,7 @@ class Plant:
             raise ValueError(f"dt={dt} must be positive")
         spec = compose(setups, ocean.floor_depth_m, looks=False)
         spec.option.timestep = dt
-        spec.option.disableflags |= NO_CONTACT
+        spec.option.disableflags |= NO_CONTACT | _NO_JOINT_FORCES
         self.ocean = ocean
         self.dt = dt
         self.names = tuple(s.name for s in setups)
