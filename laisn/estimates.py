@@ -6,6 +6,8 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
+from laisn.records import own_arrays
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
@@ -69,4 +71,4 @@ class Estimates:
             value = getattr(self, field.name)
             if value.shape != expected[field.name]:
                 raise ValueError(f"Estimates.{field.name} has shape {value.shape}, expected {expected[field.name]}")
-            value.flags.writeable = False
+        own_arrays(self)

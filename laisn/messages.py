@@ -1,11 +1,13 @@
 """All that a follower hears and senses. A navigator sees nothing else."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from laisn.records import own_arrays
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -96,10 +98,7 @@ class Measurements:
                 raise ValueError(f"Measurements.{name} has shape {getattr(self, name).shape}, expected {shape}")
         if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
             raise ValueError(f"Measurements.message_step must increase within 1 … {n}")
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+        own_arrays(self)
 
     def steps(self) -> Iterator[tuple[OwnMotion, Reception | None]]:
         """Own motion and, where a message arrived, its reception: one pair a step, k = 1 … n."""

@@ -9,6 +9,7 @@ from typing import BinaryIO, Self
 import numpy as np
 import numpy.typing as npt
 
+from laisn.records import own_arrays
 from sim.geometry import attitude
 
 Floats = npt.NDArray[np.float64]
@@ -70,7 +71,7 @@ class Trajectory:
             value = getattr(self, name)
             if value.shape != shape:
                 raise ValueError(f"Trajectory.{name} has shape {value.shape}, expected {shape}")
-            value.flags.writeable = False
+        own_arrays(self)
         steps = np.diff(self.time)
         if n < 2 or steps.min() <= 0 or np.ptp(steps) > 1e-9:
             raise ValueError("Trajectory.time must be a uniform grid of at least two increasing instants")

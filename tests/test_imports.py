@@ -11,7 +11,7 @@ IMPORTS = house.imports()
 SOURCES = house.modules()
 ROOMS = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
 VOCABULARY = {"laisn", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry", "laisn.compiled",
-              "laisn.elementary", "laisn.failure"}  # fmt: skip
+              "laisn.elementary", "laisn.failure", "laisn.records", "laisn.whole_files"}  # fmt: skip
 """What the simulator may know of navigation: words, not navigators."""
 
 

@@ -14,6 +14,7 @@ from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.metrics import Summary
+from laisn.records import own_arrays
 from laisn.settings import NavigationSettings
 from sim.flight import navigation_settings
 from sim.scenario.settings import Scenario
@@ -86,6 +87,9 @@ class RunTable:
     captured: npt.NDArray[np.bool_]
     gated: Ints
     """Fixes that the gate rejected."""
+
+    def __post_init__(self) -> None:
+        own_arrays(self)
 
 
 @dataclass(frozen=True, kw_only=True)

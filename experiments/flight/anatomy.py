@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from laisn.geometry import horizontal_range
 from laisn.messages import LeaderMessage
+from laisn.records import own_arrays
 from sim.flight import Flight, navigation_settings
 from sim.sensing.acoustics import TRANSMITTERS, propagate
 from sim.sensing.echo import Path, locked_path
@@ -72,6 +73,9 @@ class Anatomy:
     """D: the one that the follower uses, shape (m, 3), [m]; NaN where no ping was received."""
     share: Floats
     """Of each cause in D − D°, shape (m, 3, causes), [m]."""
+
+    def __post_init__(self) -> None:
+        own_arrays(self)
 
     @property
     def error(self) -> Floats:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from laisn.records import own_arrays
+
 Floats = npt.NDArray[np.float64]
 RGB = tuple[float, float, float]
 """Red, green, blue, each in [0, 1]."""
@@ -32,6 +34,9 @@ class OtherEstimate:
     position: Floats
     """At filter steps k = 1 … n, shape (n, 2), [m]."""
 
+    def __post_init__(self) -> None:
+        own_arrays(self)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RayErrors:
@@ -49,6 +54,7 @@ class RayErrors:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.limit) and self.limit > 0):
             raise ValueError(f"the colour bar ends at {self.limit:g} m, expected a positive number")
+        own_arrays(self)
 
     def colours(self, message: int) -> tuple[RGB, ...]:
         """Of the rays of a message, rear, front and middle; message -1 is none."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.failure import LaisnError
+from laisn.records import own_arrays
 
 Floats = npt.NDArray[np.float64]
 
@@ -45,8 +46,7 @@ class DepthProfile:
             raise LaisnError(f"times of a depth profile must increase from 0, got {self.time.tolist()} s")
         if not (np.all(np.isfinite(self.depth)) and self.depth.min() >= 0):
             raise LaisnError(f"depths must be finite and not negative, got {self.depth.tolist()} m")
-        for array in (self.time, self.depth):
-            array.flags.writeable = False
+        own_arrays(self)
 
     @classmethod
     def constant(cls, depth: float) -> Self:
@@ -124,8 +124,7 @@ class Route:
             raise LaisnError(f"route {self.name!r}: waypoints {i + 1} and {i + 2} coincide")
         if not self.start_speed > 0:
             raise LaisnError(f"route {self.name!r}: start_speed is {self.start_speed}, expected a positive speed")
-        for array in (self.time, self.waypoint):
-            array.flags.writeable = False
+        own_arrays(self)
 
     @classmethod
     def timed(

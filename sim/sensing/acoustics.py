@@ -10,11 +10,12 @@ mirror image (`sim.sensing.echo`). All of this is the same in every run; random 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from laisn.records import own_arrays
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.echo import Path, image, mean_slowness
 from sim.sensing.hearing import Hearing
@@ -58,8 +59,7 @@ class Propagation:
     """What the clocks add to a range, shape (m, 3 transmitters, 3 paths), [m]."""
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            getattr(self, field.name).flags.writeable = False
+        own_arrays(self)
 
     @property
     def range(self) -> Floats:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from laisn.records import own_arrays
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
@@ -67,7 +69,7 @@ class MissionTruth:
             value = getattr(self, name)
             if value.shape != shape:
                 raise ValueError(f"MissionTruth.{name} has shape {value.shape}, expected {shape}")
-            value.flags.writeable = False
+        own_arrays(self)
         low, high = self.first_step + 1, self.first_step + n
         if m and (self.message_step[0] < low or self.message_step[-1] > high or np.any(np.diff(self.message_step) < 1)):
             raise ValueError(f"MissionTruth.message_step must increase within {low} … {high}")

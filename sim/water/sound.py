@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.failure import LaisnError
+from laisn.records import own_arrays
 
 Floats = npt.NDArray[np.float64]
 
@@ -39,8 +40,7 @@ class SoundSpeed:
             raise LaisnError(f"depths of a sound-speed profile must increase, got {self.depth.tolist()} m")
         if not (np.all(np.isfinite(self.speed)) and self.speed.min() > 0):
             raise LaisnError(f"speeds of sound must be positive, got {self.speed.tolist()} m/s")
-        self.depth.flags.writeable = False
-        self.speed.flags.writeable = False
+        own_arrays(self)
 
     @classmethod
     def constant(cls, speed: float) -> Self:

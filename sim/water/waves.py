@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.failure import LaisnError
+from laisn.records import own_arrays
 
 Floats = npt.NDArray[np.float64]
 
@@ -61,7 +62,7 @@ class Waves:
                 raise LaisnError(f"Waves.{name} has shape {value.shape}, expected {shape}")
             if not np.isfinite(value).all():
                 raise LaisnError(f"Waves.{name} holds values that are not finite")
-            value.flags.writeable = False
+        own_arrays(self)
 
     @classmethod
     def none(cls) -> Self:
