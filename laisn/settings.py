@@ -12,6 +12,11 @@ SideRule = Literal["behind", "predicted"]
 VARIANTS: tuple[Variant, ...] = get_args(Variant)
 
 
+def transmitters_of(variant: Variant) -> int:
+    """N_T: how many of the leader's transmitters a variant uses, rear and front first (paper, Sections 2.2, 2.3)."""
+    return 2 if variant == "laisn-2" else 3
+
+
 @dataclass(frozen=True, kw_only=True)
 class NavigationSettings:
     """Settings of one navigator (paper, Section 3.1, unless another source is named).
@@ -58,6 +63,11 @@ class NavigationSettings:
     """Place the transmitters by the broadcast pitch and roll instead of assuming a level leader (not in the paper)."""
     expected_pitch: float = 0.0
     """Pitch that a level-leader follower must expect; adds Δz sin(…) to σp in squares [rad] (not in the paper)."""
+
+    @property
+    def transmitters(self) -> int:
+        """N_T: how many of the leader's transmitters the variant uses, rear and front first (Sections 2.2, 2.3)."""
+        return transmitters_of(self.variant)
 
     def __post_init__(self) -> None:
         choices = {"variant": VARIANTS, "gate": get_args(GateRule), "side_rule": get_args(SideRule)}

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from laisn import POSITION, VELOCITY
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
-from laisn.settings import NavigationSettings
+from laisn.settings import NavigationSettings, transmitters_of
 from sim.fleet import Flown
 from sim.flight import navigation_settings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -100,7 +100,14 @@ class Pilot:
         if not truth.message_step.size or truth.message_step[-1] != k:
             return None
         self._awaited = [sent for sent in self._awaited if sent > truth.emission_step[-1]]
-        heard = measure(truth, self._errors, seed=self._seed, run=self._run, follower=self._follower)
+        heard = measure(
+            truth,
+            self._errors,
+            seed=self._seed,
+            run=self._run,
+            follower=self._follower,
+            transmitters=transmitters_of(self._scenario.navigation.variant),
+        )
         return Reception(LeaderMessage(*heard.message[-1].tolist()), Ranges(*heard.ranges[-1].tolist()))
 
 

@@ -127,8 +127,15 @@ def navigate(
     measurements, estimates = [], []
     for follower in range(len(scenario.followers)):
         truth = observe(trajectory, Hearing.of(scenario), follower)
-        heard = measure(truth, errors, seed=scenario.seed, run=scenario.run, follower=follower)
         settings = navigation_settings(scenario, trajectory, follower)
+        heard = measure(
+            truth,
+            errors,
+            seed=scenario.seed,
+            run=scenario.run,
+            follower=follower,
+            transmitters=settings.transmitters,
+        )
         measurements.append(heard)
         estimates.append(navigator(settings, truth.start).run(heard))
     return Flight(

@@ -75,15 +75,16 @@ def fly_gates(plan: Plan) -> list[GateRow]:
                     ),
                 }
             )
-            truth, errors = observe(both, Hearing.of(one)), errors_of(one)
-            first = first_run(CALM, route, _OFFSET_M)
+            truth, errors, told = observe(both, Hearing.of(one)), errors_of(one), navigation_settings(one, both, 0)
+            first, used = first_run(CALM, route, _OFFSET_M), told.transmitters
             runs = range(first, first + _RUNS)
-            heard = [measure(truth, errors, seed=SEED, run=run) for run in runs]
-            quiet = [measure(truth, replace(errors, echo_chance=(0.0, 0.0)), seed=SEED, run=run) for run in runs]
+            heard = [measure(truth, errors, seed=SEED, run=run, transmitters=used) for run in runs]
+            silent = replace(errors, echo_chance=(0.0, 0.0))
+            quiet = [measure(truth, silent, seed=SEED, run=run, transmitters=used) for run in runs]
             paths = np.stack([locked_path(SEED, run, 0, truth.emission_step, errors.echo_chance) for run in runs], -1)
             echoed = np.any(paths[:, :2] != int(Path.DIRECT), axis=1)
             for rule in RULES:
-                settings = replace(navigation_settings(one, both, 0), gate=rule)
+                settings = replace(told, gate=rule)
                 result = lanes.run(heard, truth.start, settings)
                 detected, false_alarms = rates(result.fix_kind[:, 0] == FixKind.GATED, echoed)
 

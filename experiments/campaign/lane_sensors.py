@@ -21,6 +21,7 @@ from sim.sensing.sensor_errors import (
     attitude_reading,
     heading_reading,
     longest,
+    longest_used,
     plain_reading,
     range_reading,
     speed_reading,
@@ -34,8 +35,9 @@ _FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
 
 
 class Errors(NamedTuple):
-    """`SensorErrors` as compiled code takes them; the same fields."""
+    """`SensorErrors` as compiled code takes them: the same fields, and how many transmitters the followers use."""
 
+    transmitters: int
     speed_bias: float
     speed_sigma: float
     heading_bias: float
@@ -93,9 +95,9 @@ def sent_rows(truth: MissionTruth, errors: SensorErrors) -> Floats:
     )  # fmt: skip
 
 
-def compiled_errors(errors: SensorErrors) -> Errors:
-    """Sensor errors as compiled code takes them."""
-    return Errors(*(getattr(errors, name) for name in Errors._fields))
+def compiled_errors(errors: SensorErrors, transmitters: int) -> Errors:
+    """Sensor errors as compiled code takes them, for followers that use so many transmitters."""
+    return Errors(transmitters, *(getattr(errors, name) for name in Errors._fields[1:]))
 
 
 def address(seed: int, first_run: int, follower: int) -> Address:
@@ -188,10 +190,13 @@ def _read_echoes(block: Floats, noise: Noise, errors: Errors, sent: Floats, step
     _draw_uniforms(noise, noise.address.range_uniform, received)
     for lane in range(LANES):
         psi = block[row.R1 + lane]
-        far = longest(true[lane], true[LANES + lane], true[2 * LANES + lane])
-        for j in range(3):
-            i = j * LANES + lane
-            block[row.R1 + i] = range_reading(true[i], far, errors.range_tau[j], draws[i], psi)
+        rear, front, middle = true[lane], true[LANES + lane], true[2 * LANES + lane]
+        far = longest_used(rear, front, middle, errors.transmitters)
+        farthest = longest(rear, front, middle)
+        tau_rear, tau_front, tau_middle = errors.range_tau
+        block[row.R1 + lane] = range_reading(rear, far, tau_rear, draws[_FIRST + lane], psi)
+        block[row.R2 + lane] = range_reading(front, far, tau_front, draws[_SECOND + lane], psi)
+        block[row.R3 + lane] = range_reading(middle, farthest, tau_middle, draws[_THIRD + lane], psi)
 
 
 @compiled_lanes
@@ -267,12 +272,12 @@ def sense_message(
         _read_echoes(block, noise, errors, sent, steps)
     else:
         _draw_uniforms(noise, address.range_uniform, received)
-        far = longest(rear, front, middle)
+        far, farthest = longest_used(rear, front, middle, errors.transmitters), longest(rear, front, middle)
         tau_rear, tau_front, tau_middle = errors.range_tau
         for lane in range(LANES):
             psi = block[row.R1 + lane]
             block[row.R1 + lane] = range_reading(rear, far, tau_rear, draws[_FIRST + lane], psi)
             block[row.R2 + lane] = range_reading(front, far, tau_front, draws[_SECOND + lane], psi)
-            block[row.R3 + lane] = range_reading(middle, far, tau_middle, draws[_THIRD + lane], psi)
+            block[row.R3 + lane] = range_reading(middle, farthest, tau_middle, draws[_THIRD + lane], psi)
     if errors.channel.loss_chance + errors.channel.burst_chance > 0.0:
         _lose(block, noise, errors, emitted)

@@ -95,7 +95,7 @@ def _blocks(cell: Cell) -> Iterator[range]:
 
 
 def _fly(cell: Cell, truth: _Truth, runs: range, history: Floats) -> tuple[Floats, Ints]:
-    errors, t = compiled_errors(cell.errors), row.tuning(cell.settings)
+    errors, t = compiled_errors(cell.errors, cell.settings.transmitters), row.tuning(cell.settings)
     return _fly_block(truth, errors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
 
 

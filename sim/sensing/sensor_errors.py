@@ -110,8 +110,18 @@ def longest(rear: float, front: float, middle: float) -> float:
 
 
 @inlined
+def longest_used(rear: float, front: float, middle: float, transmitters: int) -> float:
+    """The range that those to the rear and front transmitter are scaled by (paper, Eq. 28). Compiled code only.
+
+    N_T is 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). The middle one, which LAISN-2 has no use for, is
+    scaled by the longest of all.
+    """
+    return longest(rear, front, middle if transmitters > 2 else 0.0)
+
+
+@inlined
 def range_reading(true: float, far: float, tau: float, uniform: float, psi: float) -> float:
-    """Range of which `far` is the longest of the message (paper, Eq. 28). Compiled code only."""
+    """Range of a message, `far` being the longest one (paper, Eq. 28). Compiled code only."""
     return fma(psi, true / (far if far > 0.0 else 1.0), fma(tau, uniform, true))
 
 
@@ -127,14 +137,16 @@ def _own(truth: Floats, normals: Floats, biases: Floats, sigmas: Floats) -> Floa
 
 
 @compiled
-def _ranges(truth: Floats, uniforms: Floats, normal: Floats, tau: Floats, scale: Floats) -> Floats:
+def _ranges(truth: Floats, uniforms: Floats, normal: Floats, tau: Floats, scale: Floats, transmitters: int) -> Floats:
     """Ranges read from true ones, shape (m, 3); `scale` is (μD, σD)."""
     read = np.empty_like(truth)
     for i in range(truth.shape[0]):
-        far = longest(truth[i, 0], truth[i, 1], truth[i, 2])
+        rear, front, middle = truth[i, 0], truth[i, 1], truth[i, 2]
+        far, farthest = longest_used(rear, front, middle, transmitters), longest(rear, front, middle)
         psi = plain_reading(scale[0], scale[1], normal[i])
-        for j in range(3):
-            read[i, j] = range_reading(truth[i, j], far, tau[j], uniforms[i, j], psi)
+        read[i, 0] = range_reading(rear, far, tau[0], uniforms[i, 0], psi)
+        read[i, 1] = range_reading(front, far, tau[1], uniforms[i, 1], psi)
+        read[i, 2] = range_reading(middle, farthest, tau[2], uniforms[i, 2], psi)
     return read
 
 
@@ -192,7 +204,9 @@ def sense_own(true: Floats, steps: Ints, errors: SensorErrors, *, seed: int, run
     )
 
 
-def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0) -> Measurements:
+def measure(
+    truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0, transmitters: int = 3
+) -> Measurements:
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
     Args:
@@ -201,6 +215,7 @@ def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, f
         seed: key of all random numbers.
         run: of the campaign, 0, 1, …
         follower: index of the follower; followers share the leader's errors and nothing else.
+        transmitters: N_T, how many of the leader's the follower uses, rear and front first.
 
     Returns:
         The measurements, without the leader's statement about its heading; their steps are counted from the first one.
@@ -245,6 +260,7 @@ def measure(truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, f
         drawn(Stream.RANGE_SCALE, received)[:, 0],
         np.array(errors.range_tau),
         np.array([errors.range_scale_mean, errors.range_scale_sigma]),
+        transmitters,
     )
     if errors.channel.loses:
         ranges[~received_messages(seed, run, follower, sent, errors.channel)] = np.nan

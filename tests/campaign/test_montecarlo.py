@@ -75,7 +75,7 @@ def test_a_run_of_a_campaign_is_the_run_flown_alone(variant: Variant, errors: Se
     navigation = NavigationSettings(variant=variant, use_attitude=True)
     states = histories(Cell(truth=truth, errors=errors, settings=navigation, seed=9, runs=range(70), follower=2))
     for run in (0, 63, 69):
-        measurements = measure(truth, errors, seed=9, run=run, follower=2)
+        measurements = measure(truth, errors, seed=9, run=run, follower=2, transmitters=navigation.transmitters)
         alone = Navigator(navigation, truth.start).run(measurements)
         assert np.abs(states[:, :, run] - alone.state).max() < 1e-9
 
@@ -89,7 +89,9 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     runs = range(5, 12)
     result = simulate(Cell(truth=truth, errors=errors, settings=navigation, seed=4, runs=runs), keep_runs=True)
 
-    alone = [Navigator(navigation, truth.start).run(measure(truth, errors, seed=4, run=run)) for run in runs]
+    used = navigation.transmitters
+    heard = [measure(truth, errors, seed=4, run=run, transmitters=used) for run in runs]
+    alone = [Navigator(navigation, truth.start).run(measurements) for measurements in heard]
     position = np.stack([metrics.position_errors(e.state[:, POSITION], truth.hydrophone) for e in alone])
     bearing = np.stack(
         [metrics.bearing_errors(e.state[:, POSITION], truth.hydrophone, truth.leader_position) for e in alone]

@@ -200,7 +200,7 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
     told = replace(navigation_settings(scenario, trajectory, 0), variant=variant)
     states = histories(Cell(truth=truth, errors=errors, settings=told, runs=range(3)))
     for run in range(3):
-        heard = measure(truth, errors, seed=1, run=run)
+        heard = measure(truth, errors, seed=1, run=run, transmitters=told.transmitters)
         assert_allclose(Navigator(told, truth.start).run(heard).state, states[..., run], atol=1e-9)
 
 

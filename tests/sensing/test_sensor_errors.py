@@ -75,12 +75,17 @@ def test_own_sensors_follow_equations_26_and_27(truth: MissionTruth) -> None:
     assert measured.depth == pytest.approx(truth.depth + 0.3 * n[:, 0], abs=1e-14)
 
 
-def test_ranges_follow_equation_28(truth: MissionTruth) -> None:
+@pytest.mark.parametrize("transmitters", [2, 3])
+def test_ranges_follow_equation_28(truth: MissionTruth, transmitters: int) -> None:
+    """The longest range is that of the transmitters in use; the middle one counts with LAISN-3 alone."""
     errors = SensorErrors(range_tau=(0.01, 0.03, 0.06), range_scale_mean=0.3, range_scale_sigma=0.05)
-    measured = measure(truth, errors, seed=SEED, run=RUN, follower=1)
+    measured = measure(truth, errors, seed=SEED, run=RUN, follower=1, transmitters=transmitters)
     u = uniforms(SEED, RUN, Stream.RANGE_UNIFORM.number(1), truth.message_step)[:, :3]
     psi = 0.3 + 0.05 * normals(SEED, RUN, Stream.RANGE_SCALE.number(1), truth.message_step)[:, :1]
-    longest = np.nanmax(truth.slant_range, axis=1, keepdims=True)
+    longest = np.tile(np.nanmax(truth.slant_range, axis=1, keepdims=True), 3)
+    if transmitters == 2:
+        longest[:, :2] = np.nanmax(truth.slant_range[:, :2], axis=1, keepdims=True)
+        assert np.any(longest[:, 0] < longest[:, 2])
     expected = truth.slant_range + np.array([0.01, 0.03, 0.06]) * u + psi * truth.slant_range / longest
     assert measured.ranges == pytest.approx(expected, abs=1e-13, nan_ok=True)
 
@@ -104,7 +109,8 @@ def test_followers_hear_the_same_leader(truth: MissionTruth) -> None:
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("speed_sigma", -0.1), ("heading_bias", np.nan), ("range_tau", (0.01, -0.01, 0.01))]
+    ("field", "value"),
+    [("speed_sigma", -0.1), ("heading_bias", np.nan), ("range_tau", (0.01, -0.01, 0.01))],
 )
 def test_impossible_errors_are_named(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
