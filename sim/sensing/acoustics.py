@@ -42,7 +42,8 @@ class Propagation:
     emission_step: Ints
     """Filter step at which a message is sent, shape (m,)."""
     message_step: Ints
-    """First filter step by which all its pings are in, echoes that may be taken for them included, shape (m,)."""
+    """First filter step by which all pings that the follower listens to are in, echoes that may be taken for them
+    included, shape (m,)."""
     emission_time: Floats
     """Of each ping, shape (m, 3), [s]."""
     arrival_time: Floats
@@ -151,7 +152,7 @@ def propagate(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Pr
             if path is Path.DIRECT:
                 receiver[:, i] = at
 
-    complete = np.nanmax(arrival, axis=(1, 2))
+    complete = np.nanmax(arrival[:, : hearing.transmitters], axis=(1, 2))
     message_step = np.ceil(complete / dt - 1e-6).astype(np.int64)
     # Two messages within one filter step: the follower keeps the first.
     heard = (message_step <= last) & (np.diff(message_step, prepend=0) > 0)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Self
 
+from laisn.settings import transmitters_of
 from sim.scenario.settings import Scenario
 from sim.sensing.echo import Path, possible_paths
 
@@ -18,6 +19,8 @@ class Hearing:
     filter_step_s: float
     message_every: int
     """Filter steps from one message to the next."""
+    transmitters: int
+    """How many the follower listens to, rear and front first: it waits for no others."""
     broadcast_attitude: bool
     leader_attitude_feels_acceleration: bool
     leader_gyro_time_constant_s: float
@@ -40,6 +43,7 @@ class Hearing:
         return cls(
             filter_step_s=scenario.timing.filter_step_s,
             message_every=scenario.message_every,
+            transmitters=transmitters_of(scenario.navigation.variant),
             broadcast_attitude=scenario.leader.broadcast_attitude,
             leader_attitude_feels_acceleration=sensors.leader_attitude_feels_acceleration,
             leader_gyro_time_constant_s=sensors.leader_gyro_time_constant_s,

@@ -92,7 +92,9 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
     sound = propagate(trajectory, hearing, follower)
     sent = (sound.emission_step - first) * stride
     limit = hearing.max_range_m or np.inf
-    heard = np.where(sound.length[:, :, [Path.DIRECT]] <= limit, sound.range, np.nan)
+    # the follower takes a message up at a filter step, and hears no more of it
+    in_time = sound.arrival_time <= (sound.message_step[:, None, None] + 1e-6) * dt
+    heard = np.where((sound.length[:, :, [Path.DIRECT]] <= limit) & in_time, sound.range, np.nan)
     attitude = np.full((sent.size, 2), np.nan)
     if hearing.broadcast_attitude:
         attitude = measured_attitude(trajectory, hearing)[sent]

@@ -11,7 +11,7 @@ from experiments.flight.anatomy import Anatomy, Cause, dissect
 from experiments.pages import anatomy_page
 from sim.excerpt import excerpt
 from sim.flight import Flight
-from sim.scenario.settings import Acoustics, Scenario
+from sim.scenario.settings import Acoustics, Navigation, Scenario
 from sim.sensing.acoustics import propagate
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
@@ -65,7 +65,9 @@ def test_shares_add_up_with_everything_at_work():
         (20.0, -30.0, -14.0), leader_velocity=(1.0, 0.3, 0), follower_velocity=(1.2, 0, 0.05),
         heading_pitch_roll=(1.2, 0.2, -0.1),
     )  # fmt: skip
-    anatomy = dissect(flight_of(make_scenario(acoustics), trajectory))
+    # three pings are waited for
+    scenario = make_scenario(acoustics).model_copy(update={"navigation": Navigation(variant="laisn-3-2")})
+    anatomy = dissect(flight_of(scenario, trajectory))
     assert_allclose(anatomy.share.sum(axis=2), anatomy.error, rtol=0, atol=1e-9)
     at_work = np.abs(anatomy.share).max(axis=(0, 1)) > 1e-4
     assert [Cause(i) for i in np.flatnonzero(~at_work)] == [Cause.ECHO, Cause.DEPTH]

@@ -56,9 +56,26 @@ def test_a_message_is_available_at_the_first_step_after_its_last_ping():
     at_once = propagate(trajectory, Hearing.of(make_scenario(Acoustics(travel_time=True))))
     # 75 m take 0.05 s
     assert_array_equal(at_once.message_step, at_once.emission_step + 1)
-    slots = propagate(trajectory, Hearing.of(make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))))
+    three = replace(Hearing.of(make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))), transmitters=3)
+    slots = propagate(trajectory, three)
     assert_array_equal(slots.message_step, slots.emission_step + 5)
     assert slots.message_step[-1] <= 200
+    assert not np.any(np.isnan(observe(trajectory, three).slant_range))
+
+
+def test_laisn_2_does_not_wait_for_the_third_ping():
+    """And does not hear it any more either."""
+    trajectory = make_trajectory((74.0, 0.0, -8.0))
+    two = Hearing.of(make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2)))
+    slots = propagate(trajectory, two)
+    # front ping 0.2 s after the rear one, under way for 0.05 s
+    assert_array_equal(slots.message_step, slots.emission_step + 3)
+    heard = observe(trajectory, two).slant_range
+    assert np.all(np.isnan(heard[:, MIDDLE]))
+    assert not np.any(np.isnan(heard[:, :MIDDLE]))
+    # where it comes in time, it is heard
+    at_once = Hearing.of(make_scenario(Acoustics(travel_time=True)))
+    assert not np.any(np.isnan(observe(trajectory, at_once).slant_range))
 
 
 def test_arrival_does_not_depend_on_the_filter_step():
@@ -196,8 +213,9 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
         heading_pitch_roll=(1.5, 0.05, 0.02),
     )  # fmt: skip
     scenario = make_scenario(acoustics)
-    truth, errors = observe(trajectory, Hearing.of(scenario)), errors_of(scenario)
     told = replace(navigation_settings(scenario, trajectory, 0), variant=variant)
+    hearing = replace(Hearing.of(scenario), transmitters=told.transmitters)
+    truth, errors = observe(trajectory, hearing), errors_of(scenario)
     states = histories(Cell(truth=truth, errors=errors, settings=told, runs=range(3)))
     for run in range(3):
         heard = measure(truth, errors, seed=1, run=run, transmitters=told.transmitters)
