@@ -1,6 +1,7 @@
 """The pitch study: the map against closed forms and against the sites of the physical leader."""
 
 from dataclasses import replace
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -21,10 +22,15 @@ from tests.synthetic import make_scenario, make_trajectory
 ANYWHERE = NavigationSettings(side_rule="predicted")
 
 
+@cache
+def leader() -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_path(str(models.path("leader")))
+    return model, mujoco.MjData(model)
+
+
 def physical_ranges(pitch: float, depth_offset: float, reach: float, bearing: float) -> np.ndarray:
     """From the sites that MuJoCo gives for a pitched leader at the origin heading north, [m]."""
-    model = mujoco.MjModel.from_xml_path(str(models.path("leader")))
-    data = mujoco.MjData(model)
+    model, data = leader()
     data.qpos[:] = [0, 0, 0, *attitude.from_euler(0.0, pitch)]
     mujoco.mj_kinematics(model, data)
     follower = np.array([reach * np.sin(bearing), reach * np.cos(bearing), -depth_offset])
