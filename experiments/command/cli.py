@@ -1,5 +1,6 @@
 """The `laisn` command. Heavy imports stay inside the commands, so that `--help` answers at once."""
 
+import gc
 import os
 import sys
 from pathlib import Path
@@ -290,6 +291,8 @@ def main() -> None:
     """Entry point of the console script."""
     # Films are rendered by child processes, which choose their own; here a library that is missing must break nothing.
     os.environ["MUJOCO_GL"] = "disable"
+    # What modules define lives to the end; to look through it for garbage costs each mission a quarter of a second.
+    gc.set_threshold(100_000, 50, 50)
     app()
 
 
