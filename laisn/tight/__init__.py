@@ -1,0 +1,8 @@
+"""A tightly coupled navigator: it uses the ranges themselves, carries the sensors' biases, and knows how wrong it is.
+
+Takes `Measurements`, as a whole or step by step (`navigator`); gives `TightEstimates`: position and velocity with a
+covariance that can be believed, biases, and both sides of the leader's axis while two transmitters leave them open.
+Everything between is compiled (`estimator`), the same code whether one follower navigates online or a campaign runs.
+
+Imports: laisn.compiled laisn.elementary laisn.failure laisn.geometry laisn.messages laisn.records
+"""

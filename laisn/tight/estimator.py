@@ -1,0 +1,190 @@
+"""One message: move, split, learn, tidy. What `TightNavigator` does online and campaigns do in a loop."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled
+from laisn.geometry import angle_between, hull_to_world
+from laisn.tight import belief as at
+from laisn.tight.belief import LEADER_VARIANCE, REJECTED, SURPRISE, Belief, refresh_output
+from laisn.tight.leader_way import watch_leader
+from laisn.tight.model import ABSENT, Model
+from laisn.tight.modes import mix_modes
+from laisn.tight.own_motion import begin_interval, move, turned_since_message
+from laisn.tight.ranging import Heard, learn
+from laisn.tight.sides import normalise, split, tidy, try_mirror
+from laisn.tight.states import COMPASS, LOG, X, Y
+
+Floats = npt.NDArray[np.float64]
+
+_BEND = 0.003
+"""A compass bias so uncertain that the way bends by more than this is taken from the message first [m]."""
+_TURN, _LEADER_TURN = 0.1, 0.15
+"""Turns beyond these change a drifting compass's bias [rad]."""
+_SMOOTHING = 0.15
+"""Gain of the smoothed surprise."""
+_LEARNING = 0.1
+"""Gain of the learnt variance of the leader's heading, which never exceeds that of the settings."""
+_LEAST_LEADER_VARIANCE = math.radians(0.1) ** 2
+_PATIENCE = 3
+"""After so many messages in a row of which no range was believed, the belief is widened …"""
+_WIDER_POSITION, _WIDER_COMPASS = 1.0, math.radians(2.0) ** 2
+"""… by this each time [m²], [rad²]."""
+
+
+@compiled
+def place_arms(arms: Floats, m: Model, attitude: tuple[float, float, float], deeper: float) -> None:
+    """Arms of the transmitters at the broadcast (heading, pitch, roll) [rad]; the leader is level where NaN.
+
+    Args:
+        arms: shape (3, 3), overwritten: east, north, and how much deeper than the hydrophone, [m].
+        m: settings.
+        attitude: as broadcast.
+        deeper: how much deeper the leader's origin is than the hydrophone [m].
+    """
+    heading, pitch, roll = attitude
+    if not m.use_attitude or pitch != pitch or roll != roll:
+        pitch = roll = 0.0
+    half = 0.5 * m.baseline
+    for i in range(m.transmitters):
+        forward = -half if i == 0 else (half if i == 1 else 0.0)
+        port = m.middle_offset if i == 2 else 0.0
+        east, north, up = hull_to_world(forward, port, (heading, pitch, roll))
+        arms[i, 0], arms[i, 1], arms[i, 2] = east, north, deeper - up
+
+
+@compiled
+def _loosen(b: Belief, m: Model, heard: Heard) -> None:
+    """Deviations: a compass that has turned may have another bias, the leader's too."""
+    own = turned_since_message(b)
+    leader = 0.0
+    if m.leader != ABSENT and b.leader[at.WINDOW_TIME] == b.leader[at.WINDOW_TIME]:
+        leader = angle_between(heard.heading, b.leader[at.LAST_HEADING])
+    for k in range(b.alive[0] * m.modes):
+        if own > _TURN:
+            b.covariance[k, COMPASS, COMPASS] += m.deviation * own * own
+        if leader > _LEADER_TURN:
+            b.covariance[k, m.leader, m.leader] += m.deviation * leader * leader
+
+
+@compiled
+def _move_and_look(b: Belief, m: Model, k: int, heard: Heard) -> bool:
+    """Move component k; where its compass bias bends the way too much, at the biases that the message suggests."""
+    way = math.sqrt(b.motion[at.AX] ** 2 + b.motion[at.AY] ** 2)
+    x, P, n = b.mean, b.covariance, m.size
+    log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
+    if 0.5 * P[k, COMPASS, COMPASS] * way < _BEND:
+        move(b, m, k, log_bias, compass_bias)
+        return True
+    for i in range(n):
+        b.before_mean[i] = x[k, i]
+        for j in range(n):
+            b.before_covariance[i, j] = P[k, i, j]
+    move(b, m, k, log_bias, compass_bias)
+    healthy = learn(b, m, k, heard) >= 0
+    log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
+    for i in range(n):
+        x[k, i] = b.before_mean[i]
+        for j in range(n):
+            P[k, i, j] = b.before_covariance[i, j]
+    move(b, m, k, log_bias, compass_bias)
+    return healthy
+
+
+@compiled
+def _reweigh(b: Belief, m: Model) -> bool:
+    """Multiply the weights by the evidence; False if none is left."""
+    components = b.alive[0] * m.modes
+    best = -math.inf
+    for k in range(components):
+        if b.weight[k] > 0.0 and b.evidence[k] > best:
+            best = b.evidence[k]
+    if not math.isfinite(best):
+        return False
+    for k in range(components):
+        b.weight[k] *= math.exp(b.evidence[k] - best)
+    normalise(b, m)
+    return True
+
+
+@compiled
+def _learn_leader(b: Belief, m: Model) -> None:
+    """Learn how much the leader's heading errs from message to message."""
+    excess = 0.0
+    for k in range(b.alive[0] * m.modes):
+        excess += b.weight[k] * b.turn_excess[k]
+    variance = b.health[LEADER_VARIANCE] + _LEARNING * excess
+    b.health[LEADER_VARIANCE] = min(max(variance, _LEAST_LEADER_VARIANCE), m.leader_variance)
+
+
+@compiled
+def _count_received(m: Model, heard: Heard) -> int:
+    count = 0
+    for i in range(m.transmitters):
+        if heard.ranges[i] == heard.ranges[i]:
+            count += 1
+    return count
+
+
+@compiled
+def _check_health(b: Belief, m: Model, heard: Heard, used: int) -> None:
+    """Remember how much the ranges surprise; widen a belief that no range fits."""
+    if used > 0:
+        surprise = 0.0
+        for k in range(b.alive[0] * m.modes):
+            surprise += b.weight[k] * b.surprise[k]
+        b.health[SURPRISE] += _SMOOTHING * (surprise - b.health[SURPRISE])
+        b.health[REJECTED] = 0.0
+        if m.transmitters == 2:
+            try_mirror(b, m, heard)
+        return
+    b.health[REJECTED] += 1.0
+    if b.health[REJECTED] >= _PATIENCE:
+        for k in range(b.alive[0] * m.modes):
+            b.covariance[k, X, X] += _WIDER_POSITION
+            b.covariance[k, Y, Y] += _WIDER_POSITION
+            b.covariance[k, COMPASS, COMPASS] += _WIDER_COMPASS
+
+
+@compiled
+def receive(b: Belief, m: Model, heard: Heard) -> int:
+    """Take a message: all components move to its instant and learn from its ranges.
+
+    A message of which no ping was heard says nothing: the way since the last one goes on.
+
+    Returns:
+        The most ranges that a hypothesis used; −1 if a covariance was not positive definite, after which the belief is
+        not to be used any more.
+    """
+    received = _count_received(m, heard)
+    if received == 0:
+        return 0
+    mix_modes(b, m)
+    if m.deviation > 0.0:
+        _loosen(b, m, heard)
+    for k in range(b.alive[0] * m.modes):
+        if not _move_and_look(b, m, k, heard):
+            return -1
+    if not math.isnan(heard.ranges[0] + heard.ranges[1]):
+        split(b, m, heard)
+    most = 0
+    for k in range(b.alive[0] * m.modes):
+        used = learn(b, m, k, heard)
+        if used < 0:
+            return -1
+        if used > most:
+            most = used
+    if b.alive[0] * m.modes > 1 and not _reweigh(b, m):
+        return -1
+    if m.leader != ABSENT:
+        _learn_leader(b, m)
+    if b.alive[0] > 1:
+        tidy(b, m)
+    _check_health(b, m, heard, most)
+    if m.current != ABSENT or m.leader != ABSENT:
+        watch_leader(b, m, heard)
+    begin_interval(b)
+    refresh_output(b, m)
+    return most

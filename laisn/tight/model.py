@@ -1,0 +1,97 @@
+"""Settings as compiled code takes them: variances, rates, and where each state is."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.tight.settings import TightSettings
+
+ABSENT = -1
+"""Index of a state that is switched off."""
+
+# How fast what is called constant may wander, in a second. Biases of real sensors are never quite constant, and a
+# filter that believes them to be loses track of them for good.
+_STEADY_LOG, _STEADY_COMPASS = 2e-4, 1.5e-4  # [m/s/√s], [rad/√s]
+_DRIFTING_LOG, _DRIFTING_COMPASS = 2.5e-3, 1.7e-3
+_MODES = (0.25, 2.5)
+"""Slow and quick drift, as multiples of these."""
+_CURRENT_WALK = 1e-3  # [m/s/√s]
+_DEVIATION = 0.03
+"""Change of a drifting compass's bias in a turn, as a share of the turn."""
+
+
+class Model(NamedTuple):
+    """`TightSettings` as compiled code takes them."""
+
+    size: int
+    """n, number of states."""
+    modes: int
+    leader: int
+    """Index of b_L, or `ABSENT` …"""
+    current: int
+    """… of the current's east component …"""
+    offset: int
+    """… and of d_2."""
+    transmitters: int
+    use_attitude: bool
+    dt: float
+    baseline: float
+    middle_offset: float
+    hydrophone_height: float
+    speed_variance: float
+    heading_variance: float
+    slip_rate: float
+    """[m²/s]."""
+    log_walk: tuple[float, float]
+    """Variance that b_v gains in a second, by mode [m²/s³]."""
+    compass_walk: tuple[float, float]
+    """Of b_θ likewise [rad²/s]."""
+    current_walk: float
+    deviation: float
+    range_sigma: float
+    range_scale_variance: float
+    leader_variance: float
+    """Of the heading in a message, at the start and at most."""
+    log_accepted: float
+    """Logarithm of the chance that a range is a direct one, and …"""
+    log_rejected: float
+    """… of the probability density of an echo's excess [1/m]."""
+
+
+def model_of(settings: TightSettings) -> Model:
+    """Settings as compiled code takes them."""
+    assume = settings.assume
+    size, leader, current, offset = 5, ABSENT, ABSENT, ABSENT
+    if not assume.exact_leader:
+        leader, size = size, size + 1
+    if assume.current:
+        current, size = size, size + 2
+    if assume.offsets:
+        offset, size = size, size + settings.transmitters - 1
+    log_walk, compass_walk = (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (_STEADY_LOG, _STEADY_COMPASS)
+    slow, quick = _MODES if assume.drift else (1.0, 1.0)
+    return Model(
+        size=size,
+        modes=2 if assume.drift else 1,
+        leader=leader,
+        current=current,
+        offset=offset,
+        transmitters=settings.transmitters,
+        use_attitude=settings.use_attitude,
+        dt=settings.dt,
+        baseline=settings.baseline,
+        middle_offset=settings.middle_offset,
+        hydrophone_height=settings.hydrophone_height,
+        speed_variance=settings.speed_sigma**2,
+        heading_variance=settings.heading_sigma**2,
+        slip_rate=settings.slip**2,
+        log_walk=((slow * log_walk) ** 2, (quick * log_walk) ** 2),
+        compass_walk=((slow * compass_walk) ** 2, (quick * compass_walk) ** 2),
+        current_walk=_CURRENT_WALK**2,
+        deviation=_DEVIATION**2 if assume.drift else 0.0,
+        range_sigma=settings.range_sigma,
+        range_scale_variance=settings.range_scale_sigma**2,
+        leader_variance=0.0 if assume.exact_leader else settings.leader_heading_sigma**2,
+        log_accepted=float(np.log1p(-settings.outlier_chance)),
+        log_rejected=float(np.log(settings.outlier_chance / settings.outlier_span)),
+    )

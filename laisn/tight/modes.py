@@ -1,0 +1,40 @@
+"""Slow and quick drift of biases, side by side: the interacting multiple model of Blom & Bar-Shalom.
+
+Bar-Shalom, Li & Kirubarajan 2001, Section 11.6.6. Each hypothesis has two components, one of each mode; before a
+message either becomes a blend of both, by the chance that the drift has changed its mode.
+"""
+
+from laisn.compiled import compiled
+from laisn.tight.belief import Belief
+from laisn.tight.model import Model
+
+STAY = 0.98
+"""Chance that the mode is the same at the next message."""
+
+
+@compiled
+def mix_modes(b: Belief, m: Model) -> None:
+    """Blend the two modes of each hypothesis; nothing where there is one."""
+    if m.modes == 1:
+        return
+    x, P, n = b.mean, b.covariance, m.size
+    for h in range(b.alive[0]):
+        slow, quick = 2 * h, 2 * h + 1
+        both_slow, both_quick = b.weight[slow], b.weight[quick]
+        new_slow = STAY * both_slow + (1.0 - STAY) * both_quick
+        new_quick = STAY * both_quick + (1.0 - STAY) * both_slow
+        if new_slow <= 0.0 or new_quick <= 0.0:
+            continue
+        # shares of the quick component in either blend
+        in_slow = (1.0 - STAY) * both_quick / new_slow
+        in_quick = STAY * both_quick / new_quick
+        for i in range(n):
+            for j in range(i + 1):
+                apart = (x[quick, i] - x[slow, i]) * (x[quick, j] - x[slow, j])
+                first, change = P[slow, i, j], P[quick, i, j] - P[slow, i, j]
+                P[slow, i, j] = P[slow, j, i] = first + in_slow * change + in_slow * (1.0 - in_slow) * apart
+                P[quick, i, j] = P[quick, j, i] = first + in_quick * change + in_quick * (1.0 - in_quick) * apart
+        for i in range(n):
+            first, change = x[slow, i], x[quick, i] - x[slow, i]
+            x[slow, i], x[quick, i] = first + in_slow * change, first + in_quick * change
+        b.weight[slow], b.weight[quick] = new_slow, new_quick

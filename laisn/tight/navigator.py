@@ -1,0 +1,195 @@
+"""One follower, online, step by step: messages in, estimates out."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.failure import LaisnError
+from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.tight.belief import KEPT, Belief, new_belief
+from laisn.tight.estimates import TightEstimates, state_names
+from laisn.tight.estimator import place_arms, receive
+from laisn.tight.model import model_of
+from laisn.tight.own_motion import advance, moments
+from laisn.tight.ranging import Heard
+from laisn.tight.settings import TightSettings
+from laisn.tight.sides import heaviest, hypothesis_weight
+
+Floats = npt.NDArray[np.float64]
+
+FASTEST = 50.0
+"""A reading of the log beyond this is broken, not fast [m/s]."""
+FARTHEST = 1e5
+"""A range, coordinate or depth beyond this is broken, not far [m]."""
+
+
+class Update(NamedTuple):
+    """What a message changed."""
+
+    step: int
+    used: int
+    """Ranges that the heaviest hypothesis used."""
+    nis: float
+    """Their squared residuals in units of S; NaN if none was used."""
+    full_state: Floats
+    """Mean over the mixture, shape (s,)."""
+    full_sigma: Floats
+    """Its standard deviations, shape (s,)."""
+    weight: Floats
+    """Of the hypotheses, heaviest first, shape (h,)."""
+    hypothesis: Floats
+    """Their positions, shape (h, 2), [m]."""
+    hypothesis_covariance: Floats
+    """Shape (h, 2, 2), [m²]."""
+
+
+def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
+    """LaisnError naming what is broken of a step's readings."""
+    if not np.all(np.isfinite(own)):
+        raise LaisnError(f"step {step}: own motion {own} is not finite")
+    if not -FASTEST <= own.speed <= FASTEST:
+        raise LaisnError(f"step {step}: the log reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
+    if reception is None:
+        return
+    message, ranges = reception
+    if not np.all(np.isfinite(message[:6])):
+        raise LaisnError(f"step {step}: leader message {message} is not finite")
+    if max(abs(message.east), abs(message.north), abs(message.depth)) > 1e3 * FARTHEST:
+        raise LaisnError(f"step {step}: the leader is at {message}, farther than {1e3 * FARTHEST:g} m")
+    for value in ranges:
+        if value < 0.0 or value > FARTHEST:
+            raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
+
+
+class TightNavigator:
+    """The tightly coupled navigator on one follower."""
+
+    def __init__(self, settings: TightSettings, start: Floats) -> None:
+        """Start at a known state.
+
+        Args:
+            settings: sensors, and what is assumed.
+            start: hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,).
+
+        Raises:
+            ValueError: the start is not four finite numbers.
+        """
+        start = np.asarray(start, dtype=np.float64)
+        if start.shape != (4,) or not np.all(np.isfinite(start)):
+            raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
+        self.settings = settings
+        self._model = model_of(settings)
+        self._belief: Belief = new_belief(settings, self._model, (float(start[0]), float(start[1])))
+        self._arms, self._ranges = np.zeros((3, 3)), np.empty(3)
+        self._rows = np.empty((4, self._model.size))
+        self._state, self._covariance = start.copy(), np.diag(np.repeat([settings.start_sigma**2, 0.0], 2))
+        self._step = 0
+
+    @property
+    def state(self) -> Floats:
+        """x, y, vx, vy after the last step, shape (4,): mean over the mixture."""
+        return self._state.copy()
+
+    @property
+    def covariance(self) -> Floats:
+        """Of the state, shape (4, 4): over the mixture."""
+        return self._covariance.copy()
+
+    def step(self, own: OwnMotion, reception: Reception | None = None) -> list[Update]:
+        """Advance by one filter step.
+
+        Args:
+            own: measured at the end of the step.
+            reception: message and ranges, if one arrived in the step.
+
+        Returns:
+            What the message changed, if there was one.
+
+        Raises:
+            LaisnError: a reading is not finite or absurd; a missing range is NaN.
+            ArithmeticError: the covariance is not positive definite any more; the navigator is not to be used further.
+        """
+        self._step += 1
+        _check(self._step, own, reception)
+        advance(self._belief, self._model, own.speed, own.heading)
+        updates = [] if reception is None else [self._receive(own, reception)]
+        moments(self._belief, self._model, self._state, self._covariance, self._rows)
+        return updates
+
+    def run(self, measurements: Measurements) -> TightEstimates:
+        """Estimates of a whole mission from the start, step by step; the same to the bit as `step` in a loop.
+
+        Raises:
+            ValueError: the measurements have another filter step than the settings, or the navigator is under way.
+        """
+        if self._step:
+            raise ValueError(f"this navigator is at step {self._step} already; a mission needs a new one")
+        if abs(measurements.dt - self.settings.dt) > 1e-9:
+            raise ValueError(f"measurements every {measurements.dt:g} s, but the filter steps {self.settings.dt:g} s")
+        n = measurements.speed.size
+        state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
+        updates: list[Update] = []
+        for i, (own, reception) in enumerate(measurements.steps()):
+            updates += self.step(own, reception)
+            state[i], covariance[i] = self._state, self._covariance
+        m, names = len(updates), state_names(self._model)
+        weight, where = np.zeros((m, KEPT)), np.full((m, KEPT, 2), np.nan)
+        spread = np.full((m, KEPT, 2, 2), np.nan)
+        for i, update in enumerate(updates):
+            h = update.weight.size
+            weight[i, :h], where[i, :h], spread[i, :h] = update.weight, update.hypothesis, update.hypothesis_covariance
+        return TightEstimates(
+            state=state,
+            covariance=covariance,
+            message_step=np.array([u.step for u in updates], dtype=np.int64),
+            used=np.array([u.used for u in updates], dtype=np.int64),
+            nis=np.array([u.nis for u in updates], dtype=np.float64),
+            names=names,
+            full_state=np.array([u.full_state for u in updates]).reshape(m, len(names)),
+            full_sigma=np.array([u.full_sigma for u in updates]).reshape(m, len(names)),
+            weight=weight,
+            hypothesis=where,
+            hypothesis_covariance=spread,
+        )
+
+    def _receive(self, own: OwnMotion, reception: Reception) -> Update:
+        message, settings = reception.message, self.settings
+        deeper = message.depth - (own.depth - settings.hydrophone_height)
+        place_arms(self._arms, self._model, (message.heading, message.pitch, message.roll), deeper)
+        self._ranges[:] = reception.ranges
+        heard = Heard(
+            message.timestamp, message.east, message.north, message.heading, message.speed, self._arms, self._ranges
+        )
+        used = receive(self._belief, self._model, heard)
+        if used < 0:
+            raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
+        return self._update(used)
+
+    def _update(self, used: int) -> Update:
+        b, modes = self._belief, self._model.modes
+        components = int(b.alive[0]) * modes
+        weight = b.weight[:components]
+        mean = weight @ b.mean[:components]
+        apart = b.mean[:components] - mean
+        variance = weight @ (np.diagonal(b.covariance[:components], axis1=1, axis2=2) + apart**2)
+        sides = sorted(range(int(b.alive[0])), key=lambda h: -hypothesis_weight(b, self._model, h))
+        top = heaviest(b, self._model, sides[0])
+        where, spread = [], []
+        for h in sides:
+            part = slice(h * modes, (h + 1) * modes)
+            share = b.weight[part] / b.weight[part].sum()
+            centre = share @ b.mean[part, :2]
+            off = b.mean[part, :2] - centre
+            where.append(centre)
+            spread.append(np.einsum("k,kij->ij", share, b.covariance[part, :2, :2] + off[:, :, None] * off[:, None, :]))
+        return Update(
+            step=self._step,
+            used=used,
+            nis=float(b.surprise[top] * used) if used else float("nan"),
+            full_state=mean,
+            full_sigma=np.sqrt(variance),
+            weight=np.array([hypothesis_weight(b, self._model, h) for h in sides]),
+            hypothesis=np.array(where),
+            hypothesis_covariance=np.array(spread),
+        )

@@ -1,0 +1,283 @@
+"""Ranges: what a component expects of them, and what they teach it.
+
+A range is z_i = ρ_i (1 + b_r / max ρ) + d_i with ρ_i = |p − o − Rot(b_L) a_i|: o is the leader's origin, a_i the arm
+from it to a transmitter as the broadcast heading places it, and Rot turns anticlockwise by the leader's compass bias.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.compiled import compiled
+from laisn.tight.belief import LEADER_VARIANCE, Belief
+from laisn.tight.gaussian import factor
+from laisn.tight.model import ABSENT, Model
+from laisn.tight.states import SCALE, X, Y
+
+Floats = npt.NDArray[np.float64]
+
+_LOG_TURN = math.log(2.0 * math.pi)
+_TOO_SHORT = 6.0
+"""By this the logarithm of an echo's likelihood is less if the range is shorter than expected, which no echo is."""
+_TELLING = 0.5
+"""What a message tells of the leader's random error is used if it leaves less than this share of its variance."""
+_SHORTEST = 0.01
+"""Nearer to a transmitter than this the direction to it means nothing [m]."""
+
+
+class Heard(NamedTuple):
+    """A message and its ranges, as compiled code takes them; t transmitters."""
+
+    time: float
+    """Of emission, on the leader's clock [s]."""
+    east: float
+    """Of the leader's origin [m]."""
+    north: float
+    heading: float
+    """Of the leader [rad]."""
+    speed: float
+    """Of the leader, through the water [m/s]."""
+    arms: Floats
+    """From the origin to each transmitter: east, north, and how much deeper it is than the hydrophone, shape (t, 3)."""
+    ranges: Floats
+    """Slant ranges, shape (t,), [m]; NaN where nothing was received."""
+
+
+@compiled
+def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance: float) -> int:
+    """Residuals of the ranges for component k, with rows of derivatives and covariances; all into `b.work`.
+
+    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001, Section 10.3.2: ½ tr(H P) in the mean and
+    ½ tr(H_i P H_j P) in the covariance, over position and leader's compass.
+
+    Args:
+        b: the belief; `b.work` is overwritten.
+        m: settings.
+        k: the component.
+        heard: the message.
+        turn: random error of the leader's heading about which to linearise [rad].
+        turn_variance: what is left of its variance for the second-order terms [rad²].
+
+    Returns:
+        How many ranges there are; their indices stand in `b.work.used`.
+    """
+    w, x, P = b.work, b.mean, b.covariance
+    turning = m.leader != ABSENT
+    bias = x[k, m.leader] + turn if turning else 0.0
+    c, s = (math.cos(bias), math.sin(bias)) if turning else (1.0, 0.0)
+    qx, qy = x[k, X] - heard.east, x[k, Y] - heard.north
+    pxx, pxy, pyy = P[k, X, X], P[k, X, Y], P[k, Y, Y]
+    count, farthest = 0, 0.0
+    for i in range(m.transmitters):
+        if heard.ranges[i] == heard.ranges[i]:
+            w.used[count] = i
+            count += 1
+            farthest = max(farthest, heard.ranges[i])
+    farthest = max(farthest, _SHORTEST)
+    for j in range(count):
+        i = w.used[j]
+        ax, ay = heard.arms[i, 0], heard.arms[i, 1]
+        sx, sy = c * ax - s * ay, s * ax + c * ay
+        dx, dy, dz = qx - sx, qy - sy, heard.arms[i, 2]
+        rho = max(math.sqrt(dx * dx + dy * dy + dz * dz), _SHORTEST)
+        per_rho = 1.0 / rho
+        hx, hy = dx * per_rho, dy * per_rho
+        share = rho / farthest
+        w.row_x[i], w.row_y[i], w.row_scale[i] = hx, hy, share
+        # second derivatives by x and y, times the covariance
+        fxx, fxy, fyy = (1.0 - hx * hx) * per_rho, -hx * hy * per_rho, (1.0 - hy * hy) * per_rho
+        f = w.curvature
+        f[i, 0, 0], f[i, 0, 1] = fxx * pxx + fxy * pxy, fxx * pxy + fxy * pyy
+        f[i, 1, 0], f[i, 1, 1] = fxy * pxx + fyy * pxy, fxy * pxy + fyy * pyy
+        mean_shift = f[i, 0, 0] + f[i, 1, 1]
+        if turning:
+            hl = hx * sy - hy * sx
+            w.row_leader[i] = hl
+            fxl, fyl = (sy - hx * hl) * per_rho, (-sx - hy * hl) * per_rho
+            fll = (qx * sx + qy * sy - hl * hl) * per_rho
+            pxl, pyl = P[k, X, m.leader], P[k, Y, m.leader]
+            # the random error of this heading turns the arms just as the bias does
+            pll = P[k, m.leader, m.leader] + turn_variance
+            f[i, 0, 0] += fxl * pxl
+            f[i, 0, 1] += fxl * pyl
+            f[i, 0, 2] = fxx * pxl + fxy * pyl + fxl * pll
+            f[i, 1, 0] += fyl * pxl
+            f[i, 1, 1] += fyl * pyl
+            f[i, 1, 2] = fxy * pxl + fyy * pyl + fyl * pll
+            f[i, 2, 0] = fxl * pxx + fyl * pxy + fll * pxl
+            f[i, 2, 1] = fxl * pxy + fyl * pyy + fll * pyl
+            f[i, 2, 2] = fxl * pxl + fyl * pyl + fll * pll
+            mean_shift = f[i, 0, 0] + f[i, 1, 1] + f[i, 2, 2] - 2.0 * hl * turn
+        expected = rho + share * x[k, SCALE] + 0.5 * mean_shift
+        if m.offset != ABSENT and i > 0:
+            expected += x[k, m.offset + i - 1]
+        w.residual[i] = heard.ranges[i] - expected
+        for h in range(m.size):
+            gain = P[k, h, X] * hx + P[k, h, Y] * hy + P[k, h, SCALE] * share
+            if turning:
+                gain += P[k, h, m.leader] * w.row_leader[i]
+            if m.offset != ABSENT and i > 0:
+                gain += P[k, h, m.offset + i - 1]
+            w.gain[h, i] = gain
+    for j in range(count):
+        i = w.used[j]
+        for h in range(j + 1):
+            g = w.used[h]
+            f, e = w.curvature[i], w.curvature[g]
+            second = f[0, 0] * e[0, 0] + f[0, 1] * e[1, 0] + f[1, 0] * e[0, 1] + f[1, 1] * e[1, 1]
+            noise = m.range_scale_variance * w.row_scale[i] * w.row_scale[g]
+            value = w.row_x[i] * w.gain[X, g] + w.row_y[i] * w.gain[Y, g] + w.row_scale[i] * w.gain[SCALE, g]
+            if turning:
+                second += f[0, 2] * e[2, 0] + f[2, 0] * e[0, 2] + f[1, 2] * e[2, 1] + f[2, 1] * e[1, 2]
+                second += f[2, 2] * e[2, 2]
+                noise += b.health[LEADER_VARIANCE] * w.row_leader[i] * w.row_leader[g]
+                value += w.row_leader[i] * w.gain[m.leader, g]
+            if m.offset != ABSENT and i > 0:
+                value += w.gain[m.offset + i - 1, g]
+            value += noise + 0.5 * second
+            if i == g:
+                value += m.range_sigma * m.range_sigma
+            w.spread[i, g] = w.spread[g, i] = value
+    return count
+
+
+@compiled
+def _likelihood(b: Belief, count: int) -> tuple[float, float]:
+    """Logarithm of the density of the ranges in `work.used`, and their squared residuals in units of S.
+
+    NaN if S is not positive definite. Leaves the factor of S and the whitened residuals in `work`.
+    """
+    w = b.work
+    if not factor(w.spread, w.used, count, w.root):
+        return math.nan, math.nan
+    squared, volume = 0.0, 1.0
+    for i in range(count):
+        value = w.residual[w.used[i]]
+        for h in range(i):
+            value -= w.root[i, h] * w.white[h]
+        w.white[i] = value / w.root[i, i]
+        squared += w.white[i] * w.white[i]
+        volume *= w.root[i, i]
+    return -0.5 * (squared + count * _LOG_TURN) - math.log(volume), squared
+
+
+@compiled
+def _certain(b: Belief, m: Model, count: int, squared: float) -> bool:
+    """Whether no range can be an echo: leaving any out would cost more likelihood than it could gain."""
+    largest = 0.0
+    for j in range(count):
+        i = b.work.used[j]
+        largest = max(largest, b.work.spread[i, i])
+    return 0.5 * squared < m.log_accepted - m.log_rejected - 0.5 * (_LOG_TURN + math.log(largest))
+
+
+@compiled
+def _absorb(b: Belief, m: Model, k: int, count: int) -> None:
+    """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ and whitened residuals ν, over the ranges in `work.used`."""
+    w, x, P = b.work, b.mean, b.covariance
+    for h in range(m.size):
+        for j in range(count):
+            value = w.gain[h, w.used[j]]
+            for i in range(j):
+                value -= w.root[j, i] * w.white_gain[h, i]
+            w.white_gain[h, j] = value / w.root[j, j]
+            x[k, h] += w.white_gain[h, j] * w.white[j]
+    for h in range(m.size):
+        for i in range(h + 1):
+            value = P[k, h, i]
+            for j in range(count):
+                value -= w.white_gain[h, j] * w.white_gain[i, j]
+            P[k, h, i] = P[k, i, h] = value
+
+
+@compiled
+def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
+    """What the whitened residuals say of the random error w of the leader's heading: its mean and variance.
+
+    A priori w has mean 0 and variance v; with g the derivative of the ranges by the heading, it is then
+    v gᵀ S⁻¹ e, and v − v² gᵀ S⁻¹ g.
+    """
+    w, v = b.work, b.health[LEADER_VARIANCE]
+    match, size = 0.0, 0.0
+    for i in range(count):
+        value = w.row_leader[w.used[i]]
+        for h in range(i):
+            value -= w.root[i, h] * w.turned[h]
+        w.turned[i] = value / w.root[i, i]
+        match += w.turned[i] * w.white[i]
+        size += w.turned[i] * w.turned[i]
+    return v * match, v - v * v * size
+
+
+@compiled
+def _choose(b: Belief, m: Model, k: int, received: int, density: float) -> int:
+    """Leave out the ranges that look like echoes: the subset with the highest likelihood, over all subsets.
+
+    Sets `b.evidence[k]`; `density` is that of all ranges together. Returns how many stay in `b.work.used`.
+    """
+    w = b.work
+    i0, i1, i2 = w.used[0], w.used[1], w.used[2]
+    everything = (1 << received) - 1
+    best, best_mask = density + received * m.log_accepted, everything
+    for mask in range(everything):
+        used, total = 0, 0.0
+        for j in range(received):
+            i = i0 if j == 0 else (i1 if j == 1 else i2)
+            if (mask >> j) & 1:
+                w.used[used] = i
+                used += 1
+            else:
+                total += m.log_rejected - (_TOO_SHORT if w.residual[i] < 0.0 else 0.0)
+        density, _ = _likelihood(b, used)
+        total += density + used * m.log_accepted
+        if total > best:
+            best, best_mask = total, mask
+    used = 0
+    for j in range(received):
+        i = i0 if j == 0 else (i1 if j == 1 else i2)
+        if (best_mask >> j) & 1:
+            w.used[used] = i
+            used += 1
+    b.evidence[k] = best
+    return used
+
+
+@compiled
+def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
+    """Update component k with the ranges of a message, of which it leaves out those that look like echoes.
+
+    Sets `b.evidence[k]`, `b.surprise[k]` and `b.turn_excess[k]`. Where the leader's heading errs at random and the
+    ranges tell by how much, they are linearised about that: about the broadcast heading, the derivatives would err
+    together with the residuals, which in hundreds of messages adds up to a bias.
+
+    Returns:
+        How many ranges it used; −1 if a covariance was not positive definite.
+    """
+    v = b.health[LEADER_VARIANCE]
+    received = expect(b, m, k, heard, 0.0, v)
+    b.evidence[k], b.surprise[k], b.turn_excess[k] = 0.0, 0.0, 0.0
+    if received == 0:
+        return 0
+    density, squared = _likelihood(b, received)
+    if density != density:
+        return -1
+    used = received
+    b.evidence[k] = density + received * m.log_accepted
+    if not _certain(b, m, received, squared):
+        used = _choose(b, m, k, received, density)
+        density, squared = _likelihood(b, used)
+    b.surprise[k] = squared / used if used > 0 else 0.0
+    if m.leader != ABSENT and used > 0:
+        turn, left = _leader_turn(b, used)
+        b.turn_excess[k] = turn * turn + left - v
+        if left < _TELLING * v:
+            u0, u1, u2 = b.work.used[0], b.work.used[1], b.work.used[2]
+            expect(b, m, k, heard, turn, left)
+            b.work.used[0], b.work.used[1], b.work.used[2] = u0, u1, u2
+            density, squared = _likelihood(b, used)
+            if density != density:
+                return -1
+    _absorb(b, m, k, used)
+    return used

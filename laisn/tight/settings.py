@@ -1,0 +1,86 @@
+"""What the tightly coupled navigator takes its sensors to be, as a data sheet would say it."""
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assume:
+    """What is taken as given, and what is estimated."""
+
+    exact_leader: bool = True
+    """The heading that the leader broadcasts has no bias."""
+    drift: bool = False
+    """The biases of log and compass drift, and the compass has a deviation that changes with the heading."""
+    current: bool = False
+    """The water moves, alike for leader and follower."""
+    offsets: bool = False
+    """Each transmitter may be early or late by a constant time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TightSettings:
+    """Settings of the tightly coupled navigator: standard deviations of its sensors, without their signs.
+
+    Raises ValueError naming the field if a value is out of its range.
+    """
+
+    assume: Assume = field(default_factory=Assume)
+    transmitters: int = 3
+    """How many of rear, front and middle transmitter are used: 2 or 3."""
+    dt: float = 0.1
+    """Filter step Δt [s]."""
+    baseline: float = 2.0
+    """L, distance between rear and front transmitter [m]."""
+    middle_offset: float = 0.1
+    """H_T, sideways offset of the middle transmitter, to port [m]."""
+    hydrophone_height: float = 0.0
+    """Height of the follower's hydrophone above its depth sensor when level [m]."""
+    use_attitude: bool = False
+    """Place the transmitters by the pitch and roll that the leader broadcasts, if it does."""
+    start_sigma: float = 0.01
+    """Of the position at the start, along each axis [m]."""
+    speed_sigma: float = 0.2
+    """Random error of a reading of the speed log [m/s]."""
+    speed_bias_sigma: float = 0.3
+    """Of the log's bias [m/s]."""
+    heading_sigma: float = float(np.deg2rad(1.2))
+    """Random error of a reading of the compass [rad]."""
+    heading_bias_sigma: float = float(np.deg2rad(8.0))
+    """Of the compass's bias [rad]."""
+    range_sigma: float = 0.003
+    """Random error of each range [m]."""
+    range_scale_sigma: float = 0.05
+    """Random error that the ranges of a message share in proportion to their length [m at the largest] …"""
+    range_scale_bias_sigma: float = 0.2
+    """… and of its mean."""
+    leader_heading_sigma: float = float(np.deg2rad(2.0))
+    """Random error of the heading in a message, if the leader is not exact [rad] …"""
+    leader_heading_bias_sigma: float = float(np.deg2rad(6.0))
+    """… and of its bias."""
+    current_sigma: float = 0.4
+    """Of the current along each axis, if there may be one [m/s]."""
+    offset_sigma: float = 0.015
+    """Of a transmitter's constant error beside the first one's, if there may be one [m]."""
+    slip: float = 0.0
+    """Motion that the log does not see: leeway and turbulence, in a second [m/√s]."""
+    outlier_chance: float = 0.05
+    """That a range is an echo …"""
+    outlier_span: float = 4.5
+    """… which is longer than the way of the ping by up to this [m]."""
+
+    def __post_init__(self) -> None:
+        if self.transmitters not in (2, 3):
+            raise ValueError(f"transmitters is {self.transmitters}, expected 2 or 3")
+        if not 0.0 < self.outlier_chance < 1.0:
+            raise ValueError(f"outlier_chance is {self.outlier_chance}, expected a number between 0 and 1")
+        positive = {"dt", "baseline", "start_sigma", "range_sigma", "outlier_span"}
+        signed = {"hydrophone_height", "middle_offset"}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not isinstance(value, float) or item.name in signed:
+                continue
+            if not np.isfinite(value) or value < 0.0 or (item.name in positive and value == 0.0):
+                bound = "positive" if item.name in positive else "zero or more"
+                raise ValueError(f"{item.name} is {value}, expected a finite number, {bound}")

@@ -1,0 +1,234 @@
+"""Both sides of the leader's axis: two transmitters on it cannot tell port from starboard.
+
+A hypothesis that reaches across the axis is split there into its two halves, so that each is one-sided and its ranges
+nearly linear. Halves that the data do not support lose their weight; halves that meet are merged again.
+"""
+
+import math
+
+from laisn.compiled import compiled
+from laisn.tight.belief import KEPT, ROOM, SURPRISE, Belief
+from laisn.tight.gaussian import blend, half_moments
+from laisn.tight.model import ABSENT, Model
+from laisn.tight.ranging import Heard
+from laisn.tight.states import X, Y
+
+_SPLIT = 0.3
+"""Split where the lateral standard deviation is more than this share of the distance ℓ_c at which the axis matters …"""
+_REACH = 3.5
+"""… and the axis is nearer than so many of them."""
+_LEAST_WEIGHT = 1e-5
+_SAME = 0.3
+"""Squared Mahalanobis distance of two hypotheses' positions below which they are one."""
+_ALARM = 3.0
+"""Smoothed surprise, of which 1 is expected, above which the mirror image is tried."""
+_MIRROR_WEIGHT = 0.01
+_MIRROR_VARIANCE = 4.0
+"""Added to the position of the mirror image, along each axis [m²]."""
+
+
+@compiled
+def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, float, float, float]:
+    """Distance ℓ of component k to the left of the line from transmitter 1 to 2, and its derivatives.
+
+    Returns:
+        ℓ [m], its derivatives by x, y and b_L, and the distance from the leader's origin [m].
+    """
+    x, arms = b.mean, heard.arms
+    bias = x[k, m.leader] if m.leader != ABSENT else 0.0
+    c, s = math.cos(bias), math.sin(bias)
+    ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
+    length = math.sqrt(ex * ex + ey * ey)
+    tx, ty = (c * ex - s * ey) / length, (s * ex + c * ey) / length
+    qx, qy = x[k, X] - heard.east, x[k, Y] - heard.north
+    ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
+    return tx * oy - ty * ox, -ty, tx, -(tx * qx + ty * qy), math.sqrt(qx * qx + qy * qy)
+
+
+@compiled
+def _copy(b: Belief, m: Model, source: int, target: int) -> None:
+    """Copy all components of a hypothesis."""
+    for mode in range(m.modes):
+        i, j = source * m.modes + mode, target * m.modes + mode
+        b.weight[j], b.evidence[j], b.surprise[j] = b.weight[i], b.evidence[i], b.surprise[i]
+        for g in range(m.size):
+            b.mean[j, g] = b.mean[i, g]
+            for h in range(m.size):
+                b.covariance[j, g, h] = b.covariance[i, g, h]
+
+
+@compiled
+def _keep_half(b: Belief, m: Model, k: int, heard: Heard, side: float) -> None:
+    """Replace component k by its part on one side of the axis: left for +1, right for −1; with its exact moments."""
+    x, P, n = b.mean, b.covariance, m.size
+    lateral, gx, gy, gl, _ = _lateral(b, m, k, heard)
+    column = b.before_mean
+    for i in range(n):
+        column[i] = P[k, i, X] * gx + P[k, i, Y] * gy
+        if m.leader != ABSENT:
+            column[i] += P[k, i, m.leader] * gl
+    variance = column[X] * gx + column[Y] * gy
+    if m.leader != ABSENT:
+        variance += column[m.leader] * gl
+    sigma = math.sqrt(variance)
+    mass, shift, narrowing = half_moments(side * lateral / sigma)
+    b.weight[k] *= mass
+    for i in range(n):
+        column[i] /= sigma
+        x[k, i] += side * shift * column[i]
+    for i in range(n):
+        for j in range(n):
+            P[k, i, j] -= narrowing * column[i] * column[j]
+
+
+@compiled
+def _reaches_across(b: Belief, m: Model, k: int, heard: Heard) -> bool:
+    """Whether component k is wide enough at the axis for both of its sides to matter."""
+    P = b.covariance
+    lateral, gx, gy, gl, distance = _lateral(b, m, k, heard)
+    variance = gx * gx * P[k, X, X] + 2.0 * gx * gy * P[k, X, Y] + gy * gy * P[k, Y, Y]
+    if m.leader != ABSENT:
+        variance += gl * (2.0 * (gx * P[k, X, m.leader] + gy * P[k, Y, m.leader]) + gl * P[k, m.leader, m.leader])
+    ex, ey = heard.arms[1, 0] - heard.arms[0, 0], heard.arms[1, 1] - heard.arms[0, 1]
+    # where the difference of both ranges has bent by 1.4 of their errors
+    critical = distance * math.sqrt(2.8 * m.range_sigma / math.sqrt(ex * ex + ey * ey))
+    return variance > (_SPLIT * critical) ** 2 and abs(lateral) < _REACH * math.sqrt(variance)
+
+
+@compiled
+def heaviest(b: Belief, m: Model, h: int) -> int:
+    """Component with the most weight of a hypothesis."""
+    best = h * m.modes
+    for mode in range(1, m.modes):
+        if b.weight[h * m.modes + mode] > b.weight[best]:
+            best = h * m.modes + mode
+    return best
+
+
+@compiled
+def hypothesis_weight(b: Belief, m: Model, h: int) -> float:
+    """Weight of a hypothesis over its modes."""
+    total = 0.0
+    for mode in range(m.modes):
+        total += b.weight[h * m.modes + mode]
+    return total
+
+
+@compiled
+def split(b: Belief, m: Model, heard: Heard) -> None:
+    """Split every hypothesis that reaches across the leader's axis."""
+    for h in range(b.alive[0]):
+        if b.alive[0] < ROOM and _reaches_across(b, m, heaviest(b, m, h), heard):
+            other = b.alive[0]
+            b.alive[0] += 1
+            _copy(b, m, h, other)
+            for mode in range(m.modes):
+                _keep_half(b, m, h * m.modes + mode, heard, 1.0)
+                _keep_half(b, m, other * m.modes + mode, heard, -1.0)
+
+
+@compiled
+def _remove(b: Belief, m: Model, h: int) -> None:
+    """Remove a hypothesis: the last one takes its place."""
+    b.alive[0] -= 1
+    if h != b.alive[0]:
+        _copy(b, m, b.alive[0], h)
+
+
+@compiled
+def normalise(b: Belief, m: Model) -> None:
+    """Scale the weights to a sum of 1."""
+    total = 0.0
+    for k in range(b.alive[0] * m.modes):
+        total += b.weight[k]
+    for k in range(b.alive[0] * m.modes):
+        b.weight[k] /= total
+
+
+@compiled
+def _same_place(b: Belief, m: Model, g: int, h: int) -> bool:
+    """Whether two hypotheses are nearer than their mean spread, by their heaviest components' positions."""
+    i, j = heaviest(b, m, g), heaviest(b, m, h)
+    x, P = b.mean, b.covariance
+    dx, dy = x[i, X] - x[j, X], x[i, Y] - x[j, Y]
+    xx, xy = 0.5 * (P[i, X, X] + P[j, X, X]), 0.5 * (P[i, X, Y] + P[j, X, Y])
+    yy = 0.5 * (P[i, Y, Y] + P[j, Y, Y])
+    return bool(dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < _SAME * (xx * yy - xy * xy))
+
+
+@compiled
+def _merge(b: Belief, m: Model, g: int, h: int) -> None:
+    """Merge hypothesis h into g, mode by mode, keeping mean and covariance of both together."""
+    for mode in range(m.modes):
+        i, j = g * m.modes + mode, h * m.modes + mode
+        total = b.weight[i] + b.weight[j]
+        if total > 0.0:
+            if b.weight[j] > b.weight[i]:
+                b.surprise[i] = b.surprise[j]
+            blend(b.mean, b.covariance, i, j, b.weight[j] / total, m.size)
+        b.weight[i] = total
+    _remove(b, m, h)
+
+
+@compiled
+def _lightest(b: Belief, m: Model) -> int:
+    least = 0
+    for h in range(1, b.alive[0]):
+        if hypothesis_weight(b, m, h) < hypothesis_weight(b, m, least):
+            least = h
+    return least
+
+
+@compiled
+def tidy(b: Belief, m: Model) -> None:
+    """Drop hypotheses without weight, merge those in the same place, and keep the heaviest few."""
+    h = 0
+    while h < b.alive[0]:
+        if b.alive[0] > 1 and hypothesis_weight(b, m, h) < _LEAST_WEIGHT:
+            _remove(b, m, h)
+        else:
+            h += 1
+    g = 0
+    while g < b.alive[0]:
+        h = g + 1
+        while h < b.alive[0]:
+            if _same_place(b, m, g, h):
+                _merge(b, m, g, h)
+            else:
+                h += 1
+        g += 1
+    while b.alive[0] > KEPT:
+        _remove(b, m, _lightest(b, m))
+    normalise(b, m)
+
+
+@compiled
+def try_mirror(b: Belief, m: Model, heard: Heard) -> None:
+    """Where the ranges surprise too long, add the mirror image of the heaviest hypothesis, with fresh biases."""
+    if b.health[SURPRISE] < _ALARM:
+        return
+    b.health[SURPRISE] = 1.0
+    best = 0
+    for h in range(1, b.alive[0]):
+        if hypothesis_weight(b, m, h) > hypothesis_weight(b, m, best):
+            best = h
+    source, image = heaviest(b, m, best), b.alive[0]
+    b.alive[0] += 1
+    lateral, gx, gy, _, _ = _lateral(b, m, source, heard)
+    share = _MIRROR_WEIGHT / m.modes
+    for k in range(image * m.modes):
+        b.weight[k] *= 1.0 - _MIRROR_WEIGHT
+    for mode in range(m.modes):
+        k = image * m.modes + mode
+        b.weight[k], b.surprise[k], b.evidence[k] = share, 1.0, 0.0
+        for i in range(m.size):
+            b.mean[k, i] = 0.0
+            for j in range(m.size):
+                b.covariance[k, i, j] = 0.0
+            b.covariance[k, i, i] = b.fresh[i]
+        b.mean[k, X] = b.mean[source, X] - 2.0 * lateral * gx
+        b.mean[k, Y] = b.mean[source, Y] - 2.0 * lateral * gy
+        for i in (X, Y):
+            for j in (X, Y):
+                b.covariance[k, i, j] = b.covariance[source, i, j]
+            b.covariance[k, i, i] += _MIRROR_VARIANCE

@@ -1,0 +1,241 @@
+"""Dead reckoning and mixtures of the tightly coupled navigator: derivatives, composition, halves and blends."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from filterpy.kalman import KalmanFilter
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from laisn.tight.belief import Belief, new_belief, refresh_output
+from laisn.tight.gaussian import blend, half_moments
+from laisn.tight.leader_way import watch_leader
+from laisn.tight.model import Model, model_of
+from laisn.tight.modes import mix_modes
+from laisn.tight.own_motion import advance, begin_interval, moments, move, position
+from laisn.tight.ranging import Heard
+from laisn.tight.settings import Assume, TightSettings
+from laisn.tight.sides import split, tidy
+
+Floats = npt.NDArray[np.float64]
+
+SETTINGS = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True), slip=0.02)
+N = 10
+BIASES = np.array([10.0, -5.0, 0.2, 0.15, 0.1, 0.05, 0.3, -0.2, 0.01, -0.01])
+
+
+def some_covariance(seed: int, scale: float = 0.1) -> Floats:
+    root = np.random.default_rng(seed).normal(size=(N, N)) * scale
+    return np.asarray(root @ root.T)
+
+
+def made(settings: TightSettings = SETTINGS, seed: int = 3) -> tuple[Belief, Model]:
+    model = model_of(settings)
+    belief = new_belief(settings, model, (0.0, 0.0))
+    for k in range(model.modes):
+        belief.mean[k], belief.covariance[k] = BIASES, some_covariance(seed + k)
+    refresh_output(belief, model)
+    return belief, model
+
+
+def readings(count: int, seed: int = 1) -> tuple[Floats, Floats]:
+    rng = np.random.default_rng(seed)
+    return 1.0 + 0.3 * rng.normal(size=count), 0.4 + np.cumsum(rng.normal(size=count) * 0.05)
+
+
+def mixture_moments(belief: Belief, components: range) -> tuple[Floats, Floats]:
+    weight = belief.weight[components]
+    mean = weight @ belief.mean[components] / weight.sum()
+    apart = belief.mean[components] - mean
+    spread = belief.covariance[components] + apart[:, :, None] * apart[:, None, :]
+    return mean, np.einsum("k,kij->ij", weight, spread) / weight.sum()
+
+
+def test_the_way_is_the_trapezoid_of_unbiased_readings() -> None:
+    speed, heading = readings(20)
+    belief, model = made()
+    for v, theta in zip(speed, heading, strict=True):
+        advance(belief, model, v, theta)
+    true = (speed - BIASES[2]) * np.exp(1j * (np.pi / 2 - (heading - BIASES[3])))
+    # the first reading stands for the beginning of its step too
+    pairs = np.concatenate([[true[0]], true])
+    way = 0.1 * np.sum(0.5 * (pairs[1:] + pairs[:-1])) + 2.0 * (BIASES[6] + 1j * BIASES[7])
+    x, y = position(belief)
+    assert complex(x, y) == pytest.approx(complex(BIASES[0], BIASES[1]) + way, abs=1e-12)
+
+
+def way_of(state: npt.NDArray[np.complex128], motion: Floats) -> npt.NDArray[np.complex128]:
+    """p + Rot(b_θ)(A − b_v B) + c T, analytic in the state."""
+    c, s = np.cos(state[3]), np.sin(state[3])
+    rotation = np.array([[c, -s], [s, c]])
+    return np.asarray(state[:2] + rotation @ (motion[0:2] - state[2] * motion[2:4]) + motion[7] * state[6:8])
+
+
+def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
+    belief, model = made()
+    model = model._replace(log_walk=(0.0, 0.0), compass_walk=(0.0, 0.0), current_walk=0.0)
+    for v, theta in zip(*readings(30), strict=True):
+        advance(belief, model, v, theta)
+    motion = belief.motion.copy()
+    F = np.eye(N)
+    F[:2] = np.stack([way_of(BIASES + 1e-30j * unit, motion).imag / 1e-30 for unit in np.eye(N)], axis=1)
+    c, s = np.cos(BIASES[3]), np.sin(BIASES[3])
+    turn = np.array([[c, -s], [s, c]])
+    Q = np.zeros((N, N))
+    Q[:2, :2] = turn @ np.array([[motion[4], motion[5]], [motion[5], motion[6]]]) @ turn.T
+    Q[:2, :2] += 0.02**2 * 3.0 * np.eye(2)
+    kalman = KalmanFilter(dim_x=N, dim_z=1)
+    kalman.x, kalman.P = BIASES.copy(), belief.covariance[0].copy()
+    kalman.predict(F=F, Q=Q)
+    kalman.x[:2] = way_of(BIASES.astype(complex), motion).real
+    move(belief, model, 0, BIASES[2], BIASES[3])
+    np.testing.assert_allclose(belief.mean[0], kalman.x, atol=1e-12)
+    np.testing.assert_allclose(belief.covariance[0], kalman.P, atol=1e-12)
+
+
+def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
+    belief, model = made()
+    for v, theta in zip(*readings(30), strict=True):
+        advance(belief, model, v, theta)
+    mean, covariance = np.empty(4), np.empty((4, 4))
+    moments(belief, model, mean, covariance, np.empty((4, N)))
+    move(belief, model, 0, BIASES[2], BIASES[3])
+    np.testing.assert_allclose(mean[:2], belief.mean[0, :2], atol=1e-12)
+    np.testing.assert_allclose(covariance[:2, :2], belief.covariance[0, :2, :2], atol=1e-12)
+
+
+def test_biases_that_wander_add_up_over_intervals_as_over_their_sum() -> None:
+    """On a straight way at constant speed the wandering biases are a linear system: its steps compose exactly."""
+    whole, model = made()
+    parts, _ = made()
+    advance(whole, model, 1.0, 0.3)
+    advance(parts, model, 1.0, 0.3)
+    begin_interval(whole)
+    begin_interval(parts)
+    for _ in range(60):
+        advance(whole, model, 1.0, 0.3)
+        advance(parts, model, 1.0, 0.3)
+        move(parts, model, 0, parts.mean[0, 2], parts.mean[0, 3])
+        begin_interval(parts)
+    move(whole, model, 0, whole.mean[0, 2], whole.mean[0, 3])
+    np.testing.assert_allclose(parts.mean[0], whole.mean[0], atol=1e-10)
+    np.testing.assert_allclose(parts.covariance[0], whole.covariance[0], rtol=1e-10, atol=1e-13)
+
+
+@given(z=st.floats(-6.0, 6.0))
+def test_moments_of_a_half_equal_quadrature(z: float) -> None:
+    mass, shift, narrowing = half_moments(z)
+    if z < -5.0:
+        exact = norm.sf(-z)
+        assert mass == pytest.approx(exact, rel=1e-9)
+        return
+    top = max(z, 0.0) + 12.0
+    density = [quad(lambda u, p=p: u**p * norm.pdf(u - z), 0.0, top, epsabs=1e-15, limit=200)[0] for p in range(3)]
+    mean = density[1] / density[0]
+    assert mass == pytest.approx(density[0], rel=1e-7)
+    assert z + shift == pytest.approx(mean, abs=1e-6)
+    assert 1.0 - narrowing == pytest.approx(density[2] / density[0] - mean**2, abs=1e-5)
+
+
+def message(ranges: Floats) -> Heard:
+    arms = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    return Heard(0.0, 40.0, 1.0, np.pi / 2, 1.0, arms, ranges)
+
+
+@pytest.mark.parametrize("drift", [False, True])
+def test_both_halves_together_are_the_whole(drift: bool) -> None:
+    """A hypothesis that is split at the axis keeps mean and covariance, and its halves lie on either side."""
+    settings = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, drift=drift))
+    belief, model = made(settings)
+    belief.mean[: model.modes, :2] = [0.0, 0.5]
+    belief.covariance[: model.modes, 0, 0] += 4.0
+    belief.covariance[: model.modes, 1, 1] += 4.0
+    belief.mean[: model.modes, 5] = 0.0
+    before = [mixture_moments(belief, range(k, k + 1)) for k in range(model.modes)]
+    split(belief, model, message(np.full(3, 40.0)))
+    assert belief.alive[0] == 2
+    for k in range(model.modes):
+        after = mixture_moments(belief, range(k, 2 * model.modes, model.modes))
+        np.testing.assert_allclose(after[0], before[k][0], atol=1e-10)
+        np.testing.assert_allclose(after[1], before[k][1], atol=1e-10)
+    # the leader heads east, 40 m ahead and 1 m to the north; an axis turned anticlockwise lies lower back here
+    left, right = (belief.mean[k, 1] - 1.0 + 40.0 * belief.mean[k, 5] for k in (0, model.modes))
+    assert left > 0.0 > right
+    assert belief.weight.sum() == pytest.approx(1.0)
+
+
+def test_a_follower_abeam_is_not_split() -> None:
+    belief, model = made()
+    belief.mean[0, :2] = 40.0, -30.0
+    split(belief, model, message(np.full(3, 30.0)))
+    assert belief.alive[0] == 1
+
+
+def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go() -> None:
+    belief, model = made()
+    belief.alive[0] = 3
+    for k, weight in enumerate((0.7, 0.3 - 1e-6, 1e-6)):
+        belief.weight[k], belief.covariance[k], belief.mean[k] = weight, some_covariance(k + 20), BIASES
+    belief.mean[1, 0] += 0.01
+    belief.mean[2, 0] += 50.0
+    expected = mixture_moments(belief, range(2))
+    tidy(belief, model)
+    assert belief.alive[0] == 1
+    np.testing.assert_allclose(belief.mean[0], expected[0], atol=1e-12)
+    np.testing.assert_allclose(belief.covariance[0], expected[1], atol=1e-12)
+    assert belief.weight[0] == pytest.approx(1.0)
+
+
+def test_mixing_modes_keeps_the_moments_of_the_whole_and_moves_weight() -> None:
+    belief, model = made(TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, drift=True)))
+    belief.weight[:2] = 0.9, 0.1
+    belief.mean[1, 2:4] += 0.1
+    before = mixture_moments(belief, range(2))
+    mix_modes(belief, model)
+    after = mixture_moments(belief, range(2))
+    np.testing.assert_allclose(after[0], before[0], atol=1e-12)
+    np.testing.assert_allclose(after[1], before[1], atol=1e-12)
+    # 2 % of each mode changes to the other one
+    np.testing.assert_allclose(belief.weight[:2], [0.9 * 0.98 + 0.1 * 0.02, 0.1 * 0.98 + 0.9 * 0.02])
+
+
+def test_a_blend_has_the_moments_of_two_gaussians() -> None:
+    mean = np.array([[0.0, 1.0], [2.0, -1.0]])
+    covariance = np.array([[[1.0, 0.2], [0.2, 2.0]], [[3.0, -0.5], [-0.5, 1.0]]])
+    blend(mean, covariance, 0, 1, 0.25, 2)
+    np.testing.assert_allclose(mean[0], [0.5, 0.5])
+    # within: ¾ P + ¼ P'; between: ¾ · ¼ · apart apartᵀ
+    np.testing.assert_allclose(covariance[0], [[1.5 + 0.75, 0.025 - 0.75], [0.025 - 0.75, 1.75 + 0.75]])
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_leaders_way_tells_the_current_as_filterpy_has_it(exact: bool) -> None:
+    settings = TightSettings(assume=Assume(exact_leader=exact, current=True))
+    model = model_of(settings)
+    belief = new_belief(settings, model, (0.0, 0.0))
+    n = model.size
+    root = np.random.default_rng(2).normal(size=(n, n)) * 0.1
+    belief.covariance[0] = root @ root.T
+    if not exact:
+        belief.mean[0, model.leader] = 0.1
+    kalman = KalmanFilter(dim_x=n, dim_z=2)
+    kalman.x, kalman.P = belief.mean[0].copy(), belief.covariance[0].copy()
+    arms, ranges = np.zeros((3, 3)), np.full(3, np.nan)
+    heading, speed, drift = 0.7, 1.3, np.array([0.2, -0.1])
+    logged = speed * np.array([np.sin(heading), np.cos(heading)])
+    for t in range(2):
+        at = (logged + drift) * 1.25 * t
+        watch_leader(belief, model, Heard(1.25 * t, at[0], at[1], heading, speed, arms, ranges))
+    bias = 0.0 if exact else kalman.x[model.leader]
+    angle = heading - bias
+    turned = speed * np.array([np.sin(angle), np.cos(angle)])
+    H = np.zeros((2, n))
+    H[:, model.current : model.current + 2] = np.eye(2)
+    if not exact:
+        H[:, model.leader] = speed * np.array([-np.cos(angle), np.sin(angle)])
+    expected = kalman.x[model.current : model.current + 2] + turned - logged
+    kalman.update(H @ kalman.x + drift - expected, R=np.eye(2) * 0.05**2 * 10.0 / 1.25, H=H)
+    np.testing.assert_allclose(belief.mean[0], kalman.x, atol=1e-9)
+    np.testing.assert_allclose(belief.covariance[0], kalman.P, atol=1e-9)

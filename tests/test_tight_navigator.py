@@ -1,0 +1,307 @@
+"""The tightly coupled navigator as a whole: recovery, invariance, consistency, and errors that are told."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from laisn.bound import Geometry, TrueNoise, position_bound
+from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
+from laisn.tight.belief import new_belief
+from laisn.tight.estimates import TightEstimates
+from laisn.tight.mission import filter_mission
+from laisn.tight.model import model_of
+from laisn.tight.navigator import TightNavigator
+from laisn.tight.settings import Assume, TightSettings
+
+Floats = npt.NDArray[np.float64]
+
+EVERYTHING = Assume(exact_leader=False, drift=True, current=True, offsets=True)
+DT = 0.1
+
+
+class Mission:
+    """A leader that turns, a follower that weaves off its quarter, and exact measurements of both."""
+
+    def __init__(self, steps: int = 3000, every: int = 10, current: tuple[float, float] = (0.0, 0.0)) -> None:
+        t = DT * np.arange(steps + 1)
+        self.steps, self.every = steps, every
+        self.leader_heading = 1.2 + 0.8 * np.sin(0.015 * t)
+        self.heading = 1.2 + 0.8 * np.sin(0.015 * t - 0.3) + 0.2 * np.sin(0.05 * t)
+        self.speed = 1.1 + 0.2 * np.sin(0.04 * t)
+        self.leader_speed = np.ones(t.size)
+        drift = np.outer(t, current)
+        self.leader = drift + _integral(self.leader_speed, self.leader_heading)
+        self.follower = drift + _integral(self.speed, self.heading) + np.array([-18.0, 14.0])
+        self.k = np.arange(every, steps + 1, every)
+
+    def arms(self, middle_offset: float = 0.1) -> Floats:
+        theta = self.leader_heading[self.k]
+        ahead = np.stack([np.sin(theta), np.cos(theta)], axis=1)
+        port = np.stack([-np.cos(theta), np.sin(theta)], axis=1)
+        return np.stack([-ahead, ahead, middle_offset * port], axis=1)
+
+    def measured(
+        self, rng: np.random.Generator | None = None, *, log: float = 0.0, compass: float = 0.0, leader: float = 0.0,
+        scale: float = 0.0, offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Measurements:  # fmt: skip
+        n, m = self.steps, self.k.size
+        apart = (self.follower - self.leader)[self.k][:, None, :] - self.arms()
+        ranges = np.hypot(apart[..., 0], apart[..., 1])
+        ranges = ranges * (1.0 + scale / ranges.max(axis=1, keepdims=True)) + np.array(offsets)
+        speed, heading = self.speed[1:] + log, self.heading[1:] + compass
+        if rng is not None:
+            speed = speed + rng.normal(0, 0.2, n)
+            heading = heading + rng.normal(0, np.deg2rad(1.2), n)
+            ranges = ranges * (1.0 + rng.normal(0, 0.05, (m, 1)) / ranges.max(axis=1, keepdims=True))
+            ranges = ranges + rng.normal(0, 0.003, ranges.shape)
+        message = np.full((m, len(LeaderMessage._fields)), np.nan)
+        message[:, 0], message[:, 1:3] = DT * self.k, self.leader[self.k]
+        message[:, 3], message[:, 4] = self.leader_heading[self.k] + leader, self.leader_speed[self.k]
+        message[:, 5] = 8.0
+        return Measurements(
+            dt=DT, speed=speed, heading=heading, depth=np.full(n, 8.0), message_step=self.k, message=message,
+            ranges=ranges,
+        )  # fmt: skip
+
+    @property
+    def start(self) -> Floats:
+        return np.concatenate([self.follower[0], np.zeros(2)])
+
+
+def _integral(speed: Floats, heading: Floats) -> Floats:
+    """Way at constant mean velocity over each step: what the trapezoid of exact readings gives."""
+    velocity = speed[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * DT * (velocity[1:] + velocity[:-1]), axis=0)])
+
+
+def compiled_run(setting: TightSettings, measurements: Measurements, start: Floats) -> tuple[Floats, Floats]:
+    model = model_of(setting)
+    n = measurements.speed.size
+    where, spread = np.empty((n, 2)), np.empty((n, 3))
+    own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
+    messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
+    belief = new_belief(setting, model, (start[0], start[1]))
+    assert filter_mission(belief, model, own, measurements.message_step, messages, where, spread) == 0
+    return where, spread
+
+
+@pytest.mark.parametrize(
+    ("assume", "transmitters", "errors"),
+    [
+        (Assume(), 3, {"log": 0.2, "compass": 0.1, "scale": 0.1}),
+        (Assume(), 2, {"log": -0.1, "compass": -0.1, "scale": 0.05}),
+        (Assume(drift=True), 3, {"log": 0.2, "compass": 0.1, "scale": 0.1}),
+        (Assume(exact_leader=False), 3, {"log": 0.2, "compass": 0.1, "leader": 0.09}),
+        (Assume(offsets=True), 3, {"log": 0.1, "compass": 0.1, "offsets": (0.0, 0.012, -0.01)}),
+    ],
+)
+def test_exact_measurements_with_constant_biases_lead_to_the_truth(
+    assume: Assume, transmitters: int, errors: dict[str, Any]
+) -> None:
+    mission = Mission(steps=6000)
+    setting = TightSettings(assume=assume, transmitters=transmitters, heading_bias_sigma=0.15)
+    result = TightNavigator(setting, mission.start).run(mission.measured(**errors))
+    off = np.hypot(*(result.state[-1000:, :2] - mission.follower[-1000:]).T)
+    # biases that are taken to wander a little keep a little of every error
+    assert off.max() < 0.1
+    last = dict(zip(result.names, result.full_state[-1], strict=True))
+    assert last["log_bias_m_s"] == pytest.approx(errors["log"], abs=0.02)
+    assert last["compass_bias_rad"] == pytest.approx(errors["compass"], abs=0.02)
+    if "leader" in errors:
+        assert last["leader_compass_bias_rad"] == pytest.approx(errors["leader"], abs=0.01)
+
+
+def test_a_current_is_found() -> None:
+    mission = Mission(steps=6000, current=(0.15, -0.1))
+    setting = TightSettings(assume=Assume(current=True))
+    result = TightNavigator(setting, mission.start).run(mission.measured(log=0.1, compass=0.05))
+    last = dict(zip(result.names, result.full_state[-1], strict=True))
+    assert [last["current_east_m_s"], last["current_north_m_s"]] == pytest.approx([0.15, -0.1], abs=0.03)
+    assert np.hypot(*(result.state[-1, :2] - mission.follower[-1])) < 0.15
+
+
+def turned(measurements: Measurements, angle: float, shift: Floats) -> Measurements:
+    """The same mission in a world that is turned clockwise by an angle and moved."""
+    message = measurements.message.copy()
+    message[:, 1:3] = rotated(message[:, 1:3], angle) + shift
+    message[:, 3] += angle
+    return replace(measurements, heading=measurements.heading + angle, message=message)
+
+
+def rotated(points: Floats, angle: float) -> Floats:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(points @ np.array([[c, -s], [s, c]]))
+
+
+@given(
+    angle=st.floats(-np.pi, np.pi), east=st.floats(-1e4, 1e4), north=st.floats(-1e4, 1e4),
+    transmitters=st.sampled_from([2, 3]), everything=st.booleans(), seed=st.integers(0, 100),
+)  # fmt: skip
+@settings(max_examples=15, deadline=None, derandomize=True)
+def test_the_world_has_no_north_and_no_origin(
+    angle: float, east: float, north: float, transmitters: int, everything: bool, seed: int
+) -> None:
+    mission, shift = Mission(steps=600), np.array([east, north])
+    setting = TightSettings(assume=EVERYTHING if everything else Assume(), transmitters=transmitters)
+    measurements = mission.measured(np.random.default_rng(seed), log=0.2, compass=0.1)
+    here, _ = compiled_run(setting, measurements, mission.start)
+    there_start = np.concatenate([rotated(mission.start[None, :2], angle)[0] + shift, np.zeros(2)])
+    there, _ = compiled_run(setting, turned(measurements, angle, shift), there_start)
+    np.testing.assert_allclose(there, rotated(here, angle) + shift, atol=1e-5)
+
+
+@pytest.mark.parametrize("transmitters", [2, 3])
+@pytest.mark.parametrize("assume", [Assume(), EVERYTHING])
+def test_online_steps_a_run_and_a_compiled_loop_agree_to_the_bit(assume: Assume, transmitters: int) -> None:
+    mission = Mission(steps=400)
+    setting = TightSettings(assume=assume, transmitters=transmitters)
+    measurements = mission.measured(np.random.default_rng(0), log=0.2, compass=0.1)
+    result = TightNavigator(setting, mission.start).run(measurements)
+    online = TightNavigator(setting, mission.start)
+    for i, (own, reception) in enumerate(measurements.steps()):
+        online.step(own, reception)
+        assert online.state.tobytes() == result.state[i].tobytes()
+        assert online.covariance.tobytes() == result.covariance[i].tobytes()
+    where, spread = compiled_run(setting, measurements, mission.start)
+    assert where.tobytes() == result.state[:, :2].tobytes()
+    assert spread[:, 1].tobytes() == result.covariance[:, 0, 1].tobytes()
+
+
+def test_errors_are_as_large_as_the_covariance_says_and_as_small_as_the_bound() -> None:
+    mission, runs = Mission(steps=3000), 40
+    rng = np.random.default_rng(11)
+    setting = TightSettings()
+    squared, normalised = np.empty((runs, 3000)), np.empty((runs, 3000))
+    for run in range(runs):
+        # constants are drawn from what the settings say of them
+        measurements = mission.measured(
+            rng, log=rng.normal(0, 0.3), compass=rng.normal(0, np.deg2rad(8.0)), scale=rng.normal(0, 0.2)
+        )
+        where, spread = compiled_run(setting, measurements, mission.start)
+        x, y = (where - mission.follower[1:]).T
+        xx, xy, yy = spread.T
+        squared[run] = x**2 + y**2
+        normalised[run] = (x * x * yy - 2 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
+    arms = mission.arms()
+    bound = position_bound(
+        Geometry(
+            dt=DT, speed=mission.speed[1:], heading=mission.heading[1:], message_step=mission.k,
+            from_leader=(mission.follower - mission.leader)[mission.k],
+            arms=np.concatenate([arms, np.zeros((*arms.shape[:2], 1))], axis=2),
+        ),
+        TrueNoise(heading_sigma=np.deg2rad(1.2), range_sigma=0.003, start=0.01),
+    )  # fmt: skip
+    ratio = np.sqrt(squared.mean() / np.trace(bound, axis1=1, axis2=2).mean())
+    assert 0.9 < ratio < 1.1
+    assert 1.6 < normalised.mean() < 2.4
+
+
+@pytest.mark.parametrize("transmitters", [2, 3])
+def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: int) -> None:
+    setting = TightSettings(assume=EVERYTHING, transmitters=transmitters)
+    model, mission = model_of(setting), Mission(steps=10_000)
+    belief = new_belief(setting, model, (mission.start[0], mission.start[1]))
+    measurements = mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
+    own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
+    messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
+    where, spread = np.empty((10_000, 2)), np.empty((0, 3))
+    backwards = mission.follower[-1] - mission.follower[0]
+    for lap in range(100):
+        assert filter_mission(belief, model, own, measurements.message_step, messages, where, spread) == 0
+        for k in range(int(belief.alive[0]) * model.modes):
+            covariance = belief.covariance[k]
+            np.testing.assert_array_equal(covariance, covariance.T)
+            sigma = np.sqrt(np.diag(covariance))
+            assert np.linalg.eigvalsh(covariance / np.outer(sigma, sigma)).min() > 1e-9, lap
+        # the next lap begins where the mission began
+        belief.mean[:, :2] -= backwards
+
+
+OWN = OwnMotion(1.0, 0.2, 8.0)
+MESSAGE = LeaderMessage(0.1, 20.0, 5.0, 0.3, 1.0, 8.0)
+RANGES = Ranges(20.0, 21.0, 20.5)
+
+
+@pytest.mark.parametrize(
+    ("own", "message", "ranges", "says"),
+    [
+        (OWN._replace(speed=np.nan), None, None, "step 1: own motion .* is not finite"),
+        (OWN._replace(heading=np.inf), None, None, "is not finite"),
+        (OWN._replace(speed=1e6), None, None, r"the log reads 1e\+06 m/s, expected"),
+        (OWN, MESSAGE._replace(east=np.nan), RANGES, "leader message .* is not finite"),
+        (OWN, MESSAGE._replace(heading=np.nan), RANGES, "leader message .* is not finite"),
+        (OWN, MESSAGE._replace(north=1e12), RANGES, "the leader is at"),
+        (OWN, MESSAGE, RANGES._replace(front=-3.0), "ranges .* expected 0"),
+        (OWN, MESSAGE, RANGES._replace(rear=np.inf), "ranges .* expected 0"),
+        (OWN, MESSAGE, RANGES._replace(rear=1e9), "ranges .* expected 0"),
+    ],
+)
+def test_broken_measurements_are_named_and_leave_the_estimate_alone(
+    own: OwnMotion, message: LeaderMessage | None, ranges: Ranges | None, says: str
+) -> None:
+    navigator = TightNavigator(TightSettings(), np.array([0.0, 0.0, 1.0, 0.0]))
+    before = navigator.state, navigator.covariance
+    reception = None if message is None or ranges is None else Reception(message, ranges)
+    with pytest.raises(ValueError, match=says):
+        navigator.step(own, reception)
+    np.testing.assert_array_equal(navigator.state, before[0])
+    np.testing.assert_array_equal(navigator.covariance, before[1])
+
+
+def test_lost_ranges_and_messages_widen_the_covariance() -> None:
+    mission = Mission(steps=600)
+    whole = mission.measured(np.random.default_rng(2))
+    ranges = whole.ranges.copy()
+    ranges[30:] = np.nan
+    lost = TightNavigator(TightSettings(), mission.start).run(replace(whole, ranges=ranges))
+    kept = TightNavigator(TightSettings(), mission.start).run(whole)
+    assert np.array_equal(lost.state[:309], kept.state[:309])
+    assert lost.used[29:].tolist() == [3] + [0] * 30
+    assert np.all(np.isnan(lost.nis[30:]))
+    spread = np.trace(lost.covariance[:, :2, :2], axis1=1, axis2=2)
+    assert np.all(np.diff(spread[300:]) > 0)
+    assert spread[-1] > 4 * np.trace(kept.covariance[-1, :2, :2])
+    # without a message at all it is the same dead reckoning
+    few = replace(whole, message_step=whole.message_step[:30], message=whole.message[:30], ranges=whole.ranges[:30])
+    silent = TightNavigator(TightSettings(), mission.start).run(few)
+    np.testing.assert_allclose(silent.state[-1], lost.state[-1], atol=0.02)
+
+
+def test_single_ranges_keep_an_estimate_that_one_transmitter_alone_gives() -> None:
+    mission = Mission(steps=3000)
+    whole = mission.measured(np.random.default_rng(4), log=0.1)
+    ranges = whole.ranges.copy()
+    ranges[np.arange(len(ranges)) % 2 == 0, 0] = np.nan
+    ranges[np.arange(len(ranges)) % 2 == 1, 1:] = np.nan
+    result = TightNavigator(TightSettings(), mission.start).run(replace(whole, ranges=ranges))
+    off = result.state[:, :2] - mission.follower[1:]
+    normalised = np.einsum("ni,ni->n", off, np.linalg.solve(result.covariance[:, :2, :2], off[..., None])[..., 0])
+    assert normalised.mean() < 6.0
+    assert np.hypot(*off.T).max() < 5.0
+
+
+def test_estimates_and_settings_say_what_is_wrong() -> None:
+    with pytest.raises(ValueError, match="transmitters is 4, expected 2 or 3"):
+        TightSettings(transmitters=4)
+    with pytest.raises(ValueError, match="range_sigma is 0"):
+        TightSettings(range_sigma=0.0)
+    with pytest.raises(ValueError, match="speed_sigma is -1"):
+        TightSettings(speed_sigma=-1.0)
+    with pytest.raises(ValueError, match="outlier_chance is 1"):
+        TightSettings(outlier_chance=1.0)
+    with pytest.raises(ValueError, match="start is"):
+        TightNavigator(TightSettings(), np.array([0.0, np.nan, 0.0, 0.0]))
+    mission = Mission(steps=20)
+    navigator = TightNavigator(TightSettings(), mission.start)
+    result = navigator.run(mission.measured())
+    with pytest.raises(ValueError, match="at step 20 already"):
+        navigator.run(mission.measured())
+    with pytest.raises(ValueError, match=r"TightEstimates.used has shape \(1,\), expected \(2,\)"):
+        TightEstimates(**{**result.__dict__, "used": result.used[:1]})
+    with pytest.raises(ValueError, match=r"every 0\.1 s, but the filter steps 1 s"):
+        TightNavigator(TightSettings(dt=1.0), mission.start).run(mission.measured())

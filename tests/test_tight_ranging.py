@@ -1,0 +1,168 @@
+"""Ranges of the tightly coupled navigator: derivatives, updates, echoes; all against independent formulas."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from filterpy.kalman import KalmanFilter
+from scipy.stats import multivariate_normal
+
+from laisn.tight.belief import LEADER_VARIANCE, Belief, new_belief
+from laisn.tight.model import Model, model_of
+from laisn.tight.ranging import Heard, expect, learn
+from laisn.tight.settings import Assume, TightSettings
+
+Floats = npt.NDArray[np.float64]
+
+EVERYTHING = TightSettings(assume=Assume(exact_leader=False, drift=False, current=True, offsets=True))
+STATES = 10
+ARMS = np.array([[-0.9, -0.4, 1.5], [0.9, 0.4, 2.0], [-0.04, 0.1, 1.7]])
+LEADER = np.array([3.0, -4.0])
+STATE = np.array([25.0, -12.0, 0.1, 0.05, 0.15, 0.08, 0.2, -0.1, 0.01, -0.02])
+
+
+def ranges_of(state: npt.NDArray[np.complex128] | Floats, farthest: float) -> npt.NDArray[np.complex128]:
+    """z_i = ρ_i (1 + b_r / max z) + d_i, analytic in the state."""
+    turn = np.exp(1j * 0) * np.array([[np.cos(state[5]), -np.sin(state[5])], [np.sin(state[5]), np.cos(state[5])]])
+    apart = state[:2] - LEADER - (turn @ ARMS[:, :2].T).T
+    rho = np.sqrt(np.sum(apart**2, axis=1) + ARMS[:, 2] ** 2)
+    return np.asarray(rho * (1.0 + state[4] / farthest) + np.concatenate([[0.0], state[8:]]))
+
+
+def gradient(state: Floats, farthest: float) -> Floats:
+    """Of all ranges by complex steps, shape (3, n)."""
+    step = 1e-30
+    columns = [ranges_of(state + 1j * step * unit, farthest).imag / step for unit in np.eye(STATES)]
+    return np.stack(columns, axis=1)
+
+
+def belief(covariance: Floats, mean: Floats = STATE, settings: TightSettings = EVERYTHING) -> tuple[Belief, Model]:
+    model = model_of(settings)
+    made = new_belief(settings, model, (0.0, 0.0))
+    made.mean[0], made.covariance[0] = mean, covariance
+    return made, model
+
+
+def heard(ranges: Floats) -> Heard:
+    return Heard(0.0, float(LEADER[0]), float(LEADER[1]), 0.3, 1.0, ARMS, ranges)
+
+
+def some_covariance(scale: float) -> Floats:
+    root = np.random.default_rng(7).normal(size=(STATES, STATES)) * scale
+    return np.asarray(root @ root.T)
+
+
+def test_derivatives_of_ranges_equal_complex_steps() -> None:
+    ranges = ranges_of(STATE, 30.0).real
+    made, model = belief(np.eye(STATES))
+    assert expect(made, model, 0, heard(ranges), 0.0, 0.0) == 3
+    # the scale's own slope is neglected against 1 in the derivatives by position: b_r is centimetres at tens of metres
+    plain = STATE.copy()
+    plain[4] = 0.0
+    exact = gradient(plain, float(ranges.max()))
+    np.testing.assert_allclose(made.work.gain.T, exact, atol=1e-12)
+
+
+def test_second_derivatives_equal_differences_of_complex_steps() -> None:
+    plain = STATE.copy()
+    plain[4] = 0.0
+    ranges = ranges_of(plain, 30.0).real
+    made, model = belief(np.eye(STATES), plain)
+    expect(made, model, 0, heard(ranges), 0.0, 0.0)
+    step, chosen = 1e-5, [0, 1, 5]
+    for j, other in itertools.product(range(3), range(3)):
+        unit = np.eye(STATES)[chosen[other]] * step
+        slope = (gradient(plain + unit, 30.0) - gradient(plain - unit, 30.0)) / (2 * step)
+        np.testing.assert_allclose(made.work.curvature[:, j, other], slope[:, chosen[j]], atol=1e-8)
+
+
+def test_expected_ranges_equal_their_mean_over_a_gaussian() -> None:
+    # the expectation over position and leader's compass by 10⁶ antithetic draws: second order is exact to σ⁴
+    covariance = np.zeros((STATES, STATES))
+    root = np.random.default_rng(5).normal(size=(3, 3)) * np.array([[0.8], [0.8], [0.05]])
+    covariance[np.ix_([0, 1, 5], [0, 1, 5])] = root @ root.T
+    plain = STATE.copy()
+    plain[4] = 0.0
+    made, model = belief(covariance, plain)
+    expect(made, model, 0, heard(np.zeros(3) + 30.0), 0.0, 0.0)
+    half = np.random.default_rng(1).normal(size=(500_000, 3)) @ root.T
+    draws = np.concatenate([half, -half])
+    x, y, bias = plain[0] + draws[:, 0], plain[1] + draws[:, 1], plain[5] + draws[:, 2]
+    for i in range(3):
+        sx = np.cos(bias) * ARMS[i, 0] - np.sin(bias) * ARMS[i, 1]
+        sy = np.sin(bias) * ARMS[i, 0] + np.cos(bias) * ARMS[i, 1]
+        rho = np.sqrt((x - LEADER[0] - sx) ** 2 + (y - LEADER[1] - sy) ** 2 + ARMS[i, 2] ** 2)
+        offset = plain[7 + i] if i else 0.0
+        mean = 0.5 * (rho[:500_000] + rho[500_000:])
+        assert 30.0 - made.work.residual[i] == pytest.approx(mean.mean() + offset, abs=4 * mean.std() / 700 + 1e-4)
+
+
+@pytest.mark.parametrize("lost", [(), (0,), (1,), (2,), (0, 1), (0, 2), (1, 2)])
+def test_an_update_equals_filterpys(lost: tuple[int, ...]) -> None:
+    """With a covariance so small that nothing bends, and no random error of the leader."""
+    settings = replace(EVERYTHING, leader_heading_sigma=0.0)
+    covariance = some_covariance(1e-3)
+    plain = STATE.copy()
+    plain[4] = 0.0
+    ranges = ranges_of(plain, 30.0).real + np.array([0.003, -0.002, 0.004])
+    ranges[list(lost)] = np.nan
+    kept = [i for i in range(3) if i not in lost]
+    made, model = belief(covariance, plain, settings)
+    made.health[LEADER_VARIANCE] = 0.0
+    assert learn(made, model, 0, heard(ranges)) == len(kept)
+
+    exact = gradient(plain, float(np.nanmax(ranges)))
+    hessians = np.array([second(plain, i) for i in range(3)])
+    chosen = covariance[np.ix_([0, 1, 5], [0, 1, 5])]
+    bent = [h @ chosen for h in hessians]
+    share = exact[:, 4]
+    noise = settings.range_sigma**2 * np.eye(3) + settings.range_scale_sigma**2 * np.outer(share, share)
+    noise += 0.5 * np.array([[np.trace(a @ b) for a in bent] for b in bent])
+    kalman = KalmanFilter(dim_x=STATES, dim_z=len(kept))
+    kalman.x, kalman.P = plain.copy(), covariance.copy()
+    kalman.H, kalman.R = exact[kept], noise[np.ix_(kept, kept)]
+    expected = ranges_of(plain, 30.0).real + 0.5 * np.array([np.trace(a) for a in bent])
+    kalman.update(exact[kept] @ plain + (ranges - expected)[kept])
+    np.testing.assert_allclose(made.mean[0], kalman.x, atol=1e-9)
+    np.testing.assert_allclose(made.covariance[0], kalman.P, atol=1e-9)
+
+
+def second(state: Floats, i: int) -> Floats:
+    """Hessian of range i by x, y and b_L."""
+    step, chosen = 1e-5, [0, 1, 5]
+    rows = []
+    for index in chosen:
+        unit = np.eye(STATES)[index] * step
+        rows.append(((gradient(state + unit, 30.0) - gradient(state - unit, 30.0)) / (2 * step))[i, chosen])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("echo", [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 3.0), (1.0, 2.0, 3.0)])
+def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, ...]) -> None:
+    plain = STATE.copy()
+    plain[4] = 0.0
+    covariance = some_covariance(0.01)
+    ranges = ranges_of(plain, 30.0).real + np.array(echo)
+    made, model = belief(covariance, plain)
+    expect(made, model, 0, heard(ranges), 0.0, made.health[LEADER_VARIANCE])
+    residual, spread = made.work.residual.copy(), made.work.spread.copy()
+    best = {}
+    for size in range(4):
+        for used in itertools.combinations(range(3), size):
+            left = [i for i in range(3) if i not in used]
+            total = size * np.log(0.95) + sum(np.log(0.05 / 4.5) - 6.0 * (residual[i] < 0) for i in left)
+            if used:
+                total += multivariate_normal.logpdf(residual[list(used)], cov=spread[np.ix_(used, used)])
+            best[used] = total
+    likeliest = max(best, key=best.__getitem__)
+    assert learn(made, model, 0, heard(ranges)) == len(likeliest)
+    assert made.evidence[0] == pytest.approx(best[likeliest], abs=1e-9)
+
+
+def test_a_covariance_that_is_not_positive_definite_is_refused() -> None:
+    made, model = belief(-np.eye(STATES))
+    assert learn(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
+    made, model = belief(np.full((STATES, STATES), np.nan))
+    assert learn(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
