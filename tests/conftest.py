@@ -1,6 +1,8 @@
 """Settings of all tests."""
 
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 
 import pytest
@@ -19,6 +21,28 @@ settings.load_profile("repeatable")
 # A shell that starts something in the background has it ignore Ctrl-C, and so would all that it starts; tests press it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+FLIGHT = """
+from experiments.flight.fly import fly
+from experiments.flight.library import load
+fly(load("T5", ["duration_s=2"]))
+"""
+CAMPAIGN = """
+from experiments.campaign.campaign import CellPlan, compute
+from experiments.flight.library import load
+from sim.motion import move
+scenario = load("T5", ["duration_s=2", 'motion="kinematic"'])
+compute(move(scenario), [CellPlan(scenario=scenario, runs=1, keep_steps=True)])
+"""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile once, each core a half, before several workers would each compile all of it."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        children = [subprocess.Popen([sys.executable, "-c", program]) for program in (FLIGHT, CAMPAIGN)]
+        for child in children:
+            child.wait()
 
 
 @pytest.fixture
