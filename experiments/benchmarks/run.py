@@ -6,6 +6,8 @@ work on the machine can only add to them.
 
 import argparse
 import os
+import resource
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -149,6 +151,12 @@ def vectorised_numpy(own: Floats, messages: Floats, start: Floats, settings: Nav
     return x
 
 
+def _peak_memory() -> float:
+    """Most memory that this process has had [MB]."""
+    unit = 1.0 if sys.platform == "darwin" else 1024.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit * 1e-6
+
+
 def navigation() -> list[Row]:
     """A filter step of one run: compiled lanes beside a filterpy loop and vectorised NumPy."""
     truth, settings = steady_mission(), NavigationSettings()
@@ -184,6 +192,11 @@ def navigation() -> list[Row]:
         lambda: _filter_only(own_rows, truth.message_step, message_rows, truth.start, tuned),
         n,
     )
+    few_runs, many_runs = (Cell(truth=truth, runs=range(runs)) for runs in (RUNS, 100 * RUNS))
+    simulate(few_runs)
+    before = _peak_memory()
+    simulate(many_runs)
+    rows.append(Row(f"memory of {100 * RUNS} runs beyond that of {RUNS}", _peak_memory() - before, "MB"))
     for variant in ("laisn-2", "laisn-3-1", "laisn-3-2"):
         cell = Cell(truth=steady_mission(5 * n), settings=NavigationSettings(variant=variant), runs=range(RUNS))
         timed(f"{variant.upper()} with noise and metrics", lambda cell=cell: simulate(cell), 5 * n)  # type: ignore[misc]

@@ -10,6 +10,7 @@ from experiments.campaign import lane_metrics
 from experiments.campaign.cells import PERCENTILES, Cell
 from experiments.campaign.montecarlo import histories, simulate, simulate_many
 from laisn import POSITION, metrics
+from laisn.compiled import compiled
 from laisn.lane_rows import LANES
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
@@ -21,15 +22,19 @@ Floats = npt.NDArray[np.float64]
 DT = 0.1
 
 
-def make_truth(steps: int = 200, every: int = 10, *, astern: bool = False, attitude: bool = True) -> MissionTruth:
-    """A leader on a slow weave and a follower astern on its axis, or on its quarter, 2 m deeper."""
+QUARTER, ASTERN, ABEAM = (-15.0, -12.0), (-20.0, 0.0), (0.0, -14.0)
+"""Where a follower is, from a leader that heads east [m]; abeam to starboard, the middle transmitter is farthest."""
+
+
+def make_truth(
+    steps: int = 200, every: int = 10, *, offset: tuple[float, float] = QUARTER, attitude: bool = True
+) -> MissionTruth:
+    """A leader on a slow weave, and a follower 2 m deeper that circles about its place unless it is astern."""
     t = DT * np.arange(steps + 1)
     leader = np.stack([t, 3.0 * np.sin(0.05 * t)], axis=1)
     heading = np.pi / 2 - np.arctan(0.15 * np.cos(0.05 * t))
-    offset = (-20.0, 0.0) if astern else (-15.0, -12.0)
-    follower = (
-        leader + np.array(offset) + (0.0 if astern else 0.5) * np.stack([np.cos(0.1 * t), np.sin(0.1 * t)], axis=1)
-    )
+    wander = 0.0 if offset == ASTERN else 0.5
+    follower = leader + np.array(offset) + wander * np.stack([np.cos(0.1 * t), np.sin(0.1 * t)], axis=1)
     velocity = np.gradient(follower, DT, axis=0)
     depth = 10.0 + 0.3 * np.sin(0.2 * t)
     forward, port = (
@@ -69,9 +74,16 @@ EVERYTHING = SensorErrors(
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("errors", [SensorErrors(), EVERYTHING], ids=["paper", "everything"])
-def test_a_run_of_a_campaign_is_the_run_flown_alone(variant: Variant, errors: SensorErrors) -> None:
-    truth = make_truth()
+@pytest.mark.parametrize(
+    ("errors", "offset"),
+    [(SensorErrors(), QUARTER), (EVERYTHING, QUARTER), (replace(EVERYTHING, echo_chance=(0.2, 0.1)), ABEAM),
+     (EVERYTHING, ABEAM)],
+    ids=["paper", "everything", "echoes abeam", "abeam"],
+)  # fmt: skip
+def test_a_run_of_a_campaign_is_the_run_flown_alone(
+    variant: Variant, errors: SensorErrors, offset: tuple[float, float]
+) -> None:
+    truth = make_truth(offset=offset)
     navigation = NavigationSettings(variant=variant, use_attitude=True)
     states = histories(Cell(truth=truth, errors=errors, settings=navigation, seed=9, runs=range(70), follower=2))
     for run in (0, 63, 69):
@@ -83,7 +95,7 @@ def test_a_run_of_a_campaign_is_the_run_flown_alone(variant: Variant, errors: Se
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     # Astern of the leader with a large β: fixes of all kinds, and captures on the wrong side.
-    truth = make_truth(astern=True, attitude=False)
+    truth = make_truth(offset=ASTERN, attitude=False)
     errors = SensorErrors(range_scale_mean=0.3, range_tau=(0.2, 0.2, 0.2))
     navigation = NavigationSettings(variant=variant, gate="v-measured", position_sigma0=3.0)
     runs = range(5, 12)
@@ -132,15 +144,42 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
             assert below * (1 - 2**-7) <= value <= above * (1 + 2**-7)
 
 
-def test_bins_hold_what_lies_between_their_edges() -> None:
-    edges = lane_metrics.bin_edges(lane_metrics.LOWEST_P)
+@compiled
+def _bins(values: Floats, first: int) -> npt.NDArray[np.int64]:
+    out = np.empty(values.size, dtype=np.int64)
+    for i in range(values.size):
+        out[i] = lane_metrics._bin(values[i], first)
+    return out
+
+
+@pytest.mark.parametrize(
+    ("lowest", "first"),
+    [(lane_metrics.LOWEST_P, lane_metrics._FIRST_P), (lane_metrics.LOWEST_B, lane_metrics._FIRST_B)],
+)
+def test_bins_hold_what_lies_between_their_edges(lowest: float, first: int) -> None:
+    edges = lane_metrics.bin_edges(lowest)
     assert edges.size == lane_metrics.BINS + 1
+    assert (edges[0], edges[1], edges[-1]) == (0.0, lowest, np.inf)
     inner = edges[1:-1]
-    assert np.all(np.diff(inner) > 0)
-    assert np.diff(inner) / inner[:-1] == pytest.approx(np.full(inner.size - 1, 2**-7), rel=1)
+    # 128 bins of equal width between a power of two and the next: from 1/128 of their lower edge down to 1/255 of it
+    widths = np.diff(inner) / inner[:-1]
+    assert widths.max() == 2**-7
+    assert widths.min() == pytest.approx(1 / 255, rel=1e-12)
+    values = np.concatenate([[0.0, lowest / 3], lowest * np.exp(np.random.default_rng(1).uniform(0, 22, 5000)), inner])
+    assert _bins(values, first).tolist() == (np.digitize(values, edges) - 1).tolist()
+
+
+def test_percentiles_lie_where_they_fall_within_a_bin() -> None:
+    edges = lane_metrics.bin_edges(lane_metrics.LOWEST_P)
     histogram = np.zeros(lane_metrics.BINS, dtype=np.int64)
-    histogram[np.digitize([0.5], edges)[0] - 1] = 1
-    assert lane_metrics.percentile(histogram, lane_metrics.LOWEST_P, 0.5, 10.0) == pytest.approx(0.5, rel=2**-7)
+    k = np.digitize([0.5], edges)[0] - 1
+    histogram[[k, k + 40]] = 3, 1
+    for share, expected in ((0.25, edges[k] + (edges[k + 1] - edges[k]) / 3), (0.75, edges[k + 1])):
+        found = lane_metrics.percentile(histogram, lane_metrics.LOWEST_P, share, 10.0)
+        assert found == pytest.approx(expected, rel=1e-12)
+    # the largest bounds what a bin may be read as
+    largest = (edges[k + 40] + edges[k + 41]) / 2
+    assert lane_metrics.percentile(histogram, lane_metrics.LOWEST_P, 1.0, largest) == largest
 
 
 def test_results_depend_neither_on_threads_nor_on_blocks() -> None:
@@ -182,7 +221,7 @@ def test_perfect_sensors_recover_the_truth() -> None:
     assert result.captured == 0
 
 
-def test_a_campaign_needs_no_memory_for_its_runs() -> None:
+def test_runs_are_kept_only_where_they_are_asked_for() -> None:
     cell = Cell(truth=make_truth(10, 5), runs=range(10 * LANES))
     assert simulate(cell).table is None
     assert simulate(cell).runs == 10 * LANES
