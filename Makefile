@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: help run test fuzz check bench figures lock clean
+.PHONY: help run test fuzz check bench figures studies lock clean
 
 run: $(VENV)/.runtime  ## fly mission T5 (the target of a plain `make`)
 	$(BIN)/laisn fly T5
@@ -21,16 +21,21 @@ test: $(VENV)/.dev  ## run the tests on all cores; PYTEST_ARGS="-n 0 -k word" fo
 fuzz: $(VENV)/.dev  ## search for counterexamples to the property tests with fresh seeds, for minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile fuzz $(PYTEST_ARGS)
 
-check: $(VENV)/.dev  ## lint, formatting, types
+check: $(VENV)/.dev  ## lint, formatting, types; numbers in README and docs
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python -m experiments.gallery.documents --check
 
 bench: $(VENV)/.dev  ## measure speeds
 	$(BIN)/python -m experiments.benchmarks.run
 
-figures: $(VENV)/.runtime  ## draw the pictures of README and docs anew
+figures: $(VENV)/.runtime  ## bring the numbers of README and docs up to docs/results, draw their pictures anew
+	$(BIN)/python -m experiments.gallery.documents
 	$(BIN)/python -m experiments.gallery.draw
+
+studies: $(VENV)/.runtime  ## fly all studies anew (minutes) and keep their records in docs/results
+	$(BIN)/python -m experiments.gallery.studies
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

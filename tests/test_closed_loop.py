@@ -5,8 +5,9 @@ import numpy.typing as npt
 import pytest
 
 from experiments.campaign.missions import fly as fly_for_campaign
+from experiments.closed_loop import study
 from experiments.flight.fly import fly
-from experiments.flight.library import load
+from experiments.flight.library import ROUTES, load
 from laisn.messages import OwnMotion, Reception
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
@@ -138,3 +139,17 @@ def test_its_path_belongs_to_a_run_so_that_campaigns_refuse_it() -> None:
 def test_the_point_motion_cannot_be_steered() -> None:
     with pytest.raises(ValueError, match="needs motion = 'physics'"):
         mission("motion=kinematic")
+
+
+def test_the_record_counts_who_is_lost() -> None:
+    """Follower i of run r: error i + r, off its place 10 i, and lost in the first run where i is even."""
+    runs = [
+        [(float(i + r), 10.0 * i, 60.0 if r == 0 and i % 2 == 0 else 50.0) for i in range(len(ROUTES))]
+        for r in range(len(study.RUNS))
+    ]
+    found = study.findings_of({(v, by): runs for v in study.VARIANTS for by in ("truth", "estimate")})
+    assert found["error laisn-2 T4"].value == 2.0 + 2.0
+    assert found["off laisn-3-2 T9"].value == 70.0
+    assert (found["lost-runs laisn-2 T2"].value, found["lost-runs laisn-2 T3"].value) == (1, 0)
+    assert (found["lost-runs laisn-3-1"].value, found["missions"].value) == (4, 40)
+    assert format(found["lost laisn-2"], ".0% i") == "10 % (3 to 24 %)"

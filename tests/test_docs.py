@@ -26,6 +26,8 @@ from experiments.command.cli import app
 from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
 from experiments.flight.summary import off_place_rms
+from experiments.gallery import documents
+from experiments.gallery.tables import TRACKED
 from experiments.route_keeping import study as route_keeping
 from sim.film import graphics
 from sim.scenario.file import parse
@@ -212,56 +214,34 @@ def test_reference_of_scenarios_is_up_to_date() -> None:
     assert reference.PATH.read_text(encoding="utf-8") == reference.text(), "run make figures"
 
 
-def numbers(row: str) -> list[float]:
-    return [float(cell) for cell in row.split("|")[2:-1]]
+def test_numbers_in_documents_are_those_of_the_records() -> None:
+    found = documents.records()
+    for path in DOCUMENTS:
+        text = path.read_text(encoding="utf-8")
+        assert documents.filled(text, found) == text, f"{path.name}: run make figures"
 
 
-def test_table_of_route_keeping_is_up_to_date() -> None:
+def test_routes_are_kept_as_the_record_says() -> None:
     """The first minute alone cannot tell, so one whole route is flown; other machines may round otherwise."""
+    recorded = documents.records()["route-keeping"]
     reports = route_keeping.measure(route_keeping.scenario(("T8",)))
-    text = route_keeping.PATH.read_text(encoding="utf-8")
-    assert text.startswith(route_keeping.INTRODUCTION.format(duration=1000)), (
-        "run python -m experiments.route_keeping.study"
-    )
-    table = [line for line in text.splitlines() if line.startswith("| ")]
-    for report, name in zip(reports, ("leader, L", "T8"), strict=True):
-        (row,) = [line for line in table if line.startswith(f"| {name} |")]
-        digits = [10.0 ** -len(cell.strip().partition(".")[2]) for cell in row.split("|")[2:-1]]
-        fresh = numbers(route_keeping.row(report, name))
-        for printed, new, digit in zip(numbers(row), fresh, digits, strict=True):
-            assert abs(printed - new) <= 1.01 * digit, f"{row}; run python -m experiments.route_keeping.study"
+    fresh = route_keeping.findings_of(reports, reports[1])
+    for name in ("leader", "T8"):
+        for quantity, spec in TRACKED.items():
+            old, new = (float(found[f"{quantity} {name}"].value or 0.0) for found in (recorded, fresh))
+            assert abs(old - new) <= 10.0 ** -int(spec[1]), f"{quantity} of {name}: run make studies"
 
 
-def test_readme_quotes_the_table_of_route_keeping() -> None:
-    lines = route_keeping.PATH.read_text(encoding="utf-8").splitlines()
-    table = [numbers(line) for line in lines if re.match(r"\| (leader, L|T\d) \|", line)]
-    off, _, arrival, _, _, pitch, _, roll = zip(*table, strict=True)
-    assert len(table) == 9
-    assert max(arrival) <= 0.1
-    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    for quoted in (
-        f"{min(off):.2f} … {max(off):.2f} m (RMS",
-        f"{max(pitch):.1f}° of pitch",
-        f"{max(roll):.1f}° of roll",
-    ):
-        assert quoted in readme
-
-
-def test_table_of_closed_loops_is_that_of_its_program() -> None:
+def test_closed_loops_are_as_the_record_says() -> None:
     """To fly it all takes minutes: one route in one run must fit the median of five that is printed for it."""
-    text = closed_loop.PATH.read_text(encoding="utf-8")
-    head = closed_loop.INTRODUCTION.format(duration=1000, last=closed_loop.RUNS[-1], lost=closed_loop.LOST_M)
-    assert text.startswith(head), "run python -m experiments.closed_loop.study"
-    assert text.endswith(closed_loop.NOTES), "run python -m experiments.closed_loop.study"
-    (row,) = [line for line in text.splitlines() if line.startswith("| T3 |")]
-    error, off, lost = (cell.strip() for cell in row.split("|")[2:5])
+    found = documents.records()["closed-loop"]
     mission = closed_loop.steering(0, "laisn-2", "estimate")
     alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
     flight, _ = fly(alone)
     (measured,) = off_place_rms(flight)
-    assert lost == f"0 of {len(closed_loop.RUNS)}"
-    assert measured == pytest.approx(float(off), rel=0.5)
-    assert measured == pytest.approx(float(error), rel=0.5)
+    assert found["lost-runs laisn-2 T3"].value == 0
+    assert measured == pytest.approx(float(found["off laisn-2 T3"].value or 0.0), rel=0.5)
+    assert measured == pytest.approx(float(found["error laisn-2 T3"].value or 0.0), rel=0.5)
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)

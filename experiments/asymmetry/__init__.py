@@ -3,5 +3,5 @@
 `study` is where it begins: conditions that make the leader pitch, a map of noiseless fixes, missions with and without
 each remedy, and a page that tells it.
 
-Imports: experiments.campaign experiments.flight experiments.intervals experiments.pages laisn sim
+Imports: experiments.campaign experiments.findings experiments.flight experiments.intervals experiments.pages laisn sim
 """

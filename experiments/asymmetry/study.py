@@ -15,6 +15,7 @@ import pyarrow as pa
 
 from experiments.asymmetry.conditions import CONDITIONS, QUICK_CONDITIONS, SEED, Condition, command_line
 from experiments.asymmetry.example import Example, fly_example
+from experiments.asymmetry.findings import findings_of
 from experiments.asymmetry.flying import fly_condition
 from experiments.asymmetry.gates import GateRow, fly_gates
 from experiments.asymmetry.map import full_grid, measure_map, quick_grid
@@ -27,6 +28,7 @@ from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Record, Store, columns_of, write_table
 from experiments.campaign.version import code_version
+from experiments.findings import FILE
 from experiments.intervals import Interval
 from laisn.settings import NavigationSettings
 from laisn.sources import ROOT, Sources
@@ -69,7 +71,7 @@ def _compute(name: str, plan: Plan, mission: tuple[Condition, float] | None) -> 
 def _compile_ahead(condition: Condition, plan: Plan) -> None:
     """Compile here, with a word, what each process would else compile for itself before its first result."""
     with compiling_shown():
-        fly_condition(condition, plan.offsets_m[0], replace(plan, routes=plan.routes[:1], duration_s=2.0, runs=1))
+        fly_condition(condition, plan.offsets_m[0], replace(plan, routes=plan.routes[:1], duration_s=2.0, looks=(1,)))
 
 
 def _rows_of(record: Record) -> Table:
@@ -161,6 +163,8 @@ def run(
         asdict(row) | {"fly": command_line(by_key[row.condition], row.route, row.depth_offset_m, variant=row.variant)}
         for row in results.missions
     ]
+    command = f"laisn asymmetry{' --quick' if quick else ''}"
+    findings_of(plan, results.missions, results.curves, command).write(folder / FILE)
     write_table(folder / "missions.parquet", columns_of(missions_flown))
     _table(folder / "equivalents.parquet", results.curves.tau + results.curves.pitch)
     _table(folder / "gates.parquet", results.gates)

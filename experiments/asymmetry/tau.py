@@ -76,6 +76,19 @@ def equivalent(excess: float, curve: Curve) -> float:
     return float(np.interp(excess, grown, np.abs(curve.value)))
 
 
+def equivalents(curves: Curves, tau: float, depth_offset: float) -> list[float]:
+    """Pitch that raises LAISN-2's mean error as a τ_rear does, messages every 5 s, route by route, [°].
+
+    NaN where the larger τ does no harm, or more than any pitch that was flown.
+    """
+    found = []
+    for curve in (c for c in curves.tau if (c.variant, c.interval_s) == ("laisn-2", 5.0)):
+        where = (curve.route, curve.variant, curve.interval_s, depth_offset)
+        over = [c for c in curves.pitch if (c.route, c.variant, c.interval_s, c.depth_offset_m) == where]
+        found += [equivalent(float(curve.excess[curve.value.index(tau)]), c) for c in over]
+    return found
+
+
 def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2")) -> Curves:
     """Fly all routes of a plan in a calm sea, over τ and over pitch."""
     offsets = tuple(o for o in OFFSETS_M if o in plan.offsets_m)

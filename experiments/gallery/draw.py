@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from experiments.asymmetry import gallery as asymmetry_gallery
-from experiments.closed_loop import study as closed_loop
+from experiments.closed_loop import gallery as closed_loop
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
 from experiments.flight.summary import position_and_bearing_errors

@@ -2,5 +2,5 @@
 
 `study` is where it begins; `stages` holds every setting as data.
 
-Imports: experiments.campaign experiments.flight experiments.pages laisn sim
+Imports: experiments.campaign experiments.findings experiments.flight experiments.intervals experiments.pages laisn sim
 """

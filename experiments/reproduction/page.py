@@ -10,6 +10,7 @@ from experiments.pages.figures import FRAME, MUTED, SERIES, Line
 from experiments.pages.flight_report import ERROR_LEGEND, without_wraps
 from experiments.pages.page import Block, Cell, Figures, Notice, Page, Section, Table, Text, number, words
 from experiments.reproduction import paper_tables as tables
+from experiments.reproduction.findings import listed
 from experiments.reproduction.paper_tables import VARIANT_NAMES
 from experiments.reproduction.record import FIGURES, ErrorFigure, Reproduction
 from experiments.reproduction.stages import METRICS, Key
@@ -105,7 +106,8 @@ def _claims(result: Reproduction) -> Table:
     heads = ["", "claim", "our runs", "figures", "the paper's tables", "criterion"]
     caption = (
         "Every part of a criterion true: holds; some: depends; none: does not hold. The same test on the published "
-        "tables stands beside ours, as far as they have its figures."
+        "tables stands beside ours, as far as they have its figures. The criteria put the paper's words into numbers, "
+        "and were set so that its own tables pass: a claim that fails on our runs fails by a measure that theirs meet."
     )
     return Table(heads=heads, rows=rows, caption=caption)
 
@@ -139,6 +141,7 @@ def page_of(result: Reproduction, flights: Mapping[str, Trajectory]) -> Page:
     """The whole report."""
     stages = sorted({s.stage for s in result.settings})
     all_stages = "" if len(stages) == len(_STAGES) else "".join(f" --stage {s}" for s in stages)
+    tested = [claim.number for claim, ours, _ in result.judgements if ours.verdict != "no data"]
     held = [claim.number for claim, ours, _ in result.judgements if ours.verdict == "holds"]
     motion = {"physics": "rigid bodies in water", "kinematic": "the paper's point motion"}[result.motion]
     version = next(iter(result.rows.values()))["version"]
@@ -151,8 +154,8 @@ def page_of(result: Reproduction, flights: Mapping[str, Trajectory]) -> Page:
     ]
     return Page(
         title="The paper's evaluation, flown again",
-        summary=f"{len(result.rows)} cells of {result.runs} runs with {motion}. {len(held)} of "
-        f"{len(result.judgements)} claims of the paper hold{': ' + ', '.join(map(str, held)) if held else ''}. "
+        summary=f"{len(result.rows)} cells of {result.runs} runs with {motion}. {len(held)} of the "
+        f"{len(tested)} claims of the paper that these cells test hold: {listed(held)}. "
         "Follower routes were published as pictures only; ours are like them in distance, bearing and speed, so that "
         "single rows differ more than medians.",
         facts=[

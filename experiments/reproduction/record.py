@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from experiments.campaign import campaign
 from experiments.campaign.campaign import CellPlan
@@ -17,6 +18,8 @@ from experiments.reproduction.verdict import Evidence, Judgement
 from laisn.settings import Variant
 from sim.scenario.settings import Follower
 from sim.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +97,21 @@ def fly_once(plans: Mapping[Key, CellPlan], store: Store) -> dict[str, Trajector
     for (_, name, _), plan in plans.items():
         first.setdefault(name, plan)
     return {name: campaign.mission(plan.scenario, store) for name, plan in first.items()}
+
+
+def ratios(
+    rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]], setting: Setting, variant: Variant,
+    metric: str,
+) -> Floats:  # fmt: skip
+    """Our figure over the published one on each mission that has both; an alternative is held against its like."""
+    printed = setting.like or setting.name
+    return np.array(
+        [
+            row[metric] / published[printed, mission, flown][metric]
+            for (name, mission, flown), row in rows.items()
+            if (name, flown) == (setting.name, variant) and (printed, mission, flown) in published
+        ]
+    )
 
 
 def mean_distance(flight: Trajectory) -> float:

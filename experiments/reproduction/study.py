@@ -9,10 +9,12 @@ import numpy as np
 from experiments.campaign import campaign
 from experiments.campaign.campaign import CellPlan
 from experiments.campaign.store import Record, Store, columns_of, write_csv, write_table
+from experiments.findings import FILE
 from experiments.flight.library import ROUTES
 from experiments.pages.page import write
 from experiments.reproduction import stages
 from experiments.reproduction.claims import CLAIMS, Claim
+from experiments.reproduction.findings import findings_of
 from experiments.reproduction.record import (
     Reproduction,
     fly_once,
@@ -87,7 +89,7 @@ def reproduce(
     cluster: str | None = None,
     quiet: bool = False,
 ) -> Path:
-    """Fly the paper's stages, write `tables.parquet`, `tables.csv` and `report.html`.
+    """Fly the paper's stages, write `tables.parquet`, `tables.csv`, `results.json` and `report.html`.
 
     Args:
         stage: stages to fly; None or none: all five.
@@ -159,6 +161,7 @@ def _write(
         judgements=judge(evidence, published),
         folder=folder,
     )
+    findings_of(settings, rows, published, result.judgements, first.scenario.motion).write(folder / FILE)
     report = folder / "report.html"
     write(page_of(result, flights), report)
     return report

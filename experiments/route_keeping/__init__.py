@@ -1,6 +1,6 @@
 """The study of how closely physical vehicles keep to the published routes.
 
-Takes the routes of the library; writes `docs/tracking.md`.
+Takes the routes of the library; writes its record.
 
-Imports: experiments.flight sim
+Imports: experiments.findings experiments.flight sim
 """

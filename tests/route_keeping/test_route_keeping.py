@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from experiments.route_keeping import study
 from sim import point_fleet
 from sim.fleet import fly_fleet
 from sim.scenario import point_motion as kinematics
 from sim.scenario import routes as missions
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
-from sim.tracking import arrival_errors, cross_track, off_place, tracking
+from sim.tracking import TrackingReport, arrival_errors, cross_track, off_place, tracking
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
@@ -141,3 +142,16 @@ def test_reports_need_a_route_for_each_vehicle():
     routes = (missions.route("L"), missions.route("T2"))
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
         tracking(point_fleet.fly(NAMES, routes, 20.0), routes[:1])
+
+
+def test_the_record_has_every_vehicle_and_the_extremes_of_all() -> None:
+    names, fields = ("leader", "T2", "T3"), TrackingReport.__dataclass_fields__
+    reports = [
+        TrackingReport(**dict.fromkeys(fields, float(k)) | {"name": name, "pitch_max": np.deg2rad(k)})
+        for k, name in enumerate(names, start=1)
+    ]
+    found = study.findings_of(reports, reports[1])
+    assert [found[f"off-rms {name}"].value for name in (*names, "T8-plan")] == [1.0, 2.0, 3.0, 2.0]
+    assert (found["off-max least"].value, found["off-max most"].value) == (1.0, 3.0)
+    assert found["pitch-max most"].value == pytest.approx(3.0)
+    assert found["roll-max T2"].value == pytest.approx(np.rad2deg(2.0), rel=1e-5)

@@ -1,0 +1,144 @@
+"""What a study found, number by number: `results.json`, from which documents take every number that they print."""
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from experiments.campaign.version import sources
+from experiments.intervals import Interval
+from laisn.failure import LaisnError
+from laisn.sources import ROOT, Sources
+from laisn.whole_files import replaced
+
+SCHEMA = 1
+"""Of the file: raised when a field changes its meaning."""
+FILE = "results.json"
+DIGITS = 6
+"""Significant digits that are kept: more than is ever printed."""
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None or math.isnan(value) else float(f"{value:.{DIGITS}g}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A number, or a word, that a study came to."""
+
+    value: float | int | str | None
+    """None: the study could not tell."""
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    what: str = ""
+    """What it is, and what its limits are."""
+
+    def __format__(self, spec: str) -> str:
+        """As text: a format of Python's, `low` or `high` before it for a limit, ` i` behind it for value and limits.
+
+        Per cent are set apart from their sign, minus signs are typographic: format(share, ".0% i") gives
+        "98 % (97 to 99 %)".
+        """
+        match = re.fullmatch(r"(?:(low|high) ?)?(\S*?)( i)?", spec)
+        if match is None:
+            raise ValueError(f"{spec!r} is no format of a finding, such as '.2f', 'low .0%' or '.1f i'")
+        which, inner, interval = match.groups()
+        shown = [_set(v, inner) for v in ((getattr(self, which) if which else self.value), self.low, self.high)]
+        if not interval:
+            return shown[0]
+        value, low, high = shown
+        return f"{value} ({low.removesuffix(' %')} to {high})"
+
+
+def _set(value: float | int | str | None, spec: str) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, str):
+        return value
+    text = format(round(value) if spec in ("d", ",d") else value, spec)
+    # what is rounded to nothing has no sign
+    negative = text.startswith("-") and any(digit in "123456789" for digit in text)
+    return ("−" if negative else "") + text.removeprefix("-").replace("%", " %")
+
+
+def of(interval: Interval, what: str, unit: str = "") -> Finding:
+    """A finding with its confidence interval."""
+    value, low, high = (_rounded(v) for v in interval)
+    return Finding(value=value, low=low, high=high, unit=unit, what=what)
+
+
+def plain(value: float | int | str, what: str, unit: str = "") -> Finding:
+    """A finding without limits."""
+    return Finding(value=_rounded(value) if isinstance(value, float) else value, unit=unit, what=what)
+
+
+def version_of(modules: Iterable[str], root: Path = ROOT) -> str:
+    """Hash of every source that may change the numbers of a study.
+
+    Args:
+        modules: where its numbers are made; all that these can reach counts, and all that any campaign computes with.
+        root: folder of the packages.
+    """
+    files = {*Sources(root).reached(modules).values(), *sources(root)}
+    digest = hashlib.sha256()
+    for path in sorted(files):
+        digest.update(path.relative_to(root).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings:
+    """All that a study found."""
+
+    study: str
+    command: str
+    """Computes it again."""
+    modules: tuple[str, ...]
+    """Where its numbers are made, as in `version_of`."""
+    version: str
+    """Of the sources that made them."""
+    findings: Mapping[str, Finding] = field(default_factory=dict)
+
+    def __getitem__(self, key: str) -> Finding:
+        """A finding by its name; LaisnError naming those that are alike if there is none."""
+        if key not in self.findings:
+            alike = [name for name in self.findings if name.partition(" ")[0] == key.partition(" ")[0]]
+            raise LaisnError(f"the study {self.study!r} found no {key!r}; it found {', '.join(alike or self.findings)}")
+        return self.findings[key]
+
+    def write(self, path: Path) -> None:
+        """Write the record: the same findings give the same bytes."""
+        given = {"schema": SCHEMA} | asdict(self)
+        given["findings"] = {
+            name: {key: value for key, value in finding.items() if value not in ("", None) or key == "value"}
+            for name, finding in given["findings"].items()
+        }
+        # a line for each finding, so that a difference of records can be read
+        head, _, rest = json.dumps(given | {"findings": {}}, ensure_ascii=False, indent=1).rpartition("{}")
+        lines = [
+            f"  {json.dumps(name, ensure_ascii=False)}: {json.dumps(finding, ensure_ascii=False)}"
+            for name, finding in given["findings"].items()
+        ]
+        with replaced(path) as part:
+            part.write_text(head + "{\n" + ",\n".join(lines) + "\n }" + rest + "\n", encoding="utf-8")
+
+
+def read(path: Path) -> Findings:
+    """A record.
+
+    Raises:
+        LaisnError: it is not there, or no record of this schema.
+    """
+    try:
+        given = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise LaisnError(f"{path}: no record of a study: {error}") from None
+    if not isinstance(given, dict) or given.pop("schema", None) != SCHEMA:
+        raise LaisnError(f"{path}: no record of schema {SCHEMA}; make it anew with make studies")
+    found = {name: Finding(**finding) for name, finding in given.pop("findings").items()}
+    return Findings(**given | {"modules": tuple(given["modules"])}, findings=found)

@@ -1,0 +1,43 @@
+"""All studies of which documents quote numbers: `make studies` flies them anew and keeps their records in the docs.
+
+`python -m experiments.gallery.studies NAME …` flies some of them.
+"""
+
+import argparse
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from experiments.asymmetry import study as asymmetry
+from experiments.closed_loop import study as closed_loop
+from experiments.findings import FILE
+from experiments.gallery import flights
+from experiments.gallery.documents import RECORDS
+from experiments.reproduction.study import reproduce
+from experiments.route_keeping import study as route_keeping
+
+STUDIES: dict[str, Callable[[Path], object]] = {
+    "flights": flights.run,
+    "route-keeping": route_keeping.run,
+    "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder, force=True),
+    "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder, force=True),
+    "closed-loop": closed_loop.run,
+    "asymmetry": lambda folder: asymmetry.run(folder, force=True),
+}
+"""How each is flown into a folder, whatever is there."""
+
+
+def main() -> None:
+    """Fly the studies named on the command line, or all of them."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("names", nargs="*", choices=[*STUDIES, []], help="studies; all if none is named")
+    for name in parser.parse_args().names or STUDIES:
+        print(f"{name} …", flush=True)
+        folder = Path("out") / name
+        STUDIES[name](folder)
+        RECORDS.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(folder / FILE, RECORDS / f"{name}.json")
+
+
+if __name__ == "__main__":
+    main()

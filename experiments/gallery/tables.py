@@ -1,0 +1,98 @@
+"""Tables of README and docs, made of records."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from experiments.findings import Finding, Findings
+from experiments.flight.library import ROUTES
+from laisn.settings import Variant
+
+Records = Mapping[str, Findings]
+
+NAMES: dict[Variant, str] = {"laisn-2": "LAISN-2", "laisn-3-1": "LAISN-3(1)", "laisn-3-2": "LAISN-3(2)"}
+RATIOS = (
+    ("Table 1: messages every 1 s", ("base",)),
+    ("Tables 2 to 4: every 5 s", ("5s",)),
+    ("Tables 2 to 4: every 10 s, Δt = 0.1 s and 1 s", ("10s", "10s-slow")),
+    ("Table 5: L = 1 m", ("L1",)),
+    ("Table 6: H_T = 0.2 m", ("HT0.2",)),
+    ("Table 7: τ = 0.06 m at the rear, 0.01 m elsewhere", ("asymmetric",)),
+    ("Tables 8 and 9: leader's compass 2.5° and 5° off", ("heading2.5", "heading5")),
+)
+"""Rows of the README's table: words, and settings."""
+VEHICLES = {"leader": "leader, L"} | {route: route for route in ROUTES} | {"T8-plan": "T8, plan"}
+TRACKED = {
+    "off-rms": ".2f", "off-max": ".2f", "arrival": ".1f", "speed": ".3f", "depth": ".3f", "pitch-max": ".1f",
+    "pitch-sigma": ".2f", "roll-max": ".1f",
+}  # fmt: skip
+"""Columns of the table of tracking, and their formats."""
+
+
+def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def _ratio(finding: Finding) -> str:
+    return f"{finding:.2f} ({finding:low .2f} … {finding:high .2f})"
+
+
+def ratios(records: Records) -> str:
+    """Mean E_P over the paper's, median and range of the missions."""
+    found, rows = records["reproduce-physics"], []
+    for words, settings in RATIOS:
+        cells = []
+        for variant in ("laisn-2", "laisn-3-2"):
+            keys = [f"ratio {setting} {variant}" for setting in settings]
+            cells.append(", ".join(_ratio(found[key]) for key in keys if key in found.findings))
+        rows.append([words, *cells])
+    heads = ["mean E_P, ours over the paper's: median of eight missions (least … largest)", "LAISN-2", "LAISN-3(2)"]
+    return markdown(heads, rows)
+
+
+def closed_loop(records: Records) -> str:
+    """Followers that steer by their own estimates, route by route."""
+    found = records["closed-loop"]
+    heads = ["route", *(f"{name}: E_P | off its place [m] | lost" for name in NAMES.values())]
+    rows = []
+    for route in ROUTES:
+        cells = [route]
+        for variant in NAMES:
+            of = f"{found[f'lost-runs {variant} {route}']:d} of {found['runs']:d}"
+            cells += [f"{found[f'error {variant} {route}']:.2f}", f"{found[f'off {variant} {route}']:.2f}", of]
+        rows.append(cells)
+    total = ["all, share lost"]
+    for variant in NAMES:
+        total += ["", "", f"{found[f'lost {variant}']:.0% i}"]
+    return markdown(" | ".join(heads).split(" | "), [*rows, total])
+
+
+def tracking(records: Records) -> str:
+    """How closely vehicles keep to their routes."""
+    found = records["route-keeping"]
+    heads = ["route", "off track, RMS [m]", "max", "arrival [s]", "speed [m/s]", "depth [m]", "pitch, max [°]", "σ",
+             "roll, max [°]"]  # fmt: skip
+    rows = [
+        [name, *(format(found[f"{quantity} {key}"], spec) for quantity, spec in TRACKED.items())]
+        for key, name in VEHICLES.items()
+    ]
+    return markdown(heads, rows)
+
+
+def changes(records: Records) -> str:
+    """Numbers that documents printed before, beside those of today; the earlier ones name study, finding and format."""
+    rows = []
+    for name, before in records["before"].findings.items():
+        study, _, rest = name.partition(" ")
+        key, _, spec = rest.rpartition(" ")
+        rows.append([before.what, f"{before:{spec}}", f"{records[study][key]:{spec} i}".replace(" (– to –)", "")])
+    return markdown(["number", "before", "now (limits)"], rows)
+
+
+TABLES: dict[str, Callable[[Records], str]] = {
+    "ratios": ratios,
+    "closed-loop": closed_loop,
+    "tracking": tracking,
+    "changes": changes,
+}
+"""By the name in a document."""

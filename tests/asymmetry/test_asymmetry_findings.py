@@ -1,0 +1,74 @@
+"""The record of the pitch study: every number comes from the rows that it names."""
+
+import numpy as np
+import pytest
+
+from experiments.asymmetry.findings import findings_of
+from experiments.asymmetry.missions import Plan, Row
+from experiments.asymmetry.tau import Curve, Curves, equivalents
+from tests.asymmetry.test_added_error import row
+
+PLAN = Plan(routes=("T3", "T4"), offsets_m=(0.0, 10.0), variants=("laisn-2",))
+WOBBLE = 0.01 * np.cos(np.arange(64.0))
+
+
+def rows() -> list[Row]:
+    """Two routes; pitch adds 1 m on T3, 3 m on T4, of which an AHRS leaves a tenth and a fifth."""
+    made = []
+    for route, real, left in (("T3", 1.2, 0.3), ("T4", 3.2, 0.8)):
+        where = {"route": route, "depth_offset_m": 10.0, "condition": "trim-12N"}
+        lost = np.arange(64) < (16 if route == "T4" else 0)
+        verdicts = {"error_verdict": "met", "capture_verdict": "open"}
+        made += [
+            row("level", 0.2 + WOBBLE, **where),
+            row("real", real - WOBBLE, lost, **where),
+            row(
+                "ahrs-0.5",
+                left + WOBBLE,
+                lost & (np.arange(64) < 4),
+                **verdicts,
+                **where,
+            ),
+        ]
+    return made
+
+
+CURVES = Curves(
+    tau=tuple(
+        Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=float("nan"), value=(0.01, 0.03, 0.06),
+              e_p_mean_m=(0.2, 0.4, e)) for r, e in (("T3", 0.6), ("T4", 1.0))
+    ),
+    pitch=tuple(
+        Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=10.0, value=(0.0, -5.0, -10.0),
+              e_p_mean_m=(0.2, 0.7, 1.2)) for r in ("T3", "T4")
+    ),
+)  # fmt: skip
+
+
+def test_the_record_is_that_of_the_rows() -> None:
+    found = findings_of(PLAN, rows(), CURVES, "laisn asymmetry")
+    assert (found["missions"].value, found["cells"].value, found["runs"].value) == (2, 6, 384)
+    assert (found["first-runs"].value, found["most-runs"].value) == (64, 384)
+    assert found["error trim-12N 10 laisn-2 level"].value == pytest.approx(0.2, abs=1e-3)
+    assert found["error trim-12N 10 laisn-2 real"].value == pytest.approx(2.2, abs=1e-3)
+    for group in ("trim", "all"):
+        removed = found[f"removed ahrs-0.5 laisn-2 {group}"]
+        assert removed.value == pytest.approx(1 - 0.7 / 4.0, abs=1e-3)
+        assert removed.low < removed.value < removed.high  # type: ignore[operator]
+        assert found[f"captured real laisn-2 {group}"].value == pytest.approx(16 / 128)
+        assert found[f"captures-removed ahrs-0.5 laisn-2 {group}"].value == pytest.approx(0.75)
+        assert found[f"judged laisn-2 {group}"].value == 2
+        counts = [found[f"error {v} ahrs-0.5 laisn-2 {group}"].value for v in ("met", "open", "missed", "harmed")]
+        assert counts == [2, 0, 0, 2]
+        assert found[f"capture open ahrs-0.5 laisn-2 {group}"].value == 2
+    assert found["least ahrs-0.5 trim"].value == pytest.approx(0.8, abs=1e-3)
+    assert found["largest ahrs-0.5 trim"].value == pytest.approx(0.9, abs=1e-3)
+    stage = found["stage-4 0.06 10"]
+    assert (stage.value, stage.low, stage.high) == (6.0, 4.0, 8.0)
+
+
+def test_pitch_that_does_what_tau_does() -> None:
+    # 0.2 m more at 0.03 m, and 0.1 m a degree
+    assert equivalents(CURVES, 0.03, 10.0) == pytest.approx([2.0, 2.0])
+    assert equivalents(CURVES, 0.06, 10.0) == pytest.approx([4.0, 8.0])
+    assert equivalents(CURVES, 0.06, 5.0) == []

@@ -1,0 +1,104 @@
+"""Ratios, distances, claims and captures of the reproduction: on figures made by hand."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.reproduction import paper_tables
+from experiments.reproduction.claims import CLAIMS
+from experiments.reproduction.findings import findings_of, listed
+from experiments.reproduction.page import page_of
+from experiments.reproduction.record import Reproduction, mean_distance, ratios
+from experiments.reproduction.stages import METRICS, SETTINGS, Key
+from experiments.reproduction.verdict import Evidence, Judgement, Verdict
+from tests.synthetic import make_scenario, make_trajectory
+
+BASE, GATE = (
+    replace(next(s for s in SETTINGS if s.name == name), variants=("laisn-2",)) for name in ("base", "measured-gate")
+)
+OURS = {"T2": 3.0, "T3": 1.0, "T4": 0.9}
+THEIRS = {"T2": 1.0, "T3": 2.0, "T4": 1.0}
+
+
+def figures(mean: float) -> dict[str, Any]:
+    return dict.fromkeys(METRICS, mean) | {
+        "runs": 60, "captured_runs": 3, "e_p_mean_uncaptured_m": 0.5, "e_p_p50_m": 1.0, "e_p_p95_m": 1.0,
+        "e_b_p95_deg": 1.0, "nees": 4000.0, "nis": 2.0, "fixes_gated": 0, "worst_run": 0, "version": "v",
+    }  # fmt: skip
+
+
+ROWS = {(s.name, m, "laisn-2"): figures(v) for s in (BASE, GATE) for m, v in OURS.items()}
+PUBLISHED: dict[Key, dict[str, float]] = {("base", m, "laisn-2"): dict.fromkeys(METRICS, v) for m, v in THEIRS.items()}
+
+
+def judged(*verdicts: Verdict) -> list[tuple[Any, Judgement, Judgement]]:
+    held = Judgement(verdict="holds", figures="")
+    return [(claim, Judgement(verdict=v, figures=""), held) for claim, v in zip(CLAIMS, verdicts, strict=False)]
+
+
+def reproduction(folder: Path) -> Reproduction:
+    return Reproduction(
+        motion="kinematic", runs=60, seed=1, settings=(BASE,), plans={}, rows=ROWS, steps={}, published=PUBLISHED,
+        evidence=Evidence(rows=ROWS, missions=tuple(OURS)),
+        judgements=judged("holds", "depends", "does not hold", "no data"), folder=folder,
+    )  # fmt: skip
+
+
+def test_ratios_are_ours_over_the_papers() -> None:
+    assert ratios(ROWS, PUBLISHED, BASE, "laisn-2", "e_p_mean_m").tolist() == [3.0, 0.5, 0.9]
+    assert ratios(ROWS, PUBLISHED, GATE, "laisn-2", "e_p_mean_m").tolist() == [3.0, 0.5, 0.9]
+    assert ratios(ROWS, PUBLISHED, BASE, "laisn-3-2", "e_p_mean_m").size == 0
+
+
+def test_the_table_of_medians_shows_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper_tables, "ratio_tone", str)
+    shown = paper_tables.median_ratios(reproduction(tmp_path))
+    (row,) = shown.rows
+    assert [cell.text for cell in row] == ["Table 1", "Δt_D = 1 s", "LAISN-2", *["0.90"] * 6]
+    assert {cell.title for cell in row[3:]} == {"0.50 … 3.00"}
+    assert {cell.tone for cell in row[3:]} == {"0.9"}
+
+
+def test_the_record_quotes_medians_captures_and_claims() -> None:
+    judgements = judged("holds", "depends", "does not hold", "no data", "holds")
+    found = findings_of((BASE, GATE), ROWS, PUBLISHED, judgements, "kinematic")
+    assert found.study == "reproduce-kinematic"
+    ratio = found["ratio base laisn-2"]
+    assert (ratio.value, ratio.low, ratio.high) == (0.9, 0.5, 3.0)
+    assert found["captured base laisn-2"].value == pytest.approx(9 / 180)
+    assert format(found["captured base laisn-2"], ".0% i") == "5 % (2 to 9 %)"
+    expected = {"holds": (2, "1 and 5"), "depends": (1, "2"), "does not hold": (1, "3"), "no data": (1, "4")}
+    for verdict, (number, which) in expected.items():
+        assert (found[f"our {verdict} number"].value, found[f"our {verdict}"].value) == (number, which)
+    assert found["the paper's holds number"].value == 5
+    assert found["the paper's depends"].value == "none"
+    assert found["error measured-gate laisn-2 T2"].value == 3.0
+    assert found["printed measured-gate laisn-2 T2"].value == 1.0
+    assert found["apart measured-gate laisn-2 T4"].value == pytest.approx(0.1)
+    assert (found["cells"].value, found["runs"].value) == (6, 60)
+
+
+def test_claims_without_data_do_not_count_against_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("median_ratios", "all_rows", "one_setting"):
+        monkeypatch.setattr(paper_tables, name, lambda *_: paper_tables.Text(text=""))
+    monkeypatch.setattr(paper_tables, "far_off", lambda *_: [])
+    page = page_of(reproduction(tmp_path), {})
+    assert "1 of the 3 claims of the paper that these cells test hold: 1." in page.summary
+    caption = page.sections[0].blocks[0].caption  # type: ignore[union-attr]
+    assert "set so that its own tables pass" in caption
+
+
+def test_numbers_in_words() -> None:
+    assert [listed(n) for n in ([], [3], [1, 7], [1, 2, 9])] == ["none", "3", "1 and 7", "1, 2 and 9"]
+
+
+def test_the_mean_distance_is_that_of_hydrophone_and_leader() -> None:
+    flight = make_trajectory(make_scenario(30.0))
+    site = flight.site_names.index(f"{flight.names[1]}/hydrophone")
+    apart = [np.linalg.norm(flight.site_position[i, site, :2] - flight.position[i, 0, :2])
+             for i in range(flight.time.size)]  # fmt: skip
+    assert mean_distance(flight) == pytest.approx(sum(apart) / len(apart), rel=1e-12)
+    assert mean_distance(flight) > 1.0

@@ -1,0 +1,206 @@
+"""Records of studies, and the numbers that documents take from them."""
+
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from experiments.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
+from experiments.gallery import documents
+from experiments.gallery.tables import changes, closed_loop, markdown, ratios, tracking
+from experiments.intervals import Interval
+from laisn.failure import LaisnError
+from laisn.sources import ROOT
+
+SHARE = of(Interval(0.98, 0.965, 0.9951), "share", "")
+RECORD = Findings(
+    study="dive", command="laisn dive", modules=("experiments.intervals",), version="1",
+    findings={
+        "removed ahrs": SHARE, "error level": plain(0.70449999, "mean", "m"), "runs": plain(1_165_696, "runs"),
+        "held": plain("1 and 7", "claims"), "harm": of(Interval(-0.176, -0.189, float("nan")), "share"),
+        "unknown": plain(float("nan"), "nothing"),
+    },
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("key", "spec", "text"),
+    [
+        ("removed ahrs", ".0%", "98 %"),
+        ("removed ahrs", ".1% i", "98.0 % (96.5 to 99.5 %)"),
+        ("removed ahrs", "high .0%", "100 %"),
+        ("removed ahrs", "low .2f", "0.96"),
+        ("error level", ".2f", "0.70"),
+        ("runs", ",d", "1,165,696"),
+        ("held", "s", "1 and 7"),
+        ("harm", ".0% i", "−18 % (−19 to –)"),
+        ("unknown", ".2f", "–"),
+    ],
+)
+def test_findings_are_printed_as_asked(key: str, spec: str, text: str) -> None:
+    assert format(RECORD[key], spec) == text
+
+
+def test_what_is_rounded_to_nothing_has_no_sign() -> None:
+    assert format(plain(-0.001, ""), ".1f") == "0.0"
+
+
+def test_a_format_that_is_none_is_refused() -> None:
+    with pytest.raises(ValueError, match="is no format of a finding"):
+        format(SHARE, ".0% within brackets")
+
+
+def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "results.json"
+    RECORD.write(path)
+    assert read(path) == RECORD
+    given = json.loads(path.read_text(encoding="utf-8"))
+    assert given["schema"] == SCHEMA
+    assert given["command"] == "laisn dive"
+    assert given["findings"]["error level"] == {"value": 0.7045, "unit": "m", "what": "mean"}
+    first = path.read_bytes()
+    RECORD.write(path)
+    assert path.read_bytes() == first
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": 0}', '{"schema": 1'])
+def test_what_is_no_record_is_named(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "results.json"
+    path.write_text(text)
+    with pytest.raises(LaisnError, match=r"results\.json: no record"):
+        read(path)
+    with pytest.raises(LaisnError, match="no record"):
+        read(tmp_path / "none.json")
+
+
+def test_an_unknown_finding_names_those_that_are_alike() -> None:
+    with pytest.raises(LaisnError, match=r"'dive' found no 'removed exact'; it found removed ahrs$"):
+        RECORD["removed exact"]
+
+
+def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
+    for package in ("models", "laisn", "sim", "experiments"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    modules = ("experiments.asymmetry.findings", "experiments.asymmetry.flying")
+    before = version_of(modules, tmp_path)
+    for name, counts in (
+        ("experiments/intervals.py", True), ("experiments/asymmetry/verdict.py", True), ("sim/water/waves.py", True),
+        ("experiments/asymmetry/remedies_page.py", False), ("experiments/pages/page.py", False),
+    ):  # fmt: skip
+        path = tmp_path / name
+        whole = path.read_bytes()
+        path.write_bytes(whole + b"\n# edited\n")
+        assert (version_of(modules, tmp_path) != before) == counts, name
+        path.write_bytes(whole)
+
+
+RECORDS = {"dive": RECORD}
+
+
+def test_numbers_and_tables_are_filled_in_and_nothing_else_is_touched() -> None:
+    text = (
+        "It removes <!--= dive removed ahrs .0% i -->nothing<!--/--> of it, over <!--= dive runs ,d --><!--/--> runs.\n"
+        "<!-- a comment -->\n<!-- table one -->\nold\n<!-- /table -->\nThe end: 98 %.\n"
+    )
+    expected = (
+        "It removes <!--= dive removed ahrs .0% i -->98 % (96 to 100 %)<!--/--> of it, over "
+        "<!--= dive runs ,d -->1,165,696<!--/--> runs.\n"
+        "<!-- a comment -->\n<!-- table one -->\n\n| a |\n\n<!-- /table -->\nThe end: 98 %.\n"
+    )
+    tables = {"one": lambda found: f"| {'a' if found is RECORDS else 'b'} |\n"}
+    once = documents.filled(text, RECORDS, tables)
+    assert once == expected
+    assert documents.filled(once, RECORDS, tables) == once
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("a <!--= swim runs d --><!--/-->", "no record of 'swim'; there are dive"),
+        ("a <!--= dive sums d --><!--/-->", "found no 'sums'"),
+        ("a <!--= dive runs d -->12", "not closed or not understood, one of: <!--= dive runs d -->"),
+        ("a <!--= dive runs -->12<!--/-->", "not closed or not understood"),
+        ("a <!--= dive runs\nd -->12<!--/-->", "not closed or not understood"),
+        ("- <!--= dive runs d -->12<!--/-->", "may not begin with a number's marker"),
+        ("<!-- table two -->\n<!-- /table -->", "no table 'two'; there are "),
+        ("<!-- table two -->\n", "not closed or not understood"),
+    ],
+)
+def test_markers_that_cannot_be_filled_are_named(text: str, fault: str) -> None:
+    with pytest.raises(LaisnError) as raised:
+        documents.filled(text, RECORDS)
+    assert fault in str(raised.value)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A document and its record."""
+    (tmp_path / "results").mkdir()
+    fresh = replace(RECORD, version=version_of(RECORD.modules))
+    fresh.write(tmp_path / "results" / "dive.json")
+    page = tmp_path / "page.md"
+    page.write_text("a <!--= dive runs d -->1165696<!--/--> b\n", encoding="utf-8")
+    monkeypatch.setattr(documents, "ROOT", tmp_path)
+    monkeypatch.setattr(documents, "DOCUMENTS", (page,))
+    monkeypatch.setattr(documents.records, "__defaults__", (tmp_path / "results",))
+    return tmp_path
+
+
+def test_a_number_that_is_not_the_records_is_a_fault(checkout: Path) -> None:
+    assert documents.faults() == []
+    page = checkout / "page.md"
+    page.write_text(page.read_text(encoding="utf-8").replace("1165696", "1165697"), encoding="utf-8")
+    assert documents.faults() == ["page.md has not the numbers of docs/results: run make figures"]
+    documents.write()
+    assert documents.faults() == []
+
+
+def test_a_record_of_other_sources_is_a_fault(checkout: Path) -> None:
+    RECORD.write(checkout / "results" / "dive.json")
+    assert documents.faults() == ["docs/results of dive: the sources have changed since: run make studies figures"]
+
+
+def record(study: str, found: Mapping[str, Finding]) -> Findings:
+    return Findings(study=study, command="", modules=(), version="", findings=found)
+
+
+class Everything(dict[str, Finding]):
+    """Any finding has the same value."""
+
+    def __missing__(self, key: str) -> Finding:
+        return Finding(value=0.25, low=0.125, high=0.5)
+
+    def __contains__(self, key: object) -> bool:
+        return True
+
+
+def test_tables_take_every_cell_from_its_finding() -> None:
+    found = {"ratio base laisn-2": Finding(value=0.912, low=0.5, high=1.249)}
+    table = ratios({"reproduce-physics": record("reproduce-physics", found)}).splitlines()
+    assert table[2] == "| Table 1: messages every 1 s | 0.91 (0.50 … 1.25) |  |"
+    assert table[6] == "| Table 6: H_T = 0.2 m |  |  |"
+
+    class Run(Everything):
+        def __missing__(self, key: str) -> Finding:
+            return plain({"runs": 5, "lost-runs laisn-2 T5": 4}.get(key, 0), "") if "runs" in key else {
+                "error laisn-2 T5": plain(1.26, ""), "off laisn-2 T5": plain(466.2, ""),
+            }.get(key, super().__missing__(key))  # fmt: skip
+
+    rows = closed_loop({"closed-loop": record("closed-loop", Run())}).splitlines()
+    assert rows[5].startswith("| T5 | 1.26 | 466.20 | 4 of 5 | 0.25 | 0.25 | 0 of 5 |")
+    assert (
+        rows[-1] == "| all, share lost |  |  | 25 % (12 to 50 %) |  |  | 25 % (12 to 50 %) |  |  | 25 % (12 to 50 %) |"
+    )
+    rows = tracking({"route-keeping": record("route-keeping", Everything())}).splitlines()
+    assert rows[2] == "| leader, L | 0.25 | 0.25 | 0.2 | 0.250 | 0.250 | 0.2 | 0.25 | 0.2 |"
+    assert len(rows) == 12
+    before = {"dive removed ahrs .0%": Finding(value=0.91, what="share"), "dive runs d": Finding(value=60, what="runs")}
+    rows = changes(RECORDS | {"before": record("before", before)}).splitlines()
+    assert rows[2:] == ["| share | 91 % | 98 % (96 to 100 %) |", "| runs | 60 | 1165696 |"]
+
+
+def test_a_table_is_markdown() -> None:
+    assert markdown(["a", "b"], [["1", "2"]]) == "| a | b |\n| --- | --- |\n| 1 | 2 |\n"
