@@ -26,6 +26,7 @@ from experiments.asymmetry.remedies import ARM, EXACT, LEVEL_BROADCAST, READINGS
 from experiments.asymmetry.tau import Curve, equivalent
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import histories
+from experiments.campaign.progress import while_compiling
 from experiments.flight.library import ROUTES, load
 from laisn.navigator import Navigator
 from sim.flight import navigate
@@ -133,6 +134,14 @@ def test_planner_says_where_no_offset_will_do():
     # foreshortening alone, D cos B (1 − cos φ) / sin B to first order, is more than the bound
     assert np.isnan(deepest_offset(np.deg2rad(10.0), np.deg2rad(30.0), 100.0, 0.5))
     assert 100.0 * (1 - np.cos(np.deg2rad(10.0))) / np.tan(np.deg2rad(30.0)) > 0.5
+
+
+def test_what_missions_need_is_compiled_ahead():
+    asymmetry._compile_ahead(QUICK_CONDITIONS[0], SHORT)
+    told = []
+    with while_compiling(told.append):
+        fly_condition(QUICK_CONDITIONS[0], 10.0, SHORT)
+    assert told == []
 
 
 def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):

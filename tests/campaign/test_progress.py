@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 import pytest
@@ -56,7 +57,7 @@ def test_the_first_item_is_not_in_the_time_left(monkeypatch: pytest.MonkeyPatch,
                                                ) -> None:  # fmt: skip
     """Compiled for 60 s, then an item every 10 s: with 3 of 6 done, 30 s are left, at 0.1 a second."""
     clock = iter([0.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0])
-    monkeypatch.setattr("experiments.campaign.progress.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     with progress.progress("cells", 6) as advance:
         for _ in range(6):
             advance()
