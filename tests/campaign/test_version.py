@@ -100,7 +100,7 @@ def test_a_renamed_entry_is_noticed(tree: Path) -> None:
 
 def test_whatever_python_loads_for_the_studies_is_among_the_sources() -> None:
     """Python's own list of modules is the judge: campaigns, and the modules of the pitch study that compute."""
-    studies = [f"experiments.asymmetry.{name}" for name in study._SOURCES]
+    studies = study._COMPUTING
     code = f"import sys, experiments.campaign.campaign\nown = {PACKAGES!r}\n"
     code += "print(*(m for m in sys.modules if m.partition('.')[0] in own), sep='\\n')\n"
     code += f"import {', '.join(studies)}\n"
