@@ -29,6 +29,8 @@ class FixKind(IntEnum):
     """The filter was already exact (S singular): the update was skipped."""
     LOST = 6
     """Ranges were missing, so that no fix could be made."""
+    ONE_RANGE = 7
+    """One range alone: the prediction was moved along its line of sight, onto the circle."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +55,7 @@ class Estimates:
     innovation: Floats
     """Position innovation z − H x̂ before the update, shape (f, 2), [m]."""
     innovation_covariance: Floats
-    """S of the position update, shape (f, 2, 2), [m²]."""
+    """S of the position update, shape (f, 2, 2), [m²]; of one range alone, its variance times the unit matrix."""
 
     def __post_init__(self) -> None:
         n, f = self.state.shape[0], self.fix_step.size

@@ -71,6 +71,23 @@ class Innovation(NamedTuple):
     """False where S was singular and the update was skipped."""
 
 
+def _motion(dt: float) -> tuple[Floats, Floats]:
+    """Transition over a step of constant velocity, and Q for an acceleration of unit variance that is constant over it.
+
+    Paper, Section 2.1; both of shape (4, 4).
+    """
+    position, cross, velocity = dt**4 / 4, dt**3 / 2, dt**2
+    noise = np.array(
+        [
+            [position, 0, cross, 0],
+            [0, position, 0, cross],
+            [cross, 0, velocity, 0],
+            [0, cross, 0, velocity],
+        ]
+    )
+    return np.eye(4) + dt * np.eye(4, k=2), noise
+
+
 class Filter:
     """State [x, y, vx, vy] and its covariance."""
 
@@ -86,17 +103,7 @@ class Filter:
         # one-dimensional: a column would broadcast against the rows of z in silence
         self._kalman.x = np.array(start, dtype=np.float64)
         self._kalman.P = np.diag(np.square(sigma0))
-        self._kalman.F = np.eye(4) + dt * np.eye(4, k=2)
-        # Q for an acceleration of unit variance, constant over the step (paper, Section 2.1)
-        position, cross, velocity = dt**4 / 4, dt**3 / 2, dt**2
-        self._unit_noise = np.array(
-            [
-                [position, 0, cross, 0],
-                [0, position, 0, cross],
-                [cross, 0, velocity, 0],
-                [0, cross, 0, velocity],
-            ]
-        )
+        self._kalman.F, self._unit_noise = _motion(dt)
 
     @property
     def state(self) -> Floats:
@@ -108,9 +115,16 @@ class Filter:
         """Shape (4, 4); a copy."""
         return np.array(self._kalman.P)
 
-    def predict(self, sigma_a: float) -> None:
-        """One step of constant velocity under accelerations of standard deviation σa [m/s²]."""
-        self._kalman.predict(Q=sigma_a**2 * self._unit_noise)
+    def predict(self, sigma_a: float, duration: float | None = None) -> None:
+        """One step of constant velocity under accelerations of standard deviation σa [m/s²].
+
+        `duration` is that of this step, if it is not the usual one [s].
+        """
+        if duration is None:
+            self._kalman.predict(Q=sigma_a**2 * self._unit_noise)
+        else:
+            transition, noise = _motion(duration)
+            self._kalman.predict(F=transition, Q=sigma_a**2 * noise)
 
     def update_position(self, position: tuple[float, float], sigma: float) -> Innovation:
         """Position update in Joseph form; skipped where the filter is already exact and σp = 0."""
@@ -121,6 +135,29 @@ class Filter:
             return Innovation(residual, covariance, applied=False)
         self._kalman.update(z, R=sigma**2 * np.eye(2), H=_H_POSITION)
         return Innovation(residual, covariance, applied=True)
+
+    def update_along(self, position: tuple[float, float], axis: tuple[float, float], sigma: float) -> Innovation:
+        """Update with a position that is known along one direction alone, in Joseph form; skipped as the other one.
+
+        Args:
+            position: on the line through the prediction along `axis` [m].
+            axis: unit vector (east, north).
+            sigma: standard deviation along it [m].
+
+        Returns:
+            The residual along the axis as a vector, and the variance of its length times the unit matrix.
+        """
+        residual = np.array(position) - self._kalman.x[POSITION]
+        h = np.array([axis[0], axis[1], 0.0, 0.0])
+        covariance = self._kalman.P
+        variance = float(h @ covariance @ h) + sigma**2
+        if variance < SINGULAR_VARIANCE:
+            return Innovation(residual, variance * np.eye(2), applied=False)
+        gain = covariance @ h / variance
+        rest = np.eye(4) - np.outer(gain, h)
+        self._kalman.x = self._kalman.x + gain * float(residual @ h[:2])
+        self._kalman.P = rest @ covariance @ rest.T + sigma**2 * np.outer(gain, gain)
+        return Innovation(residual, variance * np.eye(2), applied=True)
 
     def update_speed(self, speed: float, heading: float, sigma_speed: float, sigma_heading: float) -> None:
         """Speed update from log and compass, R = J diag(σV², σθ²) Jᵀ (paper, Section 2.1)."""

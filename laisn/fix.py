@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from laisn import FRONT, MIDDLE, REAR
 from laisn.estimates import FixKind
-from laisn.geometry import horizontal_range, intersections, transmitter_positions
-from laisn.messages import LeaderMessage, Ranges
+from laisn.geometry import horizontal_range, intersections, place_on_body, transmitter_positions
+from laisn.messages import LeaderMessage, Reception
 from laisn.settings import NavigationSettings
 
 Floats = npt.NDArray[np.float64]
@@ -44,6 +44,8 @@ class Circles(NamedTuple):
     """Leader's heading [rad]."""
     depth_difference: float
     """Δz, depth of the hydrophone less that of the leader [m]."""
+    free: bool = False
+    """The transmitters sit on no leader's hull, so that nothing is known of the side that the follower is on."""
 
 
 class Fix(NamedTuple):
@@ -54,6 +56,8 @@ class Fix(NamedTuple):
     sigma: float
     """σp [m]."""
     kind: FixKind
+    axis: Point | None = None
+    """Unit vector (east, north) of the only direction that z is known in; None: all."""
 
 
 class PairFix(NamedTuple):
@@ -74,30 +78,82 @@ class PairFix(NamedTuple):
 LOST = Fix((np.nan, np.nan), np.nan, FixKind.LOST)
 
 
-def circles(message: LeaderMessage, ranges: Ranges, own_depth: float, settings: NavigationSettings) -> Circles:
-    """Transmitters where the follower believes them to be, and horizontal ranges to them.
-
-    The leader is taken as level unless its attitude is broadcast and used. A slant range shorter than the depth
-    difference counts as a horizontal range of 0.
-    """
+def _transmitters(message: LeaderMessage, settings: NavigationSettings) -> Floats:
+    """Rows of (east, north, depth), shape (3, 3), [m]; NaN for a middle one that is not there."""
     known = settings.use_attitude and not np.isnan(message.pitch) and not np.isnan(message.roll)
     attitude = (message.heading, message.pitch if known else 0.0, message.roll if known else 0.0)
     origin = (message.east, message.north, message.depth)
-    transmitters = transmitter_positions(origin, attitude, settings.baseline, settings.middle_offset)
+    if not settings.transmitter_offsets:
+        return transmitter_positions(origin, attitude, settings.baseline, settings.middle_offset)
+    offsets = np.full((3, 3), np.nan)
+    offsets[: len(settings.transmitter_offsets)] = settings.transmitter_offsets
+    return place_on_body(origin, attitude, offsets)
+
+
+def circles(reception: Reception, own_depth: float, settings: NavigationSettings) -> Circles:
+    """Transmitters where the follower believes them to be, and horizontal ranges to them.
+
+    They are where the message says; if it does not, on the leader, which is taken as level unless its attitude is
+    broadcast and used. A slant range shorter than the depth difference counts as a horizontal range of 0, and one to a
+    transmitter whose place is unknown as not received.
+    """
+    message, told = reception.message, reception.transmitters
+    transmitters = _transmitters(message, settings) if told is None else told
     hydrophone = own_depth - settings.hydrophone_height
-    rear, front, middle = (horizontal_range(r, hydrophone - transmitters[i, 2]) for i, r in enumerate(ranges))
-    return Circles(transmitters[:, :2], (rear, front, middle), message.heading, hydrophone - message.depth)
+    rear, front, middle = (horizontal_range(r, hydrophone - transmitters[i, 2]) for i, r in enumerate(reception.ranges))
+    free = told is not None or bool(settings.transmitter_offsets)
+    return Circles(transmitters[:, :2], (rear, front, middle), message.heading, hydrophone - message.depth, free)
+
+
+def _on_line(rear: Floats, front: Floats, d_rear: float, d_front: float) -> Fix:
+    """The point of the line through two transmitters, apart from each other, that fits both ranges best.
+
+    Where the circles lie apart or within each other, it is midway between them; where they meet in two points close
+    together, between these. The rule that the follower is behind the leader has no meaning for beacons, and would be
+    wrong by up to twice the range between them.
+    """
+    length = float(np.hypot(*(front - rear)))
+    if d_rear + d_front < length:
+        along = 0.5 * (d_rear + length - d_front)
+    elif d_rear - d_front > length:
+        along = 0.5 * (d_rear + length + d_front)
+    elif d_front - d_rear > length:
+        along = 0.5 * (length - d_rear - d_front)
+    else:
+        along = (length**2 + d_rear**2 - d_front**2) / (2.0 * length)
+    east, north = rear + along / length * (front - rear)
+    return Fix((float(east), float(north)), 0.0, FixKind.ASTERN)
+
+
+def one_range(heard: Circles, predicted: Point) -> Fix:
+    """The point nearest to the prediction on the circle of the first range that was received; LOST if none was.
+
+    The paper has no use for one range alone. Its P_D for the rear transmitter, dead astern of the leader, would be one,
+    but is wrong by up to twice the range for a follower that is elsewhere. Here the range corrects what it measures,
+    the distance, and leaves the direction to the prediction.
+    """
+    for centre, radius in zip(heard.centre, heard.radius, strict=True):
+        away = np.array(predicted) - centre
+        distance = float(np.hypot(away[0], away[1]))
+        if np.isnan(radius) or distance == 0.0:
+            continue
+        east, north = away / distance
+        x, y = centre + radius / distance * away
+        return Fix((float(x), float(y)), 0.0, FixKind.ONE_RANGE, (float(east), float(north)))
+    return LOST
 
 
 def _on_axis(pair: Pair, heard: Circles, predicted: Point, settings: NavigationSettings) -> Fix:
     """P_D: on the pair's axis behind the leader (paper, Section 2.2 and Eq. 23), σp = 0.
 
     With the side rule "predicted" and a prediction ahead of the pair's middle, the point lies ahead instead, at the
-    front transmitter's range from it.
+    front transmitter's range from it. Transmitters on no hull have neither: see `_on_line`.
     """
     rear, front = heard.centre[pair.rear], heard.centre[pair.front]
     axis = front - rear
     length = float(np.hypot(axis[0], axis[1]))
+    if heard.free and length > 0:
+        return _on_line(rear, front, heard.radius[pair.rear], heard.radius[pair.front])
     heading = heard.heading
     unit = axis / length if length > 0 else np.array([np.sin(heading), np.cos(heading)])
     ahead = settings.side_rule == "predicted" and float(np.dot(predicted - 0.5 * (rear + front), unit)) > 0

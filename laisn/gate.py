@@ -18,6 +18,11 @@ class Gate:
         self._settings = settings
         self._position = start
         self._step = 0
+        self._extra = 0.0
+
+    def lengthen(self, extra: float) -> None:
+        """Say that the step that begins takes so much longer than Δt [s]."""
+        self._extra += extra
 
     def bound(self, step: int, speed: float) -> float:
         """Greatest distance that the vehicle can be from the last accepted position at a step [m].
@@ -26,7 +31,8 @@ class Gate:
             step: k.
             speed: measured at this step [m/s]; used by the rule "v-measured".
         """
-        elapsed = (step - self._step) * self._settings.dt
+        # steps of Δt are counted, not added up, so that this is exact where there are no others
+        elapsed = (step - self._step) * self._settings.dt + self._extra
         if self._settings.gate == "v-max":
             return self._settings.follower_speed_max * elapsed
         if self._settings.gate == "v-measured":
@@ -44,3 +50,4 @@ class Gate:
         """Take the state after an update as the new last accepted position."""
         self._position = position
         self._step = step
+        self._extra = 0.0

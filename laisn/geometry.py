@@ -93,6 +93,17 @@ def transmitter_positions(origin: Triple, attitude: Triple, baseline: float, mid
     return positions
 
 
+def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
+    """Rows of (east, north, depth) of points anywhere on a body, shape (n, 3), [m].
+
+    `origin` is the body's (east, north, depth), `attitude` its (heading, pitch, roll), and `offsets` has rows of
+    (forward, port, up), shape (n, 3), [m].
+    """
+    forward, port = (np.array(hull_to_world(*unit, attitude)) for unit in ((1.0, 0.0), (0.0, 1.0)))
+    moved = offsets @ np.stack([forward, port, np.cross(forward, port)])
+    return np.asarray(np.array(origin) + moved * [1.0, 1.0, -1.0])
+
+
 @compiled
 def horizontal_range(slant_range: float, depth_difference: float) -> float:
     """Horizontal range D = √(R² − Δz²) [m]; 0 where a range error makes R < |Δz|, NaN where R is NaN."""

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled_lanes
+from laisn.failure import LaisnError
 from laisn.settings import NavigationSettings
 
 Floats = npt.NDArray[np.float64]
@@ -88,7 +89,17 @@ def _compiled(name: str, chosen: str, twins: dict[str, Choice]) -> Choice:
 
 
 def tuning(settings: NavigationSettings) -> Tuning:
-    """Settings as compiled code takes them; NotImplementedError naming a choice that it does not know."""
+    """Settings as compiled code takes them.
+
+    Raises:
+        NotImplementedError: naming a choice that it does not know.
+        LaisnError: they are for one vehicle's navigator alone.
+    """
+    if settings.use_single_range or settings.transmitter_offsets:
+        raise LaisnError(
+            "use_single_range and transmitter offsets are for single vehicles and their logs; campaigns know "
+            "transmitters on the leader's hull only, and drop a range that arrives alone"
+        )
     return Tuning(
         variant=_compiled("variant", settings.variant, _VARIANTS),
         gate=_compiled("gate", settings.gate, _GATES),

@@ -153,6 +153,8 @@ def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: Na
             raise ValueError(f"mission {number} has steps of {mission.dt:g} s, the settings {settings.dt:g} s")
         if mission.speed.size != first.speed.size or not np.array_equal(mission.message_step, first.message_step):
             raise ValueError(f"mission {number} has other steps or other message steps than mission 0")
+        if mission.durations is not None or mission.transmitters is not None:
+            raise ValueError(f"mission {number} has steps or transmitters of its own; lanes know equal ones only")
         sensed = (mission.speed, mission.heading, mission.depth, mission.message[:, :6])
         if not all(np.all(np.isfinite(values)) for values in sensed):
             raise ValueError(f"mission {number}: an own measurement or the leader's pose is not finite")

@@ -59,13 +59,16 @@ class Reception(NamedTuple):
 
     message: LeaderMessage
     ranges: Ranges
+    transmitters: Floats | None = None
+    """Where the rear, front and middle transmitter were, if the message says so: rows of east, north, depth,
+    shape (3, 3), [m]; NaN for one that is not there. None: where the settings place them about the leader."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measurements:
     """Everything one follower measured in a mission: n filter steps (k = 1 … n) and m messages.
 
-    Raises ValueError if shapes disagree or `message_step` is not increasing within 1 … n.
+    Raises ValueError if shapes disagree, `message_step` is not increasing within 1 … n, or a duration is not positive.
     """
 
     dt: float
@@ -82,6 +85,10 @@ class Measurements:
     """Rows of `LeaderMessage` in the order of its fields, shape (m, 9)."""
     ranges: Floats
     """Rows of `Ranges`: slant ranges, shape (m, 3), [m]."""
+    durations: Floats | None = None
+    """How long each filter step took, shape (n,), [s]; None: Δt each."""
+    transmitters: Floats | None = None
+    """Of each reception, shape (m, 3, 3), [m], as `Reception.transmitters`; None: none says."""
 
     def __post_init__(self) -> None:
         n, m = self.speed.size, self.message_step.size
@@ -93,12 +100,23 @@ class Measurements:
             "message": (m, len(LeaderMessage._fields)),
             "ranges": (m, len(Ranges._fields)),
         }
+        expected |= {"durations": (n,)} if self.durations is not None else {}
+        expected |= {"transmitters": (m, 3, 3)} if self.transmitters is not None else {}
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"Measurements.{name} has shape {getattr(self, name).shape}, expected {shape}")
         if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
             raise ValueError(f"Measurements.message_step must increase within 1 … {n}")
+        if self.durations is not None and not np.all((self.durations > 0) & np.isfinite(self.durations)):
+            raise ValueError("Measurements.durations must be positive")
         own_arrays(self)
+
+    @property
+    def time(self) -> Floats:
+        """Time of the filter steps since the start, shape (n,), [s]."""
+        if self.durations is None:
+            return self.dt * np.arange(1, self.speed.size + 1, dtype=np.float64)
+        return np.cumsum(self.durations)
 
     def steps(self) -> Iterator[tuple[OwnMotion, Reception | None]]:
         """Own motion and, where a message arrived, its reception: one pair a step, k = 1 … n."""
@@ -106,9 +124,10 @@ class Measurements:
         own = zip(self.speed.tolist(), self.heading.tolist(), self.depth.tolist(), strict=True)
         for k, motion in enumerate(own, start=1):
             i = arrival.get(k)
-            reception = (
-                None
-                if i is None
-                else Reception(LeaderMessage(*self.message[i].tolist()), Ranges(*self.ranges[i].tolist()))
-            )
+            reception = None
+            if i is not None:
+                places = None if self.transmitters is None else self.transmitters[i]
+                reception = Reception(
+                    LeaderMessage(*self.message[i].tolist()), Ranges(*self.ranges[i].tolist()), places
+                )
             yield OwnMotion(*motion), reception

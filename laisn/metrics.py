@@ -79,8 +79,12 @@ def nees(estimates: Estimates, truth: Floats) -> Floats:
 
 
 def nis(estimates: Estimates) -> Floats:
-    """Normalised squared innovation of each fix, shape (f,); 2 on average if S is right, NaN if it was not used."""
-    used = ~np.isin(estimates.fix_kind, (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST))
+    """Normalised squared innovation of each fix, shape (f,); 2 on average if S is right.
+
+    NaN if it was not used, or was one range alone, which measures one coordinate and not two.
+    """
+    left_out = (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.ONE_RANGE)
+    used = ~np.isin(estimates.fix_kind, left_out)
     covariance = np.where(used[:, None, None], estimates.innovation_covariance, 0.0)
     return _normalised(np.where(used[:, None], estimates.innovation, 0.0), covariance)
 

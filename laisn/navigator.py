@@ -75,18 +75,22 @@ class Navigator:
         """Of the state, shape (4, 4)."""
         return self._filter.covariance
 
-    def step(self, own: OwnMotion, reception: Reception | None = None) -> list[FixRecord]:
+    def step(
+        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
+    ) -> list[FixRecord]:
         """Advance by one filter step.
 
         Args:
             own: measured at the end of the step.
             reception: message and ranges, if one arrived in the step.
+            duration: of this step, if it is another one than the settings' Δt [s].
 
         Returns:
             What became of the fixes: none without a message, one with it, up to three with LAISN-3(1).
 
         Raises:
-            ValueError: an own measurement or the leader's pose is not finite, or a range is infinite.
+            ValueError: an own measurement or the leader's pose is not finite, a range or the place of a transmitter is
+                infinite, or the duration is not positive.
         """
         self._step += 1
         if not np.all(np.isfinite(own)):
@@ -98,7 +102,13 @@ class Navigator:
                 raise LaisnError(
                     f"step {self._step}: range {reception.ranges} is infinite; NaN stands for a missing one"
                 )
-        self._filter.predict(self._acceleration(own, reception))
+            if reception.transmitters is not None and np.any(np.isinf(reception.transmitters)):
+                raise LaisnError(f"step {self._step}: a transmitter is infinitely far; NaN stands for a missing one")
+        if duration is not None:
+            if not 0 < duration < np.inf:
+                raise LaisnError(f"step {self._step}: it takes {duration} s, expected a positive time")
+            self._gate.lengthen(duration - self.settings.dt)
+        self._filter.predict(self._acceleration(own, reception), duration)
         records = [] if reception is None else self._update_position(own, reception)
         settings = self.settings
         self._filter.update_speed(own.speed, own.heading, settings.sigma_speed, settings.sigma_heading)
@@ -118,8 +128,9 @@ class Navigator:
         n = measurements.speed.size
         state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
         records: list[FixRecord] = []
+        durations = [None] * n if measurements.durations is None else measurements.durations.tolist()
         for i, (own, reception) in enumerate(measurements.steps()):
-            records += self.step(own, reception)
+            records += self.step(own, reception, durations[i])
             state[i], covariance[i] = self._filter.state, self._filter.covariance
         f = len(records)
         return Estimates(
@@ -161,10 +172,10 @@ class Navigator:
 
     def _update_position(self, own: OwnMotion, reception: Reception) -> list[FixRecord]:
         settings = self.settings
-        heard = fix.circles(reception.message, reception.ranges, own.depth, settings)
+        heard = fix.circles(reception, own.depth, settings)
         if settings.variant != SEQUENTIAL:
-            found = [fix.SINGLE[settings.variant](heard, self._position(), settings)]
-            records = [self._use(f, heard, own) for f in found]
+            found = fix.SINGLE[settings.variant](heard, self._position(), settings)
+            records = [self._use(self._or_one_range(found, heard), heard, own)]
         else:
             # LAISN-3(1): one update after the other, the state carried along (paper, Section 2.3.1)
             records = []
@@ -172,10 +183,16 @@ class Navigator:
                 one = fix.pair_fix(pair, heard, self._position(), settings)
                 if one is not None:
                     records.append(self._use(one.fix, heard, own))
-            records = records or [self._use(fix.LOST, heard, own)]
-        if any(record.kind not in (FixKind.GATED, FixKind.LOST) for record in records):
+            records = records or [self._use(self._or_one_range(fix.LOST, heard), heard, own)]
+        # one range leaves the way across open, which the gate's bound must go on to cover
+        if any(record.kind not in (FixKind.GATED, FixKind.LOST, FixKind.ONE_RANGE) for record in records):
             self._gate.accept(self._position(), self._step)
         return records
+
+    def _or_one_range(self, found: Fix, heard: Circles) -> Fix:
+        """The fix; or, if there is none and the settings say so, what one range alone tells."""
+        lost = found.kind is FixKind.LOST and self.settings.use_single_range
+        return fix.one_range(heard, self._position()) if lost else found
 
     def _use(self, found: Fix, heard: Circles, own: OwnMotion) -> FixRecord:
         """Gate a fix and update the filter with it."""
@@ -184,6 +201,9 @@ class Navigator:
         sigma = fix.effective_sigma(found, heard, self.settings)
         if not self._gate.passes(found.position, self._step, own.speed):
             return FixRecord(self._step, found.position, sigma, FixKind.GATED, *_UNKNOWN)
-        innovation = self._filter.update_position(found.position, sigma)
+        if found.axis is None:
+            innovation = self._filter.update_position(found.position, sigma)
+        else:
+            innovation = self._filter.update_along(found.position, found.axis, sigma)
         kind = found.kind if innovation.applied else FixKind.SINGULAR
         return FixRecord(self._step, found.position, sigma, kind, innovation.residual, innovation.covariance)

@@ -9,6 +9,8 @@ Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main
 GateRule = Literal["off", "v-max", "v-measured"]
 SideRule = Literal["behind", "predicted"]
 
+Offset = tuple[float, float, float]
+
 VARIANTS: tuple[Variant, ...] = get_args(Variant)
 
 
@@ -63,6 +65,13 @@ class NavigationSettings:
     """Place the transmitters by the broadcast pitch and roll instead of assuming a level leader (not in the paper)."""
     expected_pitch: float = 0.0
     """Pitch that a level-leader follower must expect; adds Δz sin(…) to σp in squares [rad] (not in the paper)."""
+    use_single_range: bool = False
+    """Where one range alone arrived, move the prediction along its line of sight; the paper drops it."""
+    transmitter_offsets: tuple[Offset, ...] = ()
+    """Offsets (forward, port, up) of rear, front and perhaps middle transmitter from the leader's position [m].
+
+    They replace `baseline` and `middle_offset`, and may be as long as a harbour. Empty: on the leader's hull.
+    """
 
     @property
     def transmitters(self) -> int:
@@ -77,6 +86,16 @@ class NavigationSettings:
                 raise ValueError(f"{name} is {value!r}; available: {', '.join(allowed)}")
         positive = {"dt", "baseline", "leader_speed_max", "follower_speed_max"}
         signed = {"hydrophone_height", "middle_offset"}
+        offsets = self.transmitter_offsets
+        if offsets and (
+            len(offsets) not in (2, 3)
+            or any(len(offset) != 3 or not np.all(np.isfinite(offset)) for offset in offsets)
+            or offsets[0][:2] == offsets[1][:2]
+        ):
+            raise ValueError(
+                f"transmitter_offsets is {offsets}, expected (forward, port, up) of the rear and the front one, one "
+                "before, behind or beside the other, and perhaps of the middle one"
+            )
         for field in fields(self):
             value = getattr(self, field.name)
             if not isinstance(value, float) or field.name in signed:

@@ -86,8 +86,10 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
     """What a follower is told before the mission: the scenario's settings, and where its hydrophone sits."""
     name = trajectory.names[follower + 1]
     hydrophone, depth_sensor = (trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor"))
-    height = trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[depth_sensor, 2]
     told = scenario.navigation
+    height = told.hydrophone_height_m
+    if height is None:
+        height = trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[depth_sensor, 2]
     return NavigationSettings(
         variant=told.variant,
         dt=scenario.timing.filter_step_s,
@@ -109,6 +111,8 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
         side_rule=told.side_rule,
         use_attitude=told.use_attitude,
         expected_pitch=float(np.deg2rad(told.expected_pitch_deg)),
+        use_single_range=told.use_single_range,
+        transmitter_offsets=told.transmitters_m,
     )
 
 

@@ -154,6 +154,10 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(help="write the flight with the new estimates as a log; with --scenario a CSV file")
     ] = None,
+    longest_gap: Annotated[
+        float,
+        typer.Option(min=0.0, help="with --scenario: bridge gaps between own measurements of up to so many seconds"),
+    ] = 10.0,
 ) -> None:
     """Navigate once more on the measurements of a log, with another variant or other settings."""
     from experiments.command import replaying
@@ -162,7 +166,7 @@ def replay(
         replaying.replay(log, variant or "laisn-2", set_ or (), out)
     else:
         chosen = [f"navigation.variant={variant}"] if variant else []
-        replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out)
+        replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out, longest_gap)
 
 
 @app.command()

@@ -71,18 +71,24 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
         tell(console, f"log in {out}")
 
 
-def replay_measurements(path: Path, source: str, assignments: Iterable[str], out: Path | None) -> None:
+def replay_measurements(
+    path: Path, source: str, assignments: Iterable[str], out: Path | None, longest_gap_s: float
+) -> None:
     """Navigate on the measurements of a real vehicle's log and print where that ends; nothing is known of the truth.
+
+    A range that arrives alone is used, unless the scenario says that it is not.
 
     Args:
         path: log with `/NAME/motion` and `/NAME/reception` of every follower of the scenario.
         source: scenario; its followers' names and starts, the leader's baseline and the navigation are used. The
-            filter step is the log's.
+            filter steps are the log's.
         assignments: overrides of the scenario.
         out: CSV file for the estimates (x, y, vx, vy after each step); None: none.
+        longest_gap_s: between own measurements [s].
 
     Raises:
-        LogError: the log cannot be read or lacks a channel; ScenarioError: the scenario is at fault.
+        LogError: the log cannot be read, has too long a gap or lacks a channel.
+        ScenarioError: the scenario is at fault.
         LaisnError: the name of the file for the estimates does not end in .csv.
     """
     from experiments.campaign.store import write_csv
@@ -98,11 +104,15 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
     scenario = load_flyable(source, assignments)
     # the starts alone are wanted of the routes
     begin = move(scenario.model_copy(update={"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}))
+    told = scenario.navigation
+    single = told.use_single_range or "use_single_range" not in told.model_fields_set
     rows: list[dict[str, str | float]] = []
+    remarks: list[str] = []
     table = Table("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]", box=None, pad_edge=False)
     for i, name in enumerate(begin.names[1:]):
-        measured = reader.read_measurements(path, name)
-        settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
+        measured, found = reader.read_recording(path, name, longest_gap_s)
+        remarks += found
+        settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt, use_single_range=single)
         estimates = Navigator(settings, start_of(begin, i)).run(measured)
         kinds = [FixKind(kind) for kind in estimates.fix_kind.tolist()]
         counts = ", ".join(f"{kinds.count(k)} {k.name.lower().replace('_', ' ')}" for k in FixKind if k in kinds)
@@ -115,10 +125,12 @@ def replay_measurements(path: Path, source: str, assignments: Iterable[str], out
             f"{last[0]:.2f}",
             f"{last[1]:.2f}",
         )
-        for k, state in enumerate(estimates.state.tolist(), start=1):
-            rows.append({"follower": name, "time_s": k * measured.dt, **dict(zip(STATE_COLUMNS, state, strict=True))})
+        for time_s, state in zip(measured.time.tolist(), estimates.state.tolist(), strict=True):
+            rows.append({"follower": name, "time_s": time_s, **dict(zip(STATE_COLUMNS, state, strict=True))})
     console = Console()
     console.print(table)
+    for remark in dict.fromkeys(remarks):
+        tell(console, remark, "note:")
     if out is not None:
         write_csv(out, rows)
         tell(console, out)

@@ -31,6 +31,7 @@ _FIX_NAMES = {
     FixKind.GATED: "rejected",
     FixKind.SINGULAR: "skipped",
     FixKind.LOST: "lost",
+    FixKind.ONE_RANGE: "one range",
 }
 
 

@@ -32,6 +32,7 @@ FIX_WORDS = {
     FixKind.GATED: "rejected by the gate",
     FixKind.SINGULAR: "already exact",
     FixKind.LOST: "ranges missing",
+    FixKind.ONE_RANGE: "one range alone",
 }
 
 

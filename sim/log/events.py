@@ -15,6 +15,7 @@ FIX_LINES: dict[FixKind, tuple[Level, str]] = {
     FixKind.ASTERN: ("info", "fix: no two clear intersections, snapped onto the leader's axis"),
     FixKind.SINGULAR: ("info", "fix skipped: the filter was already exact"),
     FixKind.GATED: ("warning", "fix rejected by the gross-error gate"),
+    FixKind.ONE_RANGE: ("info", "fix: one range alone, the estimate moved along its line of sight"),
     FixKind.LOST: ("warning", "no fix: ranges are missing"),
 }
 """Level and text for every kind of fix."""

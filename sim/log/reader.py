@@ -12,8 +12,8 @@ from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from sim.flight import Flight, Outcome
 from sim.log.clock import Clock
-from sim.log.contents import Contents, Messages, contents, has_field, require
-from sim.log.file import SCENARIO, VEHICLES, LogError, faults
+from sim.log.contents import Contents, Messages, contents, require
+from sim.log.file import SCENARIO, VEHICLES, LogError, faults, unprotected
 from sim.log.proof import CORE, is_core
 from sim.log.schema import (
     ANGULAR_VELOCITY,
@@ -28,6 +28,7 @@ from sim.log.schema import (
     VELOCITY,
     WATER_VELOCITY,
 )
+from sim.log.vehicle_log import LONGEST_GAP_S, Recording, channels_of, optional_columns, recording
 from sim.log.wholeness import prove
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
@@ -37,8 +38,6 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 POSE = tuple(f"pose.position.{axis}" for axis in "xyz") + tuple(f"pose.orientation.{axis}" for axis in "wxyz")
-DISPENSABLE = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
-"""Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
 
 
 def _steps(path: Path, topic: str, messages: Messages, steps_ns: Ints) -> Ints:
@@ -49,73 +48,53 @@ def _steps(path: Path, topic: str, messages: Messages, steps_ns: Ints) -> Ints:
     return step
 
 
-def _filter_step(path: Path, log: Contents, topic: str, time_ns: Ints) -> float:
-    """Δt as written, or from the times of the follower's own measurements, which must keep it."""
-    written = log.metadata.get("laisn", {}).get("filter_step_s")
-    if written is None and time_ns.size < 2:
-        raise LogError(
-            f"{path}: {topic} holds {time_ns.size} messages; at least two are needed to know the filter step"
-        )
-    dt = float(written) if written is not None else round(float(np.median(np.diff(time_ns)))) / 1e9
-    if not dt > 0:
-        raise LogError(f"{path}: {topic} has a filter step of {dt:g} s")
-    late = np.abs((time_ns - time_ns[:1]) / 1e9 - dt * np.arange(time_ns.size)) > dt / 2
-    if late.any():
-        at = (int(time_ns[int(np.argmax(late))]) - int(time_ns[0])) / 1e9
-        raise LogError(
-            f"{path}: {topic} must come every {dt:g} s without gaps, as the filter steps do; it leaves that grid "
-            f"{at:g} s after its start"
-        )
-    return dt
-
-
 def _measurements(path: Path, log: Contents, follower: str) -> tuple[Measurements, Ints]:
-    """Measurements and the times of the filter steps, shape (n,), [ns]."""
-    topic = f"/{follower}/motion"
-    motion = require(path, log, topic, OWN_MOTION.fields)
-    heard = f"/{follower}/reception"
-    needed = [name for name in (*LEADER_MESSAGE, *RANGES) if name not in DISPENSABLE]
-    reception = require(path, log, heard, needed)
+    """Measurements of a follower in a flight, and the times of the filter steps, shape (n,), [ns]."""
+    motion, reception = channels_of(path, log, follower)
     with faults(path):
         time_ns = np.array(motion.time_ns, dtype=np.int64)
-        dt = _filter_step(path, log, topic, time_ns)
         speed, heading, depth = motion.columns(OWN_MOTION.fields).T.copy()
-        step = _steps(path, heard, reception, time_ns)
-        if np.any(np.diff(step) < 1):
-            raise LogError(f"{path}: {heard} holds several messages within one filter step of {dt:g} s")
-        descriptor = reception.descriptor()
-
-        def columns(names: Sequence[str]) -> Floats:
-            there = [name for name in names if has_field(descriptor, name)]
-            values = np.full((step.size, len(names)), np.nan)
-            values[:, [names.index(name) for name in there]] = reception.columns(there)
-            return values
-
         measurements = Measurements(
-            dt=dt,
+            dt=float(log.metadata["laisn"]["filter_step_s"]),
             speed=speed,
             heading=heading,
             depth=depth,
-            message_step=step,
-            message=columns(LEADER_MESSAGE),
-            ranges=columns(RANGES),
+            message_step=_steps(path, f"/{follower}/reception", reception, time_ns),
+            message=optional_columns(reception, LEADER_MESSAGE),
+            ranges=optional_columns(reception, RANGES),
         )
     return measurements, time_ns
 
 
-def read_measurements(path: Path | str, follower: str = "follower") -> Measurements:
+def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: float = LONGEST_GAP_S) -> Recording:
     """What one follower heard and sensed, from any log with the channels `/NAME/motion` and `/NAME/reception`.
 
-    A message belongs to the first filter step at or after its log time. Filter steps are the messages of
-    `/NAME/motion`; their spacing is Δt.
+    Args:
+        path: the log, of a flight or of a real vehicle.
+        follower: its name.
+        longest_gap_s: between own measurements of a real vehicle [s].
+
+    Returns:
+        Measurements, as `sim.log.vehicle_log.recording` takes them from a real vehicle's log, and remarks on what was
+        left out or bridged, or could not be checked.
 
     Raises:
-        LogError: the log is damaged, lacks a channel or a field, or its filter steps have gaps.
+        LogError: the log is damaged, lacks a channel or a field, or has too long a gap.
     """
     path = Path(path)
     log = contents(path, lambda topic: topic.endswith(("/motion", "/reception")))
-    prove(path, log)
-    return _measurements(path, log, follower)[0]
+    whole = prove(path, log)
+    if whole is not None and "laisn" in log.metadata:
+        cut = () if whole else ("the log was cut off at its end; it is read as far as it is proved",)
+        return Recording(_measurements(path, log, follower)[0], cut)
+    found = recording(path, log, follower, longest_gap_s)
+    bare = tuple(f"{what} are not protected: they have no checksum" for what in unprotected(path) if "chunks" in what)
+    return found._replace(remarks=(*found.remarks, *bare))
+
+
+def read_measurements(path: Path | str, follower: str = "follower") -> Measurements:
+    """The measurements that `read_recording` finds, without its remarks."""
+    return read_recording(path, follower).measurements
 
 
 def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Estimates:

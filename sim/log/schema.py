@@ -159,9 +159,14 @@ COVARIANCE = _matrix("covariance", STATE_NAMES)
 INNOVATION = _prefixed("innovation", ("x", "y"))
 INNOVATION_COVARIANCE = _matrix("innovation_covariance", ("x", "y"))
 
+TRANSMITTERS = tuple(f"{place}_{axis}" for place in Ranges._fields for axis in ("east", "north", "depth"))
+"""Where the transmitters were, if the messages of a vehicle's log say so: rear_east, rear_north, rear_depth …"""
+
 VEHICLE_STATE = ScalarSchema("VehicleState", ("time", *VELOCITY, *ANGULAR_VELOCITY, *WATER_VELOCITY, *THRUST, *DERIVED))
 OWN_MOTION = ScalarSchema("OwnMotion", OwnMotionTuple._fields)
 RECEPTION = ScalarSchema("Reception", (*LEADER_MESSAGE, *RANGES))
+PLACED_RECEPTION = ScalarSchema("PlacedReception", (*LEADER_MESSAGE, *RANGES, *TRANSMITTERS))
+"""A reception that says where the transmitters are; of beacons and buoys, in logs that others write."""
 FILTER_STATE = ScalarSchema("FilterState", (*STATE_NAMES, *COVARIANCE))
 FIX = ScalarSchema("Fix", ("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE), integers=("kind",))
 ERROR = ScalarSchema("Error", ("position_error", "bearing_error"))

@@ -24,6 +24,7 @@ Chance = Annotated[float, Field(ge=0, le=1)]
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+Offset = tuple[Coordinate, Coordinate, Coordinate]
 TimedPoint = tuple[NonNegative, Coordinate, Coordinate]
 TimedDepth = tuple[NonNegative, NonNegative]
 
@@ -276,6 +277,27 @@ class Navigation(Section):
     side_rule: SideRule = Field("behind", description="where a fix without clear intersections goes")
     use_attitude: bool = Field(False, description="place the transmitters by the broadcast pitch and roll")
     expected_pitch_deg: NonNegative = Field(0.0, description="pitch that inflates σp")
+    use_single_range: bool = Field(
+        False,
+        description="where one range alone arrived, move the estimate along its line of sight; unless it stands here "
+        "as false, a replay of a vehicle's log does so",
+    )
+    transmitters_m: Annotated[tuple[Offset, ...], Field(max_length=3)] = Field(
+        (),
+        description="[[forward, port, up], …] of rear, front and perhaps middle transmitter from the leader's "
+        "position, as the follower believes; replaces leader.baseline_m and leader.middle_offset_m",
+    )
+
+    hydrophone_height_m: Annotated[float, Field(ge=-1000, le=1000)] | None = Field(
+        None, description="of the hydrophone above the depth sensor, as the follower believes; default: as on the hull"
+    )
+
+    @field_validator("transmitters_m")
+    @classmethod
+    def _two_places(cls, offsets: tuple[Offset, ...]) -> tuple[Offset, ...]:
+        if offsets and (len(offsets) < 2 or offsets[0][:2] == offsets[1][:2]):
+            raise ValueError("needs a rear and a front transmitter, one before, behind or beside the other")
+        return offsets
 
 
 class Video(Section):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from laisn import fix
 from laisn.estimates import FixKind
 from laisn.fix import Circles
-from laisn.messages import LeaderMessage, Ranges
+from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.settings import VARIANTS, NavigationSettings
 
 P = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
@@ -147,7 +147,7 @@ def test_missing_ranges() -> None:
         assert fix.SINGLE[variant](nothing, (0.0, 20.0), SETTINGS).kind is FixKind.LOST
 
 
-def _reception(pitch: float, dz: float, x: float, y: float) -> tuple[LeaderMessage, Ranges]:
+def _reception(pitch: float, dz: float, x: float, y: float) -> tuple[LeaderMessage, Ranges, Reception]:
     """What a leader at 8 m depth, pitched by that angle and heading east, sends to a follower dz deeper."""
     half, rise = np.cos(pitch), np.sin(pitch)
     sites = np.array([[-half, 0, -rise], [half, 0, rise], [0, 0.1, 0]])
@@ -160,18 +160,18 @@ def test_pitch_shifts_a_fix_abeam_by_dz_sin_phi(pitch_deg: float, error: float) 
     """laisn-2 with a level leader at Δz = 10 m, and none of it with the broadcast attitude."""
     pitch = np.deg2rad(pitch_deg)
     message, ranges = _reception(pitch, 10.0, 0.0, 40.0)
-    level = fix.circles(message, ranges, 18.0, SETTINGS)
+    level = fix.circles(Reception(message, ranges), 18.0, SETTINGS)
     found = fix.laisn_2(level, (0.0, 40.0), SETTINGS)
     off = np.hypot(found.position[0], found.position[1] - 40.0)
     assert off == pytest.approx(10.0 * np.sin(pitch), rel=0.02)
     assert off == pytest.approx(error, rel=0.02)
-    aware = fix.circles(message, ranges, 18.0, NavigationSettings(use_attitude=True))
+    aware = fix.circles(Reception(message, ranges), 18.0, NavigationSettings(use_attitude=True))
     np.testing.assert_allclose(fix.laisn_2(aware, (0.0, 40.0), SETTINGS).position, (0, 40), atol=1e-9)
 
 
 def test_hydrophone_above_the_depth_sensor_is_allowed_for() -> None:
     message, ranges = _reception(0.0, 10.0, 0.0, 40.0)
-    circles = fix.circles(message, ranges, 18.3, NavigationSettings(hydrophone_height=0.3))
+    circles = fix.circles(Reception(message, ranges), 18.3, NavigationSettings(hydrophone_height=0.3))
     np.testing.assert_allclose(circles.radius, np.hypot(*(P - [0, 40]).T))
     assert circles.depth_difference == pytest.approx(10.0)
 

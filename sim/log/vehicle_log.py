@@ -1,0 +1,139 @@
+"""Measurements from the log of a real vehicle, whose samples come late, double or not at all."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from laisn.messages import Measurements
+from sim.log.contents import Contents, Messages, has_field, require
+from sim.log.file import LogError, faults
+from sim.log.schema import LEADER_MESSAGE, OWN_MOTION, RANGES, TRANSMITTERS
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+DISPENSABLE = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
+"""Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
+LONGEST_GAP_S = 10.0
+"""Longer gaps between own measurements are not bridged unless the user says so [s]."""
+_GAP = 2.0
+"""From so many filter steps on, the time between own measurements is called a gap."""
+_NAMED = 5
+_POSE = slice(0, 6)
+"""Columns of a message that a navigator cannot do without."""
+
+
+class Recording(NamedTuple):
+    """Measurements of a follower, and what was not as expected."""
+
+    measurements: Measurements
+    remarks: tuple[str, ...]
+    """A sentence each."""
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def optional_columns(messages: Messages, names: Sequence[str]) -> Floats:
+    """Numbers by the names of their fields, NaN for fields that are not there, shape (n, len(names))."""
+    there = [name for name in names if has_field(messages.descriptor(), name)]
+    values = np.full((len(messages.time_ns), len(names)), np.nan)
+    if there:
+        values[:, [names.index(name) for name in there]] = messages.columns(there)
+    return values
+
+
+def channels_of(path: Path, log: Contents, follower: str) -> tuple[Messages, Messages]:
+    """The channels of own motion and of receptions; LogError if one is not there, or lacks fields."""
+    motion = require(path, log, f"/{follower}/motion", OWN_MOTION.fields)
+    needed = [name for name in (*LEADER_MESSAGE, *RANGES) if name not in DISPENSABLE]
+    return motion, require(path, log, f"/{follower}/reception", needed)
+
+
+def _gaps(path: Path, topic: str, time_ns: Ints, dt: float, longest_gap_s: float) -> list[str]:
+    """What to say of gaps; LogError if one is too long."""
+    lengths, begin = np.diff(time_ns) / 1e9, (time_ns[:-1] - time_ns[0]) / 1e9
+    found = np.flatnonzero(lengths > _GAP * dt)
+    named = found[np.argsort(-lengths[found], kind="stable")][:_NAMED]
+    places = ", ".join(f"{lengths[i]:.3g} s at {begin[i]:.3f} s" for i in named)
+    more = f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
+    if lengths.max() > max(longest_gap_s, _GAP * dt):
+        raise LogError(
+            f"{path}: {topic} has {_count(found.size, 'gap')} ({places}{more}); gaps of up to {longest_gap_s:g} s are "
+            "bridged. Cut the log there, or allow longer ones: --longest-gap SECONDS"
+        )
+    return [f"{_count(found.size, 'gap')} in {topic} bridged: {places}{more}"] if found.size else []
+
+
+def _last_of_equals(values: Ints) -> npt.NDArray[np.bool_]:
+    """Which elements of an ordered array are the last of their value, shape (n,)."""
+    return np.append(np.diff(values) > 0, True)[: values.size]
+
+
+def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) -> Recording:
+    """What one follower heard and sensed, each filter step as long as it took.
+
+    Own measurements are the filter steps, Δt is the median of their spacing, and the first is taken to end a step of
+    Δt. A reception belongs to the first step at or after it. Left out are own measurements and leader messages that
+    are not finite numbers; of several in one step, all but the last; and receptions before the first step or after the
+    last one. Ranges that are infinite, zero or negative count as not received.
+
+    Raises:
+        LogError: a channel or a field is missing, there are fewer than two own measurements, or a gap is too long.
+    """
+    topic, heard = f"/{follower}/motion", f"/{follower}/reception"
+    motion, reception = channels_of(path, log, follower)
+    with faults(path):
+        time_ns, own = np.array(motion.time_ns, dtype=np.int64), motion.columns(OWN_MOTION.fields)
+        heard_ns = np.array(reception.time_ns, dtype=np.int64)
+        message, ranges = optional_columns(reception, LEADER_MESSAGE), optional_columns(reception, RANGES)
+        absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
+        ranges[absurd] = np.nan
+        places = optional_columns(reception, TRANSMITTERS).reshape(-1, 3, 3)
+        places[~np.all(np.isfinite(places), axis=2)] = np.nan
+    finite = np.all(np.isfinite(own), axis=1)
+    last = _last_of_equals(time_ns[finite])
+    time_ns, own = time_ns[finite][last], own[finite][last]
+    if time_ns.size < 2:
+        raise LogError(
+            f"{path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to know the "
+            "filter step"
+        )
+    spacing = np.diff(time_ns)
+    dt_ns = round(float(np.median(spacing)))
+    dt = dt_ns / 1e9
+    remarks = _gaps(path, topic, time_ns, dt, longest_gap_s)
+
+    step = np.searchsorted(time_ns, heard_ns).astype(np.int64) + 1
+    within = (heard_ns > time_ns[0] - dt_ns) & (step <= time_ns.size)
+    usable = within & np.all(np.isfinite(message[:, _POSE]), axis=1)
+    kept = np.flatnonzero(usable)
+    kept = kept[_last_of_equals(step[kept])]
+    left_out = (
+        (~finite, topic, "not finite"),
+        (~last, topic, "at the very time of another"),
+        (~within, heard, "before the first or after the last filter step"),
+        (within & ~usable, heard, "without a finite pose of the leader"),
+        (~_last_of_equals(step[usable]), heard, "followed by another in the same filter step"),
+    )
+    for which, where, why in left_out:
+        number = int(np.count_nonzero(which))
+        remarks += [f"{_count(number, 'message')} of {where} left out: {why}"] if number else []
+    if absurd.any():
+        remarks.append(f"{_count(int(absurd.sum()), 'range')} of {heard} taken as not received: no positive number")
+    measurements = Measurements(
+        dt=dt,
+        speed=own[:, 0].copy(),
+        heading=own[:, 1].copy(),
+        depth=own[:, 2].copy(),
+        message_step=step[kept],
+        message=message[kept],
+        ranges=ranges[kept],
+        durations=None if np.all(spacing == dt_ns) else np.append(dt_ns, spacing) / 1e9,
+        transmitters=None if np.all(np.isnan(places)) else places[kept],
+    )
+    return Recording(measurements, tuple(remarks))

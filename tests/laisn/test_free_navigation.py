@@ -1,0 +1,257 @@
+"""Filter steps of their own length, transmitters anywhere, and ranges that arrive alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from filterpy.kalman import update
+from hypothesis import given
+from hypothesis import strategies as st
+
+from laisn import fix, lanes
+from laisn.estimates import FixKind
+from laisn.failure import LaisnError
+from laisn.filter import Filter
+from laisn.fix import Circles
+from laisn.gate import Gate
+from laisn.geometry import place_on_body, transmitter_positions
+from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
+from laisn.navigator import Navigator
+from laisn.settings import VARIANTS, NavigationSettings, Variant
+from tests.synthetic import bits
+
+Floats = npt.NDArray[np.float64]
+angle = st.floats(-3.0, 3.0)
+length = st.floats(0.0, 500.0)
+BEACONS = np.array([[-200.0, 0.0, 5.0], [150.0, 40.0, 12.0], [20.0, 260.0, 3.0]])
+"""East, north, depth: they lie apart, and not on one line."""
+
+
+def passage(durations: Floats | None, n: int = 400, *, lost: tuple[int, ...] = ()) -> tuple[Measurements, Floats]:
+    """A follower that keeps its speed and course past beacons, 200 m and more apart; and its true places (n + 1, 2)."""
+    time = np.append(0.0, np.cumsum(np.full(n, 0.5) if durations is None else durations))
+    place = np.array([-100.0, 60.0]) + time[:, None] * [0.8, 0.6]
+    step = np.arange(4, n + 1, 4)
+    apart = np.column_stack([place[step], np.full(step.size, 9.0)])[:, None] - BEACONS
+    ranges = np.linalg.norm(apart, axis=2)
+    ranges[:, lost] = np.nan
+    message = np.full((step.size, 9), np.nan)
+    message[:, :6] = 0.0
+    measurements = Measurements(
+        dt=0.5,
+        speed=np.ones(n),
+        heading=np.full(n, np.arctan2(0.8, 0.6)),
+        depth=np.full(n, 9.0),
+        message_step=step,
+        message=message,
+        ranges=ranges,
+        durations=durations,
+        transmitters=np.broadcast_to(BEACONS, (step.size, 3, 3)).copy(),
+    )
+    return measurements, place
+
+
+START = np.array([-100.0, 60.0, 0.8, 0.6])
+SETTINGS = NavigationSettings(dt=0.5)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_durations_of_one_step_change_nothing_to_the_bit(variant: Variant) -> None:
+    settings = replace(SETTINGS, variant=variant)
+    equal, _ = passage(None)
+    told = replace(equal, durations=np.full(400, 0.5))
+    assert np.array_equal(told.time, equal.time)
+    assert bits(Navigator(settings, START).run(told)) == bits(Navigator(settings, START).run(equal))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_steps_of_any_length_recover_the_truth(variant: Variant) -> None:
+    """Jitter and gaps, beacons hundreds of metres apart, no noise."""
+    random = np.random.default_rng(5)
+    durations = random.uniform(0.3, 0.7, 400)
+    durations[[50, 222]] = 6.0
+    measurements, place = passage(durations)
+    estimates = Navigator(replace(SETTINGS, variant=variant), START).run(measurements)
+    assert np.abs(estimates.state[:, :2] - place[1:]).max() < 1e-6
+    assert not np.isin(estimates.fix_kind, (FixKind.LOST, FixKind.GATED)).any()
+
+
+def test_a_longer_step_is_predicted_as_so_many_shorter_ones() -> None:
+    """Two steps without process noise are one of twice the length."""
+    once, twice = (Filter(0.5, np.array([1.0, 2.0, 3.0, 4.0]), np.array([1.0, 2.0, 0.5, 0.25])) for _ in range(2))
+    once.predict(0.0, 1.0)
+    twice.predict(0.0)
+    twice.predict(0.0)
+    np.testing.assert_allclose(once.state, twice.state, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(once.covariance, twice.covariance, rtol=0, atol=1e-12)
+
+
+def test_process_noise_grows_with_the_length_of_the_step() -> None:
+    """σa² Δt⁴/4 for the position, σa² Δt² for the velocity (paper, Section 2.1)."""
+    filter_ = Filter(0.1, np.zeros(4), np.zeros(4))
+    filter_.predict(3.0, 2.0)
+    np.testing.assert_allclose(np.diag(filter_.covariance), [36.0, 36.0, 36.0, 36.0])
+
+
+def test_the_gate_opens_with_the_time_that_went_by() -> None:
+    gate = Gate(NavigationSettings(dt=0.1, follower_speed_max=3.0), (0.0, 0.0))
+    gate.lengthen(4.9)
+    assert gate.bound(2, 1.0) == pytest.approx(3.0 * 5.1)
+    gate.accept((0.0, 0.0), 2)
+    assert gate.bound(3, 1.0) == 3.0 * 0.1
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf])
+def test_absurd_durations_are_refused(duration: float) -> None:
+    with pytest.raises(LaisnError, match="expected a positive time"):
+        Navigator(SETTINGS, START).step(OwnMotion(1.0, 0.0, 9.0), duration=duration)
+    with pytest.raises(ValueError, match="durations must be positive"):
+        passage(np.full(400, duration))
+
+
+@given(heading=angle, pitch=angle, roll=angle, baseline=length, offset=length)
+def test_places_on_a_body_are_those_of_transmitters_on_a_hull(
+    heading: float, pitch: float, roll: float, baseline: float, offset: float
+) -> None:
+    origin, attitude = (3.0, -4.0, 8.0), (heading, pitch, roll)
+    offsets = np.array([[-0.5 * baseline, 0, 0], [0.5 * baseline, 0, 0], [0, offset, 0]])
+    expected = transmitter_positions(origin, attitude, baseline, offset)
+    np.testing.assert_allclose(place_on_body(origin, attitude, offsets), expected, rtol=0, atol=1e-9)
+
+
+@given(heading=angle, pitch=angle, roll=angle)
+def test_a_body_is_turned_as_a_whole(heading: float, pitch: float, roll: float) -> None:
+    """Right-handed: forward, port and up stay at right angles, and level, up is up."""
+    east, north, depth = (place_on_body((0, 0, 0), (heading, pitch, roll), np.eye(3))).T
+    axes = np.stack([east, north, -depth], axis=1)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    np.testing.assert_allclose(place_on_body((0, 0, 5), (heading, 0, 0), np.eye(3))[2], [0, 0, 4], atol=1e-12)
+
+
+def test_offsets_from_a_leader_are_places_in_its_messages() -> None:
+    """A ship that lies still and heads east: forward is east, port is north."""
+    measurements, _ = passage(None)
+    turned = measurements.message.copy()
+    turned[:, 3] = np.pi / 2
+    offsets = tuple((east, north, -depth) for east, north, depth in BEACONS.tolist())
+    told = Navigator(SETTINGS, START).run(replace(measurements, message=turned))
+    settings = replace(SETTINGS, transmitter_offsets=offsets)
+    placed = Navigator(settings, START).run(replace(measurements, message=turned, transmitters=None))
+    np.testing.assert_allclose(placed.state, told.state, rtol=0, atol=1e-9)
+
+
+def test_two_beacons_are_enough_and_a_third_without_a_place_is_not_used() -> None:
+    measurements, place = passage(None)
+    # heading north: forward is north, port is west
+    offsets = tuple((north, -east, -depth) for east, north, depth in BEACONS[:2].tolist())
+    told = replace(SETTINGS, variant="laisn-3-2", transmitter_offsets=offsets)
+    estimates = Navigator(told, START).run(replace(measurements, transmitters=None))
+    assert np.abs(estimates.state[:, :2] - place[1:]).max() < 1e-6
+    assert set(estimates.fix_kind.tolist()) == {FixKind.TWO_POINTS}
+
+
+@pytest.mark.parametrize(
+    "transmitters", [((0, 0, 0),), ((0, 0, 0), (0, 0, 3)), ((0, 0, 0), (np.nan, 0, 0)), ((0, 0), (1, 1))]
+)
+def test_offsets_that_make_no_baseline_are_refused(transmitters: tuple[tuple[float, float, float], ...]) -> None:
+    with pytest.raises(ValueError, match="transmitter_offsets is"):
+        NavigationSettings(transmitter_offsets=transmitters)
+
+
+def free(*radius: float) -> Circles:
+    """Beacons at 0 and 100 m east, the third between them and aside."""
+    return Circles(np.array([[0.0, 0], [100.0, 0], [50.0, 1.0]]), radius, 0.0, 0.0, free=True)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("rear", "front", "east"),
+    [
+        (40.0, 58.0, 41.0),  # between them, circles 2 m apart
+        (133.0, 31.0, 132.0),  # beyond the front one, circle within circle
+        (29.0, 131.0, -30.0),  # behind the rear one
+        (40.0, 60.0 + 1e-9, 40.0),  # between them, circles that all but touch
+    ],
+)
+def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(rear: float, front: float, east: float) -> None:
+    """The paper's point dead astern, −40 m in the first case, would be 81 m off."""
+    found = fix.laisn_2(free(rear, front, np.nan), (41.0, 1.0), NavigationSettings())
+    np.testing.assert_allclose(found.position, (east, 0.0), atol=1e-6)
+    assert found.kind is FixKind.ASTERN
+
+
+def test_one_range_moves_the_prediction_onto_its_circle_along_the_line_of_sight() -> None:
+    found = fix.one_range(free(np.nan, 50.0, 3.0), (130.0, 40.0))
+    # from (100, 0) towards (130, 40): 50 m of 50 m
+    np.testing.assert_allclose(found.position, (130.0, 40.0))
+    found = fix.one_range(free(np.nan, 25.0, 3.0), (130.0, 40.0))
+    np.testing.assert_allclose(found.position, (115.0, 20.0))
+    np.testing.assert_allclose(found.axis, (0.6, 0.8))
+    assert fix.one_range(free(np.nan, np.nan, np.nan), (1.0, 1.0)).kind is FixKind.LOST
+    assert fix.one_range(free(3.0, np.nan, np.nan), (0.0, 0.0)).kind is FixKind.LOST
+
+
+@given(seed=st.integers(0, 2**32 - 1), sigma=st.floats(0.01, 10.0))
+def test_the_update_along_a_line_is_the_textbook_one(seed: int, sigma: float) -> None:
+    random = np.random.default_rng(seed)
+    filter_ = Filter(0.1, random.normal(0, 5, 4), random.uniform(0.5, 5, 4))
+    filter_.predict(2.0)
+    filter_.update_speed(1.0, random.uniform(0, 6), 0.2, 0.03)
+    state, covariance = filter_.state, filter_.covariance
+    bearing = random.uniform(0, 2 * np.pi)
+    axis, residual = np.array([np.sin(bearing), np.cos(bearing)]), random.normal(0, 3)
+    innovation = filter_.update_along(tuple(state[:2] + residual * axis), (axis[0], axis[1]), sigma)
+    h = np.array([[*axis, 0.0, 0.0]])
+    x, p = update(state, covariance, h @ state + residual, sigma**2, h)
+    np.testing.assert_allclose(filter_.state, x, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(filter_.covariance, p, rtol=0, atol=1e-8)
+    variance = float((h @ covariance @ h.T)[0, 0]) + sigma**2
+    np.testing.assert_allclose(innovation.covariance, variance * np.eye(2))
+    assert float(innovation.residual @ axis) == pytest.approx(residual, abs=1e-9)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_range_that_arrives_alone_is_used_if_the_settings_say_so(variant: Variant) -> None:
+    """With a log that reads a tenth too much, one beacon keeps the distance right; the paper drifts off it."""
+    measurements, place = passage(None, lost=(1, 2))
+    fast = replace(measurements, speed=np.full(400, 1.1))
+    distance = np.linalg.norm(np.column_stack([place[1:], np.full(400, 9.0)]) - BEACONS[0], axis=1)
+
+    def worst(use: bool) -> tuple[float, set[int]]:
+        estimates = Navigator(replace(SETTINGS, variant=variant, use_single_range=use), START).run(fast)
+        believed = np.column_stack([estimates.state[:, :2], np.full(400, 9.0)])
+        off = np.linalg.norm(believed - BEACONS[0], axis=1) - distance
+        return float(np.abs(off[measurements.message_step - 1]).max()), set(estimates.fix_kind.tolist())
+
+    assert worst(use=False)[1] == {FixKind.LOST}
+    assert worst(use=False)[0] > 10.0
+    assert worst(use=True)[1] == {FixKind.ONE_RANGE}
+    # the speed update that follows the range moves the estimate by what a step's speeds differ
+    assert worst(use=True)[0] < 0.1
+
+
+def test_one_range_alone_does_not_close_the_gate_on_the_way_across() -> None:
+    navigator = Navigator(replace(SETTINGS, use_single_range=True, dt=1.0), np.array([0.0, 100.0, 0.0, 0.0]))
+    message = LeaderMessage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for _ in range(10):
+        alone = Reception(message, Ranges(100.0, np.nan, np.nan), np.zeros((3, 3)))
+        assert navigator.step(OwnMotion(1.0, 0.0, 0.0), alone)[0].kind is FixKind.ONE_RANGE
+    # 20 m aside is farther than 3 m/s carry in the last second, and not than in all eleven
+    places = np.array([[0.0, 0, 0], [100.0, 0, 0], [np.nan] * 3])
+    there = np.array([20.0, np.sqrt(100.0**2 - 20.0**2)])
+    ranges = np.linalg.norm(there - places[:, :2], axis=1)
+    kind = navigator.step(OwnMotion(1.0, 0.0, 0.0), Reception(message, Ranges(*ranges.tolist()), places))[0].kind
+    assert kind is FixKind.TWO_POINTS
+    np.testing.assert_allclose(navigator.state[:2], there, atol=0.1)
+
+
+def test_compiled_lanes_refuse_what_they_do_not_know() -> None:
+    measurements, _ = passage(None)
+    far = replace(SETTINGS, transmitter_offsets=((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
+    for settings in (replace(SETTINGS, use_single_range=True), far):
+        with pytest.raises(LaisnError, match="for single vehicles and their logs"):
+            lanes.run([replace(measurements, transmitters=None)], START, settings)
+    for odd in (measurements, replace(measurements, transmitters=None, durations=np.full(400, 0.5))):
+        with pytest.raises(ValueError, match="steps or transmitters of its own"):
+            lanes.run([odd], START, SETTINGS)
