@@ -22,8 +22,8 @@ Floats = npt.NDArray[np.float64]
 DT = 0.1
 
 
-QUARTER, ASTERN, ABEAM = (-15.0, -12.0), (-20.0, 0.0), (0.0, -14.0)
-"""Where a follower is, from a leader that heads east [m]; abeam to starboard, the middle transmitter is farthest."""
+QUARTER, ASTERN, ABEAM = (-15.0, -12.0), (-20.0, 0.0), (4.9, -39.7)
+"""Where a follower is, from a leader that heads about east by north [m]; abeam, the middle transmitter is farthest."""
 
 
 def make_truth(
@@ -84,6 +84,8 @@ def test_a_run_of_a_campaign_is_the_run_flown_alone(
     variant: Variant, errors: SensorErrors, offset: tuple[float, float]
 ) -> None:
     truth = make_truth(offset=offset)
+    if offset == ABEAM:
+        assert np.all(np.argmax(truth.slant_range, axis=1)[np.isfinite(truth.slant_range[:, 1])] == 2)
     navigation = NavigationSettings(variant=variant, use_attitude=True)
     states = histories(Cell(truth=truth, errors=errors, settings=navigation, seed=9, runs=range(70), follower=2))
     for run in (0, 63, 69):
