@@ -52,7 +52,9 @@ def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
         raise LaisnError(f"step {step}: the log reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
     if reception is None:
         return
-    message, ranges = reception
+    message, ranges = reception.message, reception.ranges
+    if reception.transmitters is not None:
+        raise LaisnError(f"step {step}: the message places its transmitters; this navigator knows them on a hull only")
     if not np.all(np.isfinite(message[:6])):
         raise LaisnError(f"step {step}: leader message {message} is not finite")
     if max(abs(message.east), abs(message.north), abs(message.depth)) > 1e3 * FARTHEST:
@@ -122,11 +124,14 @@ class TightNavigator:
 
         Raises:
             ValueError: the measurements have another filter step than the settings, or the navigator is under way.
+            LaisnError: their steps differ in length; and as `step`.
         """
         if self._step:
             raise ValueError(f"this navigator is at step {self._step} already; a mission needs a new one")
         if abs(measurements.dt - self.settings.dt) > 1e-9:
             raise ValueError(f"measurements every {measurements.dt:g} s, but the filter steps {self.settings.dt:g} s")
+        if measurements.durations is not None:
+            raise LaisnError("the filter steps are not equally long; this navigator needs equal ones")
         n = measurements.speed.size
         state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
         updates: list[Update] = []

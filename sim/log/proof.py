@@ -146,7 +146,11 @@ class ProvingWriter(Writer):
         super().add_message(channel_id, log_time, data, publish_time, sequence)
 
     def prove(self, until_ns: int, outcome: str = "") -> None:
-        """Add a proof of everything so far, which lies before `until_ns`; an outcome makes it the last one."""
+        """Add a proof of everything so far, which lies before `until_ns`; an outcome makes it the last one.
+
+        What was written so far goes to the stream first, so that a crash costs what came later at most.
+        """
+        self.flush()  # type: ignore[no-untyped-call]  # the library leaves it bare
         proof = Proof(until_ns, self._digests.current(), outcome)
         super().add_metadata(f"{PROOF}{self._proofs}", proof.record())
         self._proofs += 1

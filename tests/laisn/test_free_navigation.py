@@ -19,6 +19,8 @@ from laisn.geometry import place_on_body, transmitter_positions
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
+from laisn.tight.navigator import TightNavigator
+from laisn.tight.settings import TightSettings
 from tests.synthetic import bits
 
 Floats = npt.NDArray[np.float64]
@@ -255,3 +257,12 @@ def test_compiled_lanes_refuse_what_they_do_not_know() -> None:
     for odd in (measurements, replace(measurements, transmitters=None, durations=np.full(400, 0.5))):
         with pytest.raises(ValueError, match="steps or transmitters of its own"):
             lanes.run([odd], START, SETTINGS)
+
+
+def test_the_tightly_coupled_navigator_refuses_what_it_does_not_know() -> None:
+    measurements, _ = passage(None)
+    settings = TightSettings(dt=0.5)
+    with pytest.raises(LaisnError, match="knows them on a hull only"):
+        TightNavigator(settings, START).run(measurements)
+    with pytest.raises(LaisnError, match="needs equal ones"):
+        TightNavigator(settings, START).run(replace(measurements, transmitters=None, durations=np.full(400, 0.5)))

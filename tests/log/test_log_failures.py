@@ -96,13 +96,23 @@ def test_bytes_behind_the_end_are_called_so_and_left_out(written: Path, tmp_path
     assert not (tmp_path / "b.mcap.partial").exists()
 
 
-def test_a_damaged_log_with_bytes_behind_its_end_gives_no_damaged_copy(written: Path, tmp_path: Path) -> None:
+def test_a_damaged_log_with_bytes_behind_its_end_gives_what_stands_before_the_damage(
+    flight: Flight, written: Path, tmp_path: Path
+) -> None:
     damaged = bytearray(written.read_bytes())
     damaged[len(damaged) // 2] ^= 0x10
     (tmp_path / "a.mcap").write_bytes(bytes(damaged) + b"rest")
+    rescued = read(recover(tmp_path / "a.mcap"))
+    n = rescued.trajectory.time.size
+    assert 90 < n < 200
+    assert rescued.outcome is Outcome.INTERRUPTED
+    assert rescued.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
+    assert rescued.estimates[0].state.tobytes() == flight.estimates[0].state[: n - 1].tobytes()
+    damaged[8000] ^= 0x10
+    (tmp_path / "b.mcap").write_bytes(bytes(damaged) + b"rest")
     with pytest.raises(LogError, match=r"damaged beyond recovery|nothing to recover"):
-        recover(tmp_path / "a.mcap")
-    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+        recover(tmp_path / "b.mcap")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.recovered.mcap", "b.mcap"]
 
 
 def test_a_log_may_be_named_by_text(written: Path) -> None:
@@ -130,6 +140,23 @@ def test_recovery_keeps_whole_instants(tmp_path: Path) -> None:
     assert rescued.estimates[0].covariance.tobytes() == flight.estimates[0].covariance[:n].tobytes()
     assert rescued.measurements[0].ranges.shape == (n // 10, 3)
     assert rescued.scenario == flight.scenario
+
+
+def test_a_crash_costs_ten_seconds_at_most(tmp_path: Path) -> None:
+    """What a proof covers is in the file when the next ten seconds begin."""
+    seen: list[float] = []
+
+    def frames() -> Any:
+        for k in range(40):
+            yield float(k), b"x"
+            if k > 10:
+                (tmp_path / "b.mcap").write_bytes(partial_path(tmp_path / "a.mcap").read_bytes())
+                seen.append(k - float(read(recover(tmp_path / "b.mcap")).trajectory.time[-1]))
+
+    writer.write(make_flight(40.0), tmp_path / "a.mcap", video=frames())
+    # the frame of a time is asked for when the block before its own is written
+    assert len(seen) == 29
+    assert max(seen) < 2 * 10.0 + 0.2
 
 
 def test_a_finished_log_under_its_partial_name_only_gets_its_name(written: Path, tmp_path: Path) -> None:
