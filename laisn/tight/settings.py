@@ -1,6 +1,7 @@
 """What the tightly coupled navigator takes its sensors to be, as a data sheet would say it."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from typing import Self
 
 import numpy as np
 
@@ -69,6 +70,10 @@ class TightSettings:
     """That a range is an echo …"""
     outlier_span: float = 4.5
     """… which is longer than the way of the ping by up to this [m]."""
+
+    def assuming(self, assume: Assume, transmitters: int) -> Self:
+        """The same sensors with other assumptions."""
+        return replace(self, assume=assume, transmitters=transmitters)
 
     def __post_init__(self) -> None:
         if self.transmitters not in (2, 3):

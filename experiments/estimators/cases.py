@@ -1,0 +1,79 @@
+"""What the estimators are compared on: assumptions of the tightly coupled navigator, and what goes wrong in truth."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from laisn.messages import Measurements
+from laisn.tight.settings import Assume
+
+SPEED_DRIFT, SPEED_PERIOD = 0.1, 300.0
+"""Sinusoidal drift of the log's bias: amplitude [m/s] and period [s]."""
+HEADING_DRIFT, HEADING_PERIOD = float(np.deg2rad(3.0)), 400.0
+"""Of the compass's bias [rad], [s]."""
+LATE = 0.010
+"""By this the front transmitter's range is too long [m]."""
+ECHO_CHANCE = 0.05
+"""Of each range, that it is that of an echo …"""
+ECHO_EXCESS = (0.3, 4.8)
+"""… which is longer by a uniform excess between these [m]."""
+LOSS_CHANCE = 0.2
+"""Of each message, that none of its pings is heard."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """Assumptions, and what is wrong in truth beside the paper's noise."""
+
+    name: str
+    title: str
+    assume: Assume = field(default_factory=Assume)
+    transmitters: int = 3
+    leader_heading_deg: float = 0.0
+    """Mean error of the leader's compass; its spread is that of the paper's Tables 8 and 9."""
+    drift: bool = False
+    disturbed: bool = False
+    """Echoes, losses, and a late transmitter."""
+
+    @property
+    def plain(self) -> bool:
+        """Whether the truth is as assumed: constant biases and nothing wrong, so that the bound is known."""
+        return self.assume == Assume() and not (self.drift or self.disturbed or self.leader_heading_deg)
+
+
+_WARY = Assume(exact_leader=False, drift=True, offsets=True)
+
+CASES = (
+    Case(name="G1", title="constant biases, exact leader, 3 transmitters"),
+    Case(name="G2", title="the same, 2 transmitters", transmitters=2),
+    Case(name="G3", title="biases that drift, 3 transmitters", assume=Assume(drift=True), drift=True),
+    Case(name="G4", title="leader's compass 5° off, 3 transmitters", assume=Assume(exact_leader=False),
+         leader_heading_deg=5.0),
+    Case(name="G5", title="drift, 5°, echoes, losses, a late transmitter; 3 transmitters", assume=_WARY,
+         leader_heading_deg=5.0, drift=True, disturbed=True),
+    Case(name="G6", title="the same, 2 transmitters", assume=_WARY, transmitters=2, leader_heading_deg=5.0, drift=True,
+         disturbed=True),
+    Case(name="G7", title="all states switched on and nothing wrong, 3 transmitters",
+         assume=Assume(exact_leader=False, drift=True, offsets=True, current=True)),
+)  # fmt: skip
+
+
+def spoiled(measurements: Measurements, case: Case, seed: int, run: int) -> Measurements:
+    """Measurements with what a case adds to the paper's noise; a function of the arguments alone."""
+    rng = np.random.default_rng([seed, run])
+    if case.drift:
+        time = measurements.dt * np.arange(1, measurements.speed.size + 1)
+        phase = rng.uniform(0.0, 2.0 * np.pi, 2)
+        log = SPEED_DRIFT * np.sin(2.0 * np.pi * time / SPEED_PERIOD + phase[0])
+        compass = HEADING_DRIFT * np.sin(2.0 * np.pi * time / HEADING_PERIOD + phase[1])
+        measurements = replace(
+            measurements, speed=np.maximum(measurements.speed + log, 0.0), heading=measurements.heading + compass
+        )
+    if case.disturbed:
+        ranges = measurements.ranges.copy()
+        ranges[:, 1] += LATE
+        echo = rng.random(ranges.shape) < ECHO_CHANCE
+        ranges += np.where(echo, rng.uniform(*ECHO_EXCESS, ranges.shape), 0.0)
+        ranges[rng.random(ranges.shape[0]) < LOSS_CHANCE] = np.nan
+        measurements = replace(measurements, ranges=ranges)
+    return measurements
