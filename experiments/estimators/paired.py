@@ -15,9 +15,7 @@ from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.lane_rows import LANES
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings
-from laisn.tight.belief import new_belief
-from laisn.tight.mission import filter_mission
-from laisn.tight.model import model_of
+from laisn.tight.mission import run_mission
 from laisn.tight.settings import TightSettings
 from sim.scenario.settings import Follower
 from sim.sensing.observation import errors_of
@@ -89,32 +87,14 @@ def bound_rms(route: str, interval: float, transmitters: int) -> float:
     return float(np.sqrt(np.mean(np.trace(position_bound(geometry, TrueNoise()), axis1=1, axis2=2))))
 
 
-def _blocks(
-    truth: MissionTruth, errors: SensorErrors, case: Case, seed: int, runs: int
-) -> Iterator[list[Measurements]]:
+def _blocks(case: Case, route: str, interval: float, runs: int, seed: int) -> Iterator[list[Measurements]]:
+    """Measurements of all runs, as many at a time as the lanes take."""
+    truth, errors = mission(route, interval, case.leader_heading_deg)
     for first in range(0, runs, LANES):
         yield [
             spoiled(measure(truth, errors, seed=seed, run=run), case, seed, run)
             for run in range(first, min(first + LANES, runs))
         ]
-
-
-def tight_run(settings: TightSettings, measurements: Measurements, start: Floats) -> tuple[Floats, Floats]:
-    """Positions, shape (n, 2), and their covariances xx, xy, yy, shape (n, 3), of a mission.
-
-    Raises:
-        ArithmeticError: a covariance is not positive definite.
-    """
-    model = model_of(settings)
-    n = measurements.speed.size
-    where, spread = np.empty((n, 2)), np.empty((n, 3))
-    own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
-    messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
-    belief = new_belief(settings, model, (float(start[0]), float(start[1])))
-    failed = filter_mission(belief, model, own, measurements.message_step, messages, where, spread)
-    if failed:
-        raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
-    return where, spread
 
 
 def nees(error: Floats, spread: Floats) -> Floats:
@@ -144,7 +124,7 @@ def compare(
     for block in _blocks(case, route, interval, runs, seed):
         heard = lanes.run(block, truth.start, NavigationSettings()).state[:, :2]
         for i, measurements in enumerate(block):
-            where, spread = tight_run(given, measurements, truth.start)
+            where, spread = run_mission(given, measurements, truth.start)
             for name, found in (("laisn", heard[:, :, i]), ("tight", where)):
                 steps = metrics.captured_steps(found, truth.hydrophone, truth.leader_position, truth.leader_heading)
                 captured[name] += metrics.longest_capture(steps) >= message_steps

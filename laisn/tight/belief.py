@@ -1,11 +1,12 @@
 """What a follower believes: a mixture of Gaussians in arrays of fixed size, and what it has sensed since a message."""
 
-from typing import NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled
+from laisn.elementary import sin_cos
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.settings import TightSettings
 from laisn.tight.states import COMPASS, LOG, SCALE, X, Y
@@ -18,125 +19,95 @@ KEPT = 4
 ROOM = 2 * KEPT
 """Hypotheses that there is room for while they are split."""
 
-# `Belief.motion`: way by log and compass since the last message, in their own directions.
-AX, AY = 0, 1
-"""A = Σ v u Δt, with the measured speed v in the measured direction u [m]."""
-BX, BY = 2, 3
-"""B = Σ u Δt [s]."""
-NXX, NXY, NYY = 4, 5, 6
-"""Covariance of A's random errors [m²]."""
-TIME = 7
-"""Since the last message [s]."""
-SPEED, SIN, COS = 8, 9, 10
-"""The last reading of the log [m/s], and the direction of the last reading of the compass; NaN before the first one."""
-MESSAGE_SIN, MESSAGE_COS = 11, 12
-"""Direction at the last message."""
-_MOTION_SIZE = 13
+MOST_STATES = 10
+"""Room for n; the arrays of a belief have one shape for all settings, so that all share one compiled code."""
+_COMPONENTS = 2 * ROOM
+_T = 3
 
-# `Belief.leader`: window over which the leader's way is held against its log and compass.
-WINDOW_TIME, WINDOW_X, WINDOW_Y = 0, 1, 2
-"""When and where it began; the time is NaN before the first message."""
-LOGGED_X, LOGGED_Y = 3, 4
-"""Σ s_L u(θ_L) Δt since then [m]."""
-LOGGED_SX, LOGGED_SY = 5, 6
-"""… and s_L u(θ_L) of the last message [m/s]."""
-FIRST_HEADING, LAST_TIME, LAST_HEADING = 7, 8, 9
-FIRST_TIME = 10
-"""Of the first message of all."""
-_LEADER_SIZE = 11
+# A belief is one record of fixed layout: compiled functions take a pointer to it, and it can be copied as a whole.
 
-# `Belief.output`: the mean over the mixture is X + C A − D B + V T, with rotations C and D as complex numbers.
-OUT_X, OUT_Y, C_COS, C_SIN, D_COS, D_SIN, V_X, V_Y = range(8)
-_OUTPUT_SIZE = 8
+_MOTION = np.dtype(
+    [(name, np.float64) for name in (
+        "ax", "ay",  # A = Σ v u Δt since the last message, with the measured speed v in the measured direction u [m]
+        "bx", "by",  # B = Σ u Δt [s]
+        "nxx", "nxy", "nyy",  # covariance of A's random errors [m²]
+        "time",  # since the last message [s]
+        "speed", "sin", "cos",  # the last reading of the log [m/s], NaN before the first, and the compass's direction
+        "message_sin", "message_cos",  # direction at the last message
+    )]
+)  # fmt: skip
+_LEADER = np.dtype(
+    [(name, np.float64) for name in (
+        "window_time", "window_x", "window_y",  # where the window began; the time is NaN before the first message
+        "logged_x", "logged_y",  # Σ s_L u(θ_L) Δt since then [m]
+        "velocity_x", "velocity_y",  # s_L u(θ_L) of the last message [m/s]
+        "first_heading", "last_heading",  # at the window's beginning and in the last message [rad]
+        "first_time", "last_time",  # of the first message of all and of the last one [s]
+    )]
+)  # fmt: skip
+_OUTPUT = np.dtype(
+    # the mean over the mixture is (x, y) + C A − D B + v T, with C and D rotations times numbers
+    [(name, np.float64) for name in ("x", "y", "c_cos", "c_sin", "d_cos", "d_sin", "v_x", "v_y")]
+)
+_WORK = np.dtype([
+    ("residual", np.float64, _T),  # z − ẑ [m]
+    ("row_x", np.float64, _T), ("row_y", np.float64, _T),  # derivatives of each range by the states …
+    ("row_scale", np.float64, _T), ("row_leader", np.float64, _T),
+    ("curvature", np.float64, (_T, 3, 3)),  # … and second ones by (x, y, b_L), times their covariance
+    ("spread", np.float64, (_T, _T)),  # S: covariance of the residuals [m²]
+    ("root", np.float64, (_T, _T)),  # its Cholesky factor over the ranges that are used
+    ("white", np.float64, _T), ("turned", np.float64, _T),  # residuals, and `row_leader`, in units of it
+    ("gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ
+    ("white_gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ root⁻ᵀ over the ranges that are used
+    ("used", np.int64, _T),  # their indices
+])  # fmt: skip
+_BELIEF = np.dtype([
+    ("state", np.float64, (_COMPONENTS, MOST_STATES)),  # mean of each component: `hypothesis · modes + mode`
+    ("covariance", np.float64, (_COMPONENTS, MOST_STATES, MOST_STATES)),
+    ("weight", np.float64, _COMPONENTS),  # sum 1 over those alive
+    ("evidence", np.float64, _COMPONENTS),  # logarithm of what a message says for each component
+    ("surprise", np.float64, _COMPONENTS),  # squared residuals in units of S, a degree of freedom
+    ("turn_excess", np.float64, _COMPONENTS),  # by how much `leader_variance` should be larger [rad²]
+    ("alive", np.int64),  # hypotheses
+    ("smoothed", np.float64),  # surprise over some messages
+    ("rejected", np.float64),  # messages in a row without a range that was believed
+    ("leader_variance", np.float64),  # of the random error of the leader's heading, as learnt so far [rad²]
+    ("motion", _MOTION), ("leader", _LEADER), ("output", _OUTPUT), ("work", _WORK),
+    ("now", np.float64, 4), ("now_covariance", np.float64, (4, 4)),  # x, y, vx, vy over the mixture, at the last step
+    ("rows", np.float64, (4, MOST_STATES)),  # their derivatives by a component's states
+    ("fresh", np.float64, MOST_STATES),  # variances at the start
+    ("before_state", np.float64, MOST_STATES),  # a component before the motion since the last message; else room …
+    ("before_covariance", np.float64, (MOST_STATES, MOST_STATES)),
+], align=True)  # fmt: skip
 
-
-class Work(NamedTuple):
-    """Room for the ranges of one message and one component; t is 3."""
-
-    residual: Floats
-    """z − ẑ, shape (t,), [m]."""
-    row_x: Floats
-    """Derivative of each range with respect to x, shape (t,) …"""
-    row_y: Floats
-    row_scale: Floats
-    row_leader: Floats
-    curvature: Floats
-    """Second derivative of each range by (x, y, b_L), times their covariance; shape (t, 3, 3)."""
-    spread: Floats
-    """S: covariance of the residuals, shape (t, t), [m²]."""
-    root: Floats
-    """Cholesky factor of S, over the ranges that are used, shape (t, t)."""
-    white: Floats
-    """Their residuals in units of it, shape (t,)."""
-    turned: Floats
-    """`row_leader` in units of it, shape (t,)."""
-    gain: Floats
-    """P Hᵀ, shape (n, t)."""
-    white_gain: Floats
-    """P Hᵀ root⁻ᵀ, over the ranges that are used, shape (n, t)."""
-    used: Ints
-    """Which ranges are used, shape (t,)."""
-
-
-class Belief(NamedTuple):
-    """A mixture: component `hypothesis · modes + mode`; arrays have room for all, `alive[0]` hypotheses are alive."""
-
-    mean: Floats
-    """Shape (components, n)."""
-    covariance: Floats
-    """Shape (components, n, n)."""
-    weight: Floats
-    """Shape (components,); the sum over those alive is 1."""
-    evidence: Floats
-    """Logarithm of what a message says for each component, shape (components,)."""
-    surprise: Floats
-    """Squared residuals of a component in units of S, a degree of freedom, shape (components,)."""
-    turn_excess: Floats
-    """By how much a message says that this variance should be larger, shape (components,), [rad²]."""
-    alive: Ints
-    """Hypotheses alive, shape (1,)."""
-    motion: Floats
-    leader: Floats
-    output: Floats
-    health: Floats
-    """Smoothed surprise, messages in a row without a range that was believed, and the variance of the random error of
-    the leader's heading as learnt so far [rad²]; shape (3,)."""
-    fresh: Floats
-    """Variances at the start, shape (n,)."""
-    before_mean: Floats
-    """Shape (n,); a component before the motion since the last message …"""
-    before_covariance: Floats
-    """… and its covariance, shape (n, n)."""
-    work: Work
-
-
-SURPRISE, REJECTED, LEADER_VARIANCE = range(3)
-"""Indices of `Belief.health`."""
+Belief: TypeAlias = Any
+"""A mixture of Gaussians, and what was sensed since the last message: a record with the fields of `_BELIEF`."""
 
 
 @compiled
 def refresh_output(b: Belief, m: Model) -> None:
     """Prepare the mean position over the mixture for the steps until the next message."""
     out = b.output
-    out[:] = 0.0
-    for k in range(b.alive[0] * m.modes):
+    out.x = out.y = out.c_cos = out.c_sin = out.d_cos = out.d_sin = out.v_x = out.v_y = 0.0
+    for k in range(b.alive * m.modes):
         w = b.weight[k]
-        cosine, sine, bias = np.cos(b.mean[k, COMPASS]), np.sin(b.mean[k, COMPASS]), b.mean[k, LOG]
-        out[OUT_X] += w * b.mean[k, X]
-        out[OUT_Y] += w * b.mean[k, Y]
-        out[C_COS] += w * cosine
-        out[C_SIN] += w * sine
-        out[D_COS] += w * cosine * bias
-        out[D_SIN] += w * sine * bias
+        bias = b.state[k, LOG]
+        sine, cosine = sin_cos(b.state[k, COMPASS])
+        out.x += w * b.state[k, X]
+        out.y += w * b.state[k, Y]
+        out.c_cos += w * cosine
+        out.c_sin += w * sine
+        out.d_cos += w * cosine * bias
+        out.d_sin += w * sine * bias
         if m.current != ABSENT:
-            out[V_X] += w * b.mean[k, m.current]
-            out[V_Y] += w * b.mean[k, m.current + 1]
+            out.v_x += w * b.state[k, m.current]
+            out.v_y += w * b.state[k, m.current + 1]
 
 
 def new_belief(settings: TightSettings, m: Model, start: tuple[float, float]) -> Belief:
     """One hypothesis: a known start, and biases of zero with the standard deviations of the settings."""
-    n, components = m.size, ROOM * m.modes
-    sigma = np.empty(n)
+    n = m.size
+    sigma = np.zeros(MOST_STATES)
     sigma[[X, Y]] = settings.start_sigma
     sigma[LOG], sigma[COMPASS] = settings.speed_bias_sigma, settings.heading_bias_sigma
     sigma[SCALE] = settings.range_scale_bias_sigma
@@ -145,42 +116,12 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float]) ->
     if m.current != ABSENT:
         sigma[m.current : m.current + 2] = settings.current_sigma
     if m.offset != ABSENT:
-        sigma[m.offset :] = settings.offset_sigma
-    t = 3
-    work = Work(
-        residual=np.zeros(t),
-        row_x=np.zeros(t),
-        row_y=np.zeros(t),
-        row_scale=np.zeros(t),
-        row_leader=np.zeros(t),
-        curvature=np.zeros((t, 3, 3)),
-        spread=np.zeros((t, t)),
-        root=np.zeros((t, t)),
-        white=np.zeros(t),
-        turned=np.zeros(t),
-        gain=np.zeros((n, t)),
-        white_gain=np.zeros((n, t)),
-        used=np.zeros(t, dtype=np.int64),
-    )
-    belief = Belief(
-        mean=np.zeros((components, n)),
-        covariance=np.zeros((components, n, n)),
-        weight=np.zeros(components),
-        evidence=np.zeros(components),
-        surprise=np.zeros(components),
-        turn_excess=np.zeros(components),
-        alive=np.ones(1, dtype=np.int64),
-        motion=np.zeros(_MOTION_SIZE),
-        leader=np.zeros(_LEADER_SIZE),
-        output=np.zeros(_OUTPUT_SIZE),
-        health=np.array([1.0, 0.0, m.leader_variance]),
-        fresh=sigma**2,
-        before_mean=np.zeros(n),
-        before_covariance=np.zeros((n, n)),
-        work=work,
-    )
-    belief.motion[SPEED] = belief.leader[WINDOW_TIME] = np.nan
-    belief.mean[: m.modes, [X, Y]] = start
+        sigma[m.offset : n] = settings.offset_sigma
+    belief: Belief = np.zeros(1, dtype=_BELIEF).view(np.recarray)[0]
+    belief.alive, belief.smoothed, belief.leader_variance = 1, 1.0, m.leader_variance
+    belief.motion.speed = belief.leader.window_time = np.nan
+    belief.fresh = sigma**2
+    belief.state[: m.modes, [X, Y]] = start
     belief.covariance[: m.modes] = np.diag(sigma**2)
     belief.weight[: m.modes] = 1.0 / m.modes
     refresh_output(belief, m)

@@ -2,13 +2,10 @@
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
 from laisn.compiled import compiled
+from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, hull_to_world
-from laisn.tight import belief as at
-from laisn.tight.belief import LEADER_VARIANCE, REJECTED, SURPRISE, Belief, refresh_output
+from laisn.tight.belief import Belief, refresh_output
 from laisn.tight.leader_way import watch_leader
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.modes import mix_modes
@@ -16,8 +13,6 @@ from laisn.tight.own_motion import begin_interval, move, turned_since_message
 from laisn.tight.ranging import Heard, learn
 from laisn.tight.sides import normalise, split, tidy, try_mirror
 from laisn.tight.states import COMPASS, LOG, X, Y
-
-Floats = npt.NDArray[np.float64]
 
 _BEND = 0.003
 """A compass bias so uncertain that the way bends by more than this is taken from the message first [m]."""
@@ -35,24 +30,29 @@ _WIDER_POSITION, _WIDER_COMPASS = 1.0, math.radians(2.0) ** 2
 
 
 @compiled
-def place_arms(arms: Floats, m: Model, attitude: tuple[float, float, float], deeper: float) -> None:
-    """Arms of the transmitters at the broadcast (heading, pitch, roll) [rad]; the leader is level where NaN.
+def place_arms(heard: Heard, m: Model, pitch: float, roll: float, deeper: float) -> None:
+    """Fill in the arms of the transmitters at the broadcast heading.
 
     Args:
-        arms: shape (3, 3), overwritten: east, north, and how much deeper than the hydrophone, [m].
+        heard: a message; `arms` is overwritten.
         m: settings.
-        attitude: as broadcast.
+        pitch: as broadcast [rad] …
+        roll: … likewise; the leader is taken as level where either is NaN.
         deeper: how much deeper the leader's origin is than the hydrophone [m].
     """
-    heading, pitch, roll = attitude
-    if not m.use_attitude or pitch != pitch or roll != roll:
-        pitch = roll = 0.0
+    arms = heard.arms
+    sine, cosine = sin_cos(heard.heading)
+    ahead, aside = (sine, cosine, 0.0), (-cosine, sine, 0.0)
+    if m.use_attitude and pitch == pitch and roll == roll:
+        attitude = (heard.heading, pitch, roll)
+        ahead, aside = hull_to_world(1.0, 0.0, attitude), hull_to_world(0.0, 1.0, attitude)
     half = 0.5 * m.baseline
     for i in range(m.transmitters):
         forward = -half if i == 0 else (half if i == 1 else 0.0)
         port = m.middle_offset if i == 2 else 0.0
-        east, north, up = hull_to_world(forward, port, (heading, pitch, roll))
-        arms[i, 0], arms[i, 1], arms[i, 2] = east, north, deeper - up
+        arms[i, 0] = forward * ahead[0] + port * aside[0]
+        arms[i, 1] = forward * ahead[1] + port * aside[1]
+        arms[i, 2] = deeper - (forward * ahead[2] + port * aside[2])
 
 
 @compiled
@@ -60,9 +60,9 @@ def _loosen(b: Belief, m: Model, heard: Heard) -> None:
     """Deviations: a compass that has turned may have another bias, the leader's too."""
     own = turned_since_message(b)
     leader = 0.0
-    if m.leader != ABSENT and b.leader[at.WINDOW_TIME] == b.leader[at.WINDOW_TIME]:
-        leader = angle_between(heard.heading, b.leader[at.LAST_HEADING])
-    for k in range(b.alive[0] * m.modes):
+    if m.leader != ABSENT and b.leader.window_time == b.leader.window_time:
+        leader = angle_between(heard.heading, b.leader.last_heading)
+    for k in range(b.alive * m.modes):
         if own > _TURN:
             b.covariance[k, COMPASS, COMPASS] += m.deviation * own * own
         if leader > _LEADER_TURN:
@@ -72,21 +72,21 @@ def _loosen(b: Belief, m: Model, heard: Heard) -> None:
 @compiled
 def _move_and_look(b: Belief, m: Model, k: int, heard: Heard) -> bool:
     """Move component k; where its compass bias bends the way too much, at the biases that the message suggests."""
-    way = math.sqrt(b.motion[at.AX] ** 2 + b.motion[at.AY] ** 2)
-    x, P, n = b.mean, b.covariance, m.size
+    way = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
+    x, P, n = b.state, b.covariance, m.size
     log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
     if 0.5 * P[k, COMPASS, COMPASS] * way < _BEND:
         move(b, m, k, log_bias, compass_bias)
         return True
     for i in range(n):
-        b.before_mean[i] = x[k, i]
+        b.before_state[i] = x[k, i]
         for j in range(n):
             b.before_covariance[i, j] = P[k, i, j]
     move(b, m, k, log_bias, compass_bias)
     healthy = learn(b, m, k, heard) >= 0
     log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
     for i in range(n):
-        x[k, i] = b.before_mean[i]
+        x[k, i] = b.before_state[i]
         for j in range(n):
             P[k, i, j] = b.before_covariance[i, j]
     move(b, m, k, log_bias, compass_bias)
@@ -96,7 +96,7 @@ def _move_and_look(b: Belief, m: Model, k: int, heard: Heard) -> bool:
 @compiled
 def _reweigh(b: Belief, m: Model) -> bool:
     """Multiply the weights by the evidence; False if none is left."""
-    components = b.alive[0] * m.modes
+    components = b.alive * m.modes
     best = -math.inf
     for k in range(components):
         if b.weight[k] > 0.0 and b.evidence[k] > best:
@@ -113,10 +113,10 @@ def _reweigh(b: Belief, m: Model) -> bool:
 def _learn_leader(b: Belief, m: Model) -> None:
     """Learn how much the leader's heading errs from message to message."""
     excess = 0.0
-    for k in range(b.alive[0] * m.modes):
+    for k in range(b.alive * m.modes):
         excess += b.weight[k] * b.turn_excess[k]
-    variance = b.health[LEADER_VARIANCE] + _LEARNING * excess
-    b.health[LEADER_VARIANCE] = min(max(variance, _LEAST_LEADER_VARIANCE), m.leader_variance)
+    variance = b.leader_variance + _LEARNING * excess
+    b.leader_variance = min(max(variance, _LEAST_LEADER_VARIANCE), m.leader_variance)
 
 
 @compiled
@@ -133,16 +133,16 @@ def _check_health(b: Belief, m: Model, heard: Heard, used: int) -> None:
     """Remember how much the ranges surprise; widen a belief that no range fits."""
     if used > 0:
         surprise = 0.0
-        for k in range(b.alive[0] * m.modes):
+        for k in range(b.alive * m.modes):
             surprise += b.weight[k] * b.surprise[k]
-        b.health[SURPRISE] += _SMOOTHING * (surprise - b.health[SURPRISE])
-        b.health[REJECTED] = 0.0
+        b.smoothed += _SMOOTHING * (surprise - b.smoothed)
+        b.rejected = 0.0
         if m.transmitters == 2:
             try_mirror(b, m, heard)
         return
-    b.health[REJECTED] += 1.0
-    if b.health[REJECTED] >= _PATIENCE:
-        for k in range(b.alive[0] * m.modes):
+    b.rejected += 1.0
+    if b.rejected >= _PATIENCE:
+        for k in range(b.alive * m.modes):
             b.covariance[k, X, X] += _WIDER_POSITION
             b.covariance[k, Y, Y] += _WIDER_POSITION
             b.covariance[k, COMPASS, COMPASS] += _WIDER_COMPASS
@@ -164,23 +164,23 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
     mix_modes(b, m)
     if m.deviation > 0.0:
         _loosen(b, m, heard)
-    for k in range(b.alive[0] * m.modes):
+    for k in range(b.alive * m.modes):
         if not _move_and_look(b, m, k, heard):
             return -1
     if not math.isnan(heard.ranges[0] + heard.ranges[1]):
         split(b, m, heard)
     most = 0
-    for k in range(b.alive[0] * m.modes):
+    for k in range(b.alive * m.modes):
         used = learn(b, m, k, heard)
         if used < 0:
             return -1
         if used > most:
             most = used
-    if b.alive[0] * m.modes > 1 and not _reweigh(b, m):
+    if b.alive * m.modes > 1 and not _reweigh(b, m):
         return -1
     if m.leader != ABSENT:
         _learn_leader(b, m)
-    if b.alive[0] > 1:
+    if b.alive > 1:
         tidy(b, m)
     _check_health(b, m, heard, most)
     if m.current != ABSENT or m.leader != ABSENT:

@@ -8,7 +8,6 @@ import math
 
 from laisn.compiled import compiled
 from laisn.geometry import angle_between
-from laisn.tight import belief as at
 from laisn.tight.belief import Belief
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.ranging import Heard
@@ -26,9 +25,9 @@ _SIGMA = 0.05
 @compiled
 def _begin(b: Belief, heard: Heard) -> None:
     o = b.leader
-    o[at.WINDOW_TIME], o[at.WINDOW_X], o[at.WINDOW_Y] = heard.time, heard.east, heard.north
-    o[at.LOGGED_X] = o[at.LOGGED_Y] = 0.0
-    o[at.FIRST_HEADING] = heard.heading
+    o.window_time, o.window_x, o.window_y = heard.time, heard.east, heard.north
+    o.logged_x = o.logged_y = 0.0
+    o.first_heading = heard.heading
 
 
 @compiled
@@ -36,7 +35,7 @@ def _learn_component(
     b: Belief, m: Model, k: int, seen: tuple[float, float], logged: tuple[float, float], variance: float
 ) -> None:
     """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once; `logged` is v_L u(θ_L)."""
-    x, P, n, gain = b.mean, b.covariance, m.size, b.before_mean
+    x, P, n, gain = b.state, b.covariance, m.size, b.before_state
     moving, turning = m.current != ABSENT, m.leader != ABSENT
     bias = x[k, m.leader] if turning else 0.0
     c, s = math.cos(bias), math.sin(bias)
@@ -70,23 +69,23 @@ def watch_leader(b: Belief, m: Model, heard: Heard) -> None:
     """Take a message's pose and speed; at the end of a window update all components with the current it shows."""
     o = b.leader
     sx, sy = heard.speed * math.sin(heard.heading), heard.speed * math.cos(heard.heading)
-    if o[at.WINDOW_TIME] != o[at.WINDOW_TIME]:
-        o[at.FIRST_TIME] = heard.time
+    if o.window_time != o.window_time:
+        o.first_time = heard.time
         _begin(b, heard)
     else:
-        elapsed = heard.time - o[at.LAST_TIME]
-        o[at.LOGGED_X] += 0.5 * elapsed * (o[at.LOGGED_SX] + sx)
-        o[at.LOGGED_Y] += 0.5 * elapsed * (o[at.LOGGED_SY] + sy)
-        turn = angle_between(heard.heading, o[at.FIRST_HEADING])
-        window = heard.time - o[at.WINDOW_TIME]
-        wanted = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (heard.time - o[at.FIRST_TIME]))
+        elapsed = heard.time - o.last_time
+        o.logged_x += 0.5 * elapsed * (o.velocity_x + sx)
+        o.logged_y += 0.5 * elapsed * (o.velocity_y + sy)
+        turn = angle_between(heard.heading, o.first_heading)
+        window = heard.time - o.window_time
+        wanted = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (heard.time - o.first_time))
         if turn > _TURN:
             _begin(b, heard)
         elif window >= wanted - 1e-6:
             per = 1.0 / window
-            logged = (per * o[at.LOGGED_X], per * o[at.LOGGED_Y])
-            seen = (per * (heard.east - o[at.WINDOW_X]) - logged[0], per * (heard.north - o[at.WINDOW_Y]) - logged[1])
-            for k in range(b.alive[0] * m.modes):
+            logged = (per * o.logged_x, per * o.logged_y)
+            seen = (per * (heard.east - o.window_x) - logged[0], per * (heard.north - o.window_y) - logged[1])
+            for k in range(b.alive * m.modes):
                 _learn_component(b, m, k, seen, logged, _SIGMA * _SIGMA * 10.0 * per)
             _begin(b, heard)
-    o[at.LOGGED_SX], o[at.LOGGED_SY], o[at.LAST_TIME], o[at.LAST_HEADING] = sx, sy, heard.time, heard.heading
+    o.velocity_x, o.velocity_y, o.last_time, o.last_heading = sx, sy, heard.time, heard.heading

@@ -4,11 +4,13 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled
-from laisn.tight.belief import Belief
+from laisn.messages import Measurements
+from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimator import place_arms, receive
-from laisn.tight.model import Model
+from laisn.tight.model import Model, model_of
 from laisn.tight.own_motion import advance, moments, position
-from laisn.tight.ranging import Heard
+from laisn.tight.ranging import Heard, new_heard
+from laisn.tight.settings import TightSettings
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -16,13 +18,14 @@ Ints = npt.NDArray[np.int64]
 
 @compiled
 def filter_mission(
-    b: Belief, m: Model, own: Floats, message_step: Ints, messages: Floats, where: Floats, spread: Floats
+    b: Belief, m: Model, heard: Heard, own: Floats, message_step: Ints, messages: Floats, where: Floats, spread: Floats
 ) -> int:
     """Estimate a whole mission.
 
     Args:
         b: a new belief.
         m: settings.
+        heard: room for a message.
         own: speed [m/s], heading [rad] and depth [m] after each step, shape (n, 3).
         message_step: shape (m,), from 1.
         messages: columns of `LeaderMessage` from timestamp to roll, then the three ranges; shape (m, 11).
@@ -32,22 +35,45 @@ def filter_mission(
     Returns:
         The step at which a covariance was not positive definite; 0 if none was.
     """
-    arms, ranges = np.empty((3, 3)), np.empty(3)
-    mean, covariance, rows = np.empty(4), np.empty((4, 4)), np.empty((4, m.size))
     i = 0
     for k in range(own.shape[0]):
         advance(b, m, own[k, 0], own[k, 1])
         if i < message_step.size and message_step[i] == k + 1:
-            deeper = messages[i, 5] - (own[k, 2] - m.hydrophone_height)
-            place_arms(arms, m, (messages[i, 3], messages[i, 6], messages[i, 7]), deeper)
-            for j in range(3):
-                ranges[j] = messages[i, 8 + j]
-            heard = Heard(messages[i, 0], messages[i, 1], messages[i, 2], messages[i, 3], messages[i, 4], arms, ranges)
+            row = messages[i]
+            heard.time, heard.east, heard.north, heard.heading, heard.speed = row[0], row[1], row[2], row[3], row[4]
+            heard.ranges[:] = row[8:11]
+            place_arms(heard, m, row[6], row[7], row[5] - (own[k, 2] - m.hydrophone_height))
             if receive(b, m, heard) < 0:
                 return k + 1
             i += 1
         where[k, 0], where[k, 1] = position(b)
         if spread.shape[0] > 0:
-            moments(b, m, mean, covariance, rows)
-            spread[k, 0], spread[k, 1], spread[k, 2] = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+            moments(b, m)
+            spread[k, 0], spread[k, 1] = b.now_covariance[0, 0], b.now_covariance[0, 1]
+            spread[k, 2] = b.now_covariance[1, 1]
     return 0
+
+
+def run_mission(settings: TightSettings, measurements: Measurements, start: Floats) -> tuple[Floats, Floats]:
+    """Position and its covariance after each step of a mission, without the rest that a navigator tells.
+
+    Args:
+        settings: of the navigator.
+        measurements: of the mission, n steps.
+        start: x, y at step 0, shape (2,) or more, [m].
+
+    Returns:
+        Positions, shape (n, 2), [m], and covariances xx, xy, yy, shape (n, 3), [m²].
+
+    Raises:
+        ArithmeticError: a covariance is not positive definite.
+    """
+    model, n = model_of(settings), measurements.speed.size
+    where, spread = np.empty((n, 2)), np.empty((n, 3))
+    own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
+    messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
+    belief = new_belief(settings, model, (float(start[0]), float(start[1])))
+    failed = filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, where, spread)
+    if failed:
+        raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
+    return where, spread

@@ -12,7 +12,7 @@ from laisn.tight.estimates import TightEstimates, state_names
 from laisn.tight.estimator import place_arms, receive
 from laisn.tight.model import model_of
 from laisn.tight.own_motion import advance, moments
-from laisn.tight.ranging import Heard
+from laisn.tight.ranging import new_heard
 from laisn.tight.settings import TightSettings
 from laisn.tight.sides import heaviest, hypothesis_weight
 
@@ -83,8 +83,7 @@ class TightNavigator:
         self.settings = settings
         self._model = model_of(settings)
         self._belief: Belief = new_belief(settings, self._model, (float(start[0]), float(start[1])))
-        self._arms, self._ranges = np.zeros((3, 3)), np.empty(3)
-        self._rows = np.empty((4, self._model.size))
+        self._heard = new_heard()
         self._state, self._covariance = start.copy(), np.diag(np.repeat([settings.start_sigma**2, 0.0], 2))
         self._step = 0
 
@@ -116,7 +115,8 @@ class TightNavigator:
         _check(self._step, own, reception)
         advance(self._belief, self._model, own.speed, own.heading)
         updates = [] if reception is None else [self._receive(own, reception)]
-        moments(self._belief, self._model, self._state, self._covariance, self._rows)
+        moments(self._belief, self._model)
+        self._state, self._covariance = self._belief.now.copy(), self._belief.now_covariance.copy()
         return updates
 
     def run(self, measurements: Measurements) -> TightEstimates:
@@ -160,12 +160,11 @@ class TightNavigator:
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
         message, settings = reception.message, self.settings
+        heard = self._heard
+        heard.time, heard.east, heard.north = message.timestamp, message.east, message.north
+        heard.heading, heard.speed, heard.ranges = message.heading, message.speed, reception.ranges
         deeper = message.depth - (own.depth - settings.hydrophone_height)
-        place_arms(self._arms, self._model, (message.heading, message.pitch, message.roll), deeper)
-        self._ranges[:] = reception.ranges
-        heard = Heard(
-            message.timestamp, message.east, message.north, message.heading, message.speed, self._arms, self._ranges
-        )
+        place_arms(heard, self._model, message.pitch, message.roll, deeper)
         used = receive(self._belief, self._model, heard)
         if used < 0:
             raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
@@ -173,19 +172,19 @@ class TightNavigator:
 
     def _update(self, used: int) -> Update:
         b, modes = self._belief, self._model.modes
-        components = int(b.alive[0]) * modes
-        weight = b.weight[:components]
-        mean = weight @ b.mean[:components]
-        apart = b.mean[:components] - mean
-        variance = weight @ (np.diagonal(b.covariance[:components], axis1=1, axis2=2) + apart**2)
-        sides = sorted(range(int(b.alive[0])), key=lambda h: -hypothesis_weight(b, self._model, h))
+        components, n = int(b.alive) * modes, self._model.size
+        weight, states = b.weight[:components], b.state[:components, :n]
+        mean = weight @ states
+        variance = np.diagonal(b.covariance[:components, :n, :n], axis1=1, axis2=2)
+        variance = weight @ (variance + (states - mean) ** 2)
+        sides = sorted(range(int(b.alive)), key=lambda h: -hypothesis_weight(b, self._model, h))
         top = heaviest(b, self._model, sides[0])
         where, spread = [], []
         for h in sides:
             part = slice(h * modes, (h + 1) * modes)
             share = b.weight[part] / b.weight[part].sum()
-            centre = share @ b.mean[part, :2]
-            off = b.mean[part, :2] - centre
+            centre = share @ b.state[part, :2]
+            off = b.state[part, :2] - centre
             where.append(centre)
             spread.append(np.einsum("k,kij->ij", share, b.covariance[part, :2, :2] + off[:, :, None] * off[:, None, :]))
         return Update(

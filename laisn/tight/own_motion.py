@@ -1,11 +1,12 @@
 """Dead reckoning: what log and compass add up to between messages, and what that does to a Gaussian."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
-from laisn.tight import belief as at
 from laisn.tight.belief import Belief
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.states import COMPASS, LOG, X, Y
@@ -21,63 +22,62 @@ def advance(b: Belief, m: Model, speed: float, heading: float) -> None:
     """
     o = b.motion
     sine, cosine = sin_cos(heading)
-    if o[at.SPEED] != o[at.SPEED]:
-        o[at.SPEED], o[at.SIN], o[at.COS] = speed, sine, cosine
-        o[at.MESSAGE_SIN], o[at.MESSAGE_COS] = sine, cosine
+    if o.speed != o.speed:
+        o.speed, o.sin, o.cos = speed, sine, cosine
+        o.message_sin, o.message_cos = sine, cosine
     half = 0.5 * m.dt
-    before = o[at.SPEED]
-    o[at.AX] += half * (before * o[at.SIN] + speed * sine)
-    o[at.AY] += half * (before * o[at.COS] + speed * cosine)
-    o[at.BX] += half * (o[at.SIN] + sine)
-    o[at.BY] += half * (o[at.COS] + cosine)
+    before = o.speed
+    o.ax += half * (before * o.sin + speed * sine)
+    o.ay += half * (before * o.cos + speed * cosine)
+    o.bx += half * (o.sin + sine)
+    o.by += half * (o.cos + cosine)
     along = m.speed_variance * m.dt * m.dt
     across = m.heading_variance * speed * speed * m.dt * m.dt
-    o[at.NXX] += along * sine * sine + across * cosine * cosine
-    o[at.NXY] += (along - across) * sine * cosine
-    o[at.NYY] += along * cosine * cosine + across * sine * sine
-    o[at.TIME] += m.dt
-    o[at.SPEED], o[at.SIN], o[at.COS] = speed, sine, cosine
+    o.nxx += along * sine * sine + across * cosine * cosine
+    o.nxy += (along - across) * sine * cosine
+    o.nyy += along * cosine * cosine + across * sine * sine
+    o.time += m.dt
+    o.speed, o.sin, o.cos = speed, sine, cosine
 
 
-@compiled
+@inlined
 def begin_interval(b: Belief) -> None:
     """Forget the way so far: the components have been moved by it."""
     o = b.motion
-    for i in range(at.TIME + 1):
-        o[i] = 0.0
-    o[at.MESSAGE_SIN], o[at.MESSAGE_COS] = o[at.SIN], o[at.COS]
+    o.ax = o.ay = o.bx = o.by = o.nxx = o.nxy = o.nyy = o.time = 0.0
+    o.message_sin, o.message_cos = o.sin, o.cos
 
 
 @compiled
 def turned_since_message(b: Belief) -> float:
     """Angle between the headings now and at the last message, 0 … π [rad]."""
     o = b.motion
-    cross = o[at.SIN] * o[at.MESSAGE_COS] - o[at.COS] * o[at.MESSAGE_SIN]
-    dot = o[at.SIN] * o[at.MESSAGE_SIN] + o[at.COS] * o[at.MESSAGE_COS]
+    cross = o.sin * o.message_cos - o.cos * o.message_sin
+    dot = o.sin * o.message_sin + o.cos * o.message_cos
     return float(abs(np.arctan2(cross, dot)))
 
 
 @inlined
-def _way(o: Floats, log_bias: float, compass_bias: float) -> tuple[float, float, float, float, float, float]:
+def _way(o: Any, log_bias: float, compass_bias: float) -> tuple[float, float, float, float, float, float]:
     """Rotation by a compass bias (cosine, sine), way through the water, and its derivative by the log's bias."""
-    c, s = np.cos(compass_bias), np.sin(compass_bias)
-    along_x, along_y = c * o[at.BX] - s * o[at.BY], s * o[at.BX] + c * o[at.BY]
-    way_x = c * o[at.AX] - s * o[at.AY] - log_bias * along_x
-    way_y = s * o[at.AX] + c * o[at.AY] - log_bias * along_y
+    s, c = sin_cos(compass_bias)
+    along_x, along_y = c * o.bx - s * o.by, s * o.bx + c * o.by
+    way_x = c * o.ax - s * o.ay - log_bias * along_x
+    way_y = s * o.ax + c * o.ay - log_bias * along_y
     return c, s, way_x, way_y, -along_x, -along_y
 
 
-@compiled
+@inlined
 def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> None:
     """Move component k by the way since the last message, linearised at some biases.
 
     The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too much has to be turned
     back. What biases do that wander on the way is added for a straight one.
     """
-    x, P, o, n = b.mean, b.covariance, b.motion, m.size
+    x, P, o, n = b.state, b.covariance, b.motion, m.size
     c, s, way_x, way_y, by_log_x, by_log_y = _way(o, log_bias, compass_bias)
     by_compass_x, by_compass_y = -way_y, way_x
-    time = o[at.TIME]
+    time = o.time
     off_log, off_compass = x[k, LOG] - log_bias, x[k, COMPASS] - compass_bias
     x[k, X] += way_x + by_log_x * off_log + by_compass_x * off_compass
     x[k, Y] += way_y + by_log_y * off_log + by_compass_y * off_compass
@@ -104,7 +104,7 @@ def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> N
     mode = k % m.modes
     q_log, q_compass, q_current = m.log_walk[mode], m.compass_walk[mode], m.current_walk
     third, half = time / 3.0, time / 2.0
-    nxx, nxy, nyy = o[at.NXX], o[at.NXY], o[at.NYY]
+    nxx, nxy, nyy = o.nxx, o.nxy, o.nyy
     slip = m.slip_rate * time
     px += c * c * nxx - 2.0 * c * s * nxy + s * s * nyy + slip
     pxy += c * s * (nxx - nyy) + (c * c - s * s) * nxy
@@ -134,20 +134,21 @@ def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> N
 def position(b: Belief) -> tuple[float, float]:
     """Mean position over the mixture now, between messages too [m]."""
     o, out = b.motion, b.output
-    x = out[at.OUT_X] + out[at.C_COS] * o[at.AX] - out[at.C_SIN] * o[at.AY] + out[at.V_X] * o[at.TIME]
-    y = out[at.OUT_Y] + out[at.C_SIN] * o[at.AX] + out[at.C_COS] * o[at.AY] + out[at.V_Y] * o[at.TIME]
-    x -= out[at.D_COS] * o[at.BX] - out[at.D_SIN] * o[at.BY]
-    y -= out[at.D_SIN] * o[at.BX] + out[at.D_COS] * o[at.BY]
+    x = out.x + out.c_cos * o.ax - out.c_sin * o.ay + out.v_x * o.time
+    y = out.y + out.c_sin * o.ax + out.c_cos * o.ay + out.v_y * o.time
+    x -= out.d_cos * o.bx - out.d_sin * o.by
+    y -= out.d_sin * o.bx + out.d_cos * o.by
     return x, y
 
 
 @compiled
-def _add_component(b: Belief, m: Model, k: int, mean: Floats, covariance: Floats, rows: Floats) -> None:
-    """Add component k, moved to now, to the moments of the mixture about the origin (in `mean` and `covariance`)."""
-    x, P, o, n, weight = b.mean, b.covariance, b.motion, m.size, b.weight[k]
+def _add_component(b: Belief, m: Model, k: int) -> None:
+    """Add component k, moved to now, to the moments of the mixture about the origin (in `b.now`)."""
+    mean, covariance, rows = b.now, b.now_covariance, b.rows
+    x, P, o, n, weight = b.state, b.covariance, b.motion, m.size, b.weight[k]
     c, s, way_x, way_y, by_log_x, by_log_y = _way(o, x[k, LOG], x[k, COMPASS])
-    ux, uy = c * o[at.SIN] - s * o[at.COS], s * o[at.SIN] + c * o[at.COS]
-    speed, time = o[at.SPEED] - x[k, LOG], o[at.TIME]
+    ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
+    speed, time = o.speed - x[k, LOG], o.time
     rows[:] = 0.0
     rows[0, X], rows[0, LOG], rows[0, COMPASS] = 1.0, by_log_x, -way_y
     rows[1, Y], rows[1, LOG], rows[1, COMPASS] = 1.0, by_log_y, way_x
@@ -172,7 +173,7 @@ def _add_component(b: Belief, m: Model, k: int, mean: Floats, covariance: Floats
             covariance[i, j] += weight * value
     mode = k % m.modes
     q_log, q_compass = m.log_walk[mode] * time / 3.0, m.compass_walk[mode] * time / 3.0
-    nxx, nxy, nyy = o[at.NXX], o[at.NXY], o[at.NYY]
+    nxx, nxy, nyy = o.nxx, o.nxy, o.nyy
     cross = c * s * (nxx - nyy) + (c * c - s * s) * nxy
     cross += q_log * by_log_x * by_log_y - q_compass * way_x * way_y
     covariance[0, 0] += weight * (c * c * nxx - 2.0 * c * s * nxy + s * s * nyy + slip)
@@ -182,7 +183,7 @@ def _add_component(b: Belief, m: Model, k: int, mean: Floats, covariance: Floats
     covariance[0, 1] += weight * cross
     covariance[1, 0] += weight * cross
     # the velocity is the last reading's, with its random error
-    along, across = m.speed_variance, m.heading_variance * o[at.SPEED] * o[at.SPEED]
+    along, across = m.speed_variance, m.heading_variance * o.speed * o.speed
     covariance[2, 2] += weight * (along * ux * ux + across * uy * uy)
     covariance[3, 3] += weight * (along * uy * uy + across * ux * ux)
     covariance[2, 3] += weight * (along - across) * ux * uy
@@ -190,27 +191,19 @@ def _add_component(b: Belief, m: Model, k: int, mean: Floats, covariance: Floats
 
 
 @compiled
-def moments(b: Belief, m: Model, mean: Floats, covariance: Floats, rows: Floats) -> None:
-    """Mean and covariance of (x, y, vx, vy) over the mixture now, between messages too.
-
-    Args:
-        b: the belief, after at least one step.
-        m: settings.
-        mean: shape (4,), [m] and [m/s]; overwritten.
-        covariance: shape (4, 4); overwritten.
-        rows: room, shape (4, n).
-    """
-    mean[:] = 0.0
-    covariance[:] = 0.0
+def moments(b: Belief, m: Model) -> None:
+    """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; between messages too, after a step."""
+    b.now[:] = 0.0
+    b.now_covariance[:] = 0.0
     # about the mean position, so that the squares of large coordinates do not swallow small variances
     origin_x, origin_y = position(b)
-    for k in range(b.alive[0] * m.modes):
-        b.mean[k, X] -= origin_x
-        b.mean[k, Y] -= origin_y
-        _add_component(b, m, k, mean, covariance, rows)
-        b.mean[k, X] += origin_x
-        b.mean[k, Y] += origin_y
+    for k in range(b.alive * m.modes):
+        b.state[k, X] -= origin_x
+        b.state[k, Y] -= origin_y
+        _add_component(b, m, k)
+        b.state[k, X] += origin_x
+        b.state[k, Y] += origin_y
     for i in range(4):
         for j in range(4):
-            covariance[i, j] -= mean[i] * mean[j]
-    mean[0], mean[1] = origin_x, origin_y
+            b.now_covariance[i, j] -= b.now[i] * b.now[j]
+    b.now[0], b.now[1] = origin_x, origin_y

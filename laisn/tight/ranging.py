@@ -5,13 +5,14 @@ from it to a transmitter as the broadcast heading places it, and Rot turns antic
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn.compiled import compiled
-from laisn.tight.belief import LEADER_VARIANCE, Belief
+from laisn.compiled import compiled, inlined
+from laisn.elementary import log, sin_cos
+from laisn.tight.belief import Belief
 from laisn.tight.gaussian import factor
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.states import SCALE, X, Y
@@ -27,25 +28,25 @@ _SHORTEST = 0.01
 """Nearer to a transmitter than this the direction to it means nothing [m]."""
 
 
-class Heard(NamedTuple):
-    """A message and its ranges, as compiled code takes them; t transmitters."""
+_HEARD = np.dtype([
+    ("time", np.float64),  # of emission, on the leader's clock [s]
+    ("east", np.float64), ("north", np.float64),  # of the leader's origin [m]
+    ("heading", np.float64),  # of the leader [rad] …
+    ("speed", np.float64),  # … and its speed through the water [m/s]
+    ("arms", np.float64, (3, 3)),  # from the origin to each transmitter: east, north, how much deeper than we [m]
+    ("ranges", np.float64, 3),  # slant ranges [m]; NaN where nothing was received
+])  # fmt: skip
 
-    time: float
-    """Of emission, on the leader's clock [s]."""
-    east: float
-    """Of the leader's origin [m]."""
-    north: float
-    heading: float
-    """Of the leader [rad]."""
-    speed: float
-    """Of the leader, through the water [m/s]."""
-    arms: Floats
-    """From the origin to each transmitter: east, north, and how much deeper it is than the hydrophone, shape (t, 3)."""
-    ranges: Floats
-    """Slant ranges, shape (t,), [m]; NaN where nothing was received."""
+Heard: TypeAlias = Any
+"""A message and its ranges: a record with the fields of `_HEARD`."""
 
 
-@compiled
+def new_heard() -> Heard:
+    """Room for a message."""
+    return np.zeros(1, dtype=_HEARD).view(np.recarray)[0]
+
+
+@inlined
 def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance: float) -> int:
     """Residuals of the ranges for component k, with rows of derivatives and covariances; all into `b.work`.
 
@@ -63,10 +64,10 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
     Returns:
         How many ranges there are; their indices stand in `b.work.used`.
     """
-    w, x, P = b.work, b.mean, b.covariance
+    w, x, P = b.work, b.state, b.covariance
     turning = m.leader != ABSENT
     bias = x[k, m.leader] + turn if turning else 0.0
-    c, s = (math.cos(bias), math.sin(bias)) if turning else (1.0, 0.0)
+    s, c = sin_cos(bias)
     qx, qy = x[k, X] - heard.east, x[k, Y] - heard.north
     pxx, pxy, pyy = P[k, X, X], P[k, X, Y], P[k, Y, Y]
     count, farthest = 0, 0.0
@@ -132,7 +133,7 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
             if turning:
                 second += f[0, 2] * e[2, 0] + f[2, 0] * e[0, 2] + f[1, 2] * e[2, 1] + f[2, 1] * e[1, 2]
                 second += f[2, 2] * e[2, 2]
-                noise += b.health[LEADER_VARIANCE] * w.row_leader[i] * w.row_leader[g]
+                noise += b.leader_variance * w.row_leader[i] * w.row_leader[g]
                 value += w.row_leader[i] * w.gain[m.leader, g]
             if m.offset != ABSENT and i > 0:
                 value += w.gain[m.offset + i - 1, g]
@@ -143,7 +144,7 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
     return count
 
 
-@compiled
+@inlined
 def _likelihood(b: Belief, count: int) -> tuple[float, float]:
     """Logarithm of the density of the ranges in `work.used`, and their squared residuals in units of S.
 
@@ -160,23 +161,23 @@ def _likelihood(b: Belief, count: int) -> tuple[float, float]:
         w.white[i] = value / w.root[i, i]
         squared += w.white[i] * w.white[i]
         volume *= w.root[i, i]
-    return -0.5 * (squared + count * _LOG_TURN) - math.log(volume), squared
+    return -0.5 * (squared + count * _LOG_TURN) - log(volume), squared
 
 
-@compiled
+@inlined
 def _certain(b: Belief, m: Model, count: int, squared: float) -> bool:
     """Whether no range can be an echo: leaving any out would cost more likelihood than it could gain."""
     largest = 0.0
     for j in range(count):
         i = b.work.used[j]
         largest = max(largest, b.work.spread[i, i])
-    return 0.5 * squared < m.log_accepted - m.log_rejected - 0.5 * (_LOG_TURN + math.log(largest))
+    return 0.5 * squared < m.log_accepted - m.log_rejected - 0.5 * (_LOG_TURN + log(largest))
 
 
-@compiled
+@inlined
 def _absorb(b: Belief, m: Model, k: int, count: int) -> None:
     """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ and whitened residuals ν, over the ranges in `work.used`."""
-    w, x, P = b.work, b.mean, b.covariance
+    w, x, P = b.work, b.state, b.covariance
     for h in range(m.size):
         for j in range(count):
             value = w.gain[h, w.used[j]]
@@ -192,14 +193,14 @@ def _absorb(b: Belief, m: Model, k: int, count: int) -> None:
             P[k, h, i] = P[k, i, h] = value
 
 
-@compiled
+@inlined
 def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
     """What the whitened residuals say of the random error w of the leader's heading: its mean and variance.
 
     A priori w has mean 0 and variance v; with g the derivative of the ranges by the heading, it is then
     v gᵀ S⁻¹ e, and v − v² gᵀ S⁻¹ g.
     """
-    w, v = b.work, b.health[LEADER_VARIANCE]
+    w, v = b.work, b.leader_variance
     match, size = 0.0, 0.0
     for i in range(count):
         value = w.row_leader[w.used[i]]
@@ -255,7 +256,7 @@ def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
     Returns:
         How many ranges it used; −1 if a covariance was not positive definite.
     """
-    v = b.health[LEADER_VARIANCE]
+    v = b.leader_variance
     received = expect(b, m, k, heard, 0.0, v)
     b.evidence[k], b.surprise[k], b.turn_excess[k] = 0.0, 0.0, 0.0
     if received == 0:

@@ -7,7 +7,7 @@ nearly linear. Halves that the data do not support lose their weight; halves tha
 import math
 
 from laisn.compiled import compiled
-from laisn.tight.belief import KEPT, ROOM, SURPRISE, Belief
+from laisn.tight.belief import KEPT, ROOM, Belief
 from laisn.tight.gaussian import blend, half_moments
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.ranging import Heard
@@ -34,7 +34,7 @@ def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, f
     Returns:
         ℓ [m], its derivatives by x, y and b_L, and the distance from the leader's origin [m].
     """
-    x, arms = b.mean, heard.arms
+    x, arms = b.state, heard.arms
     bias = x[k, m.leader] if m.leader != ABSENT else 0.0
     c, s = math.cos(bias), math.sin(bias)
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
@@ -52,7 +52,7 @@ def _copy(b: Belief, m: Model, source: int, target: int) -> None:
         i, j = source * m.modes + mode, target * m.modes + mode
         b.weight[j], b.evidence[j], b.surprise[j] = b.weight[i], b.evidence[i], b.surprise[i]
         for g in range(m.size):
-            b.mean[j, g] = b.mean[i, g]
+            b.state[j, g] = b.state[i, g]
             for h in range(m.size):
                 b.covariance[j, g, h] = b.covariance[i, g, h]
 
@@ -60,9 +60,9 @@ def _copy(b: Belief, m: Model, source: int, target: int) -> None:
 @compiled
 def _keep_half(b: Belief, m: Model, k: int, heard: Heard, side: float) -> None:
     """Replace component k by its part on one side of the axis: left for +1, right for −1; with its exact moments."""
-    x, P, n = b.mean, b.covariance, m.size
+    x, P, n = b.state, b.covariance, m.size
     lateral, gx, gy, gl, _ = _lateral(b, m, k, heard)
-    column = b.before_mean
+    column = b.before_state
     for i in range(n):
         column[i] = P[k, i, X] * gx + P[k, i, Y] * gy
         if m.leader != ABSENT:
@@ -117,10 +117,10 @@ def hypothesis_weight(b: Belief, m: Model, h: int) -> float:
 @compiled
 def split(b: Belief, m: Model, heard: Heard) -> None:
     """Split every hypothesis that reaches across the leader's axis."""
-    for h in range(b.alive[0]):
-        if b.alive[0] < ROOM and _reaches_across(b, m, heaviest(b, m, h), heard):
-            other = b.alive[0]
-            b.alive[0] += 1
+    for h in range(b.alive):
+        if b.alive < ROOM and _reaches_across(b, m, heaviest(b, m, h), heard):
+            other = b.alive
+            b.alive += 1
             _copy(b, m, h, other)
             for mode in range(m.modes):
                 _keep_half(b, m, h * m.modes + mode, heard, 1.0)
@@ -130,18 +130,18 @@ def split(b: Belief, m: Model, heard: Heard) -> None:
 @compiled
 def _remove(b: Belief, m: Model, h: int) -> None:
     """Remove a hypothesis: the last one takes its place."""
-    b.alive[0] -= 1
-    if h != b.alive[0]:
-        _copy(b, m, b.alive[0], h)
+    b.alive -= 1
+    if h != b.alive:
+        _copy(b, m, b.alive, h)
 
 
 @compiled
 def normalise(b: Belief, m: Model) -> None:
     """Scale the weights to a sum of 1."""
     total = 0.0
-    for k in range(b.alive[0] * m.modes):
+    for k in range(b.alive * m.modes):
         total += b.weight[k]
-    for k in range(b.alive[0] * m.modes):
+    for k in range(b.alive * m.modes):
         b.weight[k] /= total
 
 
@@ -149,7 +149,7 @@ def normalise(b: Belief, m: Model) -> None:
 def _same_place(b: Belief, m: Model, g: int, h: int) -> bool:
     """Whether two hypotheses are nearer than their mean spread, by their heaviest components' positions."""
     i, j = heaviest(b, m, g), heaviest(b, m, h)
-    x, P = b.mean, b.covariance
+    x, P = b.state, b.covariance
     dx, dy = x[i, X] - x[j, X], x[i, Y] - x[j, Y]
     xx, xy = 0.5 * (P[i, X, X] + P[j, X, X]), 0.5 * (P[i, X, Y] + P[j, X, Y])
     yy = 0.5 * (P[i, Y, Y] + P[j, Y, Y])
@@ -165,7 +165,7 @@ def _merge(b: Belief, m: Model, g: int, h: int) -> None:
         if total > 0.0:
             if b.weight[j] > b.weight[i]:
                 b.surprise[i] = b.surprise[j]
-            blend(b.mean, b.covariance, i, j, b.weight[j] / total, m.size)
+            blend(b.state, b.covariance, i, j, b.weight[j] / total, m.size)
         b.weight[i] = total
     _remove(b, m, h)
 
@@ -173,7 +173,7 @@ def _merge(b: Belief, m: Model, g: int, h: int) -> None:
 @compiled
 def _lightest(b: Belief, m: Model) -> int:
     least = 0
-    for h in range(1, b.alive[0]):
+    for h in range(1, b.alive):
         if hypothesis_weight(b, m, h) < hypothesis_weight(b, m, least):
             least = h
     return least
@@ -183,21 +183,21 @@ def _lightest(b: Belief, m: Model) -> int:
 def tidy(b: Belief, m: Model) -> None:
     """Drop hypotheses without weight, merge those in the same place, and keep the heaviest few."""
     h = 0
-    while h < b.alive[0]:
-        if b.alive[0] > 1 and hypothesis_weight(b, m, h) < _LEAST_WEIGHT:
+    while h < b.alive:
+        if b.alive > 1 and hypothesis_weight(b, m, h) < _LEAST_WEIGHT:
             _remove(b, m, h)
         else:
             h += 1
     g = 0
-    while g < b.alive[0]:
+    while g < b.alive:
         h = g + 1
-        while h < b.alive[0]:
+        while h < b.alive:
             if _same_place(b, m, g, h):
                 _merge(b, m, g, h)
             else:
                 h += 1
         g += 1
-    while b.alive[0] > KEPT:
+    while b.alive > KEPT:
         _remove(b, m, _lightest(b, m))
     normalise(b, m)
 
@@ -205,15 +205,15 @@ def tidy(b: Belief, m: Model) -> None:
 @compiled
 def try_mirror(b: Belief, m: Model, heard: Heard) -> None:
     """Where the ranges surprise too long, add the mirror image of the heaviest hypothesis, with fresh biases."""
-    if b.health[SURPRISE] < _ALARM:
+    if b.smoothed < _ALARM:
         return
-    b.health[SURPRISE] = 1.0
+    b.smoothed = 1.0
     best = 0
-    for h in range(1, b.alive[0]):
+    for h in range(1, b.alive):
         if hypothesis_weight(b, m, h) > hypothesis_weight(b, m, best):
             best = h
-    source, image = heaviest(b, m, best), b.alive[0]
-    b.alive[0] += 1
+    source, image = heaviest(b, m, best), b.alive
+    b.alive += 1
     lateral, gx, gy, _, _ = _lateral(b, m, source, heard)
     share = _MIRROR_WEIGHT / m.modes
     for k in range(image * m.modes):
@@ -222,12 +222,12 @@ def try_mirror(b: Belief, m: Model, heard: Heard) -> None:
         k = image * m.modes + mode
         b.weight[k], b.surprise[k], b.evidence[k] = share, 1.0, 0.0
         for i in range(m.size):
-            b.mean[k, i] = 0.0
+            b.state[k, i] = 0.0
             for j in range(m.size):
                 b.covariance[k, i, j] = 0.0
             b.covariance[k, i, i] = b.fresh[i]
-        b.mean[k, X] = b.mean[source, X] - 2.0 * lateral * gx
-        b.mean[k, Y] = b.mean[source, Y] - 2.0 * lateral * gy
+        b.state[k, X] = b.state[source, X] - 2.0 * lateral * gx
+        b.state[k, Y] = b.state[source, Y] - 2.0 * lateral * gy
         for i in (X, Y):
             for j in (X, Y):
                 b.covariance[k, i, j] = b.covariance[source, i, j]

@@ -15,7 +15,7 @@ from laisn.tight.leader_way import watch_leader
 from laisn.tight.model import Model, model_of
 from laisn.tight.modes import mix_modes
 from laisn.tight.own_motion import advance, begin_interval, moments, move, position
-from laisn.tight.ranging import Heard
+from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import Assume, TightSettings
 from laisn.tight.sides import split, tidy
 
@@ -35,7 +35,7 @@ def made(settings: TightSettings = SETTINGS, seed: int = 3) -> tuple[Belief, Mod
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
     for k in range(model.modes):
-        belief.mean[k], belief.covariance[k] = BIASES, some_covariance(seed + k)
+        belief.state[k], belief.covariance[k] = BIASES, some_covariance(seed + k)
     refresh_output(belief, model)
     return belief, model
 
@@ -47,8 +47,8 @@ def readings(count: int, seed: int = 1) -> tuple[Floats, Floats]:
 
 def mixture_moments(belief: Belief, components: range) -> tuple[Floats, Floats]:
     weight = belief.weight[components]
-    mean = weight @ belief.mean[components] / weight.sum()
-    apart = belief.mean[components] - mean
+    mean = weight @ belief.state[components] / weight.sum()
+    apart = belief.state[components] - mean
     spread = belief.covariance[components] + apart[:, :, None] * apart[:, None, :]
     return mean, np.einsum("k,kij->ij", weight, spread) / weight.sum()
 
@@ -78,7 +78,7 @@ def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     model = model._replace(log_walk=(0.0, 0.0), compass_walk=(0.0, 0.0), current_walk=0.0)
     for v, theta in zip(*readings(30), strict=True):
         advance(belief, model, v, theta)
-    motion = belief.motion.copy()
+    motion = np.array(belief.motion.tolist())
     F = np.eye(N)
     F[:2] = np.stack([way_of(BIASES + 1e-30j * unit, motion).imag / 1e-30 for unit in np.eye(N)], axis=1)
     c, s = np.cos(BIASES[3]), np.sin(BIASES[3])
@@ -91,7 +91,7 @@ def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     kalman.predict(F=F, Q=Q)
     kalman.x[:2] = way_of(BIASES.astype(complex), motion).real
     move(belief, model, 0, BIASES[2], BIASES[3])
-    np.testing.assert_allclose(belief.mean[0], kalman.x, atol=1e-12)
+    np.testing.assert_allclose(belief.state[0], kalman.x, atol=1e-12)
     np.testing.assert_allclose(belief.covariance[0], kalman.P, atol=1e-12)
 
 
@@ -99,10 +99,10 @@ def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
     belief, model = made()
     for v, theta in zip(*readings(30), strict=True):
         advance(belief, model, v, theta)
-    mean, covariance = np.empty(4), np.empty((4, 4))
-    moments(belief, model, mean, covariance, np.empty((4, N)))
+    moments(belief, model)
+    mean, covariance = belief.now.copy(), belief.now_covariance.copy()
     move(belief, model, 0, BIASES[2], BIASES[3])
-    np.testing.assert_allclose(mean[:2], belief.mean[0, :2], atol=1e-12)
+    np.testing.assert_allclose(mean[:2], belief.state[0, :2], atol=1e-12)
     np.testing.assert_allclose(covariance[:2, :2], belief.covariance[0, :2, :2], atol=1e-12)
 
 
@@ -117,10 +117,10 @@ def test_biases_that_wander_add_up_over_intervals_as_over_their_sum() -> None:
     for _ in range(60):
         advance(whole, model, 1.0, 0.3)
         advance(parts, model, 1.0, 0.3)
-        move(parts, model, 0, parts.mean[0, 2], parts.mean[0, 3])
+        move(parts, model, 0, parts.state[0, 2], parts.state[0, 3])
         begin_interval(parts)
-    move(whole, model, 0, whole.mean[0, 2], whole.mean[0, 3])
-    np.testing.assert_allclose(parts.mean[0], whole.mean[0], atol=1e-10)
+    move(whole, model, 0, whole.state[0, 2], whole.state[0, 3])
+    np.testing.assert_allclose(parts.state[0], whole.state[0], atol=1e-10)
     np.testing.assert_allclose(parts.covariance[0], whole.covariance[0], rtol=1e-10, atol=1e-13)
 
 
@@ -140,8 +140,10 @@ def test_moments_of_a_half_equal_quadrature(z: float) -> None:
 
 
 def message(ranges: Floats) -> Heard:
-    arms = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
-    return Heard(0.0, 40.0, 1.0, np.pi / 2, 1.0, arms, ranges)
+    heard = new_heard()
+    heard.east, heard.north, heard.heading, heard.speed = 40.0, 1.0, np.pi / 2, 1.0
+    heard.arms, heard.ranges = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]], ranges
+    return heard
 
 
 @pytest.mark.parametrize("drift", [False, True])
@@ -149,41 +151,41 @@ def test_both_halves_together_are_the_whole(drift: bool) -> None:
     """A hypothesis that is split at the axis keeps mean and covariance, and its halves lie on either side."""
     settings = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, drift=drift))
     belief, model = made(settings)
-    belief.mean[: model.modes, :2] = [0.0, 0.5]
+    belief.state[: model.modes, :2] = [0.0, 0.5]
     belief.covariance[: model.modes, 0, 0] += 4.0
     belief.covariance[: model.modes, 1, 1] += 4.0
-    belief.mean[: model.modes, 5] = 0.0
+    belief.state[: model.modes, 5] = 0.0
     before = [mixture_moments(belief, range(k, k + 1)) for k in range(model.modes)]
     split(belief, model, message(np.full(3, 40.0)))
-    assert belief.alive[0] == 2
+    assert belief.alive == 2
     for k in range(model.modes):
         after = mixture_moments(belief, range(k, 2 * model.modes, model.modes))
         np.testing.assert_allclose(after[0], before[k][0], atol=1e-10)
         np.testing.assert_allclose(after[1], before[k][1], atol=1e-10)
     # the leader heads east, 40 m ahead and 1 m to the north; an axis turned anticlockwise lies lower back here
-    left, right = (belief.mean[k, 1] - 1.0 + 40.0 * belief.mean[k, 5] for k in (0, model.modes))
+    left, right = (belief.state[k, 1] - 1.0 + 40.0 * belief.state[k, 5] for k in (0, model.modes))
     assert left > 0.0 > right
     assert belief.weight.sum() == pytest.approx(1.0)
 
 
 def test_a_follower_abeam_is_not_split() -> None:
     belief, model = made()
-    belief.mean[0, :2] = 40.0, -30.0
+    belief.state[0, :2] = 40.0, -30.0
     split(belief, model, message(np.full(3, 30.0)))
-    assert belief.alive[0] == 1
+    assert belief.alive == 1
 
 
 def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go() -> None:
     belief, model = made()
-    belief.alive[0] = 3
+    belief.alive = 3
     for k, weight in enumerate((0.7, 0.3 - 1e-6, 1e-6)):
-        belief.weight[k], belief.covariance[k], belief.mean[k] = weight, some_covariance(k + 20), BIASES
-    belief.mean[1, 0] += 0.01
-    belief.mean[2, 0] += 50.0
+        belief.weight[k], belief.covariance[k], belief.state[k] = weight, some_covariance(k + 20), BIASES
+    belief.state[1, 0] += 0.01
+    belief.state[2, 0] += 50.0
     expected = mixture_moments(belief, range(2))
     tidy(belief, model)
-    assert belief.alive[0] == 1
-    np.testing.assert_allclose(belief.mean[0], expected[0], atol=1e-12)
+    assert belief.alive == 1
+    np.testing.assert_allclose(belief.state[0], expected[0], atol=1e-12)
     np.testing.assert_allclose(belief.covariance[0], expected[1], atol=1e-12)
     assert belief.weight[0] == pytest.approx(1.0)
 
@@ -191,7 +193,7 @@ def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go
 def test_mixing_modes_keeps_the_moments_of_the_whole_and_moves_weight() -> None:
     belief, model = made(TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, drift=True)))
     belief.weight[:2] = 0.9, 0.1
-    belief.mean[1, 2:4] += 0.1
+    belief.state[1, 2:4] += 0.1
     before = mixture_moments(belief, range(2))
     mix_modes(belief, model)
     after = mixture_moments(belief, range(2))
@@ -217,17 +219,19 @@ def test_a_leaders_way_tells_the_current_as_filterpy_has_it(exact: bool) -> None
     belief = new_belief(settings, model, (0.0, 0.0))
     n = model.size
     root = np.random.default_rng(2).normal(size=(n, n)) * 0.1
-    belief.covariance[0] = root @ root.T
+    belief.covariance[0, :n, :n] = root @ root.T
     if not exact:
-        belief.mean[0, model.leader] = 0.1
+        belief.state[0, model.leader] = 0.1
     kalman = KalmanFilter(dim_x=n, dim_z=2)
-    kalman.x, kalman.P = belief.mean[0].copy(), belief.covariance[0].copy()
-    arms, ranges = np.zeros((3, 3)), np.full(3, np.nan)
+    kalman.x, kalman.P = belief.state[0, :n].copy(), belief.covariance[0, :n, :n].copy()
+    heard = new_heard()
     heading, speed, drift = 0.7, 1.3, np.array([0.2, -0.1])
+    heard.heading, heard.speed = heading, speed
     logged = speed * np.array([np.sin(heading), np.cos(heading)])
     for t in range(2):
         at = (logged + drift) * 1.25 * t
-        watch_leader(belief, model, Heard(1.25 * t, at[0], at[1], heading, speed, arms, ranges))
+        heard.time, heard.east, heard.north = 1.25 * t, at[0], at[1]
+        watch_leader(belief, model, heard)
     bias = 0.0 if exact else kalman.x[model.leader]
     angle = heading - bias
     turned = speed * np.array([np.sin(angle), np.cos(angle)])
@@ -237,5 +241,5 @@ def test_a_leaders_way_tells_the_current_as_filterpy_has_it(exact: bool) -> None
         H[:, model.leader] = speed * np.array([-np.cos(angle), np.sin(angle)])
     expected = kalman.x[model.current : model.current + 2] + turned - logged
     kalman.update(H @ kalman.x + drift - expected, R=np.eye(2) * 0.05**2 * 10.0 / 1.25, H=H)
-    np.testing.assert_allclose(belief.mean[0], kalman.x, atol=1e-9)
-    np.testing.assert_allclose(belief.covariance[0], kalman.P, atol=1e-9)
+    np.testing.assert_allclose(belief.state[0, :n], kalman.x, atol=1e-9)
+    np.testing.assert_allclose(belief.covariance[0, :n, :n], kalman.P, atol=1e-9)

@@ -13,9 +13,10 @@ from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.tight.belief import new_belief
 from laisn.tight.estimates import TightEstimates
-from laisn.tight.mission import filter_mission
+from laisn.tight.mission import filter_mission, run_mission
 from laisn.tight.model import model_of
 from laisn.tight.navigator import TightNavigator
+from laisn.tight.ranging import new_heard
 from laisn.tight.settings import Assume, TightSettings
 
 Floats = npt.NDArray[np.float64]
@@ -79,17 +80,6 @@ def _integral(speed: Floats, heading: Floats) -> Floats:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * DT * (velocity[1:] + velocity[:-1]), axis=0)])
 
 
-def compiled_run(setting: TightSettings, measurements: Measurements, start: Floats) -> tuple[Floats, Floats]:
-    model = model_of(setting)
-    n = measurements.speed.size
-    where, spread = np.empty((n, 2)), np.empty((n, 3))
-    own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
-    messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
-    belief = new_belief(setting, model, (start[0], start[1]))
-    assert filter_mission(belief, model, own, measurements.message_step, messages, where, spread) == 0
-    return where, spread
-
-
 @pytest.mark.parametrize(
     ("assume", "transmitters", "errors"),
     [
@@ -149,9 +139,9 @@ def test_the_world_has_no_north_and_no_origin(
     mission, shift = Mission(steps=600), np.array([east, north])
     setting = TightSettings(assume=EVERYTHING if everything else Assume(), transmitters=transmitters)
     measurements = mission.measured(np.random.default_rng(seed), log=0.2, compass=0.1)
-    here, _ = compiled_run(setting, measurements, mission.start)
+    here, _ = run_mission(setting, measurements, mission.start)
     there_start = np.concatenate([rotated(mission.start[None, :2], angle)[0] + shift, np.zeros(2)])
-    there, _ = compiled_run(setting, turned(measurements, angle, shift), there_start)
+    there, _ = run_mission(setting, turned(measurements, angle, shift), there_start)
     np.testing.assert_allclose(there, rotated(here, angle) + shift, atol=1e-5)
 
 
@@ -167,7 +157,7 @@ def test_online_steps_a_run_and_a_compiled_loop_agree_to_the_bit(assume: Assume,
         online.step(own, reception)
         assert online.state.tobytes() == result.state[i].tobytes()
         assert online.covariance.tobytes() == result.covariance[i].tobytes()
-    where, spread = compiled_run(setting, measurements, mission.start)
+    where, spread = run_mission(setting, measurements, mission.start)
     assert where.tobytes() == result.state[:, :2].tobytes()
     assert spread[:, 1].tobytes() == result.covariance[:, 0, 1].tobytes()
 
@@ -182,7 +172,7 @@ def test_errors_are_as_large_as_the_covariance_says_and_as_small_as_the_bound() 
         measurements = mission.measured(
             rng, log=rng.normal(0, 0.3), compass=rng.normal(0, np.deg2rad(8.0)), scale=rng.normal(0, 0.2)
         )
-        where, spread = compiled_run(setting, measurements, mission.start)
+        where, spread = run_mission(setting, measurements, mission.start)
         x, y = (where - mission.follower[1:]).T
         xx, xy, yy = spread.T
         squared[run] = x**2 + y**2
@@ -212,14 +202,14 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     where, spread = np.empty((10_000, 2)), np.empty((0, 3))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
-        assert filter_mission(belief, model, own, measurements.message_step, messages, where, spread) == 0
-        for k in range(int(belief.alive[0]) * model.modes):
-            covariance = belief.covariance[k]
+        assert filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, where, spread) == 0
+        for k in range(int(belief.alive) * model.modes):
+            covariance = belief.covariance[k, : model.size, : model.size]
             np.testing.assert_array_equal(covariance, covariance.T)
             sigma = np.sqrt(np.diag(covariance))
             assert np.linalg.eigvalsh(covariance / np.outer(sigma, sigma)).min() > 1e-9, lap
         # the next lap begins where the mission began
-        belief.mean[:, :2] -= backwards
+        belief.state[:, :2] -= backwards
 
 
 OWN = OwnMotion(1.0, 0.2, 8.0)

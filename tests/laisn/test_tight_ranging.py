@@ -9,9 +9,9 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal
 
-from laisn.tight.belief import LEADER_VARIANCE, Belief, new_belief
+from laisn.tight.belief import Belief, new_belief
 from laisn.tight.model import Model, model_of
-from laisn.tight.ranging import Heard, expect, learn
+from laisn.tight.ranging import Heard, expect, learn, new_heard
 from laisn.tight.settings import Assume, TightSettings
 
 Floats = npt.NDArray[np.float64]
@@ -41,12 +41,15 @@ def gradient(state: Floats, farthest: float) -> Floats:
 def belief(covariance: Floats, mean: Floats = STATE, settings: TightSettings = EVERYTHING) -> tuple[Belief, Model]:
     model = model_of(settings)
     made = new_belief(settings, model, (0.0, 0.0))
-    made.mean[0], made.covariance[0] = mean, covariance
+    made.state[0], made.covariance[0] = mean, covariance
     return made, model
 
 
 def heard(ranges: Floats) -> Heard:
-    return Heard(0.0, float(LEADER[0]), float(LEADER[1]), 0.3, 1.0, ARMS, ranges)
+    message = new_heard()
+    message.east, message.north, message.heading, message.speed = *LEADER, 0.3, 1.0
+    message.arms, message.ranges = ARMS, ranges
+    return message
 
 
 def some_covariance(scale: float) -> Floats:
@@ -110,7 +113,7 @@ def test_an_update_equals_filterpys(lost: tuple[int, ...]) -> None:
     ranges[list(lost)] = np.nan
     kept = [i for i in range(3) if i not in lost]
     made, model = belief(covariance, plain, settings)
-    made.health[LEADER_VARIANCE] = 0.0
+    made.leader_variance = 0.0
     assert learn(made, model, 0, heard(ranges)) == len(kept)
 
     exact = gradient(plain, float(np.nanmax(ranges)))
@@ -125,7 +128,7 @@ def test_an_update_equals_filterpys(lost: tuple[int, ...]) -> None:
     kalman.H, kalman.R = exact[kept], noise[np.ix_(kept, kept)]
     expected = ranges_of(plain, 30.0).real + 0.5 * np.array([np.trace(a) for a in bent])
     kalman.update(exact[kept] @ plain + (ranges - expected)[kept])
-    np.testing.assert_allclose(made.mean[0], kalman.x, atol=1e-9)
+    np.testing.assert_allclose(made.state[0], kalman.x, atol=1e-9)
     np.testing.assert_allclose(made.covariance[0], kalman.P, atol=1e-9)
 
 
@@ -146,7 +149,7 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
     covariance = some_covariance(0.01)
     ranges = ranges_of(plain, 30.0).real + np.array(echo)
     made, model = belief(covariance, plain)
-    expect(made, model, 0, heard(ranges), 0.0, made.health[LEADER_VARIANCE])
+    expect(made, model, 0, heard(ranges), 0.0, made.leader_variance)
     residual, spread = made.work.residual.copy(), made.work.spread.copy()
     best = {}
     for size in range(4):
