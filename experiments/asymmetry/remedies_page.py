@@ -81,7 +81,7 @@ def _remedy_table(missions: dict[Mission, Excess], variants: Sequence[str]) -> T
         f"{100 * JUDGED_FROM_M:g} cm or more in the mean. Of the sum: of all that pitch adds to the mean error on "
         "these missions, captured runs included, with its 95 % interval. Then mission by mission: errors in runs that "
         "nobody captures, and captures. Met or missed: the whole interval lies beyond the aim or short of it; each "
-        f"is wrong in at most {100 * WRONG:g} % of missions at the edge of the aim. No harm shown: the first runs do "
+        f"is wrong in about {100 * WRONG:g} % of missions at the edge of the aim. No harm shown: the first runs do "
         "not show that pitch adds anything, or too few of them are free of capture.",
     )  # fmt: skip
 

@@ -27,6 +27,8 @@ Flags = npt.NDArray[np.bool_]
 
 WRONG = 0.025
 """Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
+_NOMINAL = 0.015
+"""Chance that the limits are asked for: those of a bootstrap over 64 skewed runs are crossed half as often again."""
 
 
 class Verdict(Enum):
@@ -43,12 +45,12 @@ def _judge(
 ) -> Verdict:
     """Judge by `interval`, of values of the first so many runs with a confidence, after each look until it is settled.
 
-    Each look has its part of `WRONG`.
+    Each look has its part of `_NOMINAL`.
     """
     if not interval(part, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
         return Verdict.NO_HARM
     for runs in (look for look in looks if look <= part.size):
-        rest = interval(left - (1.0 - wanted) * part, runs, 1.0 - 2.0 * WRONG / len(looks))
+        rest = interval(left - (1.0 - wanted) * part, runs, 1.0 - 2.0 * _NOMINAL / len(looks))
         if rest.high <= 0.0:
             return Verdict.MET
         if rest.low > 0.0:

@@ -19,12 +19,12 @@ from experiments.route_keeping import study as route_keeping
 STUDIES: dict[str, Callable[[Path], object]] = {
     "flights": flights.run,
     "route-keeping": route_keeping.run,
-    "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder, force=True),
-    "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder, force=True),
+    "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
+    "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
     "closed-loop": closed_loop.run,
-    "asymmetry": lambda folder: asymmetry.run(folder, force=True),
+    "asymmetry": asymmetry.run,
 }
-"""How each is flown into a folder, whatever is there."""
+"""How each is flown into a folder."""
 
 
 def main() -> None:
@@ -33,7 +33,9 @@ def main() -> None:
     parser.add_argument("names", nargs="*", choices=[*STUDIES, []], help="studies; all if none is named")
     for name in parser.parse_args().names or STUDIES:
         print(f"{name} …", flush=True)
-        folder = Path("out") / name
+        # of its own, and empty: nothing that was computed before may stand in for what is computed now
+        folder = Path("out") / "studies" / name
+        shutil.rmtree(folder, ignore_errors=True)
         STUDIES[name](folder)
         RECORDS.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / FILE, RECORDS / f"{name}.json")
