@@ -154,7 +154,7 @@ def _batches(plans: Sequence[CellPlan], workers: int) -> Iterator[list[CellPlan]
         yield batch
 
 
-def _missing(plans: Iterable[CellPlan], store: Store) -> list[CellPlan]:
+def missing_cells(plans: Iterable[CellPlan], store: Store) -> list[CellPlan]:
     """Cells that are not stored; two plans of the same cell become one that keeps what either asks for."""
     merged: dict[str, CellPlan] = {}
     for plan in plans:
@@ -190,12 +190,22 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
     return flights.sited(trajectory, scenario.leader)
 
 
-def _compile_ahead(plan: CellPlan) -> None:
+def compile_ahead(plan: CellPlan) -> None:
     """Compile here, with a word, what each process would else compile for itself before its first result."""
     two = min(2 * plan.scenario.timing.message_interval_s, plan.scenario.duration_s)
     short = plan.scenario.model_copy(update={"duration_s": two})
     with compiling_shown():
         compute(flights.fly(short), [replace(plan, scenario=short, runs=1)])
+
+
+def compute_cells(plans: Sequence[CellPlan], store: Store, pool: Pool, *, quiet: bool = False) -> None:
+    """Compute cells in parallel, missions that are not stored being flown first, and store each as it is done."""
+    tasks = ((mission_of(batch, store), batch) for batch in _batches(plans, pool.size))
+    with progress("cells", len(plans), quiet=quiet) as advance:
+        for done in pool.each(compute, tasks):
+            for key, row, steps in done:
+                store.write(key, row, steps)
+                advance()
 
 
 def run(
@@ -228,18 +238,13 @@ def run(
         raise ValueError("the campaign has no cells")
     processes = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
     store = Store(folder, force=force)
-    missing = _missing(plans, store)
+    missing = missing_cells(plans, store)
     if missing:
         if cluster is None and not quiet:
-            _compile_ahead(missing[0])
+            compile_ahead(missing[0])
         with processes as pool:
             fly_missions((plan.scenario for plan in missing), store, pool, quiet=quiet)
-            tasks = ((mission_of(batch, store), batch) for batch in _batches(missing, pool.size))
-            with progress("cells", len(missing), quiet=quiet) as advance:
-                for done in pool.each(compute, tasks):
-                    for key, row, steps in done:
-                        store.write(key, row, steps)
-                        advance()
+            compute_cells(missing, store, pool, quiet=quiet)
     return [stored_row(plan, store) for plan in plans]
 
 

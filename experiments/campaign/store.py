@@ -137,6 +137,13 @@ class Store:
             ]
         return self._rows[key]
 
+    def read_runs(self, key: str) -> Record:
+        """The lists over runs of a cell that is stored, by their names without `PER_RUN`; empty if it has none."""
+        table = self._read(key, ".parquet")
+        if table is None:
+            return {}
+        return {n.removeprefix(PER_RUN): table[n].to_pylist()[0] for n in table.column_names if n.startswith(PER_RUN)}
+
     def read_steps(self, key: str) -> Steps | None:
         """The errors of a cell at each step; None if they must be computed."""
         table = self._read(key, ".steps.parquet")

@@ -11,8 +11,8 @@ from laisn.sources import ROOT, Sources
 PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
 """Packages that shape results."""
 
-_COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", "sim.tilt")
-"""Where numbers begin: cells of runs, settings as a scenario, and what the pitch study flies besides."""
+_COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", "sim.tilt", "sim.tracking")
+"""Where numbers begin: cells of runs, settings as a scenario, and what studies measure of missions besides."""
 _DATA = {".xml", ".json"}
 """Files beside the modules of a package that its modules read: vehicles, routes."""
 

@@ -8,7 +8,9 @@ from typing import Annotated
 
 import typer
 
+from experiments.command import studying
 from experiments.command.errors import plain_errors
+from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption, folder_option
 
 app = typer.Typer(
     name="laisn",
@@ -39,21 +41,6 @@ log_app = typer.Typer(help="Look into logs, export and mend them.", no_args_is_h
 app.add_typer(log_app, name="log")
 
 ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
-SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
-]
-
-
-def _folder(text: str) -> Path:
-    if not text.strip():
-        raise typer.BadParameter("the name of the folder is empty; '.' is the current one")
-    return Path(text)
-
-
-OutOption = Annotated[
-    Path | None,
-    typer.Option(parser=_folder, metavar="FOLDER", help="folder for the results (default: one of its own in out/)"),
-]
 
 
 def _say(text: object) -> None:
@@ -182,13 +169,6 @@ def anatomy(
     ranges.anatomise(source, set_ or (), out)
 
 
-WorkersOption = Annotated[
-    int | None, typer.Option(min=1, max=1024, help="local processes (default: one for each core)")
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
-ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]
-
-
 @app.command()
 @plain_errors
 def reproduce(
@@ -256,6 +236,9 @@ def asymmetry(
     _say(f"report in {report}")
 
 
+app.command()(plain_errors(studying.study))
+
+
 LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 
 
@@ -272,7 +255,7 @@ def log_info(log: LogArgument) -> None:
 @plain_errors
 def log_export(
     log: LogArgument,
-    out: Annotated[Path, typer.Argument(parser=_folder, metavar="OUT", help="folder for the tables")],
+    out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
 ) -> None:
     """Write every channel of numbers as a table."""

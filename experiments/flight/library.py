@@ -48,8 +48,8 @@ def name_of(path: Path) -> str:
     return name if re.match(r"[A-Za-z0-9]", name) else f"scenario{name}"[:64]
 
 
-def _read(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], str]:
-    """The table of a scenario with overrides applied, and what to call it in messages."""
+def table_of(source: str) -> dict[str, Any]:
+    """The table of a built-in scenario or of a TOML file, not validated; ScenarioError if there is none."""
     table = _built_in(source)
     if table is None:
         path = Path(source)
@@ -58,6 +58,12 @@ def _read(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], str]
             raise ScenarioError(f"unknown scenario '{shortened(plain(source), 200)}'; {known}")
         table = read(path)
         table.setdefault("name", name_of(path))
+    return table
+
+
+def _read(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], str]:
+    """The table of a scenario with overrides applied, and what to call it in messages."""
+    table = table_of(source)
     given = list(assignments)
     return override(table, given), " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
 

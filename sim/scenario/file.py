@@ -76,10 +76,10 @@ def _with_numbered_followers(table: dict[str, Any]) -> dict[str, Any]:
     return {**table, "followers": numbered}
 
 
-def _examined(
-    table: dict[str, Any], further: Callable[[Scenario], Iterable[Misfit]]
+def examined(
+    table: dict[str, Any], further: Callable[[Scenario], Iterable[Misfit]] = _no_misfits
 ) -> tuple[Scenario | None, list[str]]:
-    """The scenario, and a line for each fault.
+    """The scenario, and a line for each fault; arguments as of `validate`.
 
     What is at fault is put aside and the rest looked at again, so that one fault hides no other; of those found then,
     only such count as concern nothing that was put aside.
@@ -87,6 +87,7 @@ def _examined(
     scenario: Scenario | None = None
     lines: list[str] = []
     aside: set[Location] = set()
+    table = _with_numbered_followers(table)
     for _ in range(_ROUNDS):
         try:
             scenario = Scenario.model_validate_json(json.dumps(table), strict=True, context=APART)
@@ -118,8 +119,7 @@ def validate(
     Raises:
         ScenarioError: with one line for every fault, as many as a screen holds.
     """
-    ready = _ready(table, source)
-    scenario, lines = _examined(_with_numbered_followers(ready), further)
+    scenario, lines = examined(_ready(table, source), further)
     if lines or scenario is None:
         head = f"{source}: {len(lines)} fault{'s' if len(lines) != 1 else ''}"
         raise ScenarioError("\n".join(screenful([head, *lines])))
@@ -182,6 +182,29 @@ def _assign(place: Any, parts: list[str], value: object) -> None:
         place[last] = value
 
 
+def _put(table: dict[str, Any], key: str, value: object) -> None:
+    """Put a value at a dotted key; ScenarioError if the key leads through something that is no table or list."""
+    parts = key.strip().split(".")
+    try:
+        if len(parts) > _DEEPEST:
+            raise IndexError
+        _assign(table, parts, value)
+    except (IndexError, ValueError, TypeError):
+        raise ScenarioError(f"{shortened(plain(key.strip()), 100)} is no key of this scenario") from None
+
+
+def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`.
+
+    Raises:
+        ScenarioError: a key leads through something that is no table or list.
+    """
+    result: dict[str, Any] = _ready(table, "scenario")
+    for key, value in settings.items():
+        _put(result, key, _ready({"value": value}, key)["value"])
+    return result
+
+
 def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
     """A copy of a table with `key.path=value` assignments applied; list items as `followers.0.depth_m=5`.
 
@@ -194,17 +217,13 @@ def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, 
     for assignment in assignments:
         source = f"--set {shortened(plain(assignment), 200)}"
         path, equals, text = assignment.partition("=")
-        parts = path.strip().split(".")
         if not equals or not path.strip():
             raise ScenarioError(f"{source}: expected key=value, such as sensors.speed_bias_m_s=0.1")
         value = _ready({"value": _value(text.strip(), source)}, source)["value"]
         try:
-            if len(parts) > _DEEPEST:
-                raise IndexError
-            _assign(result, parts, value)
-        except (IndexError, ValueError, TypeError):
-            key = shortened(plain(path.strip()), 100)
-            raise ScenarioError(f"{source}: {key} is no key of this scenario") from None
+            _put(result, path, value)
+        except ScenarioError as error:
+            raise ScenarioError(f"{source}: {error}") from None
     return result
 
 

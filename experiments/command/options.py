@@ -1,0 +1,31 @@
+"""Options that several subcommands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
+]
+
+
+def folder_option(text: str) -> Path:
+    """The folder that an option names; refuses an empty name."""
+    if not text.strip():
+        raise typer.BadParameter("the name of the folder is empty; '.' is the current one")
+    return Path(text)
+
+
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        parser=folder_option, metavar="FOLDER", help="folder for the results (default: one of its own in out/)"
+    ),
+]
+
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, max=1024, help="local processes (default: one for each core)")
+]
+ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
+ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]

@@ -1,0 +1,141 @@
+"""`laisn study`: a study file, or a scenario and what the command varies of it."""
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption
+
+if TYPE_CHECKING:
+    from experiments.study.estimate import Evidence
+    from experiments.study.file import Study
+    from experiments.study.plan import Plan
+
+
+def _value(text: str) -> Any:
+    """A value of the command line: TOML, or text without quotes."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except ValueError:
+        return text
+
+
+def _pairs(assignments: list[str] | None, option: str, *, several: bool) -> dict[str, Any]:
+    """Values by key; `several`: values with commas between them make a list."""
+    from laisn.failure import LaisnError
+
+    found: dict[str, Any] = {}
+    for assignment in assignments or []:
+        key, equals, text = assignment.partition("=")
+        if not equals or not key.strip() or not text.strip():
+            raise LaisnError(f"--{option} {assignment}: expected KEY=VALUE, such as followers.0.depth_m=10,15,20")
+        if several and not text.strip().startswith(("[", "{")):
+            found[key.strip()] = [_value(part.strip()) for part in text.split(",")]
+        else:
+            found[key.strip()] = _value(text.strip())
+    return found
+
+
+def _asked(source: str, given: dict[str, Any], parts: dict[str, dict[str, Any]]) -> "Study":
+    """The study of a file, or of a scenario, with the options of the command in place."""
+    from experiments.flight import library
+    from experiments.study import file
+    from sim.screen import plain, shortened
+
+    path = file.path_of(source)
+    table: dict[str, Any] = {}
+    if source not in library.names():
+        if not path.exists():
+            known = f"available: {', '.join(file.shipped())}, a TOML file, or a scenario with --vary"
+            raise file.StudyError(f"unknown study '{shortened(plain(source), 200)}'; {known}")
+        table = file.table_of(path)
+    if "scenario" not in table:
+        # a scenario, which the options make a study of
+        if not parts["vary"] and not parts["draw"]:
+            raise file.StudyError(f"{shortened(plain(source), 200)} is a scenario: say what to --vary, or give a study")
+        table, folder, name = {"scenario": source}, Path(), f"study-{library.name_of(Path(source))}"
+    else:
+        folder, name = path.parent, library.name_of(path)
+    for part, more in parts.items():
+        own = table.get(part, {})
+        if more and isinstance(own, dict):
+            table[part] = own | more
+    table |= {key: value for key, value in given.items() if value is not None}
+    return file.of_table(table, source, name, folder)
+
+
+def _dry(study: "Study", workers: int | None) -> None:
+    import os
+
+    from experiments.study.plan import plan_of
+    from experiments.study.study import effort_of
+
+    plan = plan_of(study)
+    effort = effort_of(plan, workers or len(os.sched_getaffinity(0)))
+    typer.echo(
+        f"{study.name}: {len(plan.points)} points, {len(plan.arms)} arms, {study.seas} seas, {study.runs} runs; "
+        f"{effort.flights} flights, {effort.cells} cells, {effort.runs} runs; about {max(effort.seconds, 1):.0f} s "
+        f"and {effort.megabytes:.0f} MB, if nothing is stored yet"
+    )
+
+
+def _film_worst(plan: "Plan", evidence: "Evidence", folder: Path) -> Path | None:
+    """Film the worst run of the worst place into the folder."""
+    from experiments.flight.fly import fly
+    from experiments.flight.summary import position_and_bearing_errors
+    from experiments.study.page import worst_entry
+    from sim.film import graphics
+    from sim.film.render import render
+
+    if graphics.working() is None:
+        typer.echo(f"no film: {graphics.MISSING}", err=True)
+        return None
+    entry, run, _ = worst_entry(plan, evidence)
+    flight, _ = fly(entry.scenario.model_copy(update={"run": run}))
+    path = folder / "worst.mp4"
+    render(flight, path, errors=position_and_bearing_errors(flight), video=entry.scenario.video)
+    return path
+
+
+def study(
+    source: Annotated[str, typer.Argument(metavar="STUDY", help="a study file, one that ships, or a scenario to vary")],
+    vary: Annotated[
+        list[str] | None, typer.Option("--vary", metavar="KEY=A,B,…", help="a factor: these values of a scenario's key")
+    ] = None,
+    draw: Annotated[
+        list[str] | None, typer.Option("--draw", metavar="KEY={uniform=[A,B]}", help="every sea draws this key anew")
+    ] = None,
+    set_: SetOption = None,
+    runs: Annotated[int | None, typer.Option(min=1, max=1_000_000, help="runs of noise at each point")] = None,
+    seas: Annotated[int | None, typer.Option(min=1, max=100_000, help="seas at each point: waves, and draws")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="say what it would take, and fly nothing")] = False,
+    film: Annotated[str | None, typer.Option(metavar="worst", help="film the worst run of the worst point")] = None,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
+) -> None:
+    """Fly a study of your own: factors, draws and arms of a file; tables, intervals and a page."""
+    from experiments.study.study import run_study
+    from laisn.failure import LaisnError
+    from sim.screen import plain
+
+    if film not in (None, "worst"):
+        raise LaisnError(f"--film {film}: only the worst run can be asked for: --film worst")
+    parts = {
+        "vary": _pairs(vary, "vary", several=True),
+        "draw": _pairs(draw, "draw", several=False),
+        "set": _pairs(set_, "set", several=False),
+    }
+    asked = _asked(source, {"runs": runs, "seas": seas, "seed": seed}, parts)
+    if dry_run:
+        _dry(asked, workers)
+        return
+    report = run_study(
+        asked, out or Path("out") / asked.name, workers=workers, cluster=cluster, force=force,
+        film=_film_worst if film else None,
+    )  # fmt: skip
+    typer.echo(plain(f"report in {report}"))

@@ -1,0 +1,259 @@
+"""Figures of a study: a metric over its factors with intervals, over two of them as a map, and over its seas."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from experiments.intervals import Interval
+from experiments.pages.figures import FRAME, INK, SERIES, Colour, Line, panel, svg
+from experiments.study.estimate import Evidence
+from experiments.study.metrics import METRICS
+from experiments.study.plan import Plan
+
+ARM, FOLLOWER = "arm", "follower"
+MOST_PANELS = 12
+MOST_LINES = len(SERIES)
+
+
+class Axis(NamedTuple):
+    """The values of a factor along an axis, and where they stand."""
+
+    name: str
+    values: list[Any]
+    places: list[float]
+    numeric: bool
+    log: bool = False
+
+
+class Layout(NamedTuple):
+    """What the main figure shows along x, by lines and by panels; empty names: nothing."""
+
+    against: str
+    lines: str
+    panels: tuple[str, ...]
+
+
+def levels(plan: Plan, name: str) -> list[Any]:
+    """All values of a factor, of the arms or of the followers, in their order."""
+    if name == ARM:
+        return list(plan.arms)
+    if name == FOLLOWER:
+        return list(plan.followers)
+    found: dict[str, Any] = {}
+    for point in plan.points:
+        found.setdefault(repr(point[name]), point[name])
+    return list(found.values())
+
+
+def axis_of(plan: Plan, name: str) -> Axis:
+    """An axis for a factor; what is no number stands side by side."""
+    values = levels(plan, name)
+    numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    if not numeric:
+        return Axis(name, values, [float(i) for i in range(len(values))], False)
+    values.sort()
+    log = next((factor.log for factor in plan.study.factors if factor.key == name), False)
+    return Axis(name, values, [float(v) for v in values], True, log)
+
+
+def layout_of(plan: Plan) -> Layout:
+    """What goes where: as the study says, and the rest by itself."""
+    report, free = plan.study.report, [f.key for f in plan.study.factors]
+    if len(plan.arms) > 1:
+        free.append(ARM)
+    if len(plan.followers) > 1:
+        free.append(FOLLOWER)
+    free = [name for name in free if len(levels(plan, name)) > 1 or name in (report.against, report.lines)]
+
+    def taken(wish: str, fits: Callable[[str], bool]) -> str:
+        name = wish if wish in free else next(filter(fits, free), "")
+        if name:
+            free.remove(name)
+        return name
+
+    for wish in (report.lines, report.panels):
+        if wish in free:
+            free.append(free.pop(free.index(wish)))
+    others = {report.lines, report.panels} - {""}
+    against = taken(report.against, lambda n: n not in others and axis_of(plan, n).numeric)
+    against = against or taken("", lambda n: n not in others)
+    lines = taken(report.lines, lambda n: n == ARM and n != report.panels)
+    lines = lines or taken("", lambda n: n != report.panels and len(levels(plan, n)) <= MOST_LINES)
+    return Layout(against, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
+
+
+def said(value: object) -> str:
+    """A value of a factor as text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _mark(axes: Axes, x: float, interval: Interval, colour: Colour) -> None:
+    if not math.isnan(interval.low):
+        axes.vlines(x, interval.low, interval.high, color=colour.placeholder, linewidth=0.9)
+
+
+def _dress(figure: Figure, axis: Axis) -> None:
+    axes = figure.axes[0]
+    if axis.log:
+        axes.set_xscale("log")
+    axes.autoscale(enable=True, axis="y")
+    axes.margins(x=0.06, y=0.08)
+    if axes.dataLim.y0 >= 0:
+        axes.set_ylim(bottom=0.0)
+    if not axis.numeric:
+        axes.set_xticks(axis.places, [said(v)[:18] for v in axis.values])
+        axes.set_xlim(-0.6, len(axis.values) - 0.4)
+
+
+Valued = Callable[[dict[str, Any]], Interval | None]
+"""Of the names and values of a place, its interval; None: nothing was flown there."""
+
+
+def over_factor(plan: Plan, layout: Layout, valued: Valued, label: str, name: str, *, zero: bool) -> tuple[
+    list[str], list[tuple[str, str]]
+]:  # fmt: skip
+    """Panels of a value over a factor, and the legend of their lines.
+
+    Args:
+        plan: of the study.
+        layout: what goes where.
+        valued: gives the value of a place.
+        label: of the y axis.
+        name: prefix of ids on the page.
+        zero: draw the line of no difference, else begin at zero.
+    """
+    axis = axis_of(plan, layout.against)
+    kinds = levels(plan, layout.lines) if layout.lines else [None]
+    panels, legend = [], []
+    for number, chosen in enumerate(combinations(plan, layout.panels)[:MOST_PANELS]):
+        lines, marks = [], []
+        if zero:
+            ends = (min(axis.places), max(axis.places)) if axis.numeric else (-0.6, len(axis.values) - 0.4)
+            lines.append(Line(x=np.array(ends), y=np.zeros(2), colour=FRAME, dash="--", width=0.7))
+        for i, kind in enumerate(kinds[:MOST_LINES]):
+            here = chosen | ({layout.lines: kind} if layout.lines else {})
+            found = [(p, valued(here | {axis.name: v})) for p, v in zip(axis.places, axis.values, strict=True)]
+            shift = 0.0 if axis.numeric else 0.12 * (i - (len(kinds) - 1) / 2)
+            known = [(p + shift, v) for p, v in found if v is not None and not math.isnan(v.value)]
+            if not known:
+                continue
+            x, y = np.array([p for p, _ in known]), np.array([v.value for _, v in known])
+            if axis.numeric and plan.study.design == "factorial":
+                lines.append(Line(x=x, y=y, colour=SERIES[i]))
+            lines.append(Line(x=x, y=y, colour=SERIES[i], marker="o"))
+            marks += [(p, v, SERIES[i]) for p, v in known]
+            if (SERIES[i].variable, said(kind)) not in legend and layout.lines:
+                legend.append((SERIES[i].variable, said(kind)))
+        if not marks:
+            continue
+        title = ", ".join(f"{key} = {said(value)}" for key, value in chosen.items())
+        figure = panel(lines, x_label=axis.name, y_label=label, title=title)
+        for p, v, colour in marks:
+            _mark(figure.axes[0], p, v, colour)
+        _dress(figure, axis)
+        panels.append(svg(figure, f"{name}{number}", f"{label} over {axis.name} {title}"))
+    return panels, legend
+
+
+def combinations(plan: Plan, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Every combination of the values of some factors, by name."""
+    found: list[dict[str, Any]] = [{}]
+    for name in names:
+        found = [chosen | {name: value} for chosen in found for value in levels(plan, name)]
+    return found
+
+
+def place_values(plan: Plan, evidence: Evidence, metric: str, base: str = "") -> Valued:
+    """Values of a metric by place; with a base arm its paired differences from that."""
+    index = {tuple(repr(point[f.key]) for f in plan.study.factors): i for i, point in enumerate(plan.points)}
+
+    def valued(here: dict[str, Any]) -> Interval | None:
+        point = index.get(tuple(repr(here[f.key]) if f.key in here else _only(plan, f.key)
+                                for f in plan.study.factors))  # fmt: skip
+        if point is None:
+            return None
+        place = (point, here.get(ARM, plan.arms[0]), here.get(FOLLOWER, plan.followers[0]))
+        if place not in evidence.rows or (base and (point, base, place[2]) not in evidence.rows):
+            return None
+        return evidence.difference(place, base, metric) if base else evidence.estimate(place, metric)
+
+    return valued
+
+
+def _only(plan: Plan, key: str) -> str:
+    return repr(plan.points[0][key])
+
+
+def heat_map(plan: Plan, valued: Valued, names: tuple[str, str], chosen: dict[str, Any], name: str) -> str:
+    """A panel of a metric over two factors, darker where it is larger, with its values."""
+    across, up = axis_of(plan, names[0]), axis_of(plan, names[1])
+    values = np.full((len(up.values), len(across.values)), np.nan)
+    for i, v in enumerate(up.values):
+        for j, u in enumerate(across.values):
+            found = valued(chosen | {across.name: u, up.name: v})
+            values[i, j] = math.nan if found is None else found.value
+    title = ", ".join(f"{key} = {said(value)}" for key, value in chosen.items())
+    figure = panel([], x_label=across.name, y_label=up.name, title=title, height=1.2 + 0.26 * len(up.values))
+    axes = figure.axes[0]
+    axes.grid(visible=False)
+    low, high = np.nanmin(values), np.nanmax(values)
+    for (i, j), value in np.ndenumerate(values):
+        share = 0.0 if math.isnan(value) or high == low else float((value - low) / (high - low))
+        axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=SERIES[1].placeholder, alpha=0.05 + 0.6 * share))
+        text = "–" if math.isnan(value) else f"{value:.3g}"
+        if len(across.values) <= 12:
+            axes.text(j, i, text, ha="center", va="center", fontsize=7, color=INK.placeholder)
+    axes.set_xticks(range(len(across.values)), [said(v) for v in across.values])
+    axes.set_yticks(range(len(up.values)), [said(v) for v in up.values])
+    axes.set_xlim(-0.5, len(across.values) - 0.5)
+    axes.set_ylim(-0.5, len(up.values) - 0.5)
+    return svg(figure, name, f"map over {across.name} and {up.name} {title}")
+
+
+def over_seas(plan: Plan, evidence: Evidence, metric: str) -> tuple[list[str], list[tuple[str, str]]]:
+    """Share of seas whose mean is below a value, a panel for each point and follower, a line for each arm."""
+    panels, legend = [], []
+    label, number = METRICS[metric].label, 0
+    for point in range(len(plan.points)):
+        for follower in plan.followers:
+            lines = []
+            for i, arm in enumerate(plan.arms[:MOST_LINES]):
+                seas = np.sort(evidence.by_sea((point, arm, follower), metric))
+                if seas.size < 2 or np.isnan(seas).any():
+                    continue
+                x, y = np.repeat(seas, 2), np.repeat(np.arange(seas.size + 1) / seas.size, 2)[1:-1]
+                lines.append(Line(x=x, y=y, colour=SERIES[i]))
+                if (SERIES[i].variable, arm) not in legend and len(plan.arms) > 1:
+                    legend.append((SERIES[i].variable, arm))
+            if lines and number < MOST_PANELS:
+                title = ", ".join(f"{key} = {said(v)}" for key, v in plan.points[point].items())
+                figure = panel(lines, x_label=label, y_label="share of seas", title=title, y_limits=(0.0, 1.02))
+                figure.axes[0].margins(x=0.04)
+                panels.append(svg(figure, f"seas{number}", f"distribution of {label} over seas {title}"))
+                number += 1
+    return panels, legend
+
+
+def over_draws(plan: Plan, evidence: Evidence, metric: str, point: int) -> list[str]:
+    """The means of the seas of a point over each number that was drawn, a panel for each key."""
+    panels = []
+    for number, draw in enumerate(plan.study.draws[:MOST_PANELS]):
+        lines = []
+        for i, arm in enumerate(plan.arms[:MOST_LINES]):
+            place = (point, arm, plan.followers[0])
+            drawn = [row[draw.key] for row in evidence.rows.get(place, [])]
+            if drawn and all(isinstance(v, int | float) and not isinstance(v, bool) for v in drawn):
+                x, y = np.array(drawn, dtype=np.float64), evidence.by_sea(place, metric)
+                lines.append(Line(x=x, y=y, colour=SERIES[i], marker="o"))
+        if lines:
+            figure = panel(lines, x_label=draw.key, y_label=METRICS[metric].label)
+            figure.axes[0].margins(x=0.04, y=0.08)
+            panels.append(svg(figure, f"draw{number}", f"{METRICS[metric].label} over {draw.key}"))
+    return panels

@@ -1,0 +1,108 @@
+"""Draws of a study: keys of the scenario that every sea has anew, as distributions.
+
+A draw is a function of (seed of the study, number of the sea, key): another key, point, arm or worker changes none.
+"""
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+_DRAW_KEY = 0xD3A3
+"""Keeps these random numbers apart from all others that come from the same seed."""
+
+
+def _uniform(low: float, high: float) -> Any:
+    if not low < high:
+        raise ValueError(f"uniform expects [low, high] (given: [{low:g}, {high:g}])")
+    return stats.uniform(low, high - low)
+
+
+def _normal(mean: float, sigma: float) -> Any:
+    return stats.norm(mean, sigma)
+
+
+def _truncnorm(mean: float, sigma: float, low: float, high: float) -> Any:
+    if not sigma > 0 or not low < high:
+        raise ValueError(f"truncnorm expects [mean, sigma, low, high] (given: {[mean, sigma, low, high]})")
+    return stats.truncnorm((low - mean) / sigma, (high - mean) / sigma, mean, sigma)
+
+
+_LISTED: Mapping[str, tuple[Callable[..., Any], str]] = {
+    "uniform": (_uniform, "[low, high]"),
+    "normal": (_normal, "[mean, sigma]"),
+    "truncnorm": (_truncnorm, "[mean, sigma, low, high]"),
+}
+"""Distributions whose parameters may stand in a list."""
+
+
+def known(name: str) -> bool:
+    """Whether there is a distribution of this name."""
+    found = getattr(stats, name, None)
+    return name in _LISTED or name == "choice" or isinstance(found, stats.rv_continuous | stats.rv_discrete)
+
+
+def _frozen(name: str, given: object) -> Any:
+    """A distribution of scipy's."""
+    if isinstance(given, list) and name in _LISTED:
+        make, expected = _LISTED[name]
+        numbers = [value for value in given if isinstance(value, int | float) and not isinstance(value, bool)]
+        if len(numbers) != expected.count(",") + 1 or len(numbers) != len(given):
+            raise ValueError(f"{name} expects {expected} (given: {given!r:.60})")
+        return make(*numbers)
+    own = getattr(stats, "norm" if name == "normal" else name)
+    if not isinstance(given, dict):
+        form = _LISTED[name][1] if name in _LISTED else "a table of its parameters in scipy.stats"
+        raise ValueError(f"{name} expects {form} (given: {given!r:.60})")
+    try:
+        return own(**given)
+    except TypeError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draw:
+    """A key of the scenario whose value every sea draws."""
+
+    key: str
+    law: str
+    """As the file says it, for the page."""
+    choices: tuple[Any, ...] = ()
+    distribution: Any = field(default=None, compare=False)
+
+    @classmethod
+    def of(cls, key: str, given: object) -> "Draw":
+        """A draw as a file gives it: a table with one distribution's name and its parameters.
+
+        Raises:
+            ValueError: says what was expected.
+        """
+        if not isinstance(given, dict) or len(given) != 1:
+            raise ValueError(f"expected one distribution, such as {{ uniform = [0.2, 0.8] }} (given: {given!r:.60})")
+        ((name, parameters),) = given.items()
+        if not known(name):
+            raise ValueError(
+                f"unknown distribution {name!r:.40}; known here: {', '.join(_LISTED)}, choice and those of scipy.stats"
+            )
+        law = f"{name} {parameters}"
+        if name == "choice":
+            if not isinstance(parameters, list) or not parameters:
+                raise ValueError(f"choice expects a list of values (given: {parameters!r:.60})")
+            return cls(key=key, law=law, choices=tuple(parameters))
+        distribution = _frozen(name, parameters)
+        if not all(math.isfinite(float(distribution.ppf(share))) for share in (0.01, 0.5, 0.99)):
+            raise ValueError(f"{name} has no values with these parameters (given: {parameters!r:.60})")
+        return cls(key=key, law=law, distribution=distribution)
+
+    def value(self, seed: int, sea: int) -> Any:
+        """What a sea has of it."""
+        hashed = int.from_bytes(hashlib.sha256(self.key.encode()).digest()[:8], "big")
+        share = float(np.random.default_rng([_DRAW_KEY, seed, sea, hashed]).random())
+        if self.choices:
+            return self.choices[int(share * len(self.choices))]
+        drawn = float(self.distribution.ppf(share))
+        return int(drawn) if isinstance(self.distribution.dist, stats.rv_discrete) else drawn

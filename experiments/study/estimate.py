@@ -1,0 +1,120 @@
+"""What a study can say of a metric at a point: means with intervals, and paired differences of arms.
+
+Seas are drawn independently, and runs have noise of their own; arms share both, so that their differences are taken run
+by run. With several seas the interval is for the mean over all seas that might have been drawn; with one sea it is for
+that sea alone.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from experiments.campaign.store import Record
+from experiments.intervals import CONFIDENCE, FEWEST_RUNS, Interval, bootstrap_mean, difference_of_shares, proportion
+
+Floats = npt.NDArray[np.float64]
+
+Place = tuple[int, str, str]
+"""Point, arm and follower."""
+
+
+def over_seas(means: Floats) -> Interval:
+    """Mean over seas, shape (S,): BCa bootstrap of at least `FEWEST_RUNS`, else Student's t, which needs two.
+
+    Each sea's mean holds the scatter of its runs already, so that runs are not drawn again (Davison & Hinkley,
+    Bootstrap Methods and their Application, 1997, section 3.8).
+    """
+    if means.size >= FEWEST_RUNS and np.ptp(means) > 0:
+        return bootstrap_mean(means)
+    mean = float(means.mean())
+    if means.size < 2:
+        return Interval(mean, math.nan, math.nan)
+    half = float(student.ppf((1 + CONFIDENCE) / 2, means.size - 1)) * float(means.std(ddof=1)) / math.sqrt(means.size)
+    return Interval(mean, mean - half, mean + half)
+
+
+def over_runs(seas: Sequence[Floats], *, shares: bool = False, paired: bool = False) -> Interval:
+    """Mean of values of runs, shape (R,) for each sea, every sea counting alike.
+
+    Args:
+        seas: values of each sea.
+        shares: values are 0 or 1, or differences of such.
+        paired: they are differences.
+    """
+    if len(seas) > 1:
+        return over_seas(np.array([values.mean() for values in seas]))
+    (values,) = seas
+    if shares:
+        return difference_of_shares(values) if paired else proportion(int(values.sum()), values.size)
+    if np.ptp(values) == 0:
+        return Interval(float(values[0]), math.nan, math.nan)
+    return bootstrap_mean(values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """Rows and runs of a study by place, seas in their order."""
+
+    rows: Mapping[Place, list[Record]]
+    runs: Mapping[Place, list[Record]]
+    _known: dict[tuple[str, Place, str], Interval] = field(default_factory=dict, compare=False)
+
+    @classmethod
+    def of(cls, rows: Sequence[Record], runs: Sequence[tuple[Record, Record]]) -> "Evidence":
+        """Sort the rows of a study."""
+        by_place: dict[Place, list[Record]] = {}
+        runs_of: dict[Place, list[Record]] = {}
+        for row, (_, lists) in zip(rows, runs, strict=True):
+            place = row["point"], row["arm"], row["follower"]
+            by_place.setdefault(place, []).append(row)
+            runs_of.setdefault(place, []).append(lists)
+        return cls(rows=by_place, runs=runs_of)
+
+    def by_run(self, place: Place, metric: str) -> list[Floats] | None:
+        """Values of the runs of each sea; None if the metric is not one of single runs."""
+        runs = self.runs.get(place, [])
+        if not runs or any(metric not in lists for lists in runs):
+            return None
+        return [np.array(lists[metric], dtype=np.float64) for lists in runs]
+
+    def by_sea(self, place: Place, metric: str) -> Floats:
+        """A value for each sea, shape (S,); means over the runs where the metric is one of runs."""
+        runs = self.by_run(place, metric)
+        if runs is not None:
+            return np.array([values.mean() for values in runs])
+        values = [row.get(metric) for row in self.rows.get(place, [])]
+        return np.array([math.nan if value is None else value for value in values], dtype=np.float64)
+
+    def estimate(self, place: Place, metric: str) -> Interval:
+        """Mean of a metric at a place with its interval; NaN where nothing was flown."""
+        key = ("", place, metric)
+        if key not in self._known:
+            runs, seas = self.by_run(place, metric), self.by_sea(place, metric)
+            if not seas.size or np.isnan(seas).any():
+                self._known[key] = Interval(math.nan, math.nan, math.nan)
+            elif runs is not None:
+                self._known[key] = over_runs(runs, shares=metric == "captured")
+            else:
+                self._known[key] = over_seas(seas)
+        return self._known[key]
+
+    def difference(self, place: Place, base: str, metric: str) -> Interval:
+        """Mean of the arm of a place less that of the arm `base` at the same point, paired by sea and run."""
+        other = (place[0], base, place[2])
+        key = (base, place, metric)
+        if key in self._known:
+            return self._known[key]
+        runs, theirs = self.by_run(place, metric), self.by_run(other, metric)
+        found = Interval(math.nan, math.nan, math.nan)
+        if [row["sea"] for row in self.rows.get(place, [])] == [row["sea"] for row in self.rows.get(other, [])]:
+            if runs and theirs:
+                apart = [a - b for a, b in zip(runs, theirs, strict=True)]
+                found = over_runs(apart, shares=metric == "captured", paired=True)
+            elif self.by_sea(place, metric).size:
+                found = over_seas(self.by_sea(place, metric) - self.by_sea(other, metric))
+        self._known[key] = found
+        return found

@@ -1,0 +1,223 @@
+"""Study files: what a user asks, as TOML, read and checked key by key."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationError
+
+from experiments.flight.library import names
+from experiments.study.draws import Draw, known
+from experiments.study.factors import Design, Factor
+from laisn.failure import LaisnError
+from sim.scenario.faults import key_of
+from sim.scenario.file import read
+from sim.scenario.settings import Name, Section
+from sim.screen import plain, screenful, shortened
+
+FOLDER = Path(__file__).parents[1] / "studies"
+"""Studies that ship."""
+METRIC = "e_p_mean_m"
+
+
+class StudyError(LaisnError):
+    """A study that cannot be flown; the text has a line for each fault."""
+
+
+def refusal(source: str, lines: list[str]) -> StudyError:
+    """An error with all faults, as many as a screen holds."""
+    head = f"{source}: {len(lines)} fault{'s' if len(lines) != 1 else ''}"
+    return StudyError("\n".join(screenful([head, *lines])))
+
+
+class Report(Section):
+    """What the page shows; what is left open is chosen by the factors."""
+
+    metric: str = Field(METRIC, description="a column of results.parquet")
+    against: str = Field("", description="the factor along the x axis")
+    lines: str = Field("", description="a line for each value of this factor, or each arm")
+    panels: str = Field("", description="a panel for each value of this factor, or each arm")
+
+
+class _File(Section):
+    """The top level of a study file."""
+
+    name: Name | None = None
+    question: str = Field("", max_length=2000)
+    scenario: str
+    runs: Annotated[int, Field(ge=1, le=1_000_000)] = 60
+    seas: Annotated[int, Field(ge=1, le=100_000)] = 1
+    seed: Annotated[int, Field(ge=0, lt=2**62)] | None = None
+    design: Design = "factorial"
+    points: Annotated[int, Field(ge=2, le=65536)] | None = None
+    set: dict[str, Any] = Field(default_factory=dict)
+    vary: dict[str, Any] = Field(default_factory=dict)
+    draw: dict[str, Any] = Field(default_factory=dict)
+    arm: list[dict[str, Any]] = Field(default_factory=list)
+    report: Report = Report()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm:
+    """Named settings that are compared with those of the other arms on the same noise and seas."""
+
+    name: str
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """A study as its file says it; the scenario's keys are not looked at yet."""
+
+    name: str
+    source: str
+    """The file, or the scenario that options vary, for messages."""
+    question: str
+    scenario: str
+    """Built-in name, or path of a file."""
+    runs: int
+    seas: int
+    seed: int | None
+    """None: the scenario's."""
+    design: Design
+    points: int | None
+    settings: Mapping[str, Any]
+    factors: tuple[Factor, ...]
+    draws: tuple[Draw, ...]
+    arms: tuple[Arm, ...]
+    report: Report
+
+
+def _flat(table: Mapping[str, Any], leaf: Any, prefix: str = "") -> dict[str, Any]:
+    """Values by dotted key, whether the key stood in quotes or not."""
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        key = f"{prefix}{name}"
+        if isinstance(value, dict) and value and not leaf(value):
+            found |= _flat(value, leaf, f"{key}.")
+        else:
+            found[key] = value
+    return found
+
+
+def _names_a_law(table: Mapping[str, Any]) -> bool:
+    """Whether a table is a distribution, perhaps one that is misspelled, and no part of a key."""
+    ((name, given), *others) = table.items()
+    return not others and (known(name) or isinstance(given, list))
+
+
+def _told(error: ValidationError) -> list[str]:
+    """A line for each fault of the file's own keys."""
+    lines = []
+    for fault in error.errors(include_url=False, include_context=False):
+        key = shortened(plain(key_of(fault["loc"])), 100)
+        if fault["type"] == "extra_forbidden":
+            model = Report if fault["loc"][0] == "report" else _File
+            lines.append(f"  {key}: unknown key of a study; known here: {', '.join(model.model_fields)}")
+        elif fault["type"] == "missing":
+            lines.append(f"  {key}: is missing; a built-in scenario, such as {names()[0]}, or a file beside this one")
+        else:
+            lines.append(f"  {key}: {fault['msg']} (given: {shortened(plain(repr(fault['input'])), 80)})")
+    return lines
+
+
+def _arms(given: list[dict[str, Any]], lines: list[str]) -> tuple[Arm, ...]:
+    arms = []
+    for i, table in enumerate(given):
+        name = table.get("name")
+        if not isinstance(name, str) or not name.strip():
+            lines.append(f"  arm[{i}].name: every arm needs a name of its own")
+            continue
+        settings = _flat({k: v for k, v in table.items() if k != "name"}, lambda _: False)
+        arms.append(Arm(name=name, settings=settings))
+    repeated = sorted({arm.name for arm in arms if sum(other.name == arm.name for other in arms) > 1})
+    if repeated:
+        lines.append(f"  arm: names must differ; repeated: {', '.join(repeated)}")
+    return tuple(arms)
+
+
+def _overlaps(study: Study) -> list[str]:
+    """A key that two parts of the file speak for."""
+    spoken: dict[str, str] = {}
+    lines = []
+    parts = [(f"arm {arm.name}", list(arm.settings)) for arm in study.arms]
+    said = [("[set]", list(study.settings)), ("[vary]", [f.key for f in study.factors])]
+    for part, keys in [*said, ("[draw]", [d.key for d in study.draws])]:
+        for key in keys:
+            if key in spoken:
+                lines.append(f"  {key}: stands in {spoken[key]} and in {part}; one must go")
+            spoken[key] = part
+    for part, keys in parts:
+        lines += [f"  {key}: {part} sets what {spoken[key]} does; one must go" for key in keys
+                  if spoken.get(key) in ("[vary]", "[draw]")]  # fmt: skip
+    for key in ("run", "seed", "name"):
+        if key in spoken or any(key in keys for _, keys in parts):
+            lines.append(f"  {key}: belongs to the study; seeds and runs are numbered by it")
+    return lines
+
+
+def _made(table: Mapping[str, Any], source: str, name: str, folder: Path) -> Study:
+    """A study of a table; StudyError with a line for each fault."""
+    lines: list[str] = []
+    try:
+        file = _File.model_validate(table)
+    except ValidationError as error:
+        lines += _told(error)
+        sound = {k: v for k, v in table.items() if k in ("set", "vary", "draw") and isinstance(v, dict)}
+        file = _File.model_validate({"scenario": names()[0], **sound})
+    factors, draws = [], []
+    sampled = file.design != "factorial"
+    for key, given in _flat(file.vary, lambda v: bool({"from", "to", "steps"} & set(v))).items():
+        try:
+            factors.append(Factor.of(key, given, sampled=sampled))
+        except ValueError as error:
+            lines.append(f"  vary.{key}: {error}")
+    for key, given in _flat(file.draw, _names_a_law).items():
+        try:
+            draws.append(Draw.of(key, given))
+        except ValueError as error:
+            lines.append(f"  draw.{key}: {error}")
+    scenario = file.scenario
+    if scenario not in names() and not Path(scenario).is_absolute():
+        scenario = str(folder / scenario)
+    study = Study(
+        name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=file.runs,
+        seas=file.seas, seed=file.seed, design=file.design, points=file.points,
+        settings=_flat(file.set, lambda _: False), factors=tuple(factors), draws=tuple(draws),
+        arms=_arms(file.arm, lines), report=file.report,
+    )  # fmt: skip
+    lines += _overlaps(study)
+    if lines:
+        raise refusal(source, lines)
+    return study
+
+
+def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Path()) -> Study:
+    """A study from a table of keys, such as options of a command.
+
+    Args:
+        table: as of a study file.
+        source: for messages.
+        name: of the study, if the table has none.
+        folder: that a scenario's file stands in.
+
+    Raises:
+        StudyError: with a line for each fault.
+    """
+    return _made(table, source, name, folder)
+
+
+def shipped() -> tuple[str, ...]:
+    """Names of the studies that ship."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+
+
+def path_of(source: str) -> Path:
+    """Path of a study file, or of one that ships by its name."""
+    return FOLDER / f"{source}.toml" if source in shipped() and not Path(source).exists() else Path(source)
+
+
+def table_of(path: Path) -> dict[str, Any]:
+    """The table of a study file; errors as of `sim.scenario.file.read`."""
+    return read(path)

@@ -1,0 +1,309 @@
+"""The page of a study: what was asked, how it was flown, what came of it, and the runs to look at."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from experiments.intervals import Interval
+from experiments.pages.page import Block, Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words
+from experiments.study import charts
+from experiments.study.estimate import Evidence, Place
+from experiments.study.file import METRIC
+from experiments.study.metrics import METRICS
+from experiments.study.plan import ALONE, Entry, Plan
+from laisn.failure import LaisnError
+
+_FEWEST_SEAS = 8
+"""With fewer there is nothing to see over what was drawn."""
+_MOST_COMMANDS = 400
+
+
+def _shown(interval: Interval, unit: str = "") -> str:
+    def text(value: float) -> str:
+        return f"{value:.3g}".replace("-", "−")
+
+    if math.isnan(interval.value):
+        return "–"
+    end = f" {unit}" if unit else ""
+    if math.isnan(interval.low):
+        return text(interval.value) + end
+    return f"{text(interval.value)}{end} ({text(interval.low)} to {text(interval.high)})"
+
+
+def _cell(interval: Interval, tone: str = "") -> Cell:
+    return Cell(text=_shown(interval), sort=number(interval.value).sort, tone=tone)
+
+
+def _point(plan: Plan, point: int) -> str:
+    return ", ".join(f"{key} = {charts.said(value)}" for key, value in plan.points[point].items())
+
+
+def _place(plan: Plan, place: Place) -> str:
+    parts = [_point(plan, place[0])] if plan.points[place[0]] else []
+    parts += [f"arm {place[1]}"] if len(plan.arms) > 1 else []
+    parts += [place[2]] if len(plan.followers) > 1 else []
+    return ", ".join(parts) or "the study's only point"
+
+
+def _verdicts(plan: Plan, evidence: Evidence, arm: str, metric: str) -> tuple[int, int, int]:
+    """Places at which an arm is below the first one, above it, or neither, by whole intervals."""
+    below = above = still = 0
+    for place in evidence.rows:
+        if place[1] == arm and (place[0], plan.arms[0], place[2]) in evidence.rows:
+            apart = evidence.difference(place, plan.arms[0], metric)
+            below, above = below + (apart.high < 0), above + (apart.low > 0)
+            still += not (apart.high < 0 or apart.low > 0)
+    return below, above, still
+
+
+def summary_of(plan: Plan, evidence: Evidence) -> str:
+    """The answer in a few sentences: the extremes, and which arm wins where."""
+    metric = plan.study.report.metric
+    label = METRICS[metric].label.partition(" [")[0]
+    found = [(place, evidence.estimate(place, metric)) for place in evidence.rows]
+    known = sorted((pair for pair in found if not math.isnan(pair[1].value)), key=lambda pair: pair[1].value)
+    if not known:
+        return f"Nothing can be said of the {label}."
+    unit = METRICS[metric].label.partition(" [")[2].rstrip("]")
+    text = f"{label[0].upper()}{label[1:]}, with 95 % intervals: {_shown(known[0][1], unit)}"
+    if len(known) > 1:
+        text += f" at best ({_place(plan, known[0][0])}), {_shown(known[-1][1], unit)} at most "
+        text += f"({_place(plan, known[-1][0])})"
+    text += "."
+    for arm in plan.arms[1:]:
+        below, above, still = _verdicts(plan, evidence, arm, metric)
+        text += f" {arm} against {plan.arms[0]}: lower at {below}, higher at {above}, undecided at {still} places."
+    return text
+
+
+def _design(plan: Plan) -> list[Block]:
+    study, rows = plan.study, []
+    for factor in study.factors:
+        values = ", ".join(map(charts.said, factor.values)) or f"{factor.low:g} to {factor.high:g}"
+        rows.append([words(factor.key), words("varied"), words(values + (", logarithmic" if factor.log else ""))])
+    rows += [[words(draw.key), words("drawn for each sea"), words(draw.law)] for draw in study.draws]
+    rows += [[words(key), words("set"), words(charts.said(value))] for key, value in study.settings.items()]
+    for arm in study.arms:
+        changes = ", ".join(f"{key} = {charts.said(value)}" for key, value in arm.settings.items())
+        rows.append([words(arm.name), words("arm"), words(changes or "as the scenario has it")])
+    cells = sum(len(entry.scenario.followers) for entry in plan.entries)
+    how = "every combination" if study.design == "factorial" else study.design
+    text = (
+        f"{len(plan.points)} points ({how}), {len(plan.arms)} arms, {study.seas} seas and {study.runs} runs of noise "
+        f"for each: {plan.flights} flights, {cells * study.runs} runs. Arms fly on the same noise and the same seas. "
+    )
+    text += (
+        "Intervals are 95 %, for the mean over all seas that might have been drawn."
+        if study.seas > 1
+        else "Intervals are 95 %, for other noise on the same sea; what other seas would do they do not say."
+    )
+    blocks: list[Block] = [Text(text=text)]
+    calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)
+    idle = [draw.key for draw in study.draws if calm and draw.key.startswith("ocean.waves.")]
+    if idle:
+        blocks.append(Notice(text=f"{', '.join(idle)}: drawn, but no point has waves (ocean.waves.kind), so that it "
+                             "changes nothing.", tone="warning"))  # fmt: skip
+    return [*blocks, Table(heads=("key", "how", "values"), rows=rows)] if rows else blocks
+
+
+def _main(plan: Plan, evidence: Evidence) -> list[Block]:
+    metric = plan.study.report.metric
+    label, valued = METRICS[metric].label, charts.place_values(plan, evidence, metric)
+    blocks: list[Block] = []
+    if plan.study.design != "factorial":
+        panels: list[str] = []
+        legend: list[tuple[str, str]] = []
+        for i, factor in enumerate(plan.study.factors[: charts.MOST_PANELS]):
+            drawn, legend = _scatter(plan, evidence, factor.key, metric, i)
+            panels += drawn
+        caption = f"{METRICS[metric].what}; a mark for each point of the design, with its interval."
+        return [Figures(panels=panels, caption=caption, legend=legend)]
+    layout = charts.layout_of(plan)
+    if not layout.against:
+        return [Text(text=f"{label}: {_shown(evidence.estimate(next(iter(evidence.rows)), metric))}.")]
+    panels, legend = charts.over_factor(plan, layout, valued, label, "main", zero=False)
+    what = METRICS[metric].what
+    caption = f"{what[0].upper()}{what[1:]} over {layout.against}"
+    caption += f", a line for each {layout.lines}" if layout.lines else ""
+    hidden = len(charts.combinations(plan, layout.panels)) - len(panels)
+    caption += f"; {hidden} panels are left out" if hidden > 0 else ""
+    if panels:
+        blocks.append(Figures(panels=panels, caption=f"{caption}.", legend=legend))
+    varied = [f.key for f in plan.study.factors if len(charts.levels(plan, f.key)) > 1]
+    if len(varied) >= 2:
+        names = (layout.against if layout.against in varied else varied[0], "")
+        names = (names[0], next(key for key in varied if key != names[0]))
+        rest = [key for key in varied if key not in names]
+        rest += [charts.ARM] if len(plan.arms) > 1 else []
+        chosen = charts.combinations(plan, rest)[: charts.MOST_PANELS]
+        maps = [charts.heat_map(plan, valued, names, c, f"map{i}") for i, c in enumerate(chosen)]
+        blocks.append(Figures(panels=maps, caption=f"{label} over {names[0]} and {names[1]}."))
+    return blocks
+
+
+def _scatter(plan: Plan, evidence: Evidence, key: str, metric: str, number_: int) -> tuple[
+    list[str], list[tuple[str, str]]
+]:  # fmt: skip
+    layout = charts.Layout(key, charts.ARM if len(plan.arms) > 1 else "", ())
+    points = {repr(point[key]): i for i, point in enumerate(plan.points)}
+
+    def valued(here: dict[str, object]) -> Interval | None:
+        place = (points[repr(here[key])], str(here.get(charts.ARM, plan.arms[0])), plan.followers[0])
+        return evidence.estimate(place, metric) if place in evidence.rows else None
+
+    return charts.over_factor(plan, layout, valued, METRICS[metric].label, f"scatter{number_}-", zero=False)
+
+
+def _differences(plan: Plan, evidence: Evidence) -> list[Block]:
+    metric, base = plan.study.report.metric, plan.arms[0]
+    layout, label = charts.layout_of(plan), METRICS[metric].label
+    blocks: list[Block] = [
+        Text(text=f"Each arm less {base}, run by run on the same noise and the same sea; below zero the arm is lower.")
+    ]
+    others = plan.arms[1:]
+    places = [name for name in (layout.against, layout.lines, *layout.panels) if name and name != charts.ARM]
+    if places and plan.study.design == "factorial":
+        valued = charts.place_values(plan, evidence, metric, base)
+        trimmed = charts.Layout(places[0], charts.ARM, tuple(places[1:]))
+
+        def of_others(here: dict[str, object]) -> Interval | None:
+            return valued(here) if here[charts.ARM] in others else None
+
+        panels, legend = charts.over_factor(plan, trimmed, of_others, f"difference: {label}", "apart", zero=True)
+        if panels:
+            blocks.append(Figures(panels=panels, caption="Paired differences with 95 % intervals.", legend=legend))
+    rows = []
+    for place in evidence.rows:
+        if place[1] == base or (place[0], base, place[2]) not in evidence.rows:
+            continue
+        apart = evidence.difference(place, base, metric)
+        tone, verdict = ("yes", "lower") if apart.high < 0 else ("no", "higher") if apart.low > 0 else ("maybe", "open")
+        rows.append([*_labels(plan, place), _cell(apart), words(verdict, tone)])
+    return [*blocks, Table(heads=[*_heads(plan), f"difference: {label}", "verdict"], rows=rows)]
+
+
+def _heads(plan: Plan) -> list[str]:
+    heads = ["point", *(factor.key for factor in plan.study.factors)]
+    heads += ["arm"] if len(plan.arms) > 1 else []
+    return heads + (["follower"] if len(plan.followers) > 1 else [])
+
+
+def _labels(plan: Plan, place: Place) -> list[Cell]:
+    cells = [number(place[0])]
+    for value in plan.points[place[0]].values():
+        numeric = isinstance(value, int | float) and not isinstance(value, bool)
+        cells.append(Cell(text=charts.said(value), sort=value if numeric else ""))
+    cells += [words(place[1])] if len(plan.arms) > 1 else []
+    return cells + ([words(place[2])] if len(plan.followers) > 1 else [])
+
+
+def _table(plan: Plan, evidence: Evidence) -> Table:
+    metric = plan.study.report.metric
+    columns = list(dict.fromkeys([metric, METRIC, "e_p_p95_m", "e_b_mean_deg", "captured", "off_place_rms_m",
+                                  "depth_error_rms_m", "closest_approach_m", "energy_j"]))  # fmt: skip
+    rows = [
+        [*_labels(plan, place), *(_cell(evidence.estimate(place, column)) for column in columns)]
+        for place in evidence.rows
+    ]
+    caption = "Means with 95 % intervals where there are any; columns sort by a click. All else is in results.parquet."
+    return Table(heads=[*_heads(plan), *(METRICS[column].label for column in columns)], rows=rows, caption=caption)
+
+
+def notable(plan: Plan, evidence: Evidence, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Sea and run of the worst and of the median run of a place, by the report's metric if single runs have it."""
+    metric = plan.study.report.metric
+    runs = evidence.by_run(place, metric) or evidence.by_run(place, METRIC)
+    if runs is None:
+        raise LaisnError(f"the runs of {_place(plan, place)} have no {METRIC}")
+    seas = [row["sea"] for row in evidence.rows[place]]
+    every = sorted((value, sea, run) for sea, values in zip(seas, runs, strict=True) for run, value in
+                   enumerate(values.tolist()))  # fmt: skip
+    worst, median = every[-1], every[(len(every) - 1) // 2]
+    return worst[1:], median[1:]
+
+
+def worst_entry(plan: Plan, evidence: Evidence) -> tuple[Entry, int, str]:
+    """The scenario, run and follower of the worst run of the worst place."""
+
+    def size(place: Place) -> float:
+        value = evidence.estimate(place, plan.study.report.metric).value
+        return -math.inf if math.isnan(value) else value
+
+    place = max(evidence.rows, key=size)
+    (sea, run), _ = notable(plan, evidence, place)
+    return entry_at(plan, place, sea), run, place[2]
+
+
+def entry_at(plan: Plan, place: Place, sea: int) -> Entry:
+    """The entry of a place and a sea."""
+    return next(e for e in plan.entries if (e.point, e.arm, e.sea) == (place[0], place[1], sea))
+
+
+def commands(plan: Plan, evidence: Evidence) -> str:
+    """For every place the commands that fly its worst and its median run alone."""
+    entries = {(entry.point, entry.arm, entry.sea): entry for entry in plan.entries}
+    lines = []
+    for place in list(evidence.rows)[:_MOST_COMMANDS]:
+        for which, (sea, run) in zip(("worst", "median"), notable(plan, evidence, place), strict=True):
+            told = f" of sea {sea}" if plan.study.seas > 1 else ""
+            lines.append(f"# {_place(plan, place)}: {which} run, {run}{told}")
+            lines.append(entries[place[0], place[1], sea].command(plan.study.scenario, run))
+    return "\n".join(lines)
+
+
+def _failures(plan: Plan, failures: Mapping[str, list[Entry]]) -> list[Block]:
+    blocks: list[Block] = []
+    for what, entries in failures.items():
+        first = entries[0]
+        where = _place(plan, (first.point, first.arm, plan.followers[0]))
+        text = f"{what}: {len(entries)} scenarios, the first at {where}, sea {first.sea}"
+        blocks.append(Notice(text=text, tone="failure"))
+    return blocks
+
+
+def page_of(plan: Plan, evidence: Evidence, failures: Mapping[str, list[Entry]], film: Path | None = None) -> Page:
+    """The page of a study that was flown.
+
+    Args:
+        plan: of the study.
+        evidence: its rows and runs.
+        failures: entries that could not be flown, by what happened.
+        film: of its worst run; None: there is none.
+    """
+    study, metric = plan.study, plan.study.report.metric
+    asked = study.question or f"What becomes of the {METRICS[metric].what}?"
+    sections = [Section(title="Question", blocks=[Text(text=asked), *_failures(plan, failures)])]
+    sections += [Section(title="Design", blocks=_design(plan)), Section(title="Results", blocks=_main(plan, evidence))]
+    if len(plan.arms) > 1:
+        sections.append(Section(title="Differences of arms", blocks=_differences(plan, evidence)))
+    if study.seas > 1:
+        panels, legend = charts.over_seas(plan, evidence, metric)
+        blocks: list[Block] = []
+        if panels:
+            blocks.append(Figures(panels=panels, legend=legend, caption="Share of seas whose mean is below a value."))
+        drawn = charts.over_draws(plan, evidence, metric, 0) if study.seas >= _FEWEST_SEAS else []
+        if drawn:
+            caption = f"Means of single seas over what they drew, at {_place(plan, next(iter(evidence.rows)))}."
+            blocks.append(Figures(panels=drawn, legend=legend, caption=caption))
+        sections.append(Section(title="Seas", blocks=blocks))
+    sections.append(Section(title="Table", blocks=[_table(plan, evidence)]))
+    looking: list[Block] = [
+        Text(text="Each line flies a run alone, with the very same noise, and films it."),
+        Code(text=commands(plan, evidence), title="Worst and median run of every place", folded=len(evidence.rows) > 4),
+    ]
+    if film is not None:
+        looking.insert(0, Film(path=film, caption="The worst run of the worst place."))
+    sections.append(Section(title="Runs to look at", blocks=looking))
+    rows = [row for rows in evidence.rows.values() for row in rows]
+    facts = [
+        ("scenario", study.scenario),
+        ("seed", str(int(np.min([row["seed"] for row in rows])))),
+        ("runs", str(study.runs)),
+        ("seas", str(study.seas)),
+        ("repeat it", f"laisn study {study.source}"),
+    ]
+    if plan.arms != (ALONE,):
+        facts.insert(1, ("arms", ", ".join(plan.arms)))
+    return Page(title=study.name, summary=summary_of(plan, evidence), facts=facts, sections=sections)

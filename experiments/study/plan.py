@@ -1,0 +1,189 @@
+"""The plan of a study: every scenario that it flies, all of them valid before the first is flown."""
+
+import difflib
+import json
+import re
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from experiments.campaign.missions import digest, motion_key, motion_of
+from experiments.flight.library import table_of
+from experiments.study.factors import points_of
+from experiments.study.file import Study, refusal
+from experiments.study.metrics import METRICS
+from sim.flyable import misfits
+from sim.scenario.file import ScenarioError, assigned, examined
+from sim.scenario.settings import Misfit, Scenario
+
+ALONE = "all"
+"""Name of the only arm of a study that names none."""
+MOST_ENTRIES = 200_000
+
+
+def _text(value: Any) -> str:
+    """A value as `--set` takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return value if re.fullmatch(r"[A-Za-z][\w-]*", value) and value not in ("true", "false", "inf", "nan") else (
+            json.dumps(value, ensure_ascii=False)
+        )  # fmt: skip
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(_text, value))}]"
+    if isinstance(value, dict):
+        return f"{{{','.join(f'{k}={_text(v)}' for k, v in value.items())}}}"
+    return repr(value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One scenario of a study: a point of its design, an arm, a sea."""
+
+    point: int
+    arm: str
+    sea: int
+    settings: Mapping[str, Any]
+    """All that differs from the study's scenario, by key."""
+    scenario: Scenario
+
+    @cached_property
+    def motion(self) -> str:
+        """Key of its mission, which others may share."""
+        return motion_key(self.scenario)
+
+    @property
+    def closed_loop(self) -> bool:
+        """Whether each of its runs is another mission."""
+        return any(follower.steers_by == "estimate" for follower in self.scenario.followers)
+
+    def command(self, source: str, run: int) -> str:
+        """The command that flies one of its runs alone, with the very same noise."""
+        changes = " ".join(f"--set {shlex.quote(f'{key}={_text(value)}')}" for key, value in self.settings.items())
+        return f"laisn fly {shlex.quote(source)} {changes} --run {run}".replace("  ", " ")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """All that a study flies."""
+
+    study: Study
+    points: list[dict[str, Any]]
+    """Values of the factors by key."""
+    arms: tuple[str, ...]
+    entries: list[Entry]
+    """By point, arm and sea."""
+
+    @property
+    def followers(self) -> tuple[str, ...]:
+        """Names of the followers; those of the first entry, which has as many as any."""
+        return max((tuple(f.name for f in e.scenario.followers) for e in self.entries), key=len)
+
+    @property
+    def flights(self) -> int:
+        """Missions to fly: each once for all entries that share it, each run of a closed loop."""
+        shared = {entry.motion for entry in self.entries if not entry.closed_loop}
+        return len(shared) + self.study.runs * sum(entry.closed_loop for entry in self.entries)
+
+
+class _Flyable:
+    """What keeps scenarios from being flown, found once for all that move and are filmed alike."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, list[Misfit]] = {}
+
+    def __call__(self, scenario: Scenario) -> list[Misfit]:
+        key = digest([motion_of(scenario).model_dump(mode="json"), scenario.video.model_dump(), scenario.epoch])
+        if key not in self._found:
+            self._found[key] = misfits(scenario)
+        return self._found[key]
+
+
+def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """A table with the settings in it, and a line for each that has no place there."""
+    try:
+        return assigned(table, settings), []
+    except ScenarioError:
+        pass
+    result, lines = dict(table), []
+    for key, value in settings.items():
+        try:
+            result = assigned(result, {key: value})
+        except ScenarioError as error:
+            lines.append(f"  {error}")
+    return result, lines
+
+
+def _where(point: Mapping[str, Any], arm: str, sea: int, study: Study) -> str:
+    parts = [f"{key} = {_text(value)}" for key, value in point.items()]
+    parts += [f"arm {arm}"] if study.arms else []
+    parts += [f"sea {sea}"] if study.seas > 1 else []
+    return ", ".join(parts)
+
+
+def _report_faults(study: Study) -> list[str]:
+    """What the page is to show, and what there is not."""
+    report, lines = study.report, []
+    if report.metric not in METRICS:
+        near = difflib.get_close_matches(report.metric, METRICS, n=3, cutoff=0.4)
+        lines.append(f"  report.metric: unknown metric {report.metric!r:.60}; available: {', '.join(near or METRICS)}")
+    known = [*(factor.key for factor in study.factors), "arm", "follower"]
+    for name in ("against", "lines", "panels"):
+        wish = getattr(report, name)
+        if wish and wish not in known:
+            lines.append(f"  report.{name}: {wish!r:.60} is not varied; available: {', '.join(known)}")
+    return lines
+
+
+def _needless_seas(study: Study, entries: list[Entry]) -> list[str]:
+    if study.seas == 1 or study.draws or any(e.scenario.ocean.waves.kind == "jonswap" for e in entries):
+        return []
+    return [f"  seas: {study.seas} seas would all be alike: nothing is drawn in [draw] and there are no irregular "
+            "waves; ask for more runs instead"]  # fmt: skip
+
+
+def plan_of(study: Study) -> Plan:
+    """Plan a study.
+
+    Raises:
+        StudyError: a line for each fault of any scenario, and where in the design it is.
+        ScenarioError: there is no such scenario.
+    """
+    table = table_of(study.scenario)
+    try:
+        points = points_of(study.factors, study.design, study.points, study.seed or 0)
+    except ValueError as error:
+        raise refusal(study.source, [f"  design: {error}"]) from None
+    arms = {arm.name: arm.settings for arm in study.arms} or {ALONE: {}}
+    number = len(points) * len(arms) * study.seas
+    if number > MOST_ENTRIES:
+        text = f"  vary, arm, seas: make {number} scenarios, there may be {MOST_ENTRIES}"
+        raise refusal(study.source, [text])
+    given = table.get("seed")
+    first = study.seed if study.seed is not None else given if isinstance(given, int) else 1
+    drawn = [{draw.key: draw.value(first, sea) for draw in study.draws} for sea in range(study.seas)]
+    faults: dict[str, list[str]] = {}
+    entries, flyable = [], _Flyable()
+    for number, point in enumerate(points):
+        for arm, own in arms.items():
+            for sea in range(study.seas):
+                settings = {**study.settings, **own, **point, **drawn[sea]}
+                if study.seas > 1 or study.seed is not None:
+                    settings["seed"] = first + sea
+                given, lines = _with(table, settings)
+                scenario, found = examined(given, flyable)
+                lines += found
+                for line in lines:
+                    faults.setdefault(line, []).append(_where(point, arm, sea, study))
+                if scenario is not None and not lines:
+                    entries.append(Entry(point=number, arm=arm, sea=sea, settings=settings, scenario=scenario))
+    told = _report_faults(study) + _needless_seas(study, entries)
+    for line, places in faults.items():
+        everywhere = len(places) == len(points) * len(arms) * study.seas
+        told.append(line if everywhere else f"{line}; in {len(places)} of {len(points) * len(arms) * study.seas} "
+                    f"scenarios, first at {places[0]}")  # fmt: skip
+    if told:
+        raise refusal(study.source, told)
+    return Plan(study=study, points=points, arms=tuple(arms), entries=entries)

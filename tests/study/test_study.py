@@ -1,0 +1,254 @@
+"""Studies from file to page: faults before flights, paired arms, commands that repeat runs, the same bytes always."""
+
+import shlex
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from experiments import findings
+from experiments.campaign import campaign
+from experiments.command.cli import app
+from experiments.flight.fly import fly
+from experiments.flight.summary import position_and_bearing_errors
+from experiments.study import file
+from experiments.study.draws import Draw
+from experiments.study.estimate import Evidence
+from experiments.study.file import FOLDER, StudyError, of_table, shipped
+from experiments.study.metrics import METRICS
+from experiments.study.page import commands
+from experiments.study.plan import plan_of
+from experiments.study.run import _captured, fly_study
+from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, run_study
+
+SMALL = """
+scenario = "T5"
+runs = 3
+seas = 2
+[set]
+duration_s = 20.0
+ocean.waves.kind = "jonswap"
+[vary]
+"followers.0.depth_m" = [10, 14]
+[draw]
+ocean.waves.height_m = { uniform = [0.2, 0.8] }
+[[arm]]
+name = "level"
+[[arm]]
+name = "attitude"
+leader.broadcast_attitude = true
+navigation.use_attitude = true
+"""
+FILES = (RESULTS, RUNS, RECORD, REPORT)
+
+
+def study(text=SMALL, **changes):
+    return of_table(tomllib.loads(text) | changes, "mine.toml", "mine")
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    run_study(study(), folder, workers=1, quiet=True)
+    return folder
+
+
+def test_tables_have_a_row_for_each_point_arm_sea_and_follower(flown):
+    table = pq.read_table(flown / RESULTS).to_pylist()
+    assert [(r["point"], r["arm"], r["sea"], r["follower"]) for r in table] == [
+        (p, arm, sea, "follower") for p in (0, 1) for arm in ("level", "attitude") for sea in (0, 1)
+    ]
+    assert [r["followers.0.depth_m"] for r in table] == [10] * 4 + [14] * 4
+    runs = pq.read_table(flown / RUNS).to_pylist()
+    assert len(runs) == 3 * len(table)
+    for row, first in zip(table, range(0, len(runs), 3), strict=True):
+        own = runs[first : first + 3]
+        assert [r["run"] for r in own] == [0, 1, 2]
+        assert np.mean([r["e_p_mean_m"] for r in own]) == pytest.approx(row["e_p_mean_m"], rel=1e-12)
+
+
+def test_every_column_is_a_label_or_a_metric_that_is_explained(flown):
+    labels = {"point", "arm", "sea", "follower", "followers.0.depth_m", "ocean.waves.height_m", "run"}
+    told = {"variant", "seed", "runs", "steps", "worst_run"}
+    for name in (RESULTS, RUNS):
+        assert set(pq.read_table(flown / name).column_names) <= labels | told | set(METRICS)
+
+
+def test_arms_share_their_seas_and_their_noise(flown):
+    plan = plan_of(study())
+    for entry in plan.entries:
+        twin = next(e for e in plan.entries if (e.point, e.sea) == (entry.point, entry.sea) and e.arm != entry.arm)
+        assert entry.motion == twin.motion
+        assert entry.scenario.seed == twin.scenario.seed
+        assert entry.settings["ocean.waves.height_m"] == twin.settings["ocean.waves.height_m"]
+    assert plan.flights == 4
+    assert len(list((flown / "flights").glob("*.npz"))) == 4
+
+
+def test_another_key_leaves_draws_as_they_were():
+    more = tomllib.loads(SMALL)
+    more["draw"]["leader.excess_buoyancy_n"] = {"uniform": [0, 5]}
+    more["seas"] = 4
+    before, after = plan_of(study()), plan_of(of_table(more, "more.toml", "more"))
+    key = "ocean.waves.height_m"
+    drawn = {e.sea: e.settings[key] for e in after.entries}
+    assert {e.sea: e.settings[key] for e in before.entries} == {sea: drawn[sea] for sea in (0, 1)}
+    assert drawn[0] == Draw.of(key, {"uniform": [0.2, 0.8]}).value(1, 0)
+
+
+def test_the_command_of_a_run_repeats_it(flown, tmp_path):
+    plan = plan_of(study())
+    rows = {(r["point"], r["arm"], r["sea"], r["run"]): r for r in pq.read_table(flown / RUNS).to_pylist()}
+    outcomes = fly_study(plan, flown, workers=1, quiet=True)
+    lines = commands(plan, Evidence.of(outcomes.rows, outcomes.runs)).splitlines()
+    assert len(lines) == 2 * 2 * 4
+    words = shlex.split(lines[-1])
+    told = rows[1, "attitude", 0, int(words[-1])], rows[1, "attitude", 1, int(words[-1])]
+    assert words[0] == "laisn"
+    result = CliRunner().invoke(app, [*words[1:], "--no-video", "--out", str(tmp_path / "one")])
+    assert result.exit_code == 0, result.output
+    alone = findings.json.loads((tmp_path / "one" / "summary.json").read_text())["e_p_mean_m"]
+    assert any(alone == pytest.approx(row["e_p_mean_m"], rel=1e-9) for row in told)
+    everything = sorted(r["e_p_mean_m"] for key, r in rows.items() if key[:2] == (1, "attitude"))
+    assert alone == pytest.approx(everything[2], rel=1e-9), "the last line is the median run"
+
+
+def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
+    (tmp_path / "mine.toml").write_text(SMALL)
+    out = tmp_path / "out"
+    code = "from experiments.command.cli import main; main()"
+    command = [sys.executable, "-c", code, "study", "mine.toml", "--out", str(out), "--workers", "1"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 300
+    while process.poll() is None and len(list(out.glob("cells/*.parquet"))) < 2 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not (out / REPORT).exists(), "it was killed too late"
+    run_study(study(), out, workers=2, quiet=True)
+    for name in FILES:
+        assert (out / name).read_bytes() == (flown / name).read_bytes(), name
+
+
+def test_nothing_is_computed_twice(flown, monkeypatch):
+    monkeypatch.setattr(campaign, "compute", None)
+    monkeypatch.setattr("experiments.study.run._fly", None)
+    run_study(study(), flown, workers=1, quiet=True)
+
+
+def test_all_faults_of_all_points_are_told_at_once():
+    with pytest.raises(StudyError) as error:
+        plan_of(
+            study(vary={"followers.0.depth_m": [10, 40], "leader.excess_bouyancy_n": [1], "followers.3.depth_m": [1]})
+        )
+    text = str(error.value)
+    assert "did you mean 'excess_buoyancy_n'?" in text
+    assert "followers.3.depth_m is no key" in text
+    assert "floor_depth_m" in text
+    assert "in 4 of 8 scenarios, first at followers.0.depth_m = 40" in text
+    assert len(text.splitlines()) <= 20
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"runs": 0}, "runs"),
+        ({"speed": 1}, "unknown key of a study"),
+        ({"draw": {"followers.0.depth_m": {"uniform": [9, 11]}}}, r"stands in \[vary\] and in \[draw\]"),
+        ({"arm": [{"name": "a", "followers.0.depth_m": 3}]}, r"arm a sets what \[vary\] does"),
+        ({"arm": [{"name": "a"}, {"name": "a"}]}, "repeated: a"),
+        ({"arm": [{}]}, "needs a name"),
+        ({"set": {"seed": 3}}, "numbered by it"),
+        ({"report": {"metric": "e_p"}}, "unknown metric"),
+        ({"report": {"against": "leader.depth_m"}}, "is not varied"),
+        ({"set": {"duration_s": 20.0}, "draw": {}}, "would all be alike"),
+        ({"points": 8}, "points belongs to"),
+    ],
+)
+def test_a_fault_is_told_with_its_key(changes, told):
+    with pytest.raises(StudyError, match=told):
+        plan_of(study(**changes))
+
+
+def test_followers_that_steer_by_estimates_fly_every_run(tmp_path):
+    one = study(
+        """
+scenario = "T3"
+runs = 2
+[set]
+duration_s = 20.0
+followers.0.steers_by = "estimate"
+[vary]
+"navigation.variant" = ["laisn-2", "laisn-3-2"]
+"""
+    )
+    plan = plan_of(one)
+    assert plan.flights == 4
+    run_study(one, tmp_path, workers=1, quiet=True)
+    row = pq.read_table(tmp_path / RUNS).to_pylist()[3]
+    flight, _ = fly(plan.entries[1].scenario.model_copy(update={"run": 1}))
+    ((position, _),) = position_and_bearing_errors(flight)
+    assert row["e_p_mean_m"] == pytest.approx(float(position.mean()), rel=1e-12)
+
+
+def test_captures_of_single_flights_are_those_of_cells(tmp_path):
+    keys = {"scenario": "T7", "vary": {"followers.0.depth_m": [20]}, "set": {"duration_s": 80.0}}
+    one = study(SMALL, seas=1, runs=8, arm=[], draw={}, **keys)
+    plan = plan_of(one)
+    outcomes = fly_study(plan, tmp_path, workers=1, quiet=True)
+    told = outcomes.runs[0][1]["captured"]
+    for run, captured in enumerate(told):
+        flight, _ = fly(plan.entries[0].scenario.model_copy(update={"run": run}))
+        assert _captured(flight, 0) == captured
+    assert 0 < sum(told) < 8, "the mission cannot tell"
+
+
+def test_a_mission_that_cannot_be_flown_is_named_and_the_others_go_on(tmp_path, monkeypatch):
+    from experiments.campaign import missions
+    from experiments.campaign.failures import CampaignError
+
+    plan, whole = plan_of(study()), missions.fly
+
+    def some(scenario):
+        if scenario.followers[0].depth_m == 14:
+            raise CampaignError("mission 'T5': lost at 3 s")
+        return whole(scenario)
+
+    monkeypatch.setattr(missions, "fly", some)
+    run_study(study(), tmp_path, workers=1, quiet=True)
+    assert {r["point"] for r in pq.read_table(tmp_path / RESULTS).to_pylist()} == {0}
+    page = (tmp_path / REPORT).read_text()
+    assert "lost at 3 s: 4 scenarios" in page
+    assert len(plan.entries) == 8
+
+
+def test_options_vary_a_scenario_without_a_file(tmp_path):
+    words = ["study", "T5", "--vary", "leader.baseline_m=1.0,2.0", "--set", "duration_s=20", "--runs", "2", "--out"]
+    result = CliRunner().invoke(app, [*words, str(tmp_path), "--workers", "1"])
+    assert result.exit_code == 0, result.output
+    assert [r["leader.baseline_m"] for r in pq.read_table(tmp_path / RESULTS).to_pylist()] == [1.0, 2.0]
+
+
+def test_a_dry_run_says_what_a_study_takes_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").write_text(SMALL)
+    result = CliRunner().invoke(app, ["study", "mine.toml", "--dry-run"])
+    assert result.exit_code == 0, result.output
+    assert "4 flights, 8 cells, 24 runs" in result.output
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_studies_that_ship_are_valid_and_introduce_themselves(name):
+    path = FOLDER / f"{name}.toml"
+    assert path.read_text(encoding="utf-8").startswith("# ")
+    plan = plan_of(of_table(file.table_of(path), name, name, FOLDER))
+    assert plan.study.question
+    assert plan.study.name == name

@@ -1,0 +1,107 @@
+"""Designs and draws of studies: values where they belong, draws that no other key changes."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from experiments.study.draws import Draw
+from experiments.study.factors import Factor, points_of
+
+
+def test_a_range_is_a_grid_with_both_ends():
+    linear = Factor.of("x", {"from": 0, "to": 12, "steps": 4})
+    assert linear.values == (0, 4, 8, 12)
+    log = Factor.of("x", {"from": 0.01, "to": 10, "steps": 4, "scale": "log"})
+    assert log.values == (0.01, 0.1, 1, 10)
+
+
+def test_a_factorial_design_has_every_combination():
+    factors = [Factor.of("a", [1, 2, 3]), Factor.of("b", ["x", "y"])]
+    points = points_of(factors, "factorial", None, 1)
+    assert len(points) == 6
+    assert {(p["a"], p["b"]) for p in points} == {(a, b) for a in (1, 2, 3) for b in "xy"}
+
+
+@pytest.mark.parametrize("design", ["latin-hypercube", "sobol"])
+def test_a_sampled_design_has_one_point_in_every_stratum_of_every_factor(design):
+    """Both designs put one of n points into each nth of every range."""
+    ends = (
+        Factor.of("a", {"from": 2, "to": 4}, sampled=True),
+        Factor.of("b", {"from": 1, "to": 100, "scale": "log"}, sampled=True),
+    )
+    points = points_of(ends, design, 16, 1)
+    shares = np.array([[(p["a"] - 2) / 2, math.log(p["b"]) / math.log(100)] for p in points])
+    assert np.array_equal(np.sort(np.floor(16 * shares).astype(int), axis=0), np.arange(16)[:, None].repeat(2, axis=1))
+    assert points == points_of(ends, design, 16, 1)
+    assert points != points_of(ends, design, 16, 2)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ([], "empty"),
+        ([1, 1], "twice"),
+        ({"from": 0}, "from, to and steps"),
+        ({"from": 0, "to": 1}, "steps"),
+        ({"from": 0, "to": 1, "steps": 2, "scale": "log"}, "positive"),
+        ({"from": 0, "to": 0, "steps": 2}, "different"),
+        ({"from": 0, "to": 1, "steps": 2, "step": 1}, "unknown step"),
+    ],
+)
+def test_a_factor_that_is_none_says_what_was_expected(given, told):
+    with pytest.raises(ValueError, match=told):
+        Factor.of("x", given)
+
+
+def test_a_sobol_design_needs_a_power_of_two():
+    with pytest.raises(ValueError, match="such as 32"):
+        points_of([Factor.of("a", {"from": 0, "to": 1}, sampled=True)], "sobol", 30, 1)
+
+
+@pytest.mark.parametrize(
+    ("given", "law"),
+    [
+        ({"uniform": [0.2, 0.8]}, stats.uniform(0.2, 0.6)),
+        ({"normal": [1.0, 0.1]}, stats.norm(1.0, 0.1)),
+        ({"truncnorm": [1.0, 0.5, 0.9, 2.0]}, stats.truncnorm(-0.2, 2.0, 1.0, 0.5)),
+        ({"gamma": {"a": 2.0, "scale": 3.0}}, stats.gamma(2.0, scale=3.0)),
+    ],
+)
+def test_draws_follow_their_law(given, law):
+    """The Kolmogorov-Smirnov test of 2000 seas; one in a thousand right draws would fail it, and seeds are fixed."""
+    draw = Draw.of("leader.mass", given)
+    assert stats.kstest([draw.value(1, sea) for sea in range(2000)], law.cdf).pvalue > 1e-3
+
+
+def test_choices_come_alike_often():
+    draw = Draw.of("navigation.variant", {"choice": ["a", "b", "c"]})
+    found = [draw.value(1, sea) for sea in range(3000)]
+    assert stats.chisquare([found.count(c) for c in "abc"]).pvalue > 1e-3
+
+
+def test_draws_of_keys_seas_and_seeds_are_independent():
+    one, other = (Draw.of(key, {"uniform": [0, 1]}) for key in ("a", "b"))
+    x = [one.value(1, sea) for sea in range(2000)]
+    for y in ([other.value(1, sea) for sea in range(2000)], [one.value(2, sea) for sea in range(2000)],
+              [one.value(1, sea + 1) for sea in range(2000)]):  # fmt: skip
+        assert abs(np.corrcoef(x, y)[0, 1]) < 4 / math.sqrt(2000)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (0.3, "one distribution"),
+        ({"uniforn": [0, 1]}, "unknown distribution"),
+        ({"uniform": [1, 0]}, r"\[low, high\]"),
+        ({"uniform": [1]}, r"\[low, high\]"),
+        ({"gamma": [2]}, "table of its parameters"),
+        ({"gamma": {"b": 2}}, "gamma"),
+        ({"normal": {"scale": -1}}, "no values"),
+        ({"choice": 3}, "list"),
+    ],
+)
+def test_a_draw_that_is_none_says_what_was_expected(given, told):
+    with pytest.raises(ValueError, match=told):
+        Draw.of("x", given)

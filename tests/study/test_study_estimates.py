@@ -1,0 +1,86 @@
+"""What studies say of means: intervals over seas and runs in closed form, and differences that are paired."""
+
+import math
+
+import numpy as np
+import pytest
+
+from experiments.campaign import missions
+from experiments.flight.library import load
+from experiments.study.estimate import Evidence, over_runs, over_seas
+from experiments.study.facts import DISC_DIAMETER_M, disc_power, facts_of
+
+
+def test_few_seas_have_the_interval_of_student():
+    """t(0.975, 2) = 4.3027 (any table); the means 1, 2, 3 have s = 1."""
+    found = over_seas(np.array([1.0, 2.0, 3.0]))
+    assert found.value == 2.0
+    assert found.high - 2.0 == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
+    assert 2.0 - found.low == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
+
+
+def test_one_sea_alone_says_nothing_of_others():
+    assert math.isnan(over_seas(np.array([1.0])).low)
+
+
+def test_intervals_over_many_seas_cover_as_often_as_they_promise():
+    random = np.random.default_rng(1)
+    hits = 0
+    for _ in range(300):
+        found = over_seas(random.normal(5.0, 2.0, 40))
+        hits += found.low <= 5.0 <= found.high
+    assert 0.90 < hits / 300 < 0.98
+
+
+def test_a_sea_counts_like_any_other_however_its_runs_scatter():
+    found = over_runs([np.array([0.0, 4.0]), np.array([4.0, 4.0])])
+    assert found.value == 3.0
+
+
+def test_shares_have_the_limits_of_clopper_and_pearson():
+    found = over_runs([np.zeros(60)], shares=True)
+    assert found.high == pytest.approx(1 - 0.025 ** (1 / 60), rel=1e-9)
+    assert found.low == 0.0
+
+
+def evidence():
+    random = np.random.default_rng(3)
+    noise = random.normal(0.0, 1.0, 60)
+    rows = [{"point": 0, "arm": arm, "follower": "f", "sea": 0} for arm in ("a", "b")]
+    lists = [{"e_p_mean_m": (10 + noise).tolist()}, {"e_p_mean_m": (9.5 + noise + random.normal(0, 0.01, 60)).tolist()}]
+    return Evidence.of(rows, [(row, own) for row, own in zip(rows, lists, strict=True)])
+
+
+def test_differences_of_arms_are_paired_by_run():
+    """Noise of σ = 1 that both arms share drops out; what is left has σ = 0.01."""
+    found = evidence().difference((0, "b", "f"), "a", "e_p_mean_m")
+    assert found.value == pytest.approx(-0.5, abs=0.01)
+    assert found.high - found.low < 0.02
+    alone = evidence().estimate((0, "b", "f"), "e_p_mean_m")
+    assert alone.high - alone.low > 0.3
+
+
+def test_a_thruster_at_rest_takes_the_power_of_momentum_theory():
+    """T^1.5 / √(2ρA) at rest; T v where v is large (both in any textbook on propellers)."""
+    area = math.pi * DISC_DIAMETER_M**2 / 4
+    assert disc_power(np.array([-9.0]), np.zeros(1), 1026.0) == pytest.approx(27.0 / math.sqrt(2 * 1026.0 * area))
+    assert disc_power(np.array([0.01]), np.array([50.0]), 1026.0) == pytest.approx(0.5, rel=1e-4)
+
+
+def test_point_motion_keeps_its_place_and_depth():
+    scenario = load("T3", ["motion=kinematic", "duration_s=30"])
+    (facts,) = facts_of(scenario, missions.fly(scenario))
+    assert facts["off_place_max_m"] < 1e-6
+    assert facts["depth_error_max_m"] < 1e-9
+    assert facts["energy_j"] is None
+    assert facts["closest_approach_m"] <= math.hypot(facts["range_mean_m"], 2.0)
+
+
+def test_energy_is_mean_power_times_time_and_way_costs_it():
+    scenario = load("T5", ["duration_s=40"])
+    trajectory = missions.fly(scenario)
+    (facts,) = facts_of(scenario, trajectory)
+    assert facts["energy_j"] == pytest.approx(40 * facts["power_mean_w"])
+    # no disc can push against the water for less than the work that it does there
+    through = np.linalg.norm(trajectory.velocity[:, 1] - trajectory.water_velocity[:, 1], axis=1)
+    assert facts["power_mean_w"] > 0.99 * float(np.mean(np.abs(trajectory.thrust[:, 1, 0]) * through))
