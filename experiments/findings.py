@@ -38,9 +38,9 @@ class Finding:
     """What it is, and what its limits are."""
 
     def __format__(self, spec: str) -> str:
-        """As text: a format of Python's, `low` or `high` before it for a limit, ` i` behind it for value and limits.
+        """Format as text: a Python format, `low` or `high` before it for a limit, ` i` after it to add the limits.
 
-        Per cent are set apart from their sign, minus signs are typographic: format(share, ".0% i") gives
+        A space stands before the percent sign, and minus signs are typographic: format(share, ".0% i") gives
         "98 % (97 to 99 %)".
         """
         match = re.fullmatch(r"(?:(low|high) ?)?(\S*?)( i)?", spec)

@@ -104,7 +104,7 @@ def _range_rows(away: Floats, arms: Floats, first: dict[str, int], size: int) ->
 
 
 def _information(away: Floats, arms: Floats, noise: TrueNoise, first: dict[str, int], size: int) -> Floats:
-    """Of the ranges of one message, shape (size, size)."""
+    """Fisher information of the ranges of one message, shape (size, size)."""
     received = np.flatnonzero(np.isfinite(arms[:, 2]))
     if not received.size:
         return np.zeros((size, size))

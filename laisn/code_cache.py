@@ -51,7 +51,7 @@ def _is_private(folder: Path) -> bool:
 
 @cache
 def folder() -> Path | None:
-    """Where code is kept; None if there is no place that this user, and nobody else, can write.
+    """Folder that holds compiled code; None if there is none that this user, and nobody else, can write to.
 
     It is `laisn-sim/code` in XDG_CACHE_HOME, or in ~/.cache. What is read there is run: a folder that others can write
     is not used.

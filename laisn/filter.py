@@ -61,7 +61,7 @@ _KalmanFilter = _kalman_filter()
 
 
 class Innovation(NamedTuple):
-    """Of a position update."""
+    """Innovation of a position update."""
 
     residual: Floats
     """z − H x̂, shape (2,), [m]."""

@@ -1,4 +1,4 @@
-"""From ranges to a position: every variant of LAISN (paper, Sections 2.2 and 2.3).
+"""Fixes, which turn ranges into a position: every variant of LAISN (paper, Sections 2.2 and 2.3).
 
 A *pair* of transmitters gives two circles. Where they meet in two points well apart, the one nearest to the
 prediction is taken; otherwise the follower is put onto the pair's axis behind the leader. The variants differ in how

@@ -19,7 +19,7 @@ with σp = 0 should leave nothing. A second update with σp = 0 would divide one
 
 
 class Intersections(NamedTuple):
-    """Where two circles meet; NaN for points that do not exist."""
+    """Points where two circles meet; NaN for points that do not exist."""
 
     n_points: int
     """N: 0, 1 or 2."""

@@ -203,7 +203,7 @@ def update(block: Floats, t: Tuning, k: int) -> None:
 
 @compiled_lanes
 def remember_accepted(block: Floats, k: int) -> None:
-    """Where a message was accepted, its position and step are what the gate measures from."""
+    """Make the gate measure from the position and step of this message, in the lanes that accepted it."""
     for lane in range(LANES):
         answered = block[row.ANSWERED + lane] > 0.0
         block[row.ACCEPTED_X + lane] = block[row.X + lane] if answered else block[row.ACCEPTED_X + lane]

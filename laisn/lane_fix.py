@@ -186,7 +186,7 @@ def choose_main_baseline(block: Floats) -> None:
 
 @inlined
 def _weight(kind: float, separation: float, sigma: float) -> float:
-    """Of a pair with N > 0; zero for others (paper, Eq. 25)."""
+    """Weight of a pair with N > 0; zero for others (paper, Eq. 25)."""
     return 1.0 / (1.0 + sigma) if separation >= 0.0 or kind == _TANGENT else 0.0
 
 

@@ -72,7 +72,7 @@ class Navigator:
 
     @property
     def covariance(self) -> Floats:
-        """Of the state, shape (4, 4)."""
+        """Covariance of the state, shape (4, 4)."""
         return self._filter.covariance
 
     def step(

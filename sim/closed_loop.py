@@ -112,7 +112,7 @@ class Pilot:
 
 
 class Feedback:
-    """Where all vehicles of a fleet take themselves to be: those that steer by the truth say nothing."""
+    """Positions that a fleet's vehicles believe to be their own; those that steer by the truth give none."""
 
     def __init__(self, scenario: Scenario, navigator: OnlineFactory) -> None:
         """Set up a pilot for each follower with `steers_by = "estimate"`."""

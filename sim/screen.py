@@ -27,7 +27,7 @@ def shortened(text: str, limit: int) -> str:
 
 
 def screenful(lines: Iterable[str], rows: int = ROWS) -> list[str]:
-    """As many of the lines, made plain, as fit into `rows` rows of 80 columns; the last one counts those left out.
+    """The lines, made plain, that fit into `rows` rows of 80 columns; the last one counts those left out.
 
     A line takes as many rows as it needs, but one alone may not take them all.
     """

@@ -1,4 +1,4 @@
-"""The same mission with another attitude of the leader: what a study changes while all else stays equal."""
+"""Missions given another attitude of the leader: what a study changes while all else stays equal."""
 
 from dataclasses import replace
 

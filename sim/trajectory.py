@@ -110,7 +110,7 @@ class Trajectory:
 
     @property
     def depth(self) -> Floats:
-        """Of the body origins, shape (n, v), [m]."""
+        """Depth of the body origins, shape (n, v), [m]."""
         return -self.position[..., 2]
 
     @cached_property

@@ -27,7 +27,7 @@ def shown(console: Console) -> str:
 
 
 def terminal() -> Console:
-    """With colours, and wide enough that no line is broken."""
+    """A console with colours, wide enough that no line is broken."""
     return Console(file=io.StringIO(), force_terminal=True, color_system="truecolor", width=10_000)
 
 

@@ -118,7 +118,7 @@ def command_line(condition: Condition, route: str, offset: float, run: int = 0, 
 
 
 def command(condition: Condition, route: str, offset: float, run: int = 0, variant: str = "laisn-2") -> str:
-    """The same command, broken into lines that a page has room for."""
+    """The command that flies one run of a mission, broken into lines that a page has room for."""
     start, settings = _flown(condition, route, offset, run, variant)
     lines = [" ".join(settings[i : i + 3]) for i in range(0, len(settings), 3)]
     return " \\\n  ".join([start, *lines])

@@ -56,7 +56,7 @@ class Message:
 
     @property
     def fix(self) -> Floats:
-        """Where the circles about the assumed rear and front transmitter meet, forward and port, shape (2,), [m]."""
+        """Point where the circles about the assumed rear and front transmitter meet, (forward, port), [m]."""
         rear, front = self.assumed[0, 0], self.assumed[1, 0]
         used = self.used_range
         along = float((used[0] ** 2 - used[1] ** 2) / (2 * (front - rear)))
@@ -110,7 +110,7 @@ def message_side(message: Message) -> Figure:
 
 
 def message_hull(message: Message) -> Figure:
-    """The same, enlarged at the hull: how far bow and stern have left the depth that the follower believes in."""
+    """A message drawn enlarged at the hull: how far bow and stern are from the depth that the follower assumes."""
     figure = panel([], x_label="forward of the leader [m]", y_label="up [m]", title="The hull, enlarged", height=3.0)
     axes = _axes(figure)
     _hull(axes, 0.0, LEVEL, "--")

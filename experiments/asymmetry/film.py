@@ -27,7 +27,7 @@ AWARE_COLOUR = (0.30, 1.0, 0.60)
 
 
 def _attitude_aware(scenario: Scenario) -> Scenario:
-    """The same mission for a follower that places the transmitters by the attitude that the leader's AHRS measures."""
+    """A mission whose follower places the transmitters by the attitude that the leader's AHRS measures."""
     sensor = {name: getattr(AHRS, name) for name in AHRS.model_fields_set}
     return scenario.model_copy(
         update={

@@ -58,7 +58,7 @@ def _on_routes(missions: dict[Mission, Excess], routes: Sequence[str], cause: st
 
 
 def _verdicts(chosen: Sequence[Excess], arm: str, name: str) -> dict[str, Finding]:
-    """On how many missions a remedy comes to each verdict."""
+    """Number of missions on which a remedy comes to each verdict."""
     found = {}
     for question in ("error", "capture"):
         given = [getattr(e.arms[arm], f"{question}_verdict") for e in chosen]

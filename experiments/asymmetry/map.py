@@ -35,7 +35,7 @@ PREDICTION_SIGMA_M = 1000.0
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """Where the map is taken: degrees and metres, for they end up in a table."""
+    """Points at which the map is computed, in degrees and metres because they end up in a table."""
 
     pitch_deg: tuple[float, ...]
     """Of the leader, positive nose up."""
@@ -148,7 +148,7 @@ def closed_form_error(
 def fix_error(
     pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
 ) -> Floats:
-    """As `closed_form_error`; where the circles do not meet, the error of a fix on the leader's axis, [m].
+    """Error of a fix, `closed_form_error` where the circles meet and that of a fix on the leader's axis elsewhere, [m].
 
     The end of the axis is the nearer one, so that the error is the least that the pitch can do.
     """

@@ -100,7 +100,7 @@ def one_message(example: Example) -> Section:
 
 
 def chart_section(chart: pa.Table) -> Section:
-    """Where around the leader it matters."""
+    """The section that shows where around the leader its pitch matters."""
     columns = {name: chart[name].to_numpy().astype(np.float64) for name in chart.column_names}
 
     def at(**fixed: float) -> npt.NDArray[np.bool_]:

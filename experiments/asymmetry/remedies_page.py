@@ -219,7 +219,7 @@ def remedies(missions: dict[Mission, Excess], plan: Plan) -> Section:
 
 
 def shortfalls(missions: dict[Mission, Excess], plan: Plan) -> list[Block]:
-    """Where the broadcast attitude falls short of its aim, and why."""
+    """The missions on which the broadcast attitude falls short of its aim, and why."""
     blocks: list[Block] = []
     for arm in (EXACT, STEADIED, READINGS, CROOKED):
         for cause, label in CAUSES.items():

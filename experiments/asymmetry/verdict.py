@@ -32,7 +32,7 @@ _NOMINAL = 0.015
 
 
 class Verdict(Enum):
-    """On one remedy and mission."""
+    """Judgement of one remedy on one mission."""
 
     MET = "met"
     OPEN = "open"

@@ -59,7 +59,7 @@ class Errors(NamedTuple):
 
 
 class Address(NamedTuple):
-    """Where the noise of a block is found: seed, first run, and the number of each stream."""
+    """Address of the noise of a block: seed, first run, and the number of each stream."""
 
     seed: np.uint64
     first_run: np.uint64
@@ -156,7 +156,7 @@ def new_noise(address: Address) -> Noise:
 
 @compiled_lanes
 def _draw_if(needed: bool, noise: Noise, stream: np.uint64, step: int) -> None:
-    """As `_draw_normals`; zeros where the errors have no use for normals, which reads the same."""
+    """Draw normals as `_draw_normals` does, or set them to zero where the errors make no use of them."""
     if needed:
         _draw_normals(noise, stream, step)
     else:

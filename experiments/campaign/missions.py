@@ -68,7 +68,7 @@ def motion_key(scenario: Scenario) -> str:
 
 
 def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
-    """The same motion with the transmitters where this leader has them."""
+    """A trajectory with its motion unchanged and the transmitters where this leader has them."""
     offset = trajectory.site_offset.copy()
     places = {
         "leader/tx_rear": (0, -leader.baseline_m / 2),

@@ -69,7 +69,7 @@ def _mendable(error: Exception) -> list[str] | None:
 
 
 def _version() -> str:
-    """Of the code; whatever is broken, a report of it must come to be."""
+    """Version of the code; whatever is broken, this must not keep the report from being written."""
     from experiments.campaign.version import code_version
 
     try:

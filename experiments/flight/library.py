@@ -82,7 +82,7 @@ def load(source: str, assignments: Iterable[str]) -> Scenario:
 
 
 def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
-    """As `load`, with sea, routes, date and cost tried too: what this gives can be flown, filmed and logged.
+    """Load a scenario and check its sea, routes, date and cost as well, so that it can be flown, filmed and logged.
 
     Raises:
         ScenarioError: names file, key, value and limit of every fault.

@@ -64,7 +64,7 @@ def stray_events(flight: Flight) -> list[Event]:
 
 
 def off_place_rms(flight: Flight) -> list[float]:
-    """Of each follower: RMS distance from where its route has it, [m]."""
+    """RMS distance of each follower from where its route has it, [m]."""
     time, position = flight.trajectory.time, flight.trajectory.position[..., :2]
     routes = routes_of(flight.scenario)
     return [

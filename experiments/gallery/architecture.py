@@ -27,7 +27,7 @@ def reduced(between: Mapping[str, set[str]]) -> dict[str, set[str]]:
 
 
 def places(between: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
-    """Where each room is drawn: its floor upwards, and beside the middle of the rooms that it imports."""
+    """Position at which each room is drawn: its floor upwards, and beside the middle of the rooms that it imports."""
     level = house.floors(between)
     placed: dict[str, tuple[float, float]] = {}
     widest = max(list(level.values()).count(floor) for floor in set(level.values()))

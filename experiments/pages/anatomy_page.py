@@ -65,7 +65,7 @@ def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str) -
 
 
 def legend_of(causes: Sequence[Cause]) -> list[tuple[str, str]]:
-    """Of `asymmetry_over_time`."""
+    """Legend of the figure `asymmetry_over_time`: colour and name of each cause."""
     return [(COLOUR[cause].variable, LABELS[cause]) for cause in causes]
 
 

@@ -95,15 +95,15 @@ def _reference_of(route: Route, limits: Limits | None, time: Floats, lead: float
 def reference(
     routes: Sequence[Route], time: Floats, limits: Sequence[Limits] | None = None, lead: Sequence[float] | None = None
 ) -> Floats:
-    """Where all vehicles should be: shape (n, v, 8), columns EAST … SINKING.
+    """State in which all vehicles should be: shape (n, v, 8), columns EAST … SINKING.
 
     Course and depth are smoothed about each instant, for the plan is known ahead; the path is not.
 
     Args:
-        routes: of the v vehicles.
+        routes: those of the v vehicles.
         time: shape (n,), [s].
-        limits: of each vehicle; None: the paper's.
-        lead: by which each vehicle's accelerations are given early, as its thrusters lag [s]; None: 0.
+        limits: those of each vehicle; None: the paper's.
+        lead: how early each vehicle's accelerations are given, because its thrusters lag [s]; None: 0.
 
     Raises:
         ValueError: a route cannot be flown.
@@ -117,7 +117,7 @@ def reference(
 
 @compiled
 def wrap(angle: float) -> float:
-    """Into [−π, π) [rad]."""
+    """An angle brought into [−π, π) [rad]."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 

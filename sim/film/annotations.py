@@ -57,7 +57,7 @@ class RayErrors:
         own_arrays(self)
 
     def colours(self, message: int) -> tuple[RGB, ...]:
-        """Of the rays of a message, rear, front and middle; message -1 is none."""
+        """Colours of a message's rays, rear, front and middle; message -1 stands for none."""
         shares = self.value[message] / self.limit if message >= 0 else np.full(3, np.nan)
         return tuple((float(r), float(g), float(b)) for r, g, b in diverging(shares))
 

@@ -73,7 +73,7 @@ class View:
         return np.stack([right, np.cross(right, forward), forward])
 
     def project(self, points: Floats, width: int, height: int) -> tuple[Floats, Floats]:
-        """Where points of shape (n, 3) appear: pixels from the top left, shape (n, 2), and distance ahead (n,), [m].
+        """Project points of shape (n, 3): pixels from the top left, shape (n, 2), and distance ahead, shape (n,), [m].
 
         Points beside or behind the camera get a distance below `_NEAR_M` and pixels without meaning.
         """
@@ -236,7 +236,7 @@ class Director:
         return self._now(self._centre, time), self._now(self._half, time)
 
     def _top(self, moment: Moment, bottom: float) -> tuple[View, tuple[float, float]]:
-        """From above, vehicles within the part of the frame that panels leave free, down to the share `bottom`."""
+        """View from above, vehicles within the part of the frame that panels leave free, down to the share `bottom`."""
         left, right, top = _FREE
         centre, half = self._span(moment.time)
         across, down = (right - left) * self._aspect, bottom - top

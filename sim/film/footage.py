@@ -169,9 +169,9 @@ class Footage:
         return np.arange(-(-first // every) * every, now + 1, every, dtype=np.int64)
 
     def trail(self, vehicle: int, time: float, film_seconds: float) -> Floats:
-        """Where a vehicle was in the last `film_seconds` of film, oldest first, shape (p, 3), [m].
+        """Positions of a vehicle in the last `film_seconds` of film, oldest first, shape (p, 3), [m].
 
-        The leader's body origin, but a follower's hydrophone, for that is what it estimates.
+        They are those of the leader's body origin, but of a follower's hydrophone, for that is what it estimates.
         """
         truth, times = self.flight.trajectory, self.trail_times(time, film_seconds)
         if vehicle:
@@ -179,7 +179,7 @@ class Footage:
         return np.asarray(truth.at(times)[0][:, 0])
 
     def estimate_trail(self, follower: int, time: float, film_seconds: float) -> Floats:
-        """Where a follower believed to be, likewise, at its true depth, shape (p, 3), [m]."""
+        """Estimated positions in the last `film_seconds` of film, at the true depth, shape (p, 3), [m]."""
         truth, times = self.flight.trajectory, self.trail_times(time, film_seconds)
         depth = truth.site_at(f"{truth.names[follower + 1]}/hydrophone", times)[:, 2]
         return np.array([self._estimate(follower, float(t), float(z)) for t, z in zip(times, depth, strict=True)])

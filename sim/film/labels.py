@@ -56,11 +56,11 @@ def _places(label: Label, width: float, height: float, scale: float) -> list[tup
 
 
 def place(labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas) -> list[tuple[Label, Area, Floats]]:
-    """Where labels go: a pure function of one frame, so that frames may be drawn in any order.
+    """Place labels by a pure function of one frame, so that frames may be drawn in any order.
 
     Args:
         labels: the most important first.
-        taken: areas where no words may stand.
+        taken: areas that labels must keep clear of.
         canvas: measures the words.
 
     Returns:

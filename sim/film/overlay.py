@@ -148,7 +148,7 @@ class Overlay:
         return rays.colours(moment.message[follower]) if rays and follower == self._follower else TRANSMITTER_COLOURS
 
     def _others(self, moment: Moment) -> list[Floats]:
-        """Where the other estimates are, each of shape (3,), [m]."""
+        """Positions of the other estimates, each of shape (3,), [m]."""
         now = np.array([moment.time])
         return [self._footage.on_plane(self._follower, o.position, now)[0] for o in self._added.others]
 

@@ -40,7 +40,7 @@ _AXES = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0], [0, 0, 1.0
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Of two vectors; NumPy's takes twenty times as long."""
+    """Cross product of two vectors; NumPy's takes twenty times as long."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 

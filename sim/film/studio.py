@@ -128,7 +128,7 @@ def encode(frames: Iterator[Bytes], video: Video) -> Iterator[bytes]:
 
 
 def group_file(folder: Path, group: int) -> Path:
-    """Where the access units of a group of pictures lie."""
+    """File that holds the access units of a group of pictures."""
     return folder / f"{group:06d}.units"
 
 

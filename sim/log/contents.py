@@ -36,7 +36,7 @@ class Messages:
         return (mine, self.encoding) == (yours, other.encoding)
 
     def decoded(self) -> Iterator[Any]:
-        """As protobuf messages, by the schema in the file."""
+        """Decode the messages as protobuf, by the schema in the file."""
         decode = self._decoder()
         return (decode(data) for data in self.data)
 

@@ -71,7 +71,7 @@ def _crc(stream: IO[bytes], start: int, stop: int, crc: int = 0) -> int:
 
 
 def end_of_log(stream: IO[bytes]) -> int | None:
-    """Where the first whole MCAP file in a stream ends, whatever follows it; None if no end of one is there."""
+    """Offset at which the first whole MCAP file in a stream ends, whatever follows it; None if there is no such end."""
     end = 0
     try:
         for place in places(stream):
@@ -148,7 +148,7 @@ def records(stream: IO[bytes], budget: Budget, left_out: list[str] | None = None
 
 
 def whole_records(path: Path, budget: Budget, left_out: list[str]) -> Iterator[Any]:
-    """As `records`, of a file of which the end may be missing or damaged: up to the first record that is not whole."""
+    """Records of a file whose end may be missing or damaged: up to the first record that is not whole."""
     with path.open("rb") as stream:
         found = records(stream, budget, left_out)
         while True:

@@ -75,12 +75,12 @@ class Proof:
 
     @classmethod
     def parse(cls, facts: Mapping[str, str]) -> Self:
-        """From a metadata record; ValueError if its time is no number."""
+        """Read a proof from a metadata record; ValueError if its time is not a number."""
         digests = {name: digest for name, digest in facts.items() if name not in ("until_ns", "outcome")}
         return cls(int(facts.get("until_ns", "")), digests, facts.get("outcome", ""))
 
     def record(self) -> dict[str, str]:
-        """As a metadata record."""
+        """Write the proof as a metadata record."""
         return {"until_ns": str(self.until_ns), "outcome": self.outcome, **self.digests}
 
     def differing(self, found: Digests) -> list[str]:

@@ -42,7 +42,7 @@ class DamagedError(ValueError):
 
 
 class Place(NamedTuple):
-    """Where a record of the file lies."""
+    """Position of a record in the file."""
 
     opcode: int
     start: int
@@ -66,7 +66,7 @@ class Budget:
 
 
 def places(stream: IO[bytes]) -> Iterator[Place]:
-    """Where the records lie, from the first to the footer; EOFError where one goes on behind the end of the file."""
+    """Positions of the records, from the first to the footer; EOFError where one runs past the end of the file."""
     size, start = stream.seek(0, 2), len(MAGIC)
     opcode = 0
     while opcode != Opcode.FOOTER:

@@ -127,7 +127,7 @@ def _copy(source: Path, stream: IO[bytes], rescue: _Rescue, before_ns: int) -> N
 
 
 def _ends_before(path: Path) -> int | None:
-    """Where the log in a file ends, if other bytes follow; else None."""
+    """Offset at which the log in a file ends, if other bytes follow; else None."""
     with path.open("rb") as stream:
         stop = end_of_log(stream)
         return stop if stop is not None and stop < stream.seek(0, os.SEEK_END) else None

@@ -9,7 +9,7 @@ from sim.log.proof import Digests, is_core, proofs
 
 
 def _digests(log: Contents, until_ns: int | None = None) -> Digests:
-    """Of what was read, up to some time."""
+    """Digests of what was read, up to some time."""
     digests = Digests()
     for name, data in log.attachments.items():
         digests.add_attachment(name, data)

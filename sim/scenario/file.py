@@ -162,7 +162,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def _value(text: str, source: str) -> Any:
-    """Of an assignment: TOML, or text without quotes."""
+    """Value of an assignment: TOML, or text without quotes."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

@@ -110,7 +110,7 @@ class _Planner:
 
 
 def _wrap(angle: float) -> float:
-    """Into [−π, π)."""
+    """An angle brought into [−π, π) [rad]."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 

@@ -63,7 +63,7 @@ class DepthProfile:
 
     @classmethod
     def saw_tooth(cls, mean: float, amplitude: float, period: float) -> Self:
-        """From the mean down by `amplitude`, up by twice that and back, again and again; [m], [m], [s]."""
+        """A depth profile: from the mean down by `amplitude`, up by twice that and back, repeatedly; [m], [m], [s]."""
         if not period > 0:
             raise LaisnError(f"the period of a saw-tooth must be positive, got {period} s")
         return cls(

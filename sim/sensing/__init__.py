@@ -1,4 +1,4 @@
-"""From truth to what a follower gets: ranges through the water, sensors, their errors, echoes and losses.
+"""What a follower gets of the truth: ranges through the water, sensors, their errors, echoes and losses.
 
 Takes a `Trajectory`; gives `MissionTruth` (what one follower's sensors see without errors, `observation`), and from
 that the `Measurements` of a run (`sensor_errors`). Noise is counter-based (`noise`): a draw is a function of seed, run,

@@ -28,7 +28,7 @@ _SECONDS_AN_HOUR = 3600.0
 
 
 class RandomError(NamedTuple):
-    """Of pitch and of roll."""
+    """Random error of pitch and of roll."""
 
     sigma: float
     """[rad]."""

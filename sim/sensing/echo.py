@@ -27,7 +27,7 @@ class Path(IntEnum):
 
 
 def image(source: Floats, path: Path, floor_depth: float) -> Floats:
-    """Where a source seems to be on a path; `source` and the answer have shape (…, 3) in the world, [m]."""
+    """Apparent position of a source on a path; `source` and the answer have shape (…, 3) in the world, [m]."""
     mirrored = source.copy()
     if path is Path.SURFACE:
         mirrored[..., 2] = -source[..., 2]

@@ -59,7 +59,7 @@ def own_motion(trajectory: Trajectory, follower: int = 0) -> Floats:
 
 
 def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
-    """Where a follower's hydrophone begins, and how fast: x, y [m] and velocity [m/s], shape (4,)."""
+    """Initial position and velocity of a follower's hydrophone: x, y [m] and velocity [m/s], shape (4,)."""
     v, name = follower + 1, trajectory.names[follower + 1]
     hydrophone = trajectory.site_path(f"{name}/hydrophone")[0]
     return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2]])

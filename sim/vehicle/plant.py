@@ -143,7 +143,7 @@ class Plant:
         return lost
 
     def _find_accelerations(self) -> None:
-        """Of the start, which the first step takes for those of a step before."""
+        """Find the accelerations of the start, which the first step takes for those of a step before."""
         self._acceleration[:] = 0.0
         thrusters.lay_out(self._layout, len(THRUSTERS))
         lost = self._prepare()
@@ -173,7 +173,7 @@ class Plant:
         return float(self.data.time)
 
     def water_velocity(self) -> Floats:
-        """Of the water at the vehicles' origins, in the world, shape (v, 3), [m/s]."""
+        """Velocity of the water at the vehicles' origins, in the world, shape (v, 3), [m/s]."""
         out = np.empty((len(self.names), 3))
         water_velocity(self.pose[:, :3], self.time, self.ocean.water, out)
         return out

@@ -29,7 +29,7 @@ def leader() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def physical_ranges(pitch: float, depth_offset: float, reach: float, bearing: float) -> np.ndarray:
-    """From the sites that MuJoCo gives for a pitched leader at the origin heading north, [m]."""
+    """Ranges from the sites that MuJoCo gives for a pitched leader at the origin heading north, [m]."""
     model, data = leader()
     data.qpos[:] = [0, 0, 0, *attitude.from_euler(0.0, pitch)]
     mujoco.mj_kinematics(model, data)

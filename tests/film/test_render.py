@@ -48,7 +48,7 @@ def flight():
 
 
 def apart(flight, metres):
-    """The same flight with an estimate so far east of where it was."""
+    """A flight whose estimate is moved east by so many metres."""
     estimates = tuple(
         dataclasses.replace(e, state=e.state + np.array([metres, 0, 0, 0]), covariance=e.covariance.copy())
         for e in flight.estimates

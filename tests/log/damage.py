@@ -34,7 +34,7 @@ class Parts:
         )
 
     def written(self) -> bytes:
-        """As another program would write it: proofs and all, checksums anew."""
+        """The log as another program would write it: proofs and all, with fresh checksums."""
         stream = BytesIO()
         writer = Writer(stream, chunk_size=self.chunk_size, compression=self.compression, enable_data_crcs=True)
         writer.start()

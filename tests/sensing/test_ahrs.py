@@ -130,7 +130,7 @@ def truth() -> MissionTruth:
 
 
 def pitch_errors(truth: MissionTruth, errors: SensorErrors, runs: int) -> Floats:
-    """Of the broadcast pitch and roll, shape (runs, messages, 2), [rad]."""
+    """Errors of the broadcast pitch and roll, shape (runs, messages, 2), [rad]."""
     pitch = LeaderMessage._fields.index("pitch")
     read = [measure(truth, errors, seed=3, run=run).message[:, pitch : pitch + 2] for run in range(runs)]
     return np.array(read) - truth.sent_attitude

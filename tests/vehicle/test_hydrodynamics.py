@@ -290,7 +290,7 @@ def test_force_on_added_mass_is_lagranges_in_water_that_waves_and_shears(seed: i
         return float(0.5 * nu @ added @ nu)
 
     def impulse(s: float) -> tuple[Floats, Floats]:
-        """Of the moving hull: linear in the world, angular in the body."""
+        """Impulse of the moving hull: linear in the world, angular in the body."""
         p, r, t = place + s * velocity, start * Rotation.from_rotvec(s * spin), t0 + s
         both = added @ relative(p, r, gradient(p, t), t)
         return r.apply(both[:3]), both[3:]

@@ -39,7 +39,7 @@ THRUSTERS = np.array([[1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 1, 0, 0, 0, X_
 
 
 def thrusts(nu: Floats, rps: float, rudder: float, stern_plane: float) -> Floats:
-    """Of propeller and fins, from the velocity in Fossen's frame, shape (5,)."""
+    """Forces of propeller and fins, from the velocity in Fossen's frame, shape (5,)."""
     u, v, w = nu[:3]
     thrust, torque = propeller(rps, float(np.sqrt(u * u + v * v + w * w)))
     fin_area = 2 * 0.00665
@@ -54,7 +54,7 @@ def thrusts(nu: Floats, rps: float, rudder: float, stern_plane: float) -> Floats
 def run(
     rpm: float, duration: float, rudder_deg: float = 0.0, stern_plane_deg: float = 0.0, dt: float = DT
 ) -> tuple[Tank, Floats]:
-    """From rest; returns the tank at the end and the velocity over time in Fossen's body frame, shape (n, 6)."""
+    """Start from rest; returns the tank at the end and the velocity over time in Fossen's body frame, shape (n, 6)."""
     tank = Tank(XML, Ocean.calm(), dt, thrusters=THRUSTERS)
     tank.place([0, 0, -500])
     # lags: 1 s of the propeller, 0.1 s of the fins; what a command of the start has become by the time t
