@@ -100,6 +100,10 @@ def setups_of(mission: scenario.Scenario, routes: tuple[Route, ...]) -> tuple[Ve
                 excess_buoyancy_n=vehicle.excess_buoyancy_n,
                 cg_offset_x_m=vehicle.cg_offset_x_m,
                 cg_offset_z_m=vehicle.cg_offset_z_m,
+                drag_scale=vehicle.drag_scale,
+                added_mass_scale=vehicle.added_mass_scale,
+                lift_scale=vehicle.lift_scale,
+                thrust_scale=vehicle.thrust_scale,
                 baseline_m=mission.leader.baseline_m if i == 0 else None,
                 middle_offset_m=mission.leader.middle_offset_m if i == 0 else None,
             )

@@ -20,6 +20,7 @@ FASTEST_CURRENT_M_S = 3.0
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 NonNegative = Annotated[float, Field(ge=0, le=1e6)]
 Angle = Annotated[float, Field(ge=-360, le=360)]
+Scale = Annotated[float, Field(ge=0.1, le=10)]
 Chance = Annotated[float, Field(ge=0, le=1)]
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -96,6 +97,10 @@ class Vehicle(Section):
     excess_buoyancy_n: float = Field(0.0, ge=-100, le=100, description="buoyancy less weight; held by trim")
     cg_offset_x_m: float = Field(0.0, ge=-0.2, le=0.2, description="centre of gravity moved forward")
     cg_offset_z_m: float = Field(0.0, ge=-0.1, le=0.1, description="centre of gravity moved up")
+    drag_scale: Scale = Field(1.0, description="true drag and damping over the model's, which autopilots go by")
+    added_mass_scale: Scale = Field(1.0, description="true added mass over the model's, likewise")
+    lift_scale: Scale = Field(1.0, description="true lift of hull and fins over the model's, likewise")
+    thrust_scale: Scale = Field(1.0, description="thrust that comes of what is asked for, over that")
     depth_control: Literal["pitch", "thrust"] = Field(
         "pitch", description="depth held by pitching the hull, or level by the vertical thrusters"
     )

@@ -7,6 +7,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from sim.vehicle.mjcf import VehicleSetup
+
 Floats = npt.NDArray[np.float64]
 
 MAX_STRIPS = 32
@@ -71,6 +73,24 @@ def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.voi
         record["density"] = density
     records.flags.writeable = False
     return records
+
+
+def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt.NDArray[np.void]:
+    """What the water really does to vehicles whose MJCF is not quite right: records with the setups' scales applied.
+
+    Args:
+        records: of `read`, shape (v,).
+        setups: of the same vehicles; a scale of 1 changes no bit.
+    """
+    true = records.copy()
+    for i, setup in enumerate(setups):
+        for name in ("linear_damping", "quadratic_damping", "cross_flow_drag"):
+            true[name][i] *= setup.drag_scale
+        true["hull_lift"][i] *= (1.0, setup.drag_scale, setup.lift_scale)
+        true["fin_lift_slope"][i] *= setup.lift_scale
+        true["added_mass"][i] *= setup.added_mass_scale
+    true.flags.writeable = False
+    return true
 
 
 def _numeric(model: Any, name: str, shape: tuple[int, ...], unit: str) -> Floats:

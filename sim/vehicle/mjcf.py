@@ -43,6 +43,14 @@ class VehicleSetup:
     """Moves the centre of gravity forward."""
     cg_offset_z_m: float = 0.0
     """Moves the centre of gravity up."""
+    drag_scale: float = 1.0
+    """True drag and damping over those of the MJCF, which stay what an autopilot is designed for."""
+    added_mass_scale: float = 1.0
+    """Likewise."""
+    lift_scale: float = 1.0
+    """Likewise, of hull and fins."""
+    thrust_scale: float = 1.0
+    """Thrust that acts over the thrust of the actuator."""
     baseline_m: float | None = None
     """L, distance of the rear and front transmitters; None leaves them where the MJCF has them."""
     middle_offset_m: float | None = None
@@ -57,7 +65,7 @@ class VehicleSetup:
                 raise LaisnError(f"{self.name}: {name}={getattr(self, name)} must be finite")
         if len(self.position_m) != 3 or not np.isfinite(self.position_m).all():
             raise LaisnError(f"{self.name}: position_m={self.position_m} must be three finite numbers")
-        for name in ("baseline_m", "middle_offset_m"):
+        for name in ("baseline_m", "middle_offset_m", "drag_scale", "added_mass_scale", "lift_scale", "thrust_scale"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
                 raise LaisnError(f"{self.name}: {name}={value} must be positive and finite")

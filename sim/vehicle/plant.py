@@ -94,10 +94,11 @@ class Plant:
         self._gain = np.empty((n, 6))
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
         self._half_step = dt / 2
-        wrenches = thrusters.unit_wrenches(model, vehicles)
+        wrenches = thrusters.unit_wrenches(model, vehicles) * np.array([s.thrust_scale for s in setups])[:, None, None]
         push = wrenches, data.actuator_moment.reshape(wrenches.shape)
         self._layout: thrusters.Layout = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-        self._loads = coefficients.read(model, self.names, ocean.density_kg_m3), ocean.water, solver, push
+        true = coefficients.scaled(coefficients.read(model, self.names, ocean.density_kg_m3), setups)
+        self._loads = true, ocean.water, solver, push
         self._body = (
             (self.pose, self.twist, self._acceleration, self._gain),
             data.ctrl.reshape(n, len(THRUSTERS)),
