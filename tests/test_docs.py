@@ -30,6 +30,7 @@ from experiments.flight.summary import off_place_rms
 from experiments.gallery import documents
 from experiments.gallery.tables import TRACKED
 from experiments.route_keeping import study as route_keeping
+from experiments.study.file import StudyFile
 from sim.film import graphics
 from sim.scenario.file import parse
 from sim.scenario.settings import Scenario
@@ -203,7 +204,7 @@ def test_keys_exist(document: Path) -> None:
         if mentioned.split(".")[0] in sections and not mentioned.endswith((".py", ".md", ".toml", ".json")):
             assert re.sub(r"\.\d+", "", mentioned) in known, f"{mentioned} is no key of a scenario"
     for section in re.findall(r"`\[+([\w.]+)\]+`", prose(document)):
-        assert section in sections, f"there is no section {section}"
+        assert section in sections | set(StudyFile.model_fields), f"there is no section {section}"
 
 
 def test_python_examples_are_only_those_in_the_folder() -> None:

@@ -40,7 +40,7 @@ class Report(Section):
     panels: str = Field("", description="a panel for each value of this factor, or each arm")
 
 
-class _File(Section):
+class StudyFile(Section):
     """The top level of a study file."""
 
     name: Name | None = None
@@ -113,7 +113,7 @@ def _told(error: ValidationError) -> list[str]:
     for fault in error.errors(include_url=False, include_context=False):
         key = shortened(plain(key_of(fault["loc"])), 100)
         if fault["type"] == "extra_forbidden":
-            model = Report if fault["loc"][0] == "report" else _File
+            model = Report if fault["loc"][0] == "report" else StudyFile
             lines.append(f"  {key}: unknown key of a study; known here: {', '.join(model.model_fields)}")
         elif fault["type"] == "missing":
             lines.append(f"  {key}: is missing; a built-in scenario, such as {names()[0]}, or a file beside this one")
@@ -161,11 +161,11 @@ def _made(table: Mapping[str, Any], source: str, name: str, folder: Path) -> Stu
     """A study of a table; StudyError with a line for each fault."""
     lines: list[str] = []
     try:
-        file = _File.model_validate(table)
+        file = StudyFile.model_validate(table)
     except ValidationError as error:
         lines += _told(error)
         sound = {k: v for k, v in table.items() if k in ("set", "vary", "draw") and isinstance(v, dict)}
-        file = _File.model_validate({"scenario": names()[0], **sound})
+        file = StudyFile.model_validate({"scenario": names()[0], **sound})
     factors, draws = [], []
     sampled = file.design != "factorial"
     for key, given in _flat(file.vary, lambda v: bool({"from", "to", "steps"} & set(v))).items():

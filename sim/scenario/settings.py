@@ -194,16 +194,16 @@ class Sensors(Section):
     leader_heading_sigma_deg: NonNegative = 0.0
     leader_depth_sigma_m: NonNegative = 0.0
     leader_attitude_sigma_deg: NonNegative = Field(
-        0.0, description="of each reading of the leader's inclinometer, in pitch and in roll"
+        0.0, description="σ of each reading of the leader's inclinometer, in pitch and in roll"
     )
     leader_attitude_offset_sigma_deg: NonNegative = Field(
-        0.0, description="of an error of pitch and one of roll that a run keeps, such as a crooked mounting"
+        0.0, description="σ of an error of pitch, and of one of roll, that a run keeps, such as a crooked mounting"
     )
     leader_attitude_feels_acceleration: bool = Field(
         False, description="the inclinometer takes the hull's accelerations for tilt"
     )
     leader_gyro_time_constant_s: Annotated[float, Field(ge=0, le=1000)] = Field(
-        0.0, description="of the filter that follows gyros at once and the inclinometer slowly; 0: no gyros"
+        0.0, description="time constant of the filter that follows gyros at once, the inclinometer slowly; 0: no gyros"
     )
     leader_gyro_random_walk_deg_sqrt_h: NonNegative = Field(0.3, description="angle random walk of these gyros, per √h")
 
@@ -237,12 +237,12 @@ class Acoustics(Section):
     clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = Field(
         0.0, description="how much faster the follower's clock runs"
     )
-    surface_echo_chance: Chance = Field(0.0, description="of each ping, that the surface echo is taken for it")
-    bottom_echo_chance: Chance = Field(0.0, description="of each ping, that the bottom echo is taken for it")
-    loss_chance: Chance = Field(0.0, description="of each message, that it is lost, outside bursts of loss")
-    burst_chance: Chance = Field(0.0, description="of each message, that a burst of loss begins")
+    surface_echo_chance: Chance = Field(0.0, description="chance that the surface echo of a ping is taken for it")
+    bottom_echo_chance: Chance = Field(0.0, description="chance that the bottom echo of a ping is taken for it")
+    loss_chance: Chance = Field(0.0, description="chance that a message outside bursts is lost")
+    burst_chance: Chance = Field(0.0, description="chance that a burst of loss begins at a message")
     burst_mean_messages: Annotated[float, Field(ge=1, le=10000)] = Field(5.0, description="mean length of a burst")
-    burst_loss_chance: Chance = Field(1.0, description="of each message within a burst, that it is lost")
+    burst_loss_chance: Chance = Field(1.0, description="chance that a message within a burst is lost")
     max_range_m: NonNegative = Field(0.0, description="pings from farther away are not heard; 0: no limit")
 
     @field_validator("sound_speed_profile")
@@ -294,7 +294,8 @@ class Navigation(Section):
     )
 
     hydrophone_height_m: Annotated[float, Field(ge=-1000, le=1000)] | None = Field(
-        None, description="of the hydrophone above the depth sensor, as the follower believes; default: as on the hull"
+        None,
+        description="height of the hydrophone above the depth sensor, as the follower believes; default: the hull's",
     )
 
     @field_validator("transmitters_m")
@@ -327,8 +328,12 @@ class Scenario(Section):
         "physics", description="rigid bodies in water, or the paper's point motion"
     )
     epoch: str = Field("2026-01-01T00:00:00+00:00", description="date and time of the start, ISO 8601")
-    origin_latitude_deg: Annotated[float, Field(ge=-89, le=89)] = Field(54.52, description="of the world's origin")
-    origin_longitude_deg: Annotated[float, Field(ge=-180, le=180)] = Field(18.55, description="of the world's origin")
+    origin_latitude_deg: Annotated[float, Field(ge=-89, le=89)] = Field(
+        54.52, description="latitude of the world's origin"
+    )
+    origin_longitude_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
+        18.55, description="longitude of the world's origin"
+    )
     timing: Timing = Timing()
     leader: Leader = Leader()
     followers: Annotated[tuple[Follower, ...], Field(min_length=1, max_length=50)]
