@@ -237,6 +237,7 @@ def asymmetry(
 
 
 app.command()(plain_errors(studying.study))
+app.command()(plain_errors(studying.compare))
 
 
 LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]

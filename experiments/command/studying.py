@@ -1,4 +1,4 @@
-"""`laisn study`: a study file, or a scenario and what the command varies of it."""
+"""`laisn study`, of a file or of a scenario and what the command varies of it, and `laisn compare`."""
 
 import tomllib
 from pathlib import Path
@@ -139,3 +139,16 @@ def study(
         film=_film_worst if film else None,
     )  # fmt: skip
     typer.echo(plain(f"report in {report}"))
+
+
+def compare(
+    sources: Annotated[list[str], typer.Argument(metavar="A B …", help="folders of flights, or of studies; or logs")],
+    out: Annotated[Path, typer.Option(help="the page")] = Path("compare.html"),
+) -> None:
+    """Set flights or studies side by side on one page: errors, paired differences, settings that differ."""
+    from experiments.pages.page import write
+    from experiments.study.compare import page_of
+    from sim.screen import plain
+
+    write(page_of(sources), out)
+    typer.echo(plain(f"page in {out}"))

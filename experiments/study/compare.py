@@ -1,0 +1,152 @@
+"""Flights or studies side by side on one page: `laisn compare`."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from experiments.flight import folder as flown
+from experiments.flight.summary import position_and_bearing_errors
+from experiments.intervals import Interval
+from experiments.pages.figures import SERIES, Line, panel, svg
+from experiments.pages.page import Block, Figures, Page, Section, Table, Text, number, words
+from experiments.study.estimate import over_runs
+from experiments.study.file import METRIC
+from experiments.study.study import RESULTS, RUNS
+from laisn import metrics
+from laisn.failure import LaisnError
+from sim.flight import Flight
+from sim.log.reader import read
+
+MOST = len(SERIES)
+_OWN = {"name", "run"}
+"""Settings of a flight that say nothing of how it was flown."""
+
+
+def _flat(value: Any, key: str = "") -> dict[str, Any]:
+    if isinstance(value, Mapping):
+        return {k: v for name, item in value.items() for k, v in _flat(item, f"{key}.{name}" if key else name).items()}
+    if isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+        return {k: v for i, item in enumerate(value) for k, v in _flat(item, f"{key}.{i}").items()}
+    return {key: value}
+
+
+def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
+    """Settings that are not the same in all flights, by key; None where a flight has no such key."""
+    tables = [_flat(flight.scenario.model_dump(mode="json", exclude=_OWN)) for flight in flights]
+    keys = dict.fromkeys(key for table in tables for key in table)
+    found = {key: [table.get(key) for table in tables] for key in keys}
+    return {key: values for key, values in found.items() if any(value != values[0] for value in values)}
+
+
+def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
+    errors = [position_and_bearing_errors(flight)[0] for flight in flights]
+    times = [flight.trajectory.time[flight.step_index()] for flight in flights]
+    legend = [(SERIES[i].variable, name) for i, name in enumerate(names)]
+    panels = []
+    for place, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi)):
+        lines = [
+            Line(x=t, y=scale * e[place], colour=SERIES[i]) for i, (t, e) in enumerate(zip(times, errors, strict=True))
+        ]
+        figure = panel(lines, x_label="time [s]", y_label=label, y_limits=(0.0, None))
+        panels.append(svg(figure, f"error{place}", f"{label} of all flights over time"))
+    rows = []
+    for name, (position, bearing) in zip(names, errors, strict=True):
+        one = metrics.summarise(position, bearing)
+        same = position.size == errors[0][0].size
+        apart = float(np.mean(position - errors[0][0])) if same else math.nan
+        values = (one.e_p_mean_m, one.e_p_max_m, one.e_b_mean_deg, one.e_b_max_deg, apart)
+        rows.append([words(name), *(number(value, 3) for value in values)])
+    heads = ("flight", "mean E_P [m]", "largest [m]", "mean E_B [°]", "largest [°]", f"mean E_P less {names[0]} [m]")
+    changed = differing(flights)
+    settings = [[words(key), *(words("–" if v is None else str(v)) for v in values)] for key, values in changed.items()]
+    told: Block = Table(heads=("key", *names), rows=settings) if settings else Text(text="All settings are the same.")
+    shown = Figures(panels=panels, legend=legend, caption="The first follower's errors.")
+    return [
+        Section(title="Errors of the first follower", blocks=[shown, Table(heads=heads, rows=rows)]),
+        Section(title="Settings that differ", blocks=[told]),
+    ]
+
+
+def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[Interval | None]]:
+    """For every place that studies share with the first of them: its mean, and the others' paired differences.
+
+    Places are told by the factors, arm and follower that all studies have; runs of the same seed and number are paired.
+    None: a study has other seeds or runs there.
+
+    Raises:
+        LaisnError: there is no such metric of single runs.
+    """
+    tables = [pq.read_table(folder / RUNS).to_pylist() for folder in folders]
+    for folder, table in zip(folders, tables, strict=True):
+        if metric not in table[0]:
+            raise LaisnError(f"{folder}: its runs have no {metric!r}")
+    measured = {"point", "sea", "run", "e_p_max_m", "e_p_mean_m", "e_b_max_deg", "e_b_mean_deg", "captured", "gated"}
+    shared = [k for k in tables[0][0] if k not in measured and all(k in table[0] for table in tables)]
+    drawn = [k for k in shared if any(len({r[k] for r in t if r["sea"] == 0}) < len({r[k] for r in t}) for t in tables)]
+    keys = [k for k in shared if k not in drawn]
+    values: list[dict[tuple[str, ...], dict[tuple[int, int], float]]] = []
+    for folder, table in zip(folders, tables, strict=True):
+        seeds = {row["sea"]: row["seed"] for row in pq.read_table(folder / RESULTS).to_pylist()}
+        own: dict[tuple[str, ...], dict[tuple[int, int], float]] = {}
+        for row in table:
+            place = tuple(f"{key} = {row[key]}" for key in keys)
+            own.setdefault(place, {})[seeds[row["sea"]], row["run"]] = float(row[metric])
+        values.append(own)
+
+    def mean(of: Mapping[tuple[int, int], float], paired: bool) -> Interval:
+        seas = sorted({sea for sea, _ in of})
+        lists = [np.array([v for (s, _), v in sorted(of.items()) if s == sea]) for sea in seas]
+        return over_runs(lists, shares=metric == "captured", paired=paired)
+
+    found: dict[tuple[str, ...], list[Interval | None]] = {}
+    for place, first in values[0].items():
+        found[place] = [mean(first, paired=False)]
+        for own in values[1:]:
+            theirs = own.get(place, {})
+            alike = theirs.keys() == first.keys()
+            found[place].append(mean({k: v - first[k] for k, v in theirs.items()}, paired=True) if alike else None)
+    return found
+
+
+def _studies(names: Sequence[str], folders: Sequence[Path]) -> list[Section]:
+    rows = []
+    for place, intervals in paired(folders, METRIC).items():
+        shown = [
+            words("–" if v is None else f"{v.value:.3g} ({v.low:.3g} to {v.high:.3g})".replace("-", "−"))
+            for v in intervals
+        ]
+        rows.append([words(", ".join(place)), *shown])
+    heads = ("place", f"mean E_P of {names[0]} [m]", *(f"{name} less that [m]" for name in names[1:]))
+    text = "Differences are taken run by run, with 95 % intervals; a dash: other seas or runs, or no such place."
+    return [Section(title="Paired differences", blocks=[Text(text=text), Table(heads=heads, rows=rows)])]
+
+
+def page_of(sources: Sequence[str]) -> Page:
+    """A page that shows flights, or studies, side by side.
+
+    Args:
+        sources: folders of flights or of studies, or logs; two to six, all of one kind.
+
+    Raises:
+        LaisnError: one is neither, kinds are mixed, or a log cannot be read.
+    """
+    if not 2 <= len(sources) <= MOST:
+        raise LaisnError(f"{len(sources)} given to compare, expected 2 to {MOST} folders of flights or of studies")
+    paths = [Path(source) for source in sources]
+    studies = [(path / RUNS).is_file() for path in paths]
+    logs = [path if path.suffix == ".mcap" else path / flown.LOG for path in paths]
+    for path, study, log in zip(paths, studies, logs, strict=True):
+        if not study and not log.is_file():
+            raise LaisnError(f"{path}: neither a flight ({flown.LOG}) nor a study ({RUNS})")
+    if any(studies) and not all(studies):
+        raise LaisnError("flights and studies cannot be compared with each other")
+    names = [path.name or str(path) for path in paths]
+    names = list(sources) if len(set(names)) < len(names) else names
+    sections = _studies(names, paths) if all(studies) else _flights(names, [read(log) for log in logs])
+    kind = "studies" if all(studies) else "flights"
+    return Page(title=" and ".join(names), summary=f"{len(names)} {kind} side by side.",
+                facts=[("repeat it", f"laisn compare {' '.join(sources)}")], sections=sections)  # fmt: skip
