@@ -35,12 +35,23 @@ from sim.motion import move
 scenario = load("T5", ["duration_s=2", 'motion="kinematic"'])
 compute(move(scenario), [CellPlan(scenario=scenario, runs=1, keep_steps=True)])
 """
+TIGHT = """
+from experiments.flight.library import load
+from laisn.navigator import Navigator
+from laisn.tight.navigator import TightNavigator
+from laisn.tight.settings import TightSettings
+from sim.flight import navigate
+from sim.motion import move
+scenario = load("T5", ["duration_s=2", 'motion="kinematic"'])
+flight = navigate(scenario, move(scenario), Navigator)
+TightNavigator(TightSettings(), flight.estimates[0].state[0]).run(flight.measurements[0])
+"""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile once, each core a half, before several workers would each compile all of it."""
+    """Compile once, on all cores, before several workers would each compile all of it."""
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
-        children = [subprocess.Popen([sys.executable, "-c", program]) for program in (FLIGHT, CAMPAIGN)]
+        children = [subprocess.Popen([sys.executable, "-c", program]) for program in (FLIGHT, CAMPAIGN, TIGHT)]
         for child in children:
             child.wait()
 

@@ -262,12 +262,12 @@ def files(folder: Path) -> dict[str, bytes]:
 def interrupted(folder: Path, begun: str, *options: str) -> str:
     """Press Ctrl-C in a flight of T5 into a folder as soon as a file is there; what is told then."""
     command = [sys.executable, "-m", "experiments.command.cli", "fly", "T5", *options, "--out", str(folder)]
-    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not list(folder.glob(begun)) and child.poll() is None:
         time.sleep(0.002)
     child.send_signal(signal.SIGINT)
-    _, told = child.communicate(timeout=60)
-    assert child.returncode == 130
+    said, told = child.communicate(timeout=60)
+    assert child.returncode == 130, said + told
     assert told.startswith("laisn: interrupted; ")
     assert len(told.splitlines()) == 1
     return told
