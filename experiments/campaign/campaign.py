@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from experiments.campaign import missions as flights
+from experiments.campaign import missions
 from experiments.campaign.cells import PERCENTILES, Cell, CellResult
 from experiments.campaign.failures import CampaignError
 from experiments.campaign.montecarlo import histories, simulate_many
@@ -56,12 +56,12 @@ class CellPlan:
     @cached_property
     def content(self) -> Scenario:
         """What is computed of the scenario."""
-        return flights.content_of(self.scenario)
+        return missions.content_of(self.scenario)
 
     @cached_property
     def key(self) -> str:
         """Hash of all that is computed, of the number of runs and of the code version."""
-        return flights.key_of(self.content, self.runs, self.follower)
+        return missions.key_of(self.content, self.runs, self.follower)
 
     @property
     def size(self) -> int:
@@ -130,7 +130,7 @@ def compute(
     trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1
 ) -> list[tuple[str, Record, Steps | None]]:
     """Compute cells of one mission: key, row and, where asked for, errors at each step."""
-    mission = flights.Mission(plans[0].scenario, trajectory)
+    mission = missions.Mission(plans[0].scenario, trajectory)
     cells = [Cell.of(plan.content, plan.follower, plan.runs, mission=mission) for plan in plans]
     results = simulate_many(cells, threads=threads, keep_runs=True)
     return [
@@ -143,8 +143,8 @@ def _batches(plans: Sequence[CellPlan], workers: int) -> Iterator[list[CellPlan]
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
     total = sum(plan.size for plan in plans)
     limit = min(_BATCH_STEPS, max(total // (4 * workers), 1))
-    by_mission = sorted(plans, key=lambda plan: flights.motion_key(plan.scenario))
-    for _, mission in groupby(by_mission, key=lambda plan: flights.motion_key(plan.scenario)):
+    by_mission = sorted(plans, key=lambda plan: missions.motion_key(plan.scenario))
+    for _, mission in groupby(by_mission, key=lambda plan: missions.motion_key(plan.scenario)):
         batch: list[CellPlan] = []
         for plan in mission:
             if batch and sum(p.size for p in batch) + plan.size > limit:
@@ -168,26 +168,26 @@ def missing_cells(plans: Iterable[CellPlan], store: Store) -> list[CellPlan]:
 
 
 def _fly(scenario: Scenario) -> tuple[Scenario, Trajectory]:
-    return scenario, flights.fly(scenario)
+    return scenario, missions.fly(scenario)
 
 
 def fly_missions(scenarios: Iterable[Scenario], store: Store, pool: Pool, *, quiet: bool = False) -> None:
     """Fly every mission that is not stored yet, in parallel, and store it."""
-    missions = {flights.motion_key(scenario): scenario for scenario in scenarios}
-    wanted = [s for s in missions.values() if flights.read(store.flights, s) is None]
+    distinct = {missions.motion_key(scenario): scenario for scenario in scenarios}
+    wanted = [s for s in distinct.values() if missions.read(store.flights, s) is None]
     with progress("missions", len(wanted), quiet=quiet) as advance:
         for scenario, trajectory in pool.each(_fly, ((scenario,) for scenario in wanted)):
-            flights.store(store.flights, scenario, trajectory)
+            missions.store(store.flights, scenario, trajectory)
             advance()
 
 
 def mission(scenario: Scenario, store: Store) -> Trajectory:
     """The stored flight of a scenario's mission, its transmitters placed; it is flown if it is not there."""
-    trajectory = flights.read(store.flights, scenario)
+    trajectory = missions.read(store.flights, scenario)
     if trajectory is None:
-        trajectory = flights.fly(scenario)
-        flights.store(store.flights, scenario, trajectory)
-    return flights.sited(trajectory, scenario.leader)
+        trajectory = missions.fly(scenario)
+        missions.store(store.flights, scenario, trajectory)
+    return missions.sited(trajectory, scenario.leader)
 
 
 def compile_ahead(plan: CellPlan) -> None:
@@ -195,7 +195,7 @@ def compile_ahead(plan: CellPlan) -> None:
     two = min(2 * plan.scenario.timing.message_interval_s, plan.scenario.duration_s)
     short = plan.scenario.model_copy(update={"duration_s": two})
     with compiling_shown():
-        compute(flights.fly(short), [replace(plan, scenario=short, runs=1)])
+        compute(missions.fly(short), [replace(plan, scenario=short, runs=1)])
 
 
 def compute_cells(plans: Sequence[CellPlan], store: Store, pool: Pool, *, quiet: bool = False) -> None:

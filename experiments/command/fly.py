@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.campaign.progress import phases
-from experiments.flight import folder as results
 from experiments.flight.fly import Stopwatch, fly, simulate
+from experiments.flight.folder import FILM, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
 from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
 from experiments.terminal import literal, tell
 from laisn.navigator import Navigator
@@ -85,13 +85,11 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         events = sorted([*capture_events(flight), *strays], key=lambda event: event.time_s)
         summary = summarise(flight, errors)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-        write_log = partial(
-            writer.write, flight, folder / results.LOG, summary=summary_text, errors=errors, events=events
-        )
+        write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, errors=errors, events=events)
         # the log comes first: whatever happens to the film, what was flown is kept
         with phase("log"):
             write_log()
-        film, no_film, fault = folder / results.FILM, "not asked for", None
+        film, no_film, fault = folder / FILM, "not asked for", None
         if with_video:
             from sim.film import render
 
@@ -110,10 +108,10 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
                     if scenario.video.in_log:
                         write_log(video=frames)
         with phase("report"):
-            flight_report(flight, errors, summary, folder / results.REPORT, None if no_film else film)
+            flight_report(flight, errors, summary, folder / REPORT, None if no_film else film)
     factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
     timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
-    texts = {results.SUMMARY: summary_text, results.SCENARIO: dumps(scenario), results.TIMING: timing_text}
+    texts = {SUMMARY: summary_text, SCENARIO: dumps(scenario), TIMING: timing_text}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return Written(flight, summary, strays, no_film, fault)
@@ -137,10 +135,10 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
         Exception: a fault of the program cost the film; all else is written.
     """
     console = Console()
-    results.require_safe(folder, source, partial(dumps, scenario))
-    with results.one_flight(folder) as work:
+    require_safe(folder, source, partial(dumps, scenario))
+    with one_flight(folder) as work:
         written = write_flight(scenario, work, console, with_video=with_video)
-        had_film = (folder / results.FILM).exists()
+        had_film = (folder / FILM).exists()
     show(console, written.flight, written.summary)
     for event in written.strays:
         tell(console, f"at {event.time_s:g} s {event.text}", "warning:")

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from experiments.campaign.leftovers import writer_runs
 from laisn.failure import LaisnError
 from sim.log.file import partial_path
 
@@ -89,6 +88,17 @@ def _fate(folder: Path, work: Path) -> str:
     return f"{told}; the earlier flight in {folder} is as it was" if earlier else told
 
 
+def _runs(number: str) -> bool:
+    """Whether the process of this number still runs; no, if the text is not a number."""
+    try:
+        os.kill(int(number), 0)
+    except (ValueError, OverflowError, ProcessLookupError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
 @contextmanager
 def one_flight(folder: Path) -> Iterator[Path]:
     """A folder to write a flight into; when the block ends, its files take the place of an earlier flight's together.
@@ -118,5 +128,5 @@ def one_flight(folder: Path) -> Iterator[Path]:
         error.add_note(_fate(folder, work))
         raise
     for left in folder.glob(f"{_UNFINISHED}*"):
-        if left == work or not writer_runs(left.name.removeprefix(_UNFINISHED)):
+        if left == work or not _runs(left.name.removeprefix(_UNFINISHED)):
             shutil.rmtree(left, ignore_errors=True)

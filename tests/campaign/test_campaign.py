@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.campaign import campaign, store
-from experiments.campaign import missions as flights
+from experiments.campaign import campaign, missions, store
 from experiments.campaign.campaign import CellPlan
 from experiments.campaign.failures import CampaignError, DamagedResult
 from experiments.campaign.processes import Pool, WorkerDiedError
@@ -180,8 +179,8 @@ def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
 
 def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
     given = scenario()
-    flown = flights.fly(given)
-    flights.store(tmp_path, given, flown)
+    flown = missions.fly(given)
+    missions.store(tmp_path, given, flown)
     [path] = tmp_path.iterdir()
     whole = path.read_bytes()
     refused = 0
@@ -191,7 +190,7 @@ def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
         path.write_bytes(damaged)
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
-            found = flights.read(tmp_path, given)
+            found = missions.read(tmp_path, given)
         if found is None:
             refused += [warning.category for warning in told] == [DamagedResult]
         else:
@@ -237,8 +236,8 @@ def lost_flight(_):
         raise FleetError("t = 3 s: the state is lost", 3.0, None)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(flights, "move", lost)
-        return flights.fly(Scenario(name="T6", followers=(Follower(route="T6"),)))
+        patch.setattr(missions, "move", lost)
+        return missions.fly(Scenario(name="T6", followers=(Follower(route="T6"),)))
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -301,7 +300,7 @@ def test_a_single_flight_has_the_noise_of_its_run(computed):
     _, rows = computed
     row = rows[0]
     given = plans()[0].scenario.model_copy(update={"run": row["worst_run"]})
-    flown = navigate(given, flights.fly(given), Navigator)
+    flown = navigate(given, missions.fly(given), Navigator)
     error = metrics.position_errors(flown.estimates[0].state[:, :2], flown.hydrophone(0)[:, :2])
     assert error.max() == pytest.approx(row["e_p_max_m"], abs=1e-7)
 
@@ -326,9 +325,9 @@ def test_steps_that_are_asked_for_later_are_added(computed):
 def test_one_flight_serves_other_transmitters_and_errors():
     one = scenario()
     other = scenario(leader=Leader(baseline_m=1.0, middle_offset_m=0.2), acoustics=Acoustics(range_scale_mean_m=0.3))
-    assert flights.motion_key(one) == flights.motion_key(other)
-    assert flights.motion_key(one) != flights.motion_key(scenario("T3"))
-    flown, moved = flights.fly(other), flights.sited(flights.fly(one), other.leader)
+    assert missions.motion_key(one) == missions.motion_key(other)
+    assert missions.motion_key(one) != missions.motion_key(scenario("T3"))
+    flown, moved = missions.fly(other), missions.sited(missions.fly(one), other.leader)
     np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
     np.testing.assert_array_equal(moved.position, flown.position)
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
-from experiments.campaign import missions as flights
+from experiments.campaign import missions
 from experiments.campaign.campaign import CellPlan, compute
 from experiments.campaign.cells import Cell
 from experiments.campaign.missions import Mission, motion_of
@@ -47,7 +47,7 @@ def mission(**changes: Any) -> Scenario:
 
 @pytest.fixture(scope="module")
 def flown() -> Trajectory:
-    return flights.fly(mission())
+    return missions.fly(mission())
 
 
 def computed(flown: Trajectory, *plans: CellPlan) -> list[Any]:
@@ -111,7 +111,7 @@ PLANS = st.builds(
 @given(plans=st.lists(PLANS, min_size=2, max_size=4), data=st.data())
 @settings(max_examples=40)
 def test_a_cell_depends_on_no_other_and_on_no_order(plans: list[CellPlan], data: st.DataObject) -> None:
-    trajectory = flights.flown(motion_of(mission()))._sited(mission().leader)
+    trajectory = missions.flown(motion_of(mission()))._sited(mission().leader)
     alone = {plan.key: computed(trajectory, plan) for plan in plans}
     order = data.draw(st.permutations(plans))
     assert computed(trajectory, *order) == [row for plan in order for row in alone[plan.key]]
@@ -160,15 +160,15 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
     for base in (still, still.model_copy(update={"motion": "physics", "duration_s": 1.0})):
         plan = CellPlan(scenario=base, runs=2)
         shared, of_cells = [], []
-        moved = flights.fly(base)
+        moved = missions.fly(base)
         row = computed(moved, plan)
         for leaf in leaves(base):
             if leaf == ("followers",):
                 continue
             other = changed(base, leaf)
-            if flights.motion_key(other) == flights.motion_key(base):
+            if missions.motion_key(other) == missions.motion_key(base):
                 shared.append(leaf)
-                served, direct = flights.sited(moved, other.leader), move(other)
+                served, direct = missions.sited(moved, other.leader), move(other)
                 for name in ("position", "velocity", "quaternion", "site_offset"):
                     np.testing.assert_array_equal(getattr(served, name), getattr(direct, name), err_msg=str(leaf))
             if CellPlan(scenario=other, runs=2).key == plan.key:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from experiments.flight import folder as results
 from experiments.flight.folder import FILES, FILM, LOG, REPORT, SCENARIO, SUMMARY, one_flight, require_safe
 from laisn.failure import LaisnError
 from sim.log.file import partial_path
@@ -92,7 +91,7 @@ def test_an_interrupt_between_any_two_moves_leaves_the_earlier_flight(
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(results.os, "replace", interrupted)
+        patch.setattr(os, "replace", interrupted)
         with pytest.raises(KeyboardInterrupt):
             fly(folder, "new")
     there = contents(folder)
@@ -111,7 +110,7 @@ def test_no_instant_sees_files_of_two_flights(folder: Path, monkeypatch: pytest.
         seen.append({(folder / name).read_text() for name in FILES if (folder / name).exists()})
 
     with monkeypatch.context() as patch:
-        patch.setattr(results.os, "replace", watched)
+        patch.setattr(os, "replace", watched)
         fly(folder, "new")
     assert len(seen) == 2 * len(FILES)
     assert all(len(flights) <= 1 for flights in seen)

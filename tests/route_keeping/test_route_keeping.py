@@ -6,10 +6,9 @@ import pytest
 from experiments.route_keeping import study
 from sim import point_fleet
 from sim.fleet import fly_fleet
-from sim.scenario import point_motion as kinematics
-from sim.scenario import routes as missions
-from sim.scenario.point_motion import plan
-from sim.scenario.routes import Route
+from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan
+from sim.scenario.routes import Route, names
+from sim.scenario.routes import route as library_route
 from sim.tracking import TrackingReport, arrival_errors, cross_track, off_place, tracking
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
@@ -33,10 +32,10 @@ def setups(routes, **options):
     ]
 
 
-@pytest.mark.parametrize("name", missions.names()[:-1])
+@pytest.mark.parametrize("name", names()[:-1])
 def test_leader_and_follower_fly_their_routes(name):
     """As closely as the README says: 0.07 to 0.21 m off the legs, within 0.1 s, 1.6° of pitch and 2.7° of roll."""
-    routes = (missions.route("L"), missions.route(name))
+    routes = (library_route("L"), library_route(name))
     flown = fly_fleet(Plant(setups(routes), Ocean.calm()), routes, 1000.0)
     assert flown.time.size == 10001
     assert flown.position[0, 1, :2].tolist() == routes[1].waypoint[0].tolist()
@@ -53,7 +52,7 @@ def test_leader_and_follower_fly_their_routes(name):
 
 
 def test_routes_are_kept_in_a_current():
-    routes = (missions.route("L"), missions.route("T6"))
+    routes = (library_route("L"), library_route("T6"))
     sea = Ocean(current_speed_m_s=0.3, current_direction_rad=1.0)
     flown = fly_fleet(Plant(setups(routes), sea), routes, 1000.0)
     for report in tracking(flown, routes):
@@ -64,14 +63,14 @@ def test_routes_are_kept_in_a_current():
 
 
 def test_the_same_flight_gives_the_same_bytes():
-    routes = (missions.route("L"), missions.route("T7"))
+    routes = (library_route("L"), library_route("T7"))
     a, b = (fly_fleet(Plant(setups(routes), Ocean.calm()), routes, 50.0) for _ in range(2))
     assert a.position.tobytes() == b.position.tobytes()
     assert a.thrust.tobytes() == b.thrust.tobytes()
 
 
 def test_the_record_is_that_of_the_plant():
-    routes = (missions.route("L"), missions.route("T7"))
+    routes = (library_route("L"), library_route("T7"))
     plant = Plant(setups(routes), Ocean.calm())
     flown = fly_fleet(plant, routes, 20.0)
     assert plant.time == pytest.approx(20.0)
@@ -87,7 +86,7 @@ def test_the_record_is_that_of_the_plant():
 
 def test_the_error_of_a_mission_falls_with_the_square_of_the_physics_step():
     """The autopilot closes the loop in a rough sea; 5 ms stands for the limit, its own error taken into account."""
-    routes = (missions.route("L"), missions.route("T6"))
+    routes = (library_route("L"), library_route("T6"))
     sea = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.7, floor_depth_m=40.0)
     coarse, middle, fine = (
         fly_fleet(Plant(setups(routes), Ocean(waves=sea), dt), routes, 100.0) for dt in (0.05, 0.025, 0.005)
@@ -124,9 +123,9 @@ def test_arrival_is_when_a_waypoint_is_nearest():
     assert arrival_errors(route, time[:1500], position[:1500]).size == 2
 
 
-@pytest.mark.parametrize("name", missions.names())
+@pytest.mark.parametrize("name", names())
 def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
-    route = missions.route(name)
+    route = library_route(name)
     (report,) = tracking(point_fleet.fly(("vehicle",), (route,), 1000.0), (route,))
     assert report.arrival_error_max < 0.1 + 1e-9
     assert report.speed_error_rms < 1e-9
@@ -134,12 +133,12 @@ def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
     assert report.pitch_max < 1e-9
     # the arc through a corner of c leaves the legs by R (1 − cos(c / 2)) at most, the start by its own turn
     turning = plan(route).at(np.arange(0, 1000, 0.1))
-    radius = (turning.speed / kinematics.TURN_RATE)[turning.turn_rate != 0].max(initial=0)
-    assert report.cross_track_max < radius * (1 - np.cos(kinematics.SHARPEST_CUT / 2)) + 0.01
+    radius = (turning.speed / TURN_RATE)[turning.turn_rate != 0].max(initial=0)
+    assert report.cross_track_max < radius * (1 - np.cos(SHARPEST_CUT / 2)) + 0.01
 
 
 def test_reports_need_a_route_for_each_vehicle():
-    routes = (missions.route("L"), missions.route("T2"))
+    routes = (library_route("L"), library_route("T2"))
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
         tracking(point_fleet.fly(NAMES, routes, 20.0), routes[:1])
 

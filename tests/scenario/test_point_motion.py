@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from sim import point_fleet
 from sim.point_fleet import Sites
-from sim.scenario import routes as missions
 from sim.scenario.point_motion import Limits, plan
-from sim.scenario.routes import Route
+from sim.scenario.routes import Route, names
+from sim.scenario.routes import route as library_route
 
 TURN_RATE, ACCELERATION = np.deg2rad(10.0), 0.2
 RADIUS = 1.0 / TURN_RATE
@@ -63,9 +63,9 @@ def test_a_change_of_speed_is_a_ramp():
     assert motion.north == pytest.approx([0, 2.5 + 0.1 * 2.5**2, 7.5, 97.5, 197.5, 217.5])
 
 
-@pytest.mark.parametrize("name", missions.names())
+@pytest.mark.parametrize("name", names())
 def test_waypoints_are_met_on_time(name):
-    route = missions.route(name)
+    route = library_route(name)
     flown = plan(route)
     for k in range(1, route.time.size):
         motion = flown.at(route.time[k] + np.array([-0.05, 0.0, 0.05]))
@@ -74,10 +74,10 @@ def test_waypoints_are_met_on_time(name):
     assert route.waypoint[-1] == pytest.approx([motion.east[1], motion.north[1]], abs=1e-6)
 
 
-@pytest.mark.parametrize("name", missions.names())
+@pytest.mark.parametrize("name", names())
 def test_motion_keeps_to_its_limits_and_is_continuous(name):
     time = np.arange(0, 1000.05, 0.01)
-    motion = plan(missions.route(name)).at(time)
+    motion = plan(library_route(name)).at(time)
     assert np.abs(motion.turn_rate).max() <= TURN_RATE + 1e-12
     assert np.abs(motion.acceleration).max() <= ACCELERATION
     assert not (motion.turn_rate * motion.acceleration).any()
@@ -93,7 +93,7 @@ def test_motion_keeps_to_its_limits_and_is_continuous(name):
 def test_the_position_is_the_integral_of_the_velocity():
     dt = 0.001
     time = np.arange(0, 1000, dt)
-    motion = plan(missions.route("T8")).at(time)
+    motion = plan(library_route("T8")).at(time)
     for position, part in ((motion.east, np.sin(motion.course)), (motion.north, np.cos(motion.course))):
         velocity = motion.speed * part
         integral = position[0] + np.concatenate([[0], np.cumsum((velocity[1:] + velocity[:-1]) / 2 * dt)])
@@ -166,7 +166,7 @@ def test_any_route_is_met_on_time_or_refused(steps, limits):
 
 
 def test_a_fleet_moves_level_on_its_course():
-    routes = (missions.route("L"), missions.route("T4", 12.0))
+    routes = (library_route("L"), library_route("T4", 12.0))
     sites = Sites(("leader/bow", "follower/top"), np.array([0, 1]), np.array([[1.0, 0, 0], [0, 0, 0.1]]))
     flown = point_fleet.fly(("leader", "follower"), routes, 1000.0, sites=sites)
     assert flown.time.size == 10001
@@ -188,4 +188,4 @@ def test_a_fleet_moves_level_on_its_course():
 
 def test_a_fleet_needs_a_route_for_each_vehicle():
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
-        point_fleet.fly(("leader", "follower"), (missions.route("L"),), 10.0)
+        point_fleet.fly(("leader", "follower"), (library_route("L"),), 10.0)
