@@ -85,7 +85,7 @@ def _film_worst(plan: "Plan", evidence: "Evidence", folder: Path) -> Path | None
     """Film the worst run of the worst place into the folder."""
     from experiments.flight.fly import fly
     from experiments.flight.summary import position_and_bearing_errors
-    from experiments.study.page import worst_entry
+    from experiments.study.notable import worst_entry
     from sim.film import graphics
     from sim.film.render import render
 

@@ -12,12 +12,11 @@ from experiments.study import charts
 from experiments.study.estimate import Evidence, Place
 from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS
+from experiments.study.notable import commands, place_text
 from experiments.study.plan import ALONE, Entry, Plan
-from laisn.failure import LaisnError
 
 _FEWEST_SEAS = 8
 """With fewer there is nothing to see over what was drawn."""
-_MOST_COMMANDS = 400
 
 
 def _shown(interval: Interval, unit: str = "") -> str:
@@ -34,17 +33,6 @@ def _shown(interval: Interval, unit: str = "") -> str:
 
 def _cell(interval: Interval, tone: str = "") -> Cell:
     return Cell(text=_shown(interval), sort=number(interval.value).sort, tone=tone)
-
-
-def _point(plan: Plan, point: int) -> str:
-    return ", ".join(f"{key} = {charts.said(value)}" for key, value in plan.points[point].items())
-
-
-def _place(plan: Plan, place: Place) -> str:
-    parts = [_point(plan, place[0])] if plan.points[place[0]] else []
-    parts += [f"arm {place[1]}"] if len(plan.arms) > 1 else []
-    parts += [place[2]] if len(plan.followers) > 1 else []
-    return ", ".join(parts) or "the study's only point"
 
 
 def _verdicts(plan: Plan, evidence: Evidence, arm: str, metric: str) -> tuple[int, int, int]:
@@ -69,8 +57,8 @@ def summary_of(plan: Plan, evidence: Evidence) -> str:
     unit = METRICS[metric].label.partition(" [")[2].rstrip("]")
     text = f"{label[0].upper()}{label[1:]}, with 95 % intervals: {_shown(known[0][1], unit)}"
     if len(known) > 1:
-        text += f" at best ({_place(plan, known[0][0])}), {_shown(known[-1][1], unit)} at most "
-        text += f"({_place(plan, known[-1][0])})"
+        text += f" at best ({place_text(plan, known[0][0])}), {_shown(known[-1][1], unit)} at most "
+        text += f"({place_text(plan, known[-1][0])})"
     text += "."
     for arm in plan.arms[1:]:
         below, above, still = _verdicts(plan, evidence, arm, metric)
@@ -211,53 +199,11 @@ def _table(plan: Plan, evidence: Evidence) -> Table:
     return Table(heads=[*_heads(plan), *(METRICS[column].label for column in columns)], rows=rows, caption=caption)
 
 
-def notable(plan: Plan, evidence: Evidence, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Sea and run of the worst and of the median run of a place, by the report's metric if single runs have it."""
-    metric = plan.study.report.metric
-    runs = evidence.by_run(place, metric) or evidence.by_run(place, METRIC)
-    if runs is None:
-        raise LaisnError(f"the runs of {_place(plan, place)} have no {METRIC}")
-    seas = [row["sea"] for row in evidence.rows[place]]
-    every = sorted((value, sea, run) for sea, values in zip(seas, runs, strict=True) for run, value in
-                   enumerate(values.tolist()))  # fmt: skip
-    worst, median = every[-1], every[(len(every) - 1) // 2]
-    return worst[1:], median[1:]
-
-
-def worst_entry(plan: Plan, evidence: Evidence) -> tuple[Entry, int, str]:
-    """The scenario, run and follower of the worst run of the worst place."""
-
-    def size(place: Place) -> float:
-        value = evidence.estimate(place, plan.study.report.metric).value
-        return -math.inf if math.isnan(value) else value
-
-    place = max(evidence.rows, key=size)
-    (sea, run), _ = notable(plan, evidence, place)
-    return entry_at(plan, place, sea), run, place[2]
-
-
-def entry_at(plan: Plan, place: Place, sea: int) -> Entry:
-    """The entry of a place and a sea."""
-    return next(e for e in plan.entries if (e.point, e.arm, e.sea) == (place[0], place[1], sea))
-
-
-def commands(plan: Plan, evidence: Evidence) -> str:
-    """For every place the commands that fly its worst and its median run alone."""
-    entries = {(entry.point, entry.arm, entry.sea): entry for entry in plan.entries}
-    lines = []
-    for place in list(evidence.rows)[:_MOST_COMMANDS]:
-        for which, (sea, run) in zip(("worst", "median"), notable(plan, evidence, place), strict=True):
-            told = f" of sea {sea}" if plan.study.seas > 1 else ""
-            lines.append(f"# {_place(plan, place)}: {which} run, {run}{told}")
-            lines.append(entries[place[0], place[1], sea].command(plan.study.scenario, run))
-    return "\n".join(lines)
-
-
 def _failures(plan: Plan, failures: Mapping[str, list[Entry]]) -> list[Block]:
     blocks: list[Block] = []
     for what, entries in failures.items():
         first = entries[0]
-        where = _place(plan, (first.point, first.arm, plan.followers[0]))
+        where = place_text(plan, (first.point, first.arm, plan.followers[0]))
         text = f"{what}: {len(entries)} scenarios, the first at {where}, sea {first.sea}"
         blocks.append(Notice(text=text, tone="failure"))
     return blocks
@@ -285,7 +231,7 @@ def page_of(plan: Plan, evidence: Evidence, failures: Mapping[str, list[Entry]],
             blocks.append(Figures(panels=panels, legend=legend, caption="Share of seas whose mean is below a value."))
         drawn = charts.over_draws(plan, evidence, metric, 0) if study.seas >= _FEWEST_SEAS else []
         if drawn:
-            caption = f"Means of single seas over what they drew, at {_place(plan, next(iter(evidence.rows)))}."
+            caption = f"Means of single seas over what they drew, at {place_text(plan, next(iter(evidence.rows)))}."
             blocks.append(Figures(panels=drawn, legend=legend, caption=caption))
         sections.append(Section(title="Seas", blocks=blocks))
     sections.append(Section(title="Table", blocks=[_table(plan, evidence)]))

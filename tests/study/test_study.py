@@ -23,7 +23,7 @@ from experiments.study.draws import Draw
 from experiments.study.estimate import Evidence
 from experiments.study.file import FOLDER, StudyError, of_table, shipped
 from experiments.study.metrics import METRICS
-from experiments.study.page import commands
+from experiments.study.notable import commands
 from experiments.study.plan import plan_of
 from experiments.study.run import _captured, fly_study
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, run_study
