@@ -66,7 +66,8 @@ _BELIEF = np.dtype([
     ("covariance", np.float64, (_COMPONENTS, MOST_STATES, MOST_STATES)),
     ("weight", np.float64, _COMPONENTS),  # sum 1 over those alive
     ("evidence", np.float64, _COMPONENTS),  # logarithm of what a message says for each component
-    ("surprise", np.float64, _COMPONENTS),  # squared residuals in units of S, a degree of freedom
+    ("squared", np.float64, _COMPONENTS),  # squared residuals of the ranges that it used, in units of S
+    ("surprise", np.float64, _COMPONENTS),  # the same for each range received, an echo counting as what it costs
     ("turn_excess", np.float64, _COMPONENTS),  # by how much `leader_variance` should be larger [rad²]
     ("alive", np.int64),  # hypotheses
     ("smoothed", np.float64),  # surprise over some messages
@@ -86,9 +87,11 @@ Belief: TypeAlias = Any
 
 @compiled
 def refresh_output(b: Belief, m: Model) -> None:
-    """Prepare the mean position over the mixture for the steps until the next message."""
+    """Prepare the mean position for the steps until the next message; NaN if there is no hypothesis."""
     out = b.output
     out.x = out.y = out.c_cos = out.c_sin = out.d_cos = out.d_sin = out.v_x = out.v_y = 0.0
+    if b.alive == 0:
+        out.x = out.y = np.nan
     for k in range(b.alive * m.modes):
         w = b.weight[k]
         bias = b.state[k, LOG]
@@ -104,8 +107,11 @@ def refresh_output(b: Belief, m: Model) -> None:
             out.v_y += w * b.state[k, m.current + 1]
 
 
-def new_belief(settings: TightSettings, m: Model, start: tuple[float, float]) -> Belief:
-    """One hypothesis: a known start, and biases of zero with the standard deviations of the settings."""
+def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | None) -> Belief:
+    """One hypothesis: a known start [m], and biases of zero with the standard deviations of the settings.
+
+    None: the start is unknown, and there is no hypothesis before the first message with two ranges.
+    """
     n = m.size
     sigma = np.zeros(MOST_STATES)
     sigma[[X, Y]] = settings.start_sigma
@@ -121,6 +127,10 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float]) ->
     belief.alive, belief.smoothed, belief.leader_variance = 1, 1.0, m.leader_variance
     belief.motion.speed = belief.leader.window_time = np.nan
     belief.fresh = sigma**2
+    if start is None:
+        belief.alive = 0
+        refresh_output(belief, m)
+        return belief
     belief.state[: m.modes, [X, Y]] = start
     belief.covariance[: m.modes] = np.diag(sigma**2)
     belief.weight[: m.modes] = 1.0 / m.modes

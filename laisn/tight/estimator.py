@@ -11,7 +11,8 @@ from laisn.tight.model import ABSENT, Model
 from laisn.tight.modes import mix_modes
 from laisn.tight.own_motion import begin_interval, move, turned_since_message
 from laisn.tight.ranging import Heard, learn
-from laisn.tight.sides import normalise, split, tidy, try_mirror
+from laisn.tight.ring import add_ring, think_again
+from laisn.tight.sides import normalise, split, tidy
 from laisn.tight.states import COMPASS, LOG, X, Y
 
 _BEND = 0.003
@@ -129,30 +130,41 @@ def _count_received(m: Model, heard: Heard) -> int:
 
 
 @compiled
-def _check_health(b: Belief, m: Model, heard: Heard, used: int) -> None:
-    """Remember how much the ranges surprise; widen a belief that no range fits."""
-    if used > 0:
-        surprise = 0.0
-        for k in range(b.alive * m.modes):
-            surprise += b.weight[k] * b.surprise[k]
-        b.smoothed += _SMOOTHING * (surprise - b.smoothed)
-        b.rejected = 0.0
-        if m.transmitters == 2:
-            try_mirror(b, m, heard)
-        return
-    b.rejected += 1.0
+def _check_health(b: Belief, m: Model, heard: Heard, received: int, used: int) -> bool:
+    """Remember how much the ranges surprise, and doubt a belief that they do not fit; False if that failed."""
+    surprise = 0.0
+    for k in range(b.alive * m.modes):
+        surprise += b.weight[k] * b.surprise[k]
+    b.smoothed += _SMOOTHING * (surprise - b.smoothed)
+    if received > 1 and not think_again(b, m, heard):
+        return False
+    b.rejected = 0.0 if used > 0 else b.rejected + 1.0
     if b.rejected >= _PATIENCE:
         for k in range(b.alive * m.modes):
             b.covariance[k, X, X] += _WIDER_POSITION
             b.covariance[k, Y, Y] += _WIDER_POSITION
             b.covariance[k, COMPASS, COMPASS] += _WIDER_COMPASS
+    return True
+
+
+@compiled
+def _begin(b: Belief, m: Model, heard: Heard, received: int) -> int:
+    """Begin with this message, if it is enough; what `receive` returns."""
+    if received < 2:
+        return 0
+    if not add_ring(b, m, heard, 1.0):
+        return -1
+    begin_interval(b)
+    refresh_output(b, m)
+    return received
 
 
 @compiled
 def receive(b: Belief, m: Model, heard: Heard) -> int:
     """Take a message: all components move to its instant and learn from its ranges.
 
-    A message of which no ping was heard says nothing: the way since the last one goes on.
+    A message of which no ping was heard says nothing: the way since the last one goes on. With an unknown start the
+    first message with two ranges makes the belief.
 
     Returns:
         The most ranges that a hypothesis used; −1 if a covariance was not positive definite, after which the belief is
@@ -161,6 +173,8 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
     received = _count_received(m, heard)
     if received == 0:
         return 0
+    if b.alive == 0:
+        return _begin(b, m, heard, received)
     mix_modes(b, m)
     if m.deviation > 0.0:
         _loosen(b, m, heard)
@@ -182,7 +196,8 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
         _learn_leader(b, m)
     if b.alive > 1:
         tidy(b, m)
-    _check_health(b, m, heard, most)
+    if not _check_health(b, m, heard, received, most):
+        return -1
     if m.current != ABSENT or m.leader != ABSENT:
         watch_leader(b, m, heard)
     begin_interval(b)

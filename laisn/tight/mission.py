@@ -54,16 +54,16 @@ def filter_mission(
     return 0
 
 
-def run_mission(settings: TightSettings, measurements: Measurements, start: Floats) -> tuple[Floats, Floats]:
+def run_mission(settings: TightSettings, measurements: Measurements, start: Floats | None) -> tuple[Floats, Floats]:
     """Position and its covariance after each step of a mission, without the rest that a navigator tells.
 
     Args:
         settings: of the navigator.
         measurements: of the mission, n steps.
-        start: x, y at step 0, shape (2,) or more, [m].
+        start: x, y at step 0, shape (2,) or more, [m]; None if unknown.
 
     Returns:
-        Positions, shape (n, 2), [m], and covariances xx, xy, yy, shape (n, 3), [m²].
+        Positions, shape (n, 2), [m], and covariances xx, xy, yy, shape (n, 3), [m²]; NaN before a start is found.
 
     Raises:
         ArithmeticError: a covariance is not positive definite.
@@ -72,7 +72,7 @@ def run_mission(settings: TightSettings, measurements: Measurements, start: Floa
     where, spread = np.empty((n, 2)), np.empty((n, 3))
     own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
     messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
-    belief = new_belief(settings, model, (float(start[0]), float(start[1])))
+    belief = new_belief(settings, model, None if start is None else (float(start[0]), float(start[1])))
     failed = filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, where, spread)
     if failed:
         raise ArithmeticError(f"step {failed}: a covariance is not positive definite")

@@ -24,6 +24,9 @@ FARTHEST = 1e5
 """A range, coordinate or depth beyond this is broken, not far [m]."""
 
 
+_NOTHING = np.empty(0), np.empty((0, 2)), np.empty((0, 2, 2))
+
+
 class Update(NamedTuple):
     """What a message changed."""
 
@@ -67,24 +70,29 @@ def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
 class TightNavigator:
     """The tightly coupled navigator on one follower."""
 
-    def __init__(self, settings: TightSettings, start: Floats) -> None:
-        """Start at a known state.
+    def __init__(self, settings: TightSettings, start: Floats | None) -> None:
+        """Start at a known state, or anywhere.
 
         Args:
             settings: sensors, and what is assumed.
-            start: hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,).
+            start: hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,); None: unknown, so that estimates are
+                NaN until the first message with two ranges, and both sides of the leader are possible then.
 
         Raises:
             ValueError: the start is not four finite numbers.
         """
-        start = np.asarray(start, dtype=np.float64)
-        if start.shape != (4,) or not np.all(np.isfinite(start)):
-            raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
         self.settings = settings
         self._model = model_of(settings)
-        self._belief: Belief = new_belief(settings, self._model, (float(start[0]), float(start[1])))
+        self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
+        known = None
+        if start is not None:
+            start = np.asarray(start, dtype=np.float64)
+            if start.shape != (4,) or not np.all(np.isfinite(start)):
+                raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
+            known = (float(start[0]), float(start[1]))
+            self._state, self._covariance = start.copy(), np.diag(np.repeat([settings.start_sigma**2, 0.0], 2))
+        self._belief: Belief = new_belief(settings, self._model, known)
         self._heard = new_heard()
-        self._state, self._covariance = start.copy(), np.diag(np.repeat([settings.start_sigma**2, 0.0], 2))
         self._step = 0
 
     @property
@@ -177,6 +185,8 @@ class TightNavigator:
         mean = weight @ states
         variance = np.diagonal(b.covariance[:components, :n, :n], axis1=1, axis2=2)
         variance = weight @ (variance + (states - mean) ** 2)
+        if not components:
+            return Update(self._step, 0, np.nan, np.full(n, np.nan), np.full(n, np.nan), *_NOTHING)
         sides = sorted(range(int(b.alive)), key=lambda h: -hypothesis_weight(b, self._model, h))
         top = heaviest(b, self._model, sides[0])
         where, spread = [], []
@@ -190,7 +200,7 @@ class TightNavigator:
         return Update(
             step=self._step,
             used=used,
-            nis=float(b.surprise[top] * used) if used else float("nan"),
+            nis=float(b.squared[top]) if used else float("nan"),
             full_state=mean,
             full_sigma=np.sqrt(variance),
             weight=np.array([hypothesis_weight(b, self._model, h) for h in sides]),

@@ -192,9 +192,12 @@ def _add_component(b: Belief, m: Model, k: int) -> None:
 
 @compiled
 def moments(b: Belief, m: Model) -> None:
-    """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; between messages too, after a step."""
-    b.now[:] = 0.0
-    b.now_covariance[:] = 0.0
+    """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; between messages too, after a step.
+
+    NaN if there is no hypothesis yet.
+    """
+    b.now[:] = 0.0 if b.alive else np.nan
+    b.now_covariance[:] = 0.0 if b.alive else np.nan
     # about the mean position, so that the squares of large coordinates do not swallow small variances
     origin_x, origin_y = position(b)
     for k in range(b.alive * m.modes):

@@ -249,9 +249,9 @@ def _choose(b: Belief, m: Model, k: int, received: int, density: float) -> int:
 def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
     """Update component k with the ranges of a message, of which it leaves out those that look like echoes.
 
-    Sets `b.evidence[k]`, `b.surprise[k]` and `b.turn_excess[k]`. Where the leader's heading errs at random and the
-    ranges tell by how much, they are linearised about that: about the broadcast heading, the derivatives would err
-    together with the residuals, which in hundreds of messages adds up to a bias.
+    Sets `b.evidence[k]`, `b.squared[k]`, `b.surprise[k]` and `b.turn_excess[k]`. Where the leader's heading errs at
+    random and the ranges tell by how much, they are linearised about that: about the broadcast heading, the derivatives
+    would err together with the residuals, which in hundreds of messages adds up to a bias.
 
     Returns:
         How many ranges it used; −1 if a covariance was not positive definite.
@@ -269,7 +269,8 @@ def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
     if not _certain(b, m, received, squared):
         used = _choose(b, m, k, received, density)
         density, squared = _likelihood(b, used)
-    b.surprise[k] = squared / used if used > 0 else 0.0
+    b.squared[k] = squared
+    b.surprise[k] = (squared + 2.0 * (received - used) * (m.log_accepted - m.log_rejected)) / received
     if m.leader != ABSENT and used > 0:
         turn, left = _leader_turn(b, used)
         b.turn_excess[k] = turn * turn + left - v

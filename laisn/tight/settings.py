@@ -56,7 +56,7 @@ class TightSettings:
     """Random error that the ranges of a message share in proportion to their length [m at the largest] …"""
     range_scale_bias_sigma: float = 0.2
     """… and of its mean."""
-    leader_heading_sigma: float = float(np.deg2rad(2.0))
+    leader_heading_sigma: float = float(np.deg2rad(1.2))
     """Random error of the heading in a message, if the leader is not exact [rad] …"""
     leader_heading_bias_sigma: float = float(np.deg2rad(6.0))
     """… and of its bias."""

@@ -20,11 +20,6 @@ _REACH = 3.5
 _LEAST_WEIGHT = 1e-5
 _SAME = 0.3
 """Squared Mahalanobis distance of two hypotheses' positions below which they are one."""
-_ALARM = 3.0
-"""Smoothed surprise, of which 1 is expected, above which the mirror image is tried."""
-_MIRROR_WEIGHT = 0.01
-_MIRROR_VARIANCE = 4.0
-"""Added to the position of the mirror image, along each axis [m²]."""
 
 
 @compiled
@@ -46,15 +41,21 @@ def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, f
 
 
 @compiled
-def _copy(b: Belief, m: Model, source: int, target: int) -> None:
+def copy(b: Belief, m: Model, source: int, target: int) -> None:
+    """Copy a component."""
+    b.weight[target], b.evidence[target] = b.weight[source], b.evidence[source]
+    b.surprise[target] = b.surprise[source]
+    for g in range(m.size):
+        b.state[target, g] = b.state[source, g]
+        for h in range(m.size):
+            b.covariance[target, g, h] = b.covariance[source, g, h]
+
+
+@compiled
+def _copy_hypothesis(b: Belief, m: Model, source: int, target: int) -> None:
     """Copy all components of a hypothesis."""
     for mode in range(m.modes):
-        i, j = source * m.modes + mode, target * m.modes + mode
-        b.weight[j], b.evidence[j], b.surprise[j] = b.weight[i], b.evidence[i], b.surprise[i]
-        for g in range(m.size):
-            b.state[j, g] = b.state[i, g]
-            for h in range(m.size):
-                b.covariance[j, g, h] = b.covariance[i, g, h]
+        copy(b, m, source * m.modes + mode, target * m.modes + mode)
 
 
 @compiled
@@ -121,7 +122,7 @@ def split(b: Belief, m: Model, heard: Heard) -> None:
         if b.alive < ROOM and _reaches_across(b, m, heaviest(b, m, h), heard):
             other = b.alive
             b.alive += 1
-            _copy(b, m, h, other)
+            _copy_hypothesis(b, m, h, other)
             for mode in range(m.modes):
                 _keep_half(b, m, h * m.modes + mode, heard, 1.0)
                 _keep_half(b, m, other * m.modes + mode, heard, -1.0)
@@ -132,7 +133,7 @@ def _remove(b: Belief, m: Model, h: int) -> None:
     """Remove a hypothesis: the last one takes its place."""
     b.alive -= 1
     if h != b.alive:
-        _copy(b, m, b.alive, h)
+        _copy_hypothesis(b, m, b.alive, h)
 
 
 @compiled
@@ -200,35 +201,3 @@ def tidy(b: Belief, m: Model) -> None:
     while b.alive > KEPT:
         _remove(b, m, _lightest(b, m))
     normalise(b, m)
-
-
-@compiled
-def try_mirror(b: Belief, m: Model, heard: Heard) -> None:
-    """Where the ranges surprise too long, add the mirror image of the heaviest hypothesis, with fresh biases."""
-    if b.smoothed < _ALARM:
-        return
-    b.smoothed = 1.0
-    best = 0
-    for h in range(1, b.alive):
-        if hypothesis_weight(b, m, h) > hypothesis_weight(b, m, best):
-            best = h
-    source, image = heaviest(b, m, best), b.alive
-    b.alive += 1
-    lateral, gx, gy, _, _ = _lateral(b, m, source, heard)
-    share = _MIRROR_WEIGHT / m.modes
-    for k in range(image * m.modes):
-        b.weight[k] *= 1.0 - _MIRROR_WEIGHT
-    for mode in range(m.modes):
-        k = image * m.modes + mode
-        b.weight[k], b.surprise[k], b.evidence[k] = share, 1.0, 0.0
-        for i in range(m.size):
-            b.state[k, i] = 0.0
-            for j in range(m.size):
-                b.covariance[k, i, j] = 0.0
-            b.covariance[k, i, i] = b.fresh[i]
-        b.state[k, X] = b.state[source, X] - 2.0 * lateral * gx
-        b.state[k, Y] = b.state[source, Y] - 2.0 * lateral * gy
-        for i in (X, Y):
-            for j in (X, Y):
-                b.covariance[k, i, j] = b.covariance[source, i, j]
-            b.covariance[k, i, i] += _MIRROR_VARIANCE

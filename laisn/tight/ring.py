@@ -1,0 +1,174 @@
+"""Where one message alone puts the follower: for a start that nobody knows, and for a belief that has lost its way.
+
+The prior is a ring about the leader, as a sum of Gaussians with fresh biases, one for each bearing. Each is updated
+with the ranges; what is left on either side of the leader's axis is taken together as one hypothesis.
+"""
+
+import math
+
+from laisn.compiled import compiled
+from laisn.elementary import sin_cos
+from laisn.tight.belief import ROOM, Belief, refresh_output
+from laisn.tight.model import ABSENT, Model
+from laisn.tight.ranging import Heard, learn
+from laisn.tight.sides import copy, normalise, tidy
+from laisn.tight.states import X, Y
+
+_BEARINGS = 96
+_OVERLAP = 0.6
+"""Standard deviation of a bearing's Gaussian as a share of their spacing, for which their sum is nearly even."""
+_RADIAL_VARIANCE = 25.0
+"""Of the distance before the update [m²]: wide beside all errors of a range."""
+_ALARM = 3.0
+"""Smoothed surprise, of which 1 is expected, above which a belief is taken to have lost its way."""
+_SECOND_THOUGHT = 0.002
+"""Weight that the hypotheses of the ring are given then …"""
+_ASTRAY = 10.0
+"""… with more of it where the belief has been, give or take this along each axis [m] …"""
+_ANYWHERE = 0.01
+"""… and this share of it elsewhere."""
+
+
+@compiled
+def _reset(b: Belief, m: Model, k: int) -> None:
+    """Give a component no weight, no position, no bias of the leader, and fresh other biases."""
+    b.weight[k] = 0.0
+    for i in range(m.size):
+        b.state[k, i] = 0.0
+        for j in range(m.size):
+            b.covariance[k, i, j] = 0.0
+        if i not in (X, Y, m.leader):
+            b.covariance[k, i, i] = b.fresh[i]
+
+
+@compiled
+def _try_bearing(b: Belief, m: Model, k: int, heard: Heard, distance: float, bearing: float) -> bool:
+    """Update component k from a prior at a bearing from north [rad], about a distance [m]; False if that failed."""
+    ux, uy = sin_cos(bearing)
+    across = (_OVERLAP * 2.0 * math.pi / _BEARINGS * distance) ** 2
+    _reset(b, m, k)
+    b.state[k, X], b.state[k, Y] = distance * ux, distance * uy
+    b.covariance[k, X, X] = _RADIAL_VARIANCE * ux * ux + across * uy * uy
+    b.covariance[k, Y, Y] = _RADIAL_VARIANCE * uy * uy + across * ux * ux
+    b.covariance[k, X, Y] = b.covariance[k, Y, X] = (_RADIAL_VARIANCE - across) * ux * uy
+    return learn(b, m, k, heard) >= 0
+
+
+@compiled
+def _gather(b: Belief, m: Model, source: int, target: int, weight: float) -> None:
+    """Add a component's moments about the origin to those of another one."""
+    b.weight[target] += weight
+    for i in range(m.size):
+        b.state[target, i] += weight * b.state[source, i]
+        for j in range(m.size):
+            moment = b.covariance[source, i, j] + b.state[source, i] * b.state[source, j]
+            b.covariance[target, i, j] += weight * moment
+
+
+@compiled
+def _finish(b: Belief, m: Model, k: int, heard: Heard) -> None:
+    """Make a component of gathered moments, turn it by what the leader's compass may be off, and move it in place."""
+    x, P, per = b.state, b.covariance, 1.0 / b.weight[k]
+    for i in range(m.size):
+        x[k, i] *= per
+    for i in range(m.size):
+        for j in range(m.size):
+            P[k, i, j] = P[k, i, j] * per - x[k, i] * x[k, j]
+    if m.leader != ABSENT:
+        by_bias_x, by_bias_y, bias = -x[k, Y], x[k, X], b.fresh[m.leader]
+        turn = bias + b.leader_variance
+        P[k, X, X] += turn * by_bias_x * by_bias_x
+        P[k, Y, Y] += turn * by_bias_y * by_bias_y
+        P[k, X, Y] += turn * by_bias_x * by_bias_y
+        P[k, Y, X] = P[k, X, Y]
+        P[k, X, m.leader] = P[k, m.leader, X] = bias * by_bias_x
+        P[k, Y, m.leader] = P[k, m.leader, Y] = bias * by_bias_y
+        P[k, m.leader, m.leader] = bias
+    x[k, X] += heard.east
+    x[k, Y] += heard.north
+
+
+@compiled
+def _nearness(b: Belief, k: int, here: tuple[float, float]) -> float:
+    """Logarithm of the prior of component k where the belief has been `here` [m]; 0 if that is NaN."""
+    dx, dy = b.state[k, X] - here[0], b.state[k, Y] - here[1]
+    if dx != dx:
+        return 0.0
+    return math.log(_ANYWHERE + math.exp(-0.5 * (dx * dx + dy * dy) / (_ASTRAY * _ASTRAY)))
+
+
+@compiled
+def _walk_round(b: Belief, m: Model, heard: Heard, first: int, here: tuple[float, float]) -> bool:
+    """Gather what all bearings become into the first components of two hypotheses, left of the axis and right of it."""
+    nearest = math.inf
+    for i in range(m.transmitters):
+        if heard.ranges[i] == heard.ranges[i]:
+            nearest = min(nearest, heard.ranges[i])
+    deeper = heard.arms[0, 2]
+    distance = math.sqrt(max(nearest * nearest - deeper * deeper, 1.0))
+    ax, ay = heard.arms[0, 0], heard.arms[0, 1]
+    ex, ey = heard.arms[1, 0] - ax, heard.arms[1, 1] - ay
+    trial, healthy, best = (ROOM - 1) * m.modes, True, -math.inf
+    for gathering in (False, True):
+        for j in range(_BEARINGS):
+            healthy &= _try_bearing(b, m, trial, heard, distance, 2.0 * math.pi * (j + 0.5) / _BEARINGS)
+            evidence = b.evidence[trial] + _nearness(b, trial, here)
+            if gathering:
+                left = ex * (b.state[trial, Y] - ay) - ey * (b.state[trial, X] - ax) > 0.0
+                _gather(b, m, trial, first if left else first + m.modes, math.exp(evidence - best))
+            else:
+                best = max(best, evidence)
+    return healthy
+
+
+@compiled
+def add_ring(b: Belief, m: Model, heard: Heard, weight: float) -> bool:
+    """Add two hypotheses of a message with two ranges or more; False if a covariance was not positive definite.
+
+    Args:
+        b: the belief; there must be room for three hypotheses more.
+        m: settings.
+        heard: the message.
+        weight: of both together; that of all others is scaled to the rest.
+    """
+    first = b.alive * m.modes
+    here = (b.output.x - heard.east, b.output.y - heard.north)
+    for h in range(2):
+        k = first + h * m.modes
+        _reset(b, m, k)
+        for i in range(m.size):
+            b.covariance[k, i, i] = 0.0
+    east, north, variance = heard.east, heard.north, b.leader_variance
+    # about the leader, and with its heading as broadcast: both are put right at the end
+    heard.east = heard.north = b.leader_variance = 0.0
+    healthy = _walk_round(b, m, heard, first, here)
+    heard.east, heard.north, b.leader_variance = east, north, variance
+    total = b.weight[first] + b.weight[first + m.modes]
+    if not healthy or not total > 0.0:
+        return False
+    for k in range(first):
+        b.weight[k] *= 1.0 - weight
+    for h in range(2):
+        k = b.alive * m.modes
+        if h == 1 and k == first:
+            # nothing was left on the other side
+            copy(b, m, first + m.modes, first)
+        if b.weight[k] > 0.0:
+            _finish(b, m, k, heard)
+            b.weight[k] *= weight / (total * m.modes)
+            for mode in range(1, m.modes):
+                copy(b, m, k, k + mode)
+            b.alive += 1
+    normalise(b, m)
+    tidy(b, m)
+    return True
+
+
+@compiled
+def think_again(b: Belief, m: Model, heard: Heard) -> bool:
+    """Where the ranges surprise for too long, take up what this message alone says; False as of `add_ring`."""
+    if b.smoothed < _ALARM:
+        return True
+    b.smoothed = 1.0
+    refresh_output(b, m)
+    return add_ring(b, m, heard, _SECOND_THOUGHT)
