@@ -1,9 +1,11 @@
 """How this project compiles: numba, with one set of flags, and code that is kept until a source of it changes."""
 
 from collections.abc import Callable
+from functools import update_wrapper
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core.registry import CPUDispatcher
 
 from laisn.code_cache import CodeCache
 
@@ -25,6 +27,23 @@ def compiled(function: Function) -> Function:
 def inlined(function: Function) -> Function:
     """Compile a small helper into its callers, so that loops over lanes stay vectorised."""
     return cast(Function, numba.njit(inline="always", error_model="numpy")(function))
+
+
+class _Formula(CPUDispatcher):
+    """What compiled code takes for a function to inline, and Python calls as it is written."""
+
+    def __call__(self, *args: Any, **named: Any) -> Any:
+        return self.py_func(*args, **named)
+
+
+def formula(function: Function) -> Function:
+    """A formula of numbers: Python runs it as it is written, and compiled code has it inlined.
+
+    So it stands once for an engine that is read and for one that is quick. Records are NamedTuples, and no branch may
+    divide by zero, which Python refuses.
+    """
+    made = _Formula(function, targetoptions={"nopython": True, "inline": "always", "error_model": "numpy"})
+    return cast(Function, update_wrapper(made, function))
 
 
 def compiled_lanes(function: Function) -> Function:

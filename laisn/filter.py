@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn import POSITION
-from laisn.geometry import SINGULAR_VARIANCE
+from laisn.geometry import SINGULAR_VARIANCE, is_singular
 
 Floats = npt.NDArray[np.float64]
 
@@ -131,7 +131,7 @@ class Filter:
         z = np.array(position)
         residual = z - self._kalman.x[POSITION]
         covariance = self._kalman.P[POSITION, POSITION] + sigma**2 * np.eye(2)
-        if 0.5 * np.trace(covariance) < SINGULAR_VARIANCE:
+        if is_singular(covariance[0, 0], covariance[1, 1]):
             return Innovation(residual, covariance, applied=False)
         self._kalman.update(z, R=sigma**2 * np.eye(2), H=_H_POSITION)
         return Innovation(residual, covariance, applied=True)

@@ -4,18 +4,34 @@ The bound grows with the time since the last accepted position. With a constant 
 next, and the filter would lock itself out for good.
 """
 
+import math
+
 import numpy as np
 
-from laisn.settings import NavigationSettings
+from laisn.compiled import formula
+from laisn.geometry import Point
+from laisn.tuning import GATE_MEASURED, GATE_OFF, Tuning
 
-Point = tuple[float, float]
+
+@formula
+def reach(elapsed: float, speed: float, t: Tuning) -> float:
+    """Greatest distance that a vehicle can have come in a time [s], at top speed or at the one measured [m]."""
+    top = speed if t.gate == GATE_MEASURED else t.follower_speed_max
+    return np.inf if t.gate == GATE_OFF else top * elapsed
+
+
+@formula
+def is_beyond(place: Point, start: Point, bound: float) -> bool:
+    """Whether a place lies farther from a start than the bound [m]."""
+    east, north = place.east - start.east, place.north - start.north
+    return math.sqrt(east * east + north * north) > bound
 
 
 class Gate:
     """Remembers the last accepted position: the state right after the update that was accepted."""
 
-    def __init__(self, settings: NavigationSettings, start: Point) -> None:
-        self._settings = settings
+    def __init__(self, tuning: Tuning, start: Point) -> None:
+        self._tuning = tuning
         self._position = start
         self._step = 0
         self._extra = 0.0
@@ -32,19 +48,11 @@ class Gate:
             speed: measured at this step [m/s]; used by the rule "v-measured".
         """
         # steps of Δt are counted, not added up, so that this is exact where there are no others
-        elapsed = (step - self._step) * self._settings.dt + self._extra
-        if self._settings.gate == "v-max":
-            return self._settings.follower_speed_max * elapsed
-        if self._settings.gate == "v-measured":
-            return speed * elapsed
-        if self._settings.gate == "off":
-            return np.inf
-        raise NotImplementedError(f"there is no bound for the gate {self._settings.gate!r}")
+        return reach((step - self._step) * self._tuning.dt + self._extra, speed, self._tuning)
 
     def passes(self, position: Point, step: int, speed: float) -> bool:
         """Whether a fix at that position is believable."""
-        travelled = np.hypot(position[0] - self._position[0], position[1] - self._position[1])
-        return bool(travelled <= self.bound(step, speed))
+        return not is_beyond(position, self._position, self.bound(step, speed))
 
     def accept(self, position: Point, step: int) -> None:
         """Take the state after an update as the new last accepted position."""

@@ -1,11 +1,12 @@
-"""Plane and hull geometry: angles, bearings, transmitters, circles. Pure, compiled, and shared by all engines."""
+"""Plane and hull geometry: angles, bearings, transmitters, circles. Pure, and shared by all engines."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn.compiled import compiled
+from laisn.compiled import compiled, formula
 
 Floats = npt.NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -18,29 +19,65 @@ with σp = 0 should leave nothing. A second update with σp = 0 would divide one
 """
 
 
-class Intersections(NamedTuple):
-    """Points where two circles meet; NaN for points that do not exist."""
-
-    n_points: int
-    """N: 0, 1 or 2."""
-    separation: float
-    """Distance between two intersections [m]; 0 where there are fewer."""
-    left: tuple[float, float]
-    """The point to the left of the way from the first centre to the second, or the only one [m]."""
-    right: tuple[float, float]
-    """The point to its right [m]."""
+_TURN = 2.0 * math.pi
+_PER_TURN = 1.0 / _TURN
+_ROUNDING = 1.5 * 2.0**52
+"""Added and subtracted, it rounds to the nearest integer."""
 
 
-@compiled
+class Point(NamedTuple):
+    """A horizontal position [m]."""
+
+    east: float
+    north: float
+
+
+class Turn(NamedTuple):
+    """Sine and cosine of an angle."""
+
+    sine: float
+    cosine: float
+
+
+class Arms(NamedTuple):
+    """Offsets (east, north, up) of transmitters from the leader's origin [m]; the rear one is opposite to the front."""
+
+    front: Triple
+    middle: Triple
+
+
+class Chord(NamedTuple):
+    """Common chord of two circles, seen from the first centre on the way to the second."""
+
+    apart: bool
+    """The centres are."""
+    distance: float
+    """Between the centres, d [m]."""
+    way: Point
+    """Unit vector from the first centre to the second; (0, 0) if they coincide."""
+    along: float
+    """How far along the way the common chord lies, a [m]."""
+    half_squared: float
+    """Half the chord's length, squared, h² [m²]: negative where the circles do not meet, 0 where they touch."""
+
+
+@formula
 def wrap_angle(angle: float) -> float:
-    """Angle brought into [−π, π] [rad]; both ends stand for the same direction."""
-    return float(angle - 2.0 * np.pi * np.rint(angle / (2.0 * np.pi)))
+    """Angle brought into [−π, π] [rad]; both ends stand for the same direction. For less than 10¹⁵ turns."""
+    turns = (angle * _PER_TURN + _ROUNDING) - _ROUNDING
+    return angle - turns * _TURN
 
 
-@compiled
+@formula
 def angle_between(a: float, b: float) -> float:
     """Smallest angle between two directions, in [0, π] [rad] (paper, γθ in Section 2.1)."""
     return abs(wrap_angle(a - b))
+
+
+@formula
+def turn(angle: float) -> Turn:
+    """Sine and cosine."""
+    return Turn(math.sin(angle), math.cos(angle))
 
 
 @compiled
@@ -58,20 +95,45 @@ def bearing(heading: float, east: float, north: float) -> float:
     return float((compass(east, north) - heading) % (2.0 * np.pi))
 
 
-@compiled
+@formula
+def fore_offset(length: float, heading: Turn, pitch: Turn) -> Triple:
+    """Offset (east, north, up) of a point so far forward on a hull's axis [m]."""
+    return length * heading.sine * pitch.cosine, length * heading.cosine * pitch.cosine, length * pitch.sine
+
+
+@formula
+def side_offset(width: float, heading: Turn, pitch: Turn, roll: Turn) -> Triple:
+    """Offset (east, north, up) of a point so far to port of a hull's origin [m]."""
+    raised = width * roll.sine
+    ahead, aside = -raised * pitch.sine, width * roll.cosine
+    east = ahead * heading.sine - aside * heading.cosine
+    north = ahead * heading.cosine + aside * heading.sine
+    return east, north, raised * pitch.cosine
+
+
+@formula
 def hull_to_world(forward: float, port: float, attitude: Triple) -> Triple:
     """Offset (east, north, up) [m] from the body origin of a point in the hull's forward-port plane.
 
     `attitude` is (heading, pitch, roll) [rad]: the hull is turned to its heading, then pitched nose up, then rolled
     starboard down, about its own axes.
     """
-    heading, pitch, roll = attitude
-    raised = port * np.sin(roll)
-    ahead = forward * np.cos(pitch) - raised * np.sin(pitch)
-    aside = port * np.cos(roll)
-    east = ahead * np.sin(heading) - aside * np.cos(heading)
-    north = ahead * np.cos(heading) + aside * np.sin(heading)
-    return east, north, forward * np.sin(pitch) + raised * np.cos(pitch)
+    heading, pitch, roll = turn(attitude[0]), turn(attitude[1]), turn(attitude[2])
+    fore, side = fore_offset(forward, heading, pitch), side_offset(port, heading, pitch, roll)
+    return fore[0] + side[0], fore[1] + side[1], fore[2] + side[2]
+
+
+@formula
+def level_arms(baseline: float, middle_offset: float, heading: Turn) -> Arms:
+    """Transmitters of a level leader (paper, Section 2.3 and Figure 1): half a baseline ahead, an offset to port."""
+    front = 0.5 * baseline * heading.sine, 0.5 * baseline * heading.cosine, 0.0
+    return Arms(front, (-middle_offset * heading.cosine, middle_offset * heading.sine, 0.0))
+
+
+@formula
+def tilted_arms(baseline: float, middle_offset: float, heading: Turn, pitch: Turn, roll: Turn) -> Arms:
+    """Transmitters of a leader that is pitched and rolled."""
+    return Arms(fore_offset(0.5 * baseline, heading, pitch), side_offset(middle_offset, heading, pitch, roll))
 
 
 @compiled
@@ -82,15 +144,16 @@ def transmitter_positions(origin: Triple, attitude: Triple, baseline: float, mid
     transmitters sit half a baseline behind and before the origin, the middle one `middle_offset` to its port
     (paper, Section 2.3 and Figure 1).
     """
-    forward = (-0.5 * baseline, 0.5 * baseline, 0.0)
-    port = (0.0, 0.0, middle_offset)
-    positions = np.empty((3, 3))
-    for i in range(3):
-        east, north, up = hull_to_world(forward[i], port[i], attitude)
-        positions[i, 0] = origin[0] + east
-        positions[i, 1] = origin[1] + north
-        positions[i, 2] = origin[2] - up
-    return positions
+    heading, pitch, roll = turn(attitude[0]), turn(attitude[1]), turn(attitude[2])
+    arms = tilted_arms(baseline, middle_offset, heading, pitch, roll)
+    (east, north, up), (middle_east, middle_north, middle_up) = arms.front, arms.middle
+    return np.array(
+        [
+            [origin[0] - east, origin[1] - north, origin[2] + up],
+            [origin[0] + east, origin[1] + north, origin[2] - up],
+            [origin[0] + middle_east, origin[1] + middle_north, origin[2] - middle_up],
+        ]
+    )
 
 
 def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
@@ -104,42 +167,35 @@ def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
     return np.asarray(np.array(origin) + moved * [1.0, 1.0, -1.0])
 
 
-@compiled
+@formula
 def horizontal_range(slant_range: float, depth_difference: float) -> float:
     """Horizontal range D = √(R² − Δz²) [m]; 0 where a range error makes R < |Δz|, NaN where R is NaN."""
     squared = slant_range * slant_range - depth_difference * depth_difference
-    if squared < 0.0:
-        return 0.0
-    return float(np.sqrt(squared))
+    # the order of comparison lets NaN through: nothing was received
+    return math.sqrt(0.0 if squared < 0.0 else squared)
 
 
-@compiled
-def intersections(
-    east_i: float, north_i: float, radius_i: float, east_j: float, north_j: float, radius_j: float
-) -> Intersections:
-    """Intersections of the circle about (east_i, north_i) with the one about (east_j, north_j); all in [m].
+@formula
+def common_chord(first: Point, first_radius: float, second: Point, second_radius: float) -> Chord:
+    """Chord of the circle about one point and the one about another; all in [m].
 
-    With d the distance of the centres, a = (d² + D_i² − D_j²) / 2d is how far along the way from i to j the common
-    chord lies, and h² = D_i² − a² its half-length squared: N = 0 for h² < 0, N = 1 for h² = 0 exactly, else N = 2.
-    Here h² is the product of Heron's formula (height of the triangle with sides d, D_i, D_j), for the difference of
-    squares loses a short chord to rounding. Concentric circles have N = 0, also if they coincide.
+    With d the distance of the centres, a = (d² + D_i² − D_j²) / 2d is how far along the way from i to j the chord lies,
+    and h² = D_i² − a² its half-length squared. Here h² is the product of Heron's formula (height of the triangle with
+    sides d, D_i, D_j), for the difference of squares loses a short chord to rounding.
     """
-    dx = east_j - east_i
-    dy = north_j - north_i
-    d = np.sqrt(dx * dx + dy * dy)
-    nowhere = (np.nan, np.nan)
-    if d == 0.0:
-        return Intersections(0, 0.0, nowhere, nowhere)
-    a = (d * d + radius_i * radius_i - radius_j * radius_j) / (2.0 * d)
-    overlap = (radius_i + radius_j - d) * (d + radius_i - radius_j) * (d - radius_i + radius_j)
-    h_squared = (d + radius_i + radius_j) * overlap / (4.0 * d * d)
-    if h_squared < 0.0:
-        return Intersections(0, 0.0, nowhere, nowhere)
-    ux = dx / d
-    uy = dy / d
-    x = east_i + a * ux
-    y = north_i + a * uy
-    if h_squared == 0.0:
-        return Intersections(1, 0.0, (x, y), nowhere)
-    h = np.sqrt(h_squared)
-    return Intersections(2, 2.0 * h, (x - h * uy, y + h * ux), (x + h * uy, y - h * ux))
+    east, north = second.east - first.east, second.north - first.north
+    d = math.sqrt(east * east + north * north)
+    apart = d > 0.0
+    per_d = 1.0 / (d if apart else 1.0)
+    along = (d * d + first_radius * first_radius - second_radius * second_radius) * (0.5 * per_d)
+    overlap = (
+        (first_radius + second_radius - d) * (d + first_radius - second_radius) * (d - first_radius + second_radius)
+    )
+    half_squared = (d + first_radius + second_radius) * overlap * (0.25 * per_d * per_d)
+    return Chord(apart, d, Point(east * per_d, north * per_d), along, half_squared)
+
+
+@formula
+def is_singular(variance_x: float, variance_y: float) -> bool:
+    """Whether a position of these variances is known exactly, but for rounding [m²]."""
+    return 0.5 * (variance_x + variance_y) < SINGULAR_VARIANCE

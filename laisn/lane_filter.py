@@ -4,55 +4,33 @@ Covariances are kept as 2×2 blocks, and updates are written without cancellatio
 P S⁻¹ R stands for P − P S⁻¹ P. That equals the Joseph form up to rounding.
 """
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
 from laisn import lane_rows as row
-from laisn.compiled import compiled_lanes, inlined
+from laisn.acceleration import expected_acceleration, larger, speed_share, turn_share
+from laisn.compiled import compiled_lanes
 from laisn.elementary import sin_cos
 from laisn.estimates import FixKind
-from laisn.geometry import SINGULAR_VARIANCE
-from laisn.lane_rows import LANES, Tuning
+from laisn.fix import LOST, fix_variance
+from laisn.gate import is_beyond, reach
+from laisn.geometry import Point, is_singular
+from laisn.lane_rows import LANES
+from laisn.tuning import Tuning
 
 Floats = npt.NDArray[np.float64]
 
 _GATED = float(FixKind.GATED)
 _SINGULAR = float(FixKind.SINGULAR)
-_LOST = float(FixKind.LOST)
-
-_TURN = 2.0 * math.pi
-_PER_TURN = 1.0 / _TURN
-_PER_PI = 1.0 / math.pi
-_ROUNDING = 1.5 * 2.0**52
-"""Added and subtracted, it rounds to the nearest integer."""
-
-
-@inlined
-def _turn_share(before: float, now: float) -> float:
-    """Smallest angle between two headings as a share of π; 0 if the first is NaN (γθ, paper Section 2.1)."""
-    change = now - before
-    turns = (change * _PER_TURN + _ROUNDING) - _ROUNDING
-    share = abs(change - turns * _TURN) * _PER_PI
-    return share if share > 0.0 else 0.0
-
-
-@inlined
-def _speed_share(before: float, now: float, per_speed_max: float) -> float:
-    """Change of speed as a share of the top speed; 0 if the first is NaN (γv, paper Section 2.1)."""
-    share = abs(now - before) * per_speed_max
-    return share if share > 0.0 else 0.0
 
 
 @compiled_lanes
 def own_motion(block: Floats, t: Tuning) -> None:
     """Take a step's own measurements: their γ, and the direction of motion."""
-    per_speed_max = 1.0 / t.follower_speed_max
     for lane in range(LANES):
         speed, heading = block[row.SPEED + lane], block[row.HEADING + lane]
-        block[row.GAMMA_V + lane] = _speed_share(block[row.LAST_SPEED + lane], speed, per_speed_max)
-        block[row.GAMMA_THETA + lane] = _turn_share(block[row.LAST_HEADING + lane], heading)
+        block[row.GAMMA_V + lane] = speed_share(block[row.LAST_SPEED + lane], speed, t.follower_speed_max)
+        block[row.GAMMA_THETA + lane] = turn_share(block[row.LAST_HEADING + lane], heading)
         block[row.LAST_SPEED + lane], block[row.LAST_HEADING + lane] = speed, heading
         block[row.SIN + lane], block[row.COS + lane] = sin_cos(heading)
 
@@ -60,7 +38,6 @@ def own_motion(block: Floats, t: Tuning) -> None:
 @compiled_lanes
 def leader_motion(block: Floats, t: Tuning) -> None:
     """Take a message's speed and heading, if a ping of it is heard: γ becomes that of the vehicle that changed most."""
-    per_speed_max = 1.0 / t.leader_speed_max
     for lane in range(LANES):
         rear, front, middle = block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane]
         heard = rear == rear or front == front or middle == middle
@@ -68,11 +45,10 @@ def leader_motion(block: Floats, t: Tuning) -> None:
         # what was not heard repeats what was
         speed = block[row.LEADER_SPEED + lane] if heard else last_speed
         heading = block[row.LEADER_HEADING + lane] if heard else last_heading
-        of_speed = _speed_share(last_speed, speed, per_speed_max)
-        of_heading = _turn_share(last_heading, heading)
-        own_speed, own_heading = block[row.GAMMA_V + lane], block[row.GAMMA_THETA + lane]
-        block[row.GAMMA_V + lane] = of_speed if of_speed > own_speed else own_speed
-        block[row.GAMMA_THETA + lane] = of_heading if of_heading > own_heading else own_heading
+        of_speed = speed_share(last_speed, speed, t.leader_speed_max)
+        of_heading = turn_share(last_heading, heading)
+        block[row.GAMMA_V + lane] = larger(of_speed, block[row.GAMMA_V + lane])
+        block[row.GAMMA_THETA + lane] = larger(of_heading, block[row.GAMMA_THETA + lane])
         block[row.LAST_LEADER_SPEED + lane], block[row.LAST_LEADER_HEADING + lane] = speed, heading
 
 
@@ -81,7 +57,7 @@ def predict(block: Floats, t: Tuning) -> None:
     """Constant velocity, with process noise that grows with manoeuvres (paper, Section 2.1)."""
     dt = t.dt
     for lane in range(LANES):
-        sigma_a = t.alpha * (block[row.GAMMA_V + lane] + block[row.GAMMA_THETA + lane]) + t.sigma_a0
+        sigma_a = expected_acceleration(block[row.GAMMA_V + lane], block[row.GAMMA_THETA + lane], t)
         q = sigma_a * sigma_a * (dt * dt)
         q_mixed, q_position = q * (0.5 * dt), q * (0.25 * dt * dt)
         cxx, cxy, cyx, cyy = (
@@ -149,18 +125,11 @@ def update(block: Floats, t: Tuning, k: int) -> None:
 
     Its kind becomes GATED or SINGULAR where the update is skipped.
     """
-    measured = t.gate == row.GATE_MEASURED
     for lane in range(LANES):
         zx, zy, kind = block[row.ZX + lane], block[row.ZY + lane], block[row.KIND + lane]
-        vertical = block[row.DZ + lane] * t.sine_of_pitch
-        sigma = block[row.SIGMA + lane]
-        sigma = t.sigma_floor if sigma < t.sigma_floor else sigma
-        r = sigma * sigma + vertical * vertical
-
-        top = block[row.SPEED + lane] if measured else t.follower_speed_max
-        bound = top * ((k - block[row.ACCEPTED_STEP + lane]) * t.dt)
-        gx, gy = zx - block[row.ACCEPTED_X + lane], zy - block[row.ACCEPTED_Y + lane]
-        gated = math.sqrt(gx * gx + gy * gy) > bound and t.gate != row.GATE_OFF
+        r = fix_variance(block[row.SIGMA + lane], block[row.DZ + lane], t)
+        bound = reach((k - block[row.ACCEPTED_STEP + lane]) * t.dt, block[row.SPEED + lane], t)
+        gated = is_beyond(Point(zx, zy), row.point_at(block, row.ACCEPTED_X, lane), bound)
 
         pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
         cxx, cxy, cyx, cyy = (
@@ -170,8 +139,8 @@ def update(block: Floats, t: Tuning, k: int) -> None:
             block[row.CYY + lane],
         )
         sxx, syy = pxx + r, pyy + r
-        singular = 0.5 * (sxx + syy) < SINGULAR_VARIANCE
-        lost = kind == _LOST
+        singular = is_singular(sxx, syy)
+        lost = kind == LOST
         kind = kind if lost else (_GATED if gated else (_SINGULAR if singular else kind))
         used = not (lost or gated or singular)
         block[row.KIND + lane] = kind

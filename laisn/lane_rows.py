@@ -5,14 +5,16 @@ not overlap, and turns each pass into vector instructions.
 """
 
 from itertools import count
-from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn.compiled import compiled_lanes
+from laisn.compiled import compiled_lanes, inlined
 from laisn.failure import LaisnError
+from laisn.fix import Fix
+from laisn.geometry import Point
 from laisn.settings import NavigationSettings
+from laisn.tuning import Tuning
 
 Floats = npt.NDArray[np.float64]
 
@@ -32,7 +34,7 @@ SPEED, HEADING, DEPTH, SIN, COS, GAMMA_V, GAMMA_THETA = (next(_row) for _ in ran
 # A message and the ranges measured on it.
 EAST, NORTH, LEADER_HEADING, LEADER_SPEED, LEADER_DEPTH, PITCH, ROLL = (next(_row) for _ in range(7))
 R1, R2, R3 = (next(_row) for _ in range(3))
-# Transmitters, the horizontal ranges to them (NaN where nothing was received), and the leader's depth below one's own.
+# Transmitters, the horizontal ranges to them (NaN where nothing was received), and one's own depth below the leader's.
 X1, Y1, D1, X2, Y2, D2, X3, Y3, D3, DZ = (next(_row) for _ in range(10))
 LEADER_SIN, LEADER_COS = (next(_row) for _ in range(2))
 # The fix of each pair of transmitters and the fix chosen of them: position, σp, kind, separation of two intersections
@@ -46,53 +48,12 @@ ANSWERED = next(_row)
 SIZE = next(_row)
 """Numbers of a block."""
 
-TWO, THREE_1, THREE_2, BEST, MAIN = range(5)
-GATE_OFF, GATE_MAX, GATE_MEASURED = range(3)
-
-_VARIANTS = {"laisn-2": TWO, "laisn-3-1": THREE_1, "laisn-3-2": THREE_2, "laisn-best": BEST, "laisn-main": MAIN}
-_GATES = {"off": GATE_OFF, "v-max": GATE_MAX, "v-measured": GATE_MEASURED}
-_SIDES = {"behind": False, "predicted": True}
-
-Choice = TypeVar("Choice")
-
-
-class Tuning(NamedTuple):
-    """`NavigationSettings` as compiled code takes them; fields of the same name mean the same."""
-
-    variant: int
-    gate: int
-    predicted_side: bool
-    use_attitude: bool
-    dt: float
-    baseline: float
-    middle_offset: float
-    hydrophone_height: float
-    threshold: float
-    beta: float
-    sigma_floor: float
-    alpha: float
-    sigma_a0: float
-    speed_variance: float
-    heading_variance: float
-    position_variance0: float
-    velocity_variance0: float
-    leader_speed_max: float
-    follower_speed_max: float
-    sine_of_pitch: float
-
-
-def _compiled(name: str, chosen: str, twins: dict[str, Choice]) -> Choice:
-    """What compiled code knows a choice as."""
-    if chosen not in twins:
-        raise NotImplementedError(f"{name} {chosen!r} has no compiled twin; there are: {', '.join(twins)}")
-    return twins[chosen]
-
 
 def tuning(settings: NavigationSettings) -> Tuning:
-    """Settings as compiled code takes them.
+    """Settings as lanes take them.
 
     Raises:
-        NotImplementedError: naming a choice that it does not know.
+        NotImplementedError: naming a choice that no formula knows.
         LaisnError: they are for one vehicle's navigator alone.
     """
     if settings.use_single_range or settings.transmitter_offsets:
@@ -100,28 +61,34 @@ def tuning(settings: NavigationSettings) -> Tuning:
             "use_single_range and transmitter offsets are for single vehicles and their logs; campaigns know "
             "transmitters on the leader's hull only, and drop a range that arrives alone"
         )
-    return Tuning(
-        variant=_compiled("variant", settings.variant, _VARIANTS),
-        gate=_compiled("gate", settings.gate, _GATES),
-        predicted_side=_compiled("side_rule", settings.side_rule, _SIDES),
-        use_attitude=settings.use_attitude,
-        dt=settings.dt,
-        baseline=settings.baseline,
-        middle_offset=settings.middle_offset,
-        hydrophone_height=settings.hydrophone_height,
-        threshold=settings.threshold,
-        beta=settings.beta,
-        sigma_floor=settings.sigma_floor,
-        alpha=settings.alpha,
-        sigma_a0=settings.sigma_a0,
-        speed_variance=settings.sigma_speed**2,
-        heading_variance=settings.sigma_heading**2,
-        position_variance0=settings.position_sigma0**2,
-        velocity_variance0=settings.velocity_sigma0**2,
-        leader_speed_max=settings.leader_speed_max,
-        follower_speed_max=settings.follower_speed_max,
-        sine_of_pitch=float(np.sin(settings.expected_pitch)),
+    return Tuning.of(settings)
+
+
+@inlined
+def point_at(block: Floats, first: int, lane: int) -> Point:
+    """The point whose two rows begin at `first`."""
+    return Point(block[first + lane], block[first + LANES + lane])
+
+
+@inlined
+def fix_at(block: Floats, first: int, lane: int) -> Fix:
+    """The fix whose rows begin at `first`."""
+    return Fix(
+        block[first + lane],
+        block[first + LANES + lane],
+        block[first + 2 * LANES + lane],
+        block[first + 3 * LANES + lane],
+        block[first + 4 * LANES + lane],
     )
+
+
+@inlined
+def put_fix(block: Floats, first: int, lane: int, fix: Fix) -> None:
+    """Write a fix into the rows that begin at `first`."""
+    block[first + lane], block[first + LANES + lane] = fix.east, fix.north
+    block[first + 2 * LANES + lane] = fix.sigma
+    block[first + 3 * LANES + lane] = fix.kind
+    block[first + 4 * LANES + lane] = fix.separation
 
 
 @compiled_lanes

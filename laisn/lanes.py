@@ -12,12 +12,16 @@ import numpy.typing as npt
 from laisn import lane_filter, lane_fix
 from laisn import lane_rows as row
 from laisn.compiled import compiled_lanes
-from laisn.lane_rows import LANES, Tuning
+from laisn.lane_rows import LANES
 from laisn.messages import LeaderMessage, Measurements
-from laisn.settings import NavigationSettings
+from laisn.settings import VARIANTS, NavigationSettings
+from laisn.tuning import Tuning
+from laisn.variants import SEQUENTIAL
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+_SEQUENTIAL = VARIANTS.index(SEQUENTIAL)
 
 _BROADCAST = [LeaderMessage._fields.index(n) for n in ("east", "north", "heading", "speed", "depth", "pitch", "roll")]
 
@@ -35,26 +39,17 @@ def position_update(block: Floats, t: Tuning, k: int) -> None:
     """Position from the message of step k, by the variant (paper, Sections 2.2 and 2.3)."""
     lane_fix.place_transmitters(block, t)
     lane_fix.fix_rear_front(block, t)
-    if t.variant == row.TWO:
-        lane_fix.take(block, row.ZX12)
-        lane_filter.update(block, t, k)
-    elif t.variant == row.THREE_1:
+    if t.variant == _SEQUENTIAL:
         _use_pair(block, t, k, row.ZX12)
         lane_fix.fix_rear_middle(block, t)
         _use_pair(block, t, k, row.ZX13)
-        lane_fix.fix_front_middle(block, t)
+        lane_fix.fix_middle_front(block, t)
         _use_pair(block, t, k, row.ZX23)
     else:
-        lane_fix.fix_rear_middle(block, t)
-        lane_fix.fix_front_middle(block, t)
-        if t.variant == row.THREE_2:
-            lane_fix.fuse(block)
-        elif t.variant == row.BEST:
-            lane_fix.choose_best_baseline(block)
-        elif t.variant == row.MAIN:
-            lane_fix.choose_main_baseline(block)
-        else:
-            raise NotImplementedError("position_update has no branch for this variant")
+        if t.transmitters > 2:
+            lane_fix.fix_rear_middle(block, t)
+            lane_fix.fix_middle_front(block, t)
+        lane_fix.choose(block, t)
         lane_filter.update(block, t, k)
     lane_filter.remember_accepted(block, k)
 
@@ -74,7 +69,7 @@ def advance(block: Floats, t: Tuning, k: int, received: bool) -> None:
 @compiled_lanes
 def fix_rows(variant: int) -> tuple[int, int, int]:
     """Rows where the fixes of a message begin; −1 for fixes that the variant does not make."""
-    if variant == row.THREE_1:
+    if variant == _SEQUENTIAL:
         return row.ZX12, row.ZX13, row.ZX23
     return row.ZX, -1, -1
 
@@ -104,7 +99,7 @@ def run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats, 
     """
     n, m = own.shape[0], message_step.size
     fixes = fix_rows(t.variant)
-    made = 3 if t.variant == row.THREE_1 else 1
+    made = 3 if t.variant == _SEQUENTIAL else 1
     state = np.empty((n, 4 * LANES))
     kinds = np.empty((m, made, LANES), dtype=np.int64)
     own_rows, message_rows = own.reshape(n, 3 * LANES), messages.reshape(m, 10 * LANES)

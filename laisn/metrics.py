@@ -1,13 +1,16 @@
 """How far estimates are off: position and bearing errors, consistency, mirror captures (paper, Section 3.2)."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn import POSITION
+from laisn.compiled import compiled, formula, inlined
+from laisn.elementary import half_turn_angle
 from laisn.estimates import Estimates, FixKind
-from laisn.geometry import SINGULAR_VARIANCE
+from laisn.geometry import Point, Turn, is_singular, turn
 
 Floats = npt.NDArray[np.float64]
 
@@ -15,9 +18,61 @@ CAPTURE_ERROR = 5.0
 """Position error beyond which an estimate near the mirror image of the truth counts as captured there [m]."""
 
 
+@formula
+def squared_error(estimate: Point, truth: Point) -> float:
+    """E_P², squared distance of estimate and truth [m²]."""
+    east, north = estimate.east - truth.east, estimate.north - truth.north
+    return east * east + north * north
+
+
+@inlined
+def bearing_error(estimate: Point, truth: Point, leader: Point) -> float:
+    """E_B, the angle at the leader's true position between estimate and truth, in [0, π] [rad]. Compiled code only."""
+    true_x, true_y = truth.east - leader.east, truth.north - leader.north
+    x, y = estimate.east - leader.east, estimate.north - leader.north
+    return half_turn_angle(true_x * y - true_y * x, true_x * x + true_y * y)
+
+
+@formula
+def is_captured(estimate: Point, truth: Point, leader: Point, axis: Turn) -> bool:
+    """Whether an estimate is far off and sits at the truth's mirror image in the leader's axis.
+
+    That is: farther than `CAPTURE_ERROR` from the truth, and at least twice as far from it as from its mirror image.
+    A follower on the axis is its own mirror image, so that an error there is no capture. `axis` is that
+    of the leader's hull.
+    """
+    squared = squared_error(estimate, truth)
+    # distances from the axis: reflecting the truth in it changes a squared distance by 4 times their product
+    true_side = axis.sine * (truth.north - leader.north) - axis.cosine * (truth.east - leader.east)
+    side = axis.sine * (estimate.north - leader.north) - axis.cosine * (estimate.east - leader.east)
+    to_mirror = squared + 4.0 * side * true_side
+    return math.sqrt(squared) > CAPTURE_ERROR and 4.0 * to_mirror < squared
+
+
+@formula
+def normalised_square(x: float, y: float, pxx: float, pxy: float, pyy: float) -> float:
+    """eᵀ P⁻¹ e of an error (x, y) and its covariance; NaN where that is singular."""
+    known = not is_singular(pxx, pyy)
+    per_det = 1.0 / (pxx * pyy - pxy * pxy if known else 1.0)
+    square = (pyy * x * x - 2.0 * pxy * x * y + pxx * y * y) * per_det
+    return square if known else np.nan
+
+
+@compiled
+def _errors(points: Floats) -> Floats:
+    """E_P and E_B, shape (2, n), of columns estimate, truth and leader."""
+    errors = np.empty((2, points.shape[0]))
+    for k in range(points.shape[0]):
+        p = points[k]
+        estimate, truth, leader = Point(p[0], p[1]), Point(p[2], p[3]), Point(p[4], p[5])
+        errors[0, k] = math.sqrt(squared_error(estimate, truth))
+        errors[1, k] = bearing_error(estimate, truth, leader)
+    return errors
+
+
 def position_errors(estimate: Floats, truth: Floats) -> Floats:
     """E_P: distance of estimate and truth, both of shape (n, 2), [m]; the answer of shape (n,), [m]."""
-    return np.asarray(np.hypot(*(estimate - truth).T))
+    return np.asarray(_errors(np.column_stack([estimate, truth, truth]))[0])
 
 
 def bearing_errors(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
@@ -33,8 +88,7 @@ def bearing_errors(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
     Returns:
         Shape (n,), [rad].
     """
-    (ax, ay), (bx, by) = (estimate - leader).T, (truth - leader).T
-    return np.asarray(np.arctan2(np.abs(ax * by - ay * bx), ax * bx + ay * by))
+    return np.asarray(_errors(np.column_stack([estimate, truth, leader]))[1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +129,7 @@ def nees(estimates: Estimates, truth: Floats) -> Floats:
     NaN where the covariance is singular. Bar-Shalom, Li & Kirubarajan 2001, Section 5.4.2. `truth` has shape (n, 2).
     """
     error = estimates.state[:, POSITION] - truth
-    return _normalised(error, estimates.covariance[:, POSITION, POSITION])
+    return _normalised(np.column_stack([error, estimates.covariance[:, POSITION, POSITION].reshape(-1, 4)]))
 
 
 def nis(estimates: Estimates) -> Floats:
@@ -86,22 +140,31 @@ def nis(estimates: Estimates) -> Floats:
     left_out = (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.ONE_RANGE)
     used = ~np.isin(estimates.fix_kind, left_out)
     covariance = np.where(used[:, None, None], estimates.innovation_covariance, 0.0)
-    return _normalised(np.where(used[:, None], estimates.innovation, 0.0), covariance)
+    return _normalised(np.column_stack([estimates.innovation, covariance.reshape(-1, 4)]))
 
 
-def _normalised(error: Floats, covariance: Floats) -> Floats:
-    result = np.full(error.shape[0], np.nan)
-    regular = 0.5 * np.trace(covariance, axis1=1, axis2=2) >= SINGULAR_VARIANCE
-    solved = np.linalg.solve(covariance[regular], error[regular][..., None])[..., 0]
-    result[regular] = np.einsum("ni,ni->n", error[regular], solved)
-    return result
+@compiled
+def _normalised(rows: Floats) -> Floats:
+    """eᵀ P⁻¹ e, shape (n,), of columns x, y and P row by row."""
+    squares = np.empty(rows.shape[0])
+    for k in range(squares.size):
+        r = rows[k]
+        squares[k] = normalised_square(r[0], r[1], r[2], r[3], r[5])
+    return squares
+
+
+@compiled
+def _captured(rows: Floats) -> npt.NDArray[np.bool_]:
+    """Whether captured, shape (n,), of columns estimate, truth, leader and its heading."""
+    captured = np.empty(rows.shape[0], dtype=np.bool_)
+    for k in range(captured.size):
+        r = rows[k]
+        captured[k] = is_captured(Point(r[0], r[1]), Point(r[2], r[3]), Point(r[4], r[5]), turn(r[6]))
+    return captured
 
 
 def captured_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> npt.NDArray[np.bool_]:
-    """Steps at which the estimate is far off and sits at the truth's mirror image in the leader's axis.
-
-    That is: farther than `CAPTURE_ERROR` from the truth, and at least twice as far from it as from its mirror image.
-    A follower on the axis is its own mirror image, so that an error there is no capture.
+    """Steps at which the estimate is captured at the truth's mirror image: see `is_captured`.
 
     Args:
         estimate: shape (n, 2), [m].
@@ -112,15 +175,7 @@ def captured_steps(estimate: Floats, truth: Floats, leader: Floats, leader_headi
     Returns:
         Shape (n,).
     """
-    axis = np.stack([np.sin(leader_heading), np.cos(leader_heading)])
-
-    def aside(point: Floats) -> Floats:
-        x, y = (point - leader).T
-        return np.asarray(axis[0] * y - axis[1] * x)
-
-    squared = np.sum((estimate - truth) ** 2, axis=1)
-    to_mirror = squared + 4.0 * aside(estimate) * aside(truth)
-    return np.asarray((squared > CAPTURE_ERROR**2) & (4.0 * to_mirror < squared))
+    return _captured(np.column_stack([estimate, truth, leader, leader_heading]))
 
 
 def longest_capture(captured: npt.NDArray[np.bool_]) -> int:

@@ -1,24 +1,28 @@
 """One follower, online, step by step: the readable specification of LAISN. It could run on a vehicle as it is."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn import POSITION, fix
+from laisn import POSITION
+from laisn.acceleration import expected_acceleration, larger, speed_share, turn_share
 from laisn.estimates import Estimates, FixKind
 from laisn.failure import LaisnError
 from laisn.filter import Filter
-from laisn.fix import Circles, Fix
+from laisn.fix import Fix, fix_variance
 from laisn.gate import Gate
-from laisn.geometry import angle_between
+from laisn.geometry import Point
+from laisn.hearing import Heard, hear, one_range, pair_fix
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.settings import NavigationSettings
+from laisn.tuning import Tuning
+from laisn.variants import SEQUENTIAL, SINGLE
 
 Floats = npt.NDArray[np.float64]
 
-SEQUENTIAL = "laisn-3-1"
-"""The variant that updates with one pair after the other."""
+LOST = Fix(np.nan, np.nan, np.nan, float(FixKind.LOST), -1.0)
 
 _UNKNOWN = np.full(2, np.nan), np.full((2, 2), np.nan)
 
@@ -48,19 +52,16 @@ class Navigator:
 
         Raises:
             ValueError: the start is not four finite numbers.
-            NotImplementedError: nothing makes fixes of this variant.
+            NotImplementedError: naming a choice that no formula knows.
         """
-        if settings.variant not in (SEQUENTIAL, *fix.SINGLE):
-            raise NotImplementedError(
-                f"variant {settings.variant!r} makes no fixes; there are: {', '.join((SEQUENTIAL, *fix.SINGLE))}"
-            )
         start = np.asarray(start, dtype=np.float64)
         if start.shape != (4,) or not np.all(np.isfinite(start)):
             raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
         self.settings = settings
         sigma0 = np.repeat([settings.position_sigma0, settings.velocity_sigma0], 2)
         self._filter = Filter(settings.dt, start, sigma0)
-        self._gate = Gate(settings, (float(start[0]), float(start[1])))
+        self._tuning = Tuning.of(settings)
+        self._gate = Gate(self._tuning, Point(float(start[0]), float(start[1])))
         self._step = 0
         self._own: OwnMotion | None = None
         self._message: LeaderMessage | None = None
@@ -147,63 +148,62 @@ class Navigator:
         )
 
     def _acceleration(self, own: OwnMotion, reception: Reception | None) -> float:
-        """σa = α (γv + γθ) + σa0 (paper, Section 2.1) [m/s²].
+        """σa [m/s²].
 
         The leader's changes are those from message to message, in the step in which the later one arrives. A message
         none of whose pings is heard says nothing.
         """
-        settings = self.settings
+        t = self._tuning
         speed_change = turn = 0.0
         if self._own is not None:
-            speed_change = abs(own.speed - self._own.speed) / settings.follower_speed_max
-            turn = angle_between(own.heading, self._own.heading) / np.pi
+            speed_change = speed_share(self._own.speed, own.speed, t.follower_speed_max)
+            turn = turn_share(self._own.heading, own.heading)
         if reception is not None and not np.all(np.isnan(reception.ranges)):
-            message = reception.message
-            if self._message is not None:
-                of_leader = abs(message.speed - self._message.speed) / settings.leader_speed_max
-                speed_change = max(speed_change, of_leader)
-                turn = max(turn, angle_between(message.heading, self._message.heading) / np.pi)
-            self._message = message
-        return settings.alpha * (speed_change + turn) + settings.sigma_a0
+            before, now = self._message, reception.message
+            if before is not None:
+                speed_change = larger(speed_share(before.speed, now.speed, t.leader_speed_max), speed_change)
+                turn = larger(turn_share(before.heading, now.heading), turn)
+            self._message = now
+        return expected_acceleration(speed_change, turn, t)
 
-    def _position(self) -> tuple[float, float]:
-        x, y = self._filter.state[POSITION].tolist()
-        return x, y
+    def _position(self) -> Point:
+        return Point(*self._filter.state[POSITION].tolist())
 
     def _update_position(self, own: OwnMotion, reception: Reception) -> list[FixRecord]:
-        settings = self.settings
-        heard = fix.circles(reception, own.depth, settings)
-        if settings.variant != SEQUENTIAL:
-            found = fix.SINGLE[settings.variant](heard, self._position(), settings)
-            records = [self._use(self._or_one_range(found, heard), heard, own)]
+        heard = hear(reception, own.depth, self.settings)
+        if self.settings.variant != SEQUENTIAL:
+            predicted = self._position()
+            first, second, third = (pair_fix(pair, heard, predicted, self._tuning) for pair in heard.pairs())
+            records = [self._use(SINGLE[self.settings.variant]((first, second, third), predicted), heard, own)]
         else:
             # LAISN-3(1): one update after the other, the state carried along (paper, Section 2.3.1)
             records = []
-            for pair in fix.PAIRS:
-                one = fix.pair_fix(pair, heard, self._position(), settings)
-                if one is not None:
-                    records.append(self._use(one.fix, heard, own))
-            records = records or [self._use(self._or_one_range(fix.LOST, heard), heard, own)]
+            for pair in heard.pairs():
+                found = pair_fix(pair, heard, self._position(), self._tuning)
+                if found.kind != FixKind.LOST:
+                    records.append(self._use(found, heard, own))
+            records = records or [self._use(LOST, heard, own)]
         # one range leaves the way across open, which the gate's bound must go on to cover
         if any(record.kind not in (FixKind.GATED, FixKind.LOST, FixKind.ONE_RANGE) for record in records):
             self._gate.accept(self._position(), self._step)
         return records
 
-    def _or_one_range(self, found: Fix, heard: Circles) -> Fix:
-        """The fix; or, if there is none and the settings say so, what one range alone tells."""
-        lost = found.kind is FixKind.LOST and self.settings.use_single_range
-        return fix.one_range(heard, self._position()) if lost else found
-
-    def _use(self, found: Fix, heard: Circles, own: OwnMotion) -> FixRecord:
-        """Gate a fix and update the filter with it."""
-        if found.kind is FixKind.LOST:
-            return FixRecord(self._step, found.position, found.sigma, found.kind, *_UNKNOWN)
-        sigma = fix.effective_sigma(found, heard, self.settings)
-        if not self._gate.passes(found.position, self._step, own.speed):
-            return FixRecord(self._step, found.position, sigma, FixKind.GATED, *_UNKNOWN)
-        if found.axis is None:
-            innovation = self._filter.update_position(found.position, sigma)
+    def _use(self, found: Fix, heard: Heard, own: OwnMotion) -> FixRecord:
+        """Gate a fix and update the filter with it; where there is none, with one range alone, if that may be."""
+        one = None
+        place, kind = Point(found.east, found.north), FixKind(int(found.kind))
+        if kind is FixKind.LOST:
+            one = one_range(heard.circles, self._position()) if self.settings.use_single_range else None
+            if one is None:
+                return FixRecord(self._step, (np.nan, np.nan), np.nan, kind, *_UNKNOWN)
+            place, kind = one.place, FixKind.ONE_RANGE
+        sigma_p = 0.0 if one is not None else found.sigma
+        sigma = math.sqrt(fix_variance(sigma_p, heard.depth_difference, self._tuning))
+        if not self._gate.passes(place, self._step, own.speed):
+            return FixRecord(self._step, place, sigma, FixKind.GATED, *_UNKNOWN)
+        if one is None:
+            innovation = self._filter.update_position(place, sigma)
         else:
-            innovation = self._filter.update_along(found.position, found.axis, sigma)
-        kind = found.kind if innovation.applied else FixKind.SINGULAR
-        return FixRecord(self._step, found.position, sigma, kind, innovation.residual, innovation.covariance)
+            innovation = self._filter.update_along(place, one.axis, sigma)
+        kind = kind if innovation.applied else FixKind.SINGULAR
+        return FixRecord(self._step, place, sigma, kind, innovation.residual, innovation.covariance)

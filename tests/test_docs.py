@@ -2,7 +2,8 @@
 
 How blocks are tried, document by document, in an empty folder:
 - toml: saved under the name in its first line.
-- python: run in one namespace per document.
+- python: run in one namespace per document; what begins with the name of a file of `laisn` is a change of it, which
+  `tests/laisn/test_extending.py` makes in a copy.
 - bash: `laisn` and `python` lines are run, the former in this process. Missions are cut to 20 s (`--set duration_s=20`
   for scenarios), films are left out, and stills are taken at 10 s. Studies of a file are cut to 20 s, two seas and two
   runs; the others are asked for their help alone, which must know the options. `make` targets must exist. Other
@@ -136,8 +137,10 @@ def test_commands_and_code_work(document: Path, tmp_path: Path, monkeypatch: pyt
             name = re.match(r"# (\S+\.toml)\n", text)
             assert name, "a toml block begins with the name of its file"
             (tmp_path / name[1]).write_text(text, encoding="utf-8")
-        elif language == "python":
+        elif language == "python" and not text.startswith("# laisn/"):
             exec(compile(text, str(document), "exec"), namespace)
+        elif language == "python":
+            assert (ROOT / text.splitlines()[0].removeprefix("# ")).is_file()
         elif language == "bash":
             for words in commands(text):
                 run_line(words)

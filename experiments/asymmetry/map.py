@@ -24,8 +24,9 @@ from laisn import lane_rows as row
 from laisn import lanes
 from laisn.compiled import compiled_lanes
 from laisn.geometry import transmitter_positions
-from laisn.lane_rows import LANES, Tuning
+from laisn.lane_rows import LANES
 from laisn.settings import VARIANTS, NavigationSettings
+from laisn.tuning import Tuning
 
 Floats = npt.NDArray[np.float64]
 

@@ -22,10 +22,11 @@ from laisn import lanes
 from laisn.compiled import compiled_lanes
 from laisn.elementary import fma
 from laisn.filter import Filter
-from laisn.lane_rows import LANES, Tuning
+from laisn.lane_rows import LANES
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
+from laisn.tuning import Tuning
 from sim.sensing.sensor_errors import SensorErrors, measure
 from sim.sensing.truth import MissionTruth
 

@@ -8,11 +8,11 @@ import numpy.typing as npt
 
 from laisn import lane_rows as row
 from laisn.compiled import compiled_lanes, inlined
-from laisn.elementary import half_turn_angle, to_bits
+from laisn.elementary import to_bits
 from laisn.estimates import FixKind
-from laisn.geometry import SINGULAR_VARIANCE
+from laisn.geometry import Point, is_singular, turn
 from laisn.lane_rows import LANES
-from laisn.metrics import CAPTURE_ERROR
+from laisn.metrics import bearing_error, is_captured, normalised_square, squared_error
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -69,18 +69,13 @@ def tally_step(
         hydrophone: true x, y [m].
         leader: true x, y [m] and heading [rad].
     """
-    x, y = hydrophone
-    leader_x, leader_y, leader_heading = leader
-    true_x, true_y = x - leader_x, y - leader_y
-    # Distance from the leader's axis; reflecting the truth in it changes a squared distance by 4 times their product.
-    axis_x, axis_y = math.sin(leader_heading), math.cos(leader_heading)
-    true_side = axis_x * true_y - axis_y * true_x
+    truth, origin = Point(hydrophone[0], hydrophone[1]), Point(leader[0], leader[1])
+    axis = turn(leader[2])
     for lane in range(LANES):
-        ex, ey = block[row.X + lane] - x, block[row.Y + lane] - y
-        squared = ex * ex + ey * ey
+        estimate = row.point_at(block, row.X, lane)
+        squared = squared_error(estimate, truth)
         error = math.sqrt(squared)
-        from_x, from_y = block[row.X + lane] - leader_x, block[row.Y + lane] - leader_y
-        bearing = half_turn_angle(true_x * from_y - true_y * from_x, true_x * from_x + true_y * from_y)
+        bearing = bearing_error(estimate, truth, origin)
         tally[SUM_P + lane] += error
         tally[SQUARES_P + lane] += squared
         tally[MAX_P + lane] = error if error > tally[MAX_P + lane] else tally[MAX_P + lane]
@@ -90,16 +85,14 @@ def tally_step(
         bins[lane] = _bin(error, _FIRST_P)
         bins[LANES + lane] = _bin(bearing, _FIRST_B)
 
-        to_mirror = squared + 4.0 * (axis_x * from_y - axis_y * from_x) * true_side
-        astray = tally[ASTRAY + lane] + 1.0 if error > CAPTURE_ERROR and 4.0 * to_mirror < squared else 0.0
+        astray = tally[ASTRAY + lane] + 1.0 if is_captured(estimate, truth, origin, axis) else 0.0
         tally[ASTRAY + lane] = astray
         longest = tally[LONGEST_ASTRAY + lane]
         tally[LONGEST_ASTRAY + lane] = astray if astray > longest else longest
 
         pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
-        known = 0.5 * (pxx + pyy) >= SINGULAR_VARIANCE
-        per_det = 1.0 / (pxx * pyy - pxy * pxy if known else 1.0)
-        nees = (pyy * ex * ex - 2.0 * pxy * ex * ey + pxx * ey * ey) * per_det
+        nees = normalised_square(estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy)
+        known = not is_singular(pxx, pyy)
         tally[SUM_NEES + lane] += nees if known else 0.0
         tally[COUNT_NEES + lane] += 1.0 if known else 0.0
 

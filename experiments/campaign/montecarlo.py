@@ -29,7 +29,8 @@ from experiments.campaign.lane_sensors import (
 from laisn import lane_rows as row
 from laisn import lanes
 from laisn.compiled import compiled_lanes
-from laisn.lane_rows import LANES, Tuning
+from laisn.lane_rows import LANES
+from laisn.tuning import Tuning
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
 

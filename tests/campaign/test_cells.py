@@ -209,20 +209,16 @@ def unknown(name: str, value: str) -> NavigationSettings:
 
 
 @pytest.mark.parametrize("name", ["variant", "gate", "side_rule"])
-def test_a_choice_without_a_compiled_twin_is_refused(name: str) -> None:
-    with pytest.raises(NotImplementedError, match=f"{name} 'laisn-9' has no compiled twin; there are: "):
+def test_a_choice_without_a_formula_is_refused_by_both_engines(name: str) -> None:
+    refusal = f"no formula knows the {name} 'laisn-9'; there are: "
+    with pytest.raises(NotImplementedError, match=refusal):
         lane_rows.tuning(unknown(name, "laisn-9"))
+    with pytest.raises(NotImplementedError, match=refusal):
+        Navigator(unknown(name, "laisn-9"), np.zeros(4))
 
 
-def test_a_variant_without_a_branch_in_the_lanes_is_refused() -> None:
+def test_a_number_of_no_variant_is_refused_by_the_lanes() -> None:
     tuning = lane_rows.tuning(NavigationSettings())._replace(variant=5)
     block = lane_rows.new_block(np.zeros(4), tuning)
-    with pytest.raises(NotImplementedError, match="no branch for this variant"):
+    with pytest.raises(NotImplementedError, match="no formula knows this variant"):
         lanes.position_update(block, tuning, 1)
-
-
-def test_a_variant_or_a_gate_that_the_navigator_lacks_is_refused() -> None:
-    with pytest.raises(NotImplementedError, match="'laisn-9' makes no fixes; there are: laisn-3-1, laisn-2, "):
-        Navigator(unknown("variant", "laisn-9"), np.zeros(4))
-    with pytest.raises(NotImplementedError, match="no bound for the gate 'tight'"):
-        Navigator(unknown("gate", "tight"), np.zeros(4))._gate.passes((0.0, 0.0), 1, 1.0)

@@ -41,7 +41,7 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/tilt.py", "sim/scenario/file.py", "laisn/lane_fix.py",
+    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/tilt.py", "sim/scenario/file.py", "laisn/variants.py",
      "laisn/metrics.py", "experiments/campaign/montecarlo.py", "experiments/campaign/missions.py",
      "models/follower.xml", "sim/scenario/data/followers_T2_T9.json"],
 )  # fmt: skip

@@ -9,18 +9,20 @@ from filterpy.kalman import update
 from hypothesis import given
 from hypothesis import strategies as st
 
-from laisn import fix, lanes
+from laisn import hearing, lanes
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.filter import Filter
-from laisn.fix import Circles
+from laisn.fix import Circle, Circles
 from laisn.gate import Gate
-from laisn.geometry import place_on_body, transmitter_positions
+from laisn.geometry import Point, place_on_body, transmitter_positions, turn
+from laisn.hearing import Heard
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
+from laisn.tuning import Tuning
 from tests.synthetic import bits
 
 Floats = npt.NDArray[np.float64]
@@ -97,10 +99,10 @@ def test_process_noise_grows_with_the_length_of_the_step() -> None:
 
 
 def test_the_gate_opens_with_the_time_that_went_by() -> None:
-    gate = Gate(NavigationSettings(dt=0.1, follower_speed_max=3.0), (0.0, 0.0))
+    gate = Gate(Tuning.of(NavigationSettings(dt=0.1, follower_speed_max=3.0)), Point(0.0, 0.0))
     gate.lengthen(4.9)
     assert gate.bound(2, 1.0) == pytest.approx(3.0 * 5.1)
-    gate.accept((0.0, 0.0), 2)
+    gate.accept(Point(0.0, 0.0), 2)
     assert gate.bound(3, 1.0) == 3.0 * 0.1
 
 
@@ -162,9 +164,10 @@ def test_offsets_that_make_no_baseline_are_refused(transmitters: tuple[tuple[flo
         NavigationSettings(transmitter_offsets=transmitters)
 
 
-def free(*radius: float) -> Circles:
+def free(*radius: float) -> Heard:
     """Beacons at 0 and 100 m east, the third between them and aside."""
-    return Circles(np.array([[0.0, 0], [100.0, 0], [50.0, 1.0]]), radius, 0.0, 0.0, free=True)  # type: ignore[arg-type]
+    centres = Point(0.0, 0.0), Point(100.0, 0.0), Point(50.0, 1.0)
+    return Heard(Circles(*map(Circle, centres, radius)), turn(0.0), 0.0, free=True)
 
 
 @pytest.mark.parametrize(
@@ -178,20 +181,23 @@ def free(*radius: float) -> Circles:
 )
 def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(rear: float, front: float, east: float) -> None:
     """The paper's point dead astern, −40 m in the first case, would be 81 m off."""
-    found = fix.laisn_2(free(rear, front, np.nan), (41.0, 1.0), NavigationSettings())
-    np.testing.assert_allclose(found.position, (east, 0.0), atol=1e-6)
-    assert found.kind is FixKind.ASTERN
+    heard = free(rear, front, np.nan)
+    found = hearing.pair_fix(heard.pairs()[0], heard, Point(41.0, 1.0), Tuning.of(NavigationSettings()))
+    np.testing.assert_allclose((found.east, found.north), (east, 0.0), atol=1e-6)
+    assert found.kind == FixKind.ASTERN
 
 
 def test_one_range_moves_the_prediction_onto_its_circle_along_the_line_of_sight() -> None:
-    found = fix.one_range(free(np.nan, 50.0, 3.0), (130.0, 40.0))
+    predicted = Point(130.0, 40.0)
     # from (100, 0) towards (130, 40): 50 m of 50 m
-    np.testing.assert_allclose(found.position, (130.0, 40.0))
-    found = fix.one_range(free(np.nan, 25.0, 3.0), (130.0, 40.0))
-    np.testing.assert_allclose(found.position, (115.0, 20.0))
-    np.testing.assert_allclose(found.axis, (0.6, 0.8))
-    assert fix.one_range(free(np.nan, np.nan, np.nan), (1.0, 1.0)).kind is FixKind.LOST
-    assert fix.one_range(free(3.0, np.nan, np.nan), (0.0, 0.0)).kind is FixKind.LOST
+    whole, half = (hearing.one_range(free(np.nan, r, 3.0).circles, predicted) for r in (50.0, 25.0))
+    assert whole is not None
+    assert half is not None
+    np.testing.assert_allclose(whole.place, (130.0, 40.0))
+    np.testing.assert_allclose(half.place, (115.0, 20.0))
+    np.testing.assert_allclose(half.axis, (0.6, 0.8))
+    assert hearing.one_range(free(np.nan, np.nan, np.nan).circles, Point(1.0, 1.0)) is None
+    assert hearing.one_range(free(3.0, np.nan, np.nan).circles, Point(0.0, 0.0)) is None
 
 
 @given(seed=st.integers(0, 2**32 - 1), sigma=st.floats(0.01, 10.0))

@@ -4,31 +4,38 @@ import numpy as np
 import pytest
 
 from laisn.gate import Gate
+from laisn.geometry import Point
 from laisn.settings import NavigationSettings
+from laisn.tuning import Tuning
+
+
+def opened(start: Point, **settings: object) -> Gate:
+    """A gate with these settings, at a start."""
+    return Gate(Tuning.of(NavigationSettings(**settings)), start)  # type: ignore[arg-type]
 
 
 def test_bound_is_the_distance_at_top_speed_since_the_last_accepted_position() -> None:
-    gate = Gate(NavigationSettings(gate="v-max", follower_speed_max=3.0, dt=0.1), (10.0, 0.0))
+    gate = opened(Point(10.0, 0.0), gate="v-max", follower_speed_max=3.0, dt=0.1)
     assert gate.bound(10, 1.0) == pytest.approx(3.0)
-    assert gate.passes((12.9, 0.0), 10, 1.0)
-    assert not gate.passes((10.0, 3.1), 10, 1.0)
-    gate.accept((12.0, 0.0), 10)
+    assert gate.passes(Point(12.9, 0.0), 10, 1.0)
+    assert not gate.passes(Point(10.0, 3.1), 10, 1.0)
+    gate.accept(Point(12.0, 0.0), 10)
     assert gate.bound(15, 1.0) == pytest.approx(1.5)
-    assert not gate.passes((10.0, 0.0), 15, 1.0)
+    assert not gate.passes(Point(10.0, 0.0), 15, 1.0)
 
 
 def test_bound_at_the_measured_speed() -> None:
-    gate = Gate(NavigationSettings(gate="v-measured", dt=1.0), (0.0, 0.0))
+    gate = opened(Point(0.0, 0.0), gate="v-measured", dt=1.0)
     assert gate.bound(10, 1.2) == pytest.approx(12.0)
 
 
 def test_no_gate() -> None:
-    assert Gate(NavigationSettings(gate="off"), (0.0, 0.0)).passes((1e6, 0.0), 1, 0.0)
+    assert opened(Point(0.0, 0.0), gate="off").passes(Point(1e6, 0.0), 1, 0.0)
 
 
 def test_a_vehicle_that_keeps_moving_is_never_locked_out() -> None:
     """After any number of rejections the bound outgrows whatever distance the vehicle can have covered."""
-    gate = Gate(NavigationSettings(gate="v-max", follower_speed_max=3.0, dt=0.1), (0.0, 0.0))
+    gate = opened(Point(0.0, 0.0), gate="v-max", follower_speed_max=3.0, dt=0.1)
     for step in range(10, 10_000, 10):
         travelled = 0.999 * 3.0 * step * 0.1
-        assert gate.passes((travelled * np.cos(step), travelled * np.sin(step)), step, 1.0)
+        assert gate.passes(Point(travelled * np.cos(step), travelled * np.sin(step)), step, 1.0)

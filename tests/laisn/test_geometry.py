@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from laisn import geometry
+from laisn.geometry import Point, turn
 from sim.geometry import attitude
 
 COORDINATE = st.floats(-200, 200)
@@ -57,10 +59,44 @@ def test_transmitters_of_a_pitched_leader() -> None:
     np.testing.assert_allclose(middle, [9.9, 20, 8])
 
 
+@given(heading=ANGLE, baseline=RADIUS, offset=COORDINATE)
+def test_transmitters_of_a_leader_that_is_tilted_by_nothing_are_those_of_a_level_one(
+    heading: float, baseline: float, offset: float
+) -> None:
+    level = geometry.level_arms(baseline, offset, turn(heading))
+    tilted = geometry.tilted_arms(baseline, offset, turn(heading), turn(0.0), turn(0.0))
+    np.testing.assert_allclose(level, tilted, rtol=0, atol=1e-12)
+
+
 def test_horizontal_range_of_a_pythagorean_triple_and_of_an_impossible_one() -> None:
     assert geometry.horizontal_range(13.0, -5.0) == 12.0
     assert geometry.horizontal_range(4.9, 5.0) == 0.0
     assert np.isnan(geometry.horizontal_range(np.nan, 5.0))
+
+
+class Meeting(NamedTuple):
+    """Where two circles meet."""
+
+    n_points: int
+    separation: float
+    left: Point
+    right: Point
+
+
+def meeting(x: float, y: float, r1: float, xj: float, yj: float, r2: float) -> Meeting:
+    """Of the circle about (x, y) and the one about (xj, yj): the ends of their chord."""
+    chord = geometry.common_chord(Point(x, y), r1, Point(xj, yj), r2)
+    if not chord.apart or chord.half_squared < 0.0:
+        return Meeting(0, 0.0, Point(np.nan, np.nan), Point(np.nan, np.nan))
+    half = math.sqrt(chord.half_squared)
+    east, north = x + chord.along * chord.way.east, y + chord.along * chord.way.north
+    aside_east, aside_north = -half * chord.way.north, half * chord.way.east
+    return Meeting(
+        2 if half > 0.0 else 1,
+        2.0 * half,
+        Point(east + aside_east, north + aside_north),
+        Point(east - aside_east, north - aside_north),
+    )
 
 
 # a circle through the other's centre, and that one as small as rounding: their chord is short, but there
@@ -68,7 +104,7 @@ def test_horizontal_range_of_a_pythagorean_triple_and_of_an_impossible_one() -> 
 @given(x=COORDINATE, y=COORDINATE, dx=st.floats(0.1, 100), turn=ANGLE, r1=RADIUS, r2=RADIUS)
 def test_intersections_lie_on_both_circles(x: float, y: float, dx: float, turn: float, r1: float, r2: float) -> None:
     xj, yj = x + dx * np.cos(turn), y + dx * np.sin(turn)
-    meet = geometry.intersections(x, y, r1, xj, yj, r2)
+    meet = meeting(x, y, r1, xj, yj, r2)
     distance = np.hypot(xj - x, yj - y)
     if r1 + r2 < distance - 1e-9 or abs(r1 - r2) > distance + 1e-9:
         assert meet.n_points == 0
@@ -89,7 +125,7 @@ def test_intersections_lie_on_both_circles(x: float, y: float, dx: float, turn: 
 def test_chord_is_that_of_exact_arithmetic(d: float, r1: float, share: float) -> None:
     """In fractions, where nothing is rounded; the second circle lies within the first's reach, or a little beyond."""
     r2 = abs(d + share * r1)
-    meet = geometry.intersections(0.0, 0.0, r1, d, 0.0, r2)
+    meet = meeting(0.0, 0.0, r1, d, 0.0, r2)
     along = (Fraction(d) ** 2 + Fraction(r1) ** 2 - Fraction(r2) ** 2) / (2 * Fraction(d))
     squared = Fraction(r1) ** 2 - along**2
     # each factor of the product is a sum of three sides, off by their rounding
@@ -113,7 +149,7 @@ def test_intersections_move_with_the_circles(east: float, north: float, turn: fl
     def moved(px: float, py: float) -> tuple[float, float]:
         return east + cos * px - sin * py, north + sin * px + cos * py
 
-    meet = geometry.intersections(*moved(-1, 0), r1, *moved(1, 0), r2)
+    meet = meeting(*moved(-1, 0), r1, *moved(1, 0), r2)
     assert meet.n_points == 2
     np.testing.assert_allclose([meet.left, meet.right], [moved(x, y), moved(x, -y)], atol=1e-7)
 
@@ -121,11 +157,11 @@ def test_intersections_move_with_the_circles(east: float, north: float, turn: fl
 def test_worked_circles() -> None:
     """Centres 2 apart: radii √2 meet at (1, ±1); radii 1 touch at (1, 0); radii 0.9 do not meet."""
     root = np.sqrt(2.0)
-    two = geometry.intersections(0.0, 0.0, root, 2.0, 0.0, root)
+    two = meeting(0.0, 0.0, root, 2.0, 0.0, root)
     assert two.n_points == 2
     np.testing.assert_allclose([two.left, two.right], [(1, 1), (1, -1)], atol=1e-15)
     assert two.separation == pytest.approx(2.0)
-    one = geometry.intersections(0.0, 0.0, 1.0, 2.0, 0.0, 1.0)
+    one = meeting(0.0, 0.0, 1.0, 2.0, 0.0, 1.0)
     assert (one.n_points, one.left) == (1, (1.0, 0.0))
-    assert geometry.intersections(0.0, 0.0, 0.9, 2.0, 0.0, 0.9).n_points == 0
-    assert geometry.intersections(1.0, 1.0, 5.0, 1.0, 1.0, 5.0).n_points == 0
+    assert meeting(0.0, 0.0, 0.9, 2.0, 0.0, 0.9).n_points == 0
+    assert meeting(1.0, 1.0, 5.0, 1.0, 1.0, 5.0).n_points == 0

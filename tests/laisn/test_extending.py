@@ -1,0 +1,79 @@
+"""docs/extending.md, followed to the letter: a new variant in a copy of the packages flies, replays, runs campaigns."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+CAMPAIGN = """
+import numpy as np
+
+from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import histories
+from experiments.flight.library import load
+from laisn.navigator import Navigator
+from sim.sensing.sensor_errors import measure
+
+flying = ["duration_s=60", "motion=kinematic", "navigation.variant="]
+cell, other = (Cell.of(load("T3", [*flying[:2], flying[2] + name]), runs=3) for name in ("laisn-closest", "laisn-best"))
+together = histories(cell)
+for run in range(3):
+    alone = Navigator(cell.settings, cell.truth.start).run(measure(cell.truth, cell.errors, seed=cell.seed, run=run))
+    np.testing.assert_allclose(together[:, :2, run], alone.state[:, :2], rtol=0, atol=1e-9)
+assert np.abs(together - histories(other)).max() > 1e-3
+"""
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The packages, changed as the page says."""
+    root = tmp_path_factory.mktemp("copy")
+    for package in ("models", "laisn", "sim", "experiments"):
+        shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "laisn_sim.py", root)
+    page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+    blocks = dict(re.findall(r"^```python\n# (laisn/\S+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE))
+    assert set(blocks) == {"laisn/variants.py", "laisn/settings.py"}
+    variants, settings = root / "laisn" / "variants.py", root / "laisn" / "settings.py"
+    text, table = variants.read_text(encoding="utf-8"), "def _function("
+    assert text.count(table) == 1
+    variants.write_text(text.replace(table, f"{blocks['laisn/variants.py']}\n\n{table}"), encoding="utf-8")
+    text, line = settings.read_text(encoding="utf-8"), blocks["laisn/settings.py"].strip()
+    assert line.count("\n") == 0
+    old = re.findall(r"^Variant = .*$", text, flags=re.MULTILINE)
+    assert len(old) == 1
+    # the page's line is the one that stands there, with one more name
+    assert line.replace(', "laisn-closest"', "") == old[0]
+    settings.write_text(text.replace(old[0], line), encoding="utf-8")
+    return root
+
+
+def run(copy: Path, *words: str) -> str:
+    environment = {**os.environ, "PYTHONPATH": str(copy), "COLUMNS": "200"}
+    result = subprocess.run(
+        [sys.executable, *words], cwd=copy, env=environment, capture_output=True, text=True, timeout=600, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def laisn(copy: Path, *words: str) -> str:
+    return run(copy, "-c", "import laisn_sim; laisn_sim.main()", *words)
+
+
+def test_a_new_variant_flies_and_replays(copy: Path) -> None:
+    scenario = ("T3", "--no-video", "--set", "motion=kinematic", "--set", "duration_s=20")
+    laisn(copy, "fly", *scenario, "--out", "out/best", "--set", "navigation.variant=laisn-best")
+    log = str(next((copy / "out" / "best").rglob("*.mcap")))
+    assert "replayed, laisn-closest" in laisn(copy, "replay", log, "--variant", "laisn-closest")
+    laisn(copy, "fly", *scenario, "--out", "out/closest", "--set", "navigation.variant=laisn-closest")
+
+
+def test_a_new_variant_is_the_same_in_a_campaign(copy: Path) -> None:
+    run(copy, "-c", CAMPAIGN)

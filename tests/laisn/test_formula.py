@@ -1,0 +1,59 @@
+"""Formulas: the same whether Python runs them or compiled code has them inlined, and worked by hand."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from laisn import acceleration
+from laisn.compiled import compiled, formula
+from laisn.fix import Circle, Fix, Pair, pair_fix
+from laisn.geometry import Point, Turn
+from laisn.settings import NavigationSettings
+from laisn.tuning import Tuning
+from laisn.variants import laisn_3_2, laisn_best, laisn_main
+
+Floats = npt.NDArray[np.float64]
+PLACE, RANGE = st.floats(-50, 50), st.floats(0, 60) | st.just(float("nan"))
+
+
+@formula
+def _fixes(v: tuple[float, ...], t: Tuning) -> tuple[Fix, Fix, Fix]:
+    rear, front = Circle(Point(-1.0, 0.0), v[0]), Circle(Point(1.0, 0.0), v[1])
+    middle, heading, predicted = Circle(Point(0.0, 0.1), v[2]), Turn(1.0, 0.0), Point(v[3], v[4])
+    pairs = (
+        pair_fix(Pair(rear, front, False), heading, predicted, t),
+        pair_fix(Pair(rear, middle, False), heading, predicted, t),
+        pair_fix(Pair(middle, front, True), heading, predicted, t),
+    )
+    return laisn_3_2(pairs, predicted), laisn_best(pairs, predicted), laisn_main(pairs, predicted)
+
+
+@compiled
+def _compiled(v: tuple[float, ...], t: Tuning) -> tuple[Fix, Fix, Fix]:
+    return _fixes(v, t)
+
+
+@given(rear=RANGE, front=RANGE, middle=RANGE, x=PLACE, y=PLACE, ahead=st.booleans())
+def test_python_and_compiled_code_compute_the_same_bits(
+    rear: float, front: float, middle: float, x: float, y: float, ahead: bool
+) -> None:
+    t = Tuning.of(NavigationSettings(side_rule="predicted" if ahead else "behind"))
+    given = (rear, front, middle, x, y)
+    np.testing.assert_array_equal(_fixes(given, t), _compiled(given, t))
+
+
+def test_a_formula_is_a_function_to_its_reader() -> None:
+    assert acceleration.turn_share.__name__ == "turn_share"
+    assert acceleration.turn_share.__doc__
+
+
+def test_shares_of_manoeuvres() -> None:
+    """A quarter turn is half of the half turn that is the most; 0.6 m/s is a fifth of 3 m/s; nothing before is none."""
+    assert acceleration.turn_share(0.1, 0.1 - 0.5 * np.pi) == pytest.approx(0.5)
+    assert acceleration.turn_share(np.pi - 0.1, 0.1 - np.pi) == pytest.approx(0.2 / np.pi)
+    assert acceleration.speed_share(1.6, 1.0, 3.0) == pytest.approx(0.2)
+    assert acceleration.turn_share(np.nan, 1.0) == acceleration.speed_share(np.nan, 1.0, 3.0) == 0.0
+    t = Tuning.of(NavigationSettings(alpha=8.0, sigma_a0=60.0))
+    assert acceleration.expected_acceleration(0.2, 0.5, t) == pytest.approx(65.6)
