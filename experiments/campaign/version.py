@@ -11,7 +11,13 @@ from laisn.sources import ROOT, Sources
 PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
 """Packages that shape results."""
 
-_COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", "sim.tilt", "sim.tracking")
+_COMPUTING = (
+    "experiments.campaign.campaign",
+    "sim.scenario.file",
+    "sim.tilt",
+    "experiments.study.facts",
+    "experiments.flight.fly",
+)
 """Where numbers begin: cells of runs, settings as a scenario, and what studies measure of missions besides."""
 _DATA = {".xml", ".json"}
 """Files beside the modules of a package that its modules read: vehicles, routes."""
