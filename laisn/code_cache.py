@@ -18,6 +18,7 @@ from typing import Any
 
 import llvmlite
 import numba
+import numpy as np
 from numba.core import serialize
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
@@ -77,7 +78,7 @@ def _stamp(module: str) -> str | None:
     """
     if _SOURCES.file(module) is None:
         return None
-    digest = hashlib.sha256(repr((numba.__version__, llvmlite.__version__, sys.version)).encode())
+    digest = hashlib.sha256(repr((numba.__version__, llvmlite.__version__, np.__version__, sys.version)).encode())
     for name, path in sorted(_SOURCES.reached([module]).items()):
         text, state = _SOURCES.text(path), path.stat()
         if _AT_START.get(path) != (state.st_mtime_ns, state.st_size):

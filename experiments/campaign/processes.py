@@ -1,6 +1,8 @@
 """Processes that compute: local ones, or the workers of a Dask cluster, behind one face."""
 
+import asyncio
 import importlib.util
+import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
@@ -8,14 +10,16 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import joblib
+from joblib.externals.loky import get_reusable_executor
 
 from experiments.campaign.failures import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
+from laisn.parent import end_with
 
 Result = TypeVar("Result")
 
-_CONNECT_S = 5
+_CONNECT_S = 3
 
 
 class WorkerDiedError(CampaignError):
@@ -60,8 +64,10 @@ class Pool:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, _: BaseException | None, trace: TracebackType | None) -> None:
-        """Leave the cluster; local processes end with this one."""
+        """Leave the cluster; local processes end with this one, or at once if something failed."""
         self._stack.close()
+        if kind is not None and self._backend == "loky":
+            get_reusable_executor().shutdown(kill_workers=True)
 
     def each(self, function: Callable[..., Result], arguments: Iterable[tuple[Any, ...]]) -> Iterator[Result]:
         """Results of a function over argument tuples, each as soon as it is there.
@@ -69,7 +75,9 @@ class Pool:
         Raises:
             WorkerDiedError: a process died.
         """
-        with joblib.parallel_config(backend=self._backend, n_jobs=self.size):
+        # local processes must not outlive this one, even if it is killed
+        ending = {"initializer": end_with, "initargs": (os.getpid(),)} if self._backend == "loky" else {}
+        with joblib.parallel_config(backend=self._backend, n_jobs=self.size, **ending):
             parallel = joblib.Parallel(
                 return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs", max_nbytes=None
             )
@@ -83,6 +91,29 @@ class Pool:
                 raise
 
 
+def _require_scheduler(address: str) -> None:
+    """Ask for a scheduler's name: a client would wait for ever at an address that accepts and says nothing.
+
+    Raises LaisnError if none answers in time, or the address cannot be one.
+    """
+    import distributed
+
+    async def ask() -> None:
+        # certificates of tls:// come from Dask's configuration
+        security: Callable[..., Any] = distributed.Security
+        call: Callable[..., Any] = distributed.rpc
+        async with call(address, connection_args=security().get_connection_args("client")) as scheduler:
+            await scheduler.identity()
+
+    try:
+        asyncio.run(asyncio.wait_for(ask(), _CONNECT_S))
+    except (OSError, ValueError, TypeError) as error:
+        why = str(error) or f"nothing came within {_CONNECT_S} s"
+        if address.startswith("tls:"):
+            why += "; tls:// needs certificates, named under distributed.comm.tls in Dask's configuration"
+        raise LaisnError(f"no Dask scheduler answers at {address}: {why}") from None
+
+
 class _Cluster:
     """A connection to a Dask cluster whose workers have this very version."""
 
@@ -91,11 +122,9 @@ class _Cluster:
             import distributed
         except ImportError:
             raise LaisnError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
-        try:
-            connect: Callable[..., Any] = distributed.Client
-            self._client = connect(address, timeout=_CONNECT_S)
-        except (OSError, ValueError) as error:
-            raise LaisnError(f"no Dask scheduler answers at {address} within {_CONNECT_S} s ({error})") from None
+        _require_scheduler(address)
+        connect: Callable[..., Any] = distributed.Client
+        self._client = connect(address, timeout=_CONNECT_S)
         try:
             self.workers = self._check(address)
         except BaseException:

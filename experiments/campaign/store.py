@@ -4,7 +4,6 @@ import csv
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +31,13 @@ _MANIFEST = "campaign.json"
 
 def _parquet(columns: Mapping[str, Any], metadata: Mapping[bytes, bytes]) -> bytes:
     """A table as Parquet; the same content gives the same bytes."""
-    table, file = pa.table(dict(columns)), BytesIO()
+    table, file = pa.table(dict(columns)), pa.BufferOutputStream()
     with pq.ParquetWriter(file, table.schema, compression="zstd", write_page_checksum=True) as writer:
         writer.write_table(table)
         # not with the schema, of which Arrow keeps a second copy
         writer.add_key_value_metadata(dict(metadata))
-    return file.getvalue()
+    content: bytes = file.getvalue().to_pybytes()
+    return content
 
 
 def write_table(path: Path, columns: Mapping[str, Any]) -> None:
@@ -121,7 +121,8 @@ class Store:
         except (ValueError, OSError) as error:
             warnings.warn(f"{path} cannot be read and is computed again: {error}", DamagedResult, stacklevel=3)
             return None
-        return pq.read_table(BytesIO(content))
+        # in this thread: one of Arrow's own that still reads when the process ends would abort it
+        return pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
 
     def read(self, key: str) -> Record | None:
         """The row of a cell less its lists over runs; None if it must be computed.

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from experiments.command import studying
+from experiments.command.endings import run
 from experiments.command.errors import plain_errors
 from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption, folder_option
 
@@ -281,7 +282,7 @@ def main() -> None:
     os.environ["MUJOCO_GL"] = "disable"
     # What modules define lives to the end; to look through it for garbage costs each mission a quarter of a second.
     gc.set_threshold(100_000, 50, 50)
-    app()
+    run(app)
 
 
 if __name__ == "__main__":

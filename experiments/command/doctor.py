@@ -4,17 +4,16 @@ import platform
 import re
 import shlex
 import sys
-import tempfile
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
-from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from experiments.campaign.version import PACKAGES
+from laisn.whole_files import scratch
 
 _PROJECT, _ABSENT = "laisn-sim", "is not installed"
 
@@ -82,6 +81,17 @@ def _say_how_steps_are_made(table: Table) -> None:
         table.add_row("[green]ok[/]", "compiled steps", "compiled code calls MuJoCo")
 
 
+def _say_where_code_is_kept(table: Table) -> None:
+    from laisn.code_cache import folder
+
+    place = folder()
+    if place is None:
+        lacking = "not kept, every command compiles for 20 s: XDG_CACHE_HOME or ~/.cache must be this user's alone"
+        table.add_row("--", "compiled code", escape(lacking))
+    else:
+        table.add_row("[green]ok[/]", "compiled code", escape(f"kept in {place}"))
+
+
 def _first_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
 
@@ -98,8 +108,8 @@ def _try_to_fly() -> tuple[str, str]:
         from experiments.command.fly import write_flight
         from experiments.flight.library import load_flyable
 
-        with tempfile.TemporaryDirectory(prefix="laisn-doctor-") as folder, compiling_shown():
-            written = write_flight(load_flyable("T5", small), Path(folder), Console(quiet=True), with_video=True)
+        with scratch() as folder, compiling_shown():
+            written = write_flight(load_flyable("T5", small), folder, Console(quiet=True), with_video=True)
     except Exception as error:
         # whatever may be wrong with a machine, the doctor's part is to say so
         return _first_line(error), "no flight, no film"
@@ -128,6 +138,7 @@ def examine() -> int:
         table.add_row("", "", escape(_remedy(broken)))
     else:
         _say_how_steps_are_made(table)
+        _say_where_code_is_kept(table)
     backends = graphics.probe()
     renders = any(backend.works for backend in backends)
     for backend in backends:

@@ -15,6 +15,7 @@ from typing import Any, TextIO, TypeVar, cast
 import typer
 
 from experiments.campaign.failures import DamagedResult
+from experiments.command.endings import told
 from laisn.failure import LaisnError
 from sim.screen import plain, screenful
 
@@ -104,18 +105,19 @@ def plain_errors(command: Command) -> Command:
         try:
             with _plain_warnings():
                 return command(*args, **kwargs)
-        except KeyboardInterrupt as error:
-            kept = _notes(error) or ["finished files are kept, none is half-written"]
-            _tell(["; ".join(["laisn: interrupted", *kept])], "yellow")
-            raise typer.Exit(INTERRUPTED) from None
         except (typer.Exit, typer.Abort, BrokenPipeError):
             raise
-        except Exception as error:
+        except (Exception, KeyboardInterrupt) as error:
+            ending = told()
+            if ending is not None or isinstance(error, KeyboardInterrupt):
+                kept = _notes(error) or ["finished files are kept, none is half-written"]
+                _tell(["; ".join(["laisn: interrupted", *kept])], "yellow")
+                raise typer.Exit(ending.code if ending else INTERRUPTED) from None
             if os.environ.get("LAISN_DEBUG"):
                 raise
-            told = _mendable(error)
-            if told is not None:
-                _tell([f"laisn: {told[0] if told else type(error).__name__}", *told[1:], *_notes(error)], "red")
+            words = _mendable(error)
+            if words is not None:
+                _tell([f"laisn: {words[0] if words else type(error).__name__}", *words[1:], *_notes(error)], "red")
                 raise typer.Exit(MENDABLE) from None
             what = f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__
             _tell([f"laisn: this is a fault of the program ({what[:200]}); {_report(error)}", *_notes(error)], "red")

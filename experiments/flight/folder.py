@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from laisn.failure import LaisnError
+from laisn.whole_files import held, new_folder, remove_abandoned
 from sim.log.file import partial_path
 
 LOG, FILM, REPORT = "flight.mcap", "flight.mp4", "report.html"
@@ -20,21 +21,7 @@ _UNFINISHED = "unfinished-"
 _ELSEWHERE = "choose another folder with --out"
 
 
-def require_safe(folder: Path, source: Path | None = None, again: Callable[[], str] = str) -> None:
-    """Refuse a folder in which a flight would replace what no flight has written.
-
-    Args:
-        folder: for the results of a flight; it need not be there.
-        source: scenario file that is flown, if there is one.
-        again: gives the text of the scenario that the flight will write; a source that holds just this may be replaced.
-
-    Raises:
-        LaisnError: says what would be lost, and what to do instead.
-    """
-    if not folder.is_dir():
-        if folder.exists() or folder.is_symlink():
-            raise LaisnError(f"{folder}: is a file, results need a folder; {_ELSEWHERE}")
-        return
+def _require_ours(folder: Path, source: Path | None, again: Callable[[], str]) -> None:
     there = [folder / name for name in FILES if os.path.lexists(folder / name)]
     for path in there:
         if path.is_symlink() or not path.is_file():
@@ -53,6 +40,26 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
             f"{folder}: holds {names}, but no flight ({SUMMARY} and {SCENARIO}) that has written this; a new flight "
             f"would replace it: move it, or {_ELSEWHERE}"
         )
+
+
+def require_safe(folder: Path, source: Path | None = None, again: Callable[[], str] = str) -> None:
+    """Refuse a folder in which a flight would replace what no flight has written.
+
+    Args:
+        folder: for the results of a flight; it need not be there.
+        source: scenario file that is flown, if there is one.
+        again: gives the text of the scenario that the flight will write; a source that holds just this may be replaced.
+
+    Raises:
+        LaisnError: says what would be lost, and what to do instead.
+    """
+    if not folder.is_dir():
+        if folder.exists() or folder.is_symlink():
+            raise LaisnError(f"{folder}: is a file, results need a folder; {_ELSEWHERE}")
+        return
+    # while another flight exchanges its files, some are missing
+    with held(folder):
+        _require_ours(folder, source, again)
 
 
 def _exchange(folder: Path, work: Path) -> None:
@@ -77,26 +84,14 @@ def _exchange(folder: Path, work: Path) -> None:
         raise
 
 
-def _fate(folder: Path, work: Path) -> str:
+def _fate(folder: Path, work: Path | None) -> str:
     """Tidy up after a flight that failed, and say what there is of it: its log, whole or not, or nothing."""
-    log = work / LOG
-    kept = log.exists() or partial_path(log).exists()
-    if not kept:
+    kept = work is not None and ((work / LOG).exists() or partial_path(work / LOG).exists())
+    if work is not None and not kept:
         shutil.rmtree(work, ignore_errors=True)
     told = f"what there is of this flight is in {work}" if kept else "nothing of this flight is kept"
     earlier = any((folder / name).exists() for name in FILES)
     return f"{told}; the earlier flight in {folder} is as it was" if earlier else told
-
-
-def _runs(number: str) -> bool:
-    """Whether the process of this number still runs; no, if the text is not a number."""
-    try:
-        os.kill(int(number), 0)
-    except (ValueError, OverflowError, ProcessLookupError):
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 @contextmanager
@@ -118,15 +113,15 @@ def one_flight(folder: Path) -> Iterator[Path]:
         OSError: the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    work = folder / f"{_UNFINISHED}{os.getpid()}"
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir()
+    work = None
     try:
-        yield work
-        _exchange(folder, work)
+        with new_folder(folder / f"{_UNFINISHED}{os.getpid()}") as work:
+            yield work
+            # of several flights that end at once, the last one stays
+            with held(folder):
+                _exchange(folder, work)
+            shutil.rmtree(work, ignore_errors=True)
     except BaseException as error:
         error.add_note(_fate(folder, work))
         raise
-    for left in folder.glob(f"{_UNFINISHED}*"):
-        if left == work or not _runs(left.name.removeprefix(_UNFINISHED)):
-            shutil.rmtree(left, ignore_errors=True)
+    remove_abandoned(folder.glob(f"{_UNFINISHED}*"))

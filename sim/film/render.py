@@ -4,11 +4,11 @@ import os
 import pickle
 import selectors
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.failure import LaisnError
+from laisn.whole_files import replaced, scratch
 from sim.film import graphics
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.cameras import CAMERAS
@@ -99,12 +100,13 @@ def _children(job: Job, programs: Sequence[tuple[str, ...]]) -> Iterator[tuple[P
     backend = _backend()
     threads = max(1, (os.cpu_count() or 1) // len(programs))
     children: list[Any] = []
-    with tempfile.TemporaryDirectory(prefix="film-") as name:
-        folder = Path(name)
+    with scratch() as folder:
         (folder / "job").write_bytes(pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL))
         try:
+            ending = f"from laisn.parent import end_with; end_with({os.getpid()})"
             for number, (program, *arguments) in enumerate(programs):
-                command, environment = graphics.child(program, (name, *arguments), backend, threads)
+                words = (str(folder), *arguments)
+                command, environment = graphics.child(f"{ending}; {program}", words, backend, threads)
                 with (folder / f"{number}.log").open("wb") as log:
                     children.append(subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=log))
             yield folder, children
@@ -190,12 +192,8 @@ def render(
     _check_file(path, ".mp4")
     with _rendered(job, progress) as folder:
         units = list(_units(folder, job))
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with replaced(path) as part:
         _write_mp4(part, units, job.video)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
     return list(zip(job.times.tolist(), units, strict=True))
 
 
@@ -203,26 +201,21 @@ def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
     """Wrap access units as they are: one for each frame, in order."""
     import av
 
-    raw = path.with_name(f"{path.name}.h264")
-    try:
+    step = Fraction(1, video.frame_rate_hz)
+    with (
         # a demuxer reads size, profile and headers off the first unit
-        raw.write_bytes(units[0])
-        step = Fraction(1, video.frame_rate_hz)
-        with (
-            av.open(str(raw), format="h264") as source,
-            av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as target,
-        ):
-            stream = target.add_stream_from_template(source.streams.video[0])
-            stream.time_base = step
-            for number, unit in enumerate(units):
-                packet = av.Packet(unit)
-                packet.stream, packet.time_base = stream, step
-                packet.pts = packet.dts = number
-                packet.duration = 1
-                packet.is_keyframe = number % GROUP == 0
-                target.mux(packet)
-    finally:
-        raw.unlink(missing_ok=True)
+        av.open(BytesIO(units[0]), format="h264") as source,
+        av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as target,
+    ):
+        stream = target.add_stream_from_template(source.streams.video[0])
+        stream.time_base = step
+        for number, unit in enumerate(units):
+            packet = av.Packet(unit)
+            packet.stream, packet.time_base = stream, step
+            packet.pts = packet.dts = number
+            packet.duration = 1
+            packet.is_keyframe = number % GROUP == 0
+            target.mux(packet)
 
 
 def still(
@@ -259,12 +252,8 @@ def still(
     program = f"{_IMPORTS}; studio.main_still(Path(sys.argv[1]), float(sys.argv[2]))"
     with _children(job, [(program, repr(float(time_s)))]) as (folder, (child,)):
         _require_success(folder, 0, child)
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
+        with replaced(path) as part:
             part.write_bytes((folder / "still.png").read_bytes())
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
 
 
 class FilmSpeed(NamedTuple):

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -18,6 +19,7 @@ from experiments.campaign.failures import CampaignError, DamagedResult
 from experiments.campaign.processes import Pool, WorkerDiedError
 from experiments.reproduction.study import fly_command
 from laisn import metrics
+from laisn.failure import LaisnError
 from laisn.navigator import Navigator
 from sim.fleet import FleetError
 from sim.flight import navigate
@@ -253,6 +255,18 @@ def test_no_cluster_is_said_at_once():
     with pytest.raises(ValueError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         pool.__enter__()
     assert time.monotonic() - begun < 20
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "tls"])
+def test_an_address_that_accepts_and_says_nothing_is_no_cluster(scheme):
+    pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"
+        begun = time.monotonic()
+        why = "nothing came within 3 s" if scheme == "tcp" else "tls:// needs certificates"
+        with pytest.raises(LaisnError, match=f"no Dask scheduler answers at {address}: .*{why}"):
+            Pool(1, address).__enter__()
+        assert time.monotonic() - begun < 15
 
 
 BARE_WORKER = """

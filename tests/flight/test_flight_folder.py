@@ -1,12 +1,15 @@
 """The results folder of a flight: files of two flights never lie beside each other, and no whole flight is lost."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from experiments.flight.folder import FILES, FILM, LOG, REPORT, SCENARIO, SUMMARY, one_flight, require_safe
 from laisn.failure import LaisnError
+from laisn.whole_files import new_folder
 from sim.log.file import partial_path
 
 
@@ -117,14 +120,41 @@ def test_no_instant_sees_files_of_two_flights(folder: Path, monkeypatch: pytest.
 
 
 def test_what_dead_processes_left_is_removed_and_what_others_write_is_not(folder: Path) -> None:
-    child = os.fork()
-    if child == 0:
-        os._exit(0)
-    os.waitpid(child, 0)
-    for owner in (child, os.getppid()):
-        (folder / f"unfinished-{owner}").mkdir()
-    fly(folder, "new")
-    assert [p.name for p in folder.iterdir() if p.is_dir()] == [f"unfinished-{os.getppid()}"]
+    """Numbers of processes say nothing: another machine that shares the folder has its own."""
+    for name in ("unfinished-1", f"unfinished-{os.getpid()}"):
+        (folder / name).mkdir()
+    with new_folder(folder / "unfinished-2") as work:
+        write(work, "others")
+        fly(folder, "new")
+        assert [p for p in folder.iterdir() if p.is_dir()] == [work]
+        assert contents(work) == dict.fromkeys(FILES, "others")
+    fly(folder, "whole")
+    assert [p for p in folder.iterdir() if p.is_dir()] == []
+
+
+FLIGHTS = """
+import sys
+from pathlib import Path
+from experiments.flight.folder import FILES, one_flight, require_safe
+folder, word = Path(sys.argv[1]), sys.argv[2]
+for _ in range(150):
+    require_safe(folder)
+    with one_flight(folder) as work:
+        for name in FILES:
+            (work / name).write_text(word)
+"""
+
+
+def test_flights_into_one_folder_at_once_never_fail_and_leave_one_of_them(tmp_path: Path) -> None:
+    children = [
+        subprocess.Popen([sys.executable, "-c", FLIGHTS, str(tmp_path), word], stderr=subprocess.PIPE, text=True)
+        for word in ("one", "two")
+    ]
+    for child in children:
+        _, words = child.communicate(timeout=120)
+        assert child.returncode == 0, words
+    assert contents(tmp_path) in [dict.fromkeys(FILES, word) for word in ("one", "two")]
+    assert [p for p in tmp_path.iterdir() if p.is_dir()] == []
 
 
 def test_a_folder_that_is_new_empty_or_holds_a_flight_is_safe(folder: Path, tmp_path: Path) -> None:

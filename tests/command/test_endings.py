@@ -1,0 +1,194 @@
+"""However the command ends, nobody is left behind, nothing is hidden, and no traceback is shown for a signal."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from experiments.command import endings
+from experiments.command.errors import plain_errors
+from laisn.sources import ROOT
+from laisn.whole_files import scratch, sweep_scratch
+
+LAISN = [sys.executable, "-c", "from laisn_sim import main; main()"]
+FLY = [*LAISN, "fly", "T5", "--set", "duration_s=2", "--no-video", "--out"]
+
+
+def gone(pid: int) -> bool:
+    """Whether a process has ended, reaped or not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX"
+    except FileNotFoundError:
+        return True
+
+
+def all_gone(pids: list[int], seconds: float = 20.0) -> bool:
+    until = time.monotonic() + seconds
+    while time.monotonic() < until and not all(gone(pid) for pid in pids):
+        time.sleep(0.05)
+    return all(gone(pid) for pid in pids)
+
+
+POOL = """
+import os, sys, time
+from experiments.campaign.processes import Pool
+
+def work(number):
+    print(os.getpid(), flush=True)
+    time.sleep(60)
+
+if __name__ == "__main__":
+    from experiments.command import endings
+    endings.obey_signals()
+    with Pool(2) as pool:
+        list(pool.each(work, [(1,), (2,)]))
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_workers_end_with_the_process_that_started_them(tmp_path: Path, how: signal.Signals) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(POOL)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    # a test that was started in the background ignores Ctrl-C, and so would its children
+    parent = subprocess.Popen(
+        [sys.executable, str(script)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    assert parent.stdout is not None
+    with parent:
+        workers = [int(parent.stdout.readline()) for _ in range(2)]
+        assert not any(gone(pid) for pid in workers)
+        parent.send_signal(how)
+        assert parent.wait(30) != 0
+    assert all_gone(workers)
+
+
+CHILD = """
+import os, subprocess, sys, time
+code = f"from laisn.parent import end_with; end_with({os.getpid()}); import time; time.sleep(60)"
+child = subprocess.Popen([sys.executable, "-c", code])
+print(child.pid, flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_child_ends_with_a_parent_that_was_killed() -> None:
+    parent = subprocess.Popen([sys.executable, "-c", CHILD], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    with parent:
+        child = int(parent.stdout.readline())
+        parent.kill()
+    assert all_gone([child])
+
+
+def test_scratch_that_a_kill_left_is_swept_by_the_next_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with scratch() as held:
+        assert held.stat().st_mode & 0o777 == 0o700
+        (held / "job").touch()
+        left = tmp_path / "laisn-scratch-left"
+        left.mkdir()
+        (left / "frames").touch()
+        (tmp_path / "laisn-failure-1.txt").touch()
+        sweep_scratch()
+        assert {path.name for path in tmp_path.iterdir()} == {held.name, "laisn-failure-1.txt"}
+    assert not held.exists()
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_flight_like_ctrl_c(tmp_path: Path, how: signal.Signals) -> None:
+    folder = tmp_path / "out"
+    command = [*LAISN, "fly", "T5", "--no-video", "--out", str(folder)]
+    # whoever started the tests may ignore it
+    child = subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(how, signal.SIG_DFL),
+    )  # fmt: skip
+    while not list(folder.glob("unfinished-*")) and child.poll() is None:
+        time.sleep(0.002)
+    child.send_signal(how)
+    _, told = child.communicate(timeout=60)
+    assert child.returncode == 128 + how
+    assert told == "laisn: interrupted; nothing of this flight is kept\n"
+    assert list(folder.iterdir()) == []
+
+
+EARLY = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+class Interrupting:
+    def find_spec(self, name, path, target=None):
+        if name == loaded:
+            os.kill(os.getpid(), signal.SIGINT)
+
+loaded = sys.argv[1]
+sys.meta_path.insert(0, Interrupting())
+sys.argv[0:2] = ["laisn"]
+from laisn_sim import main
+main()
+"""
+
+
+@pytest.mark.parametrize("module", ["experiments", "typer", "experiments.command.errors", "numpy", "numba", "mujoco"])
+def test_ctrl_c_while_modules_are_loaded_gives_no_traceback(tmp_path: Path, module: str) -> None:
+    command = [sys.executable, "-c", EARLY, module, *FLY[3:], str(tmp_path / "out")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 130
+    assert done.stdout == ""
+    assert done.stderr.startswith("laisn: interrupted")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_what_a_library_makes_of_a_signal_is_no_fault_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    app = typer.Typer()
+
+    @app.command()
+    @plain_errors
+    def command() -> None:
+        raise ImportError("initialisation failed")
+
+    assert CliRunner().invoke(app).exit_code == 1
+    monkeypatch.setattr(endings, "_told", [endings.Told(signal.SIGTERM)])
+    result = CliRunner().invoke(app)
+    assert result.exit_code == 143
+    assert result.stderr == "laisn: interrupted; finished files are kept, none is half-written\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
+def test_a_full_disk_behind_standard_output_hides_no_result(tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([*FLY, str(tmp_path / "out")], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    assert done.stderr.startswith("laisn: output: No space left on device; it goes on here\n")
+    assert "E_P max" in done.stderr
+    assert done.stderr.endswith(f"results in {tmp_path / 'out'}\n")
+    assert (tmp_path / "out" / "summary.json").exists()
+
+
+def test_a_poor_encoding_costs_letters_and_nothing_else(tmp_path: Path) -> None:
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([*FLY, str(tmp_path / "out")], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "mean    ?" in done.stdout
+    assert (tmp_path / "out" / "summary.json").exists()
+
+
+def test_nobody_needs_to_listen(tmp_path: Path) -> None:
+    closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *FLY, str(tmp_path / "closed")], cwd=ROOT, check=False)
+    assert closed.returncode == 0
+    read, write = os.pipe()
+    os.close(read)
+    deaf = subprocess.run([*FLY, str(tmp_path / "deaf")], cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (deaf.returncode, deaf.stderr) == (0, "")
+    for name in ("closed", "deaf"):
+        assert (tmp_path / name / "summary.json").exists()
