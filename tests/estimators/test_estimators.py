@@ -1,0 +1,64 @@
+"""The comparison of estimators: what is spoiled, and a smoke run."""
+
+import numpy as np
+import pytest
+
+from experiments.estimators import table
+from experiments.estimators.cases import CASES, ECHO_CHANCE, LOSS_CHANCE, Case, spoiled
+from experiments.estimators.paired import compare, mission
+from sim.sensing.sensor_errors import measure
+
+BY_NAME = {case.name: case for case in CASES}
+
+
+def test_spoiled_ranges_are_late_echoes_or_lost_as_often_as_said() -> None:
+    truth, errors = mission("T7", 1.0, 0.0)
+    case = Case(name="spoiled", title="", disturbed=True)
+    lost, echoes, total = 0, 0, 0
+    for run in range(3):
+        clean = measure(truth, errors, seed=1, run=run)
+        dirty = spoiled(clean, case, 1, run)
+        excess = dirty.ranges - clean.ranges - np.array([0.0, 0.01, 0.0])
+        gone = np.isnan(excess).all(axis=1)
+        assert np.array_equal(np.isnan(excess).any(axis=1), gone)
+        heard = excess[~gone]
+        longer = heard > 1e-9
+        assert np.all((np.abs(heard) < 1e-9) | ((heard > 0.3 - 1e-9) & (heard < 4.8 + 1e-9)))
+        lost, echoes, total = lost + int(gone.sum()), echoes + int(longer.sum()), total + gone.size
+        assert np.array_equal(dirty.speed, clean.speed)
+    # within five standard deviations of a binomial
+    assert lost / total == pytest.approx(LOSS_CHANCE, abs=5 * np.sqrt(0.16 / total))
+    assert echoes / (3 * (total - lost)) == pytest.approx(ECHO_CHANCE, abs=5 * np.sqrt(0.0475 / (3 * total)))
+
+
+def test_drift_is_the_same_for_the_same_run_and_leaves_ranges_alone() -> None:
+    truth, errors = mission("T7", 5.0, 0.0)
+    clean = measure(truth, errors, seed=1, run=0)
+    case = Case(name="drifting", title="", drift=True)
+    once, again, other = (spoiled(clean, case, 1, run) for run in (0, 0, 1))
+    assert once.heading.tobytes() == again.heading.tobytes() != other.heading.tobytes()
+    assert np.array_equal(once.ranges, clean.ranges)
+    drift = once.heading - clean.heading
+    # two and a half periods of a sinusoid of 3°: its mean square is half of its amplitude's
+    assert np.sqrt(2 * np.mean(drift**2)) == pytest.approx(np.deg2rad(3.0), rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["G1", "G6"])
+def test_the_tightly_coupled_navigator_is_nearer_on_the_same_noise(name: str) -> None:
+    found = compare(BY_NAME[name], "T7", 5.0, runs=2, seed=1)
+    again = compare(BY_NAME[name], "T7", 5.0, runs=2, seed=1)
+    assert found.ratio < 0.5
+    assert (found.tight_mean, found.laisn_mean) == (again.tight_mean, again.laisn_mean)
+    assert np.isnan(found.bound_rms) == (name != "G1")
+
+
+def test_the_table_prints_a_line_for_each_route(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["table", "G1", "--routes", "T7", "T8", "--intervals", "5", "--runs", "1"]
+    monkeypatch.setattr("sys.argv", arguments)
+    table.main()
+    printed = capsys.readouterr().out
+    assert printed.count("T7 5 s: E_P") == printed.count("T8 5 s: E_P") == 1
+    assert "× bound" in printed
+    assert "median ratio" in printed
