@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: help run test fuzz check bench figures studies lock clean
+.PHONY: help run test fuzz mutants check bench figures studies lock clean
 
 run: $(VENV)/.runtime  ## fly mission T5 (the target of a plain `make`)
 	$(BIN)/laisn fly T5
@@ -20,6 +20,10 @@ test: $(VENV)/.dev  ## run the tests on all cores; PYTEST_ARGS="-n 0 -k word" fo
 
 fuzz: $(VENV)/.dev  ## search for counterexamples to the property tests with fresh seeds, for minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile fuzz $(PYTEST_ARGS)
+
+# A mutant takes some ten seconds, all of them days.
+mutants: $(VENV)/.mutants  ## see whether tests notice faults; MUTANTS=60 draws 60 of each package, MUTANTS_ARGS="FILE --seed 2"
+	$(BIN)/python -m tests.mutants $(if $(MUTANTS),--count $(MUTANTS)) $(MUTANTS_ARGS)
 
 check: $(VENV)/.dev  ## lint, formatting, types; numbers in README and docs
 	$(BIN)/ruff check .
@@ -67,11 +71,17 @@ $(VENV)/.dev: requirements-dev.lock pyproject.toml | $(BIN)/python
 	$(call install,requirements-dev.lock)
 	@touch $@ $(VENV)/.runtime
 
+$(VENV)/.mutants: requirements-mutants.lock pyproject.toml | $(BIN)/python
+	@echo "setting up $(VENV) for mutants (once)"
+	$(call install,requirements-mutants.lock)
+	@touch $@ $(VENV)/.dev $(VENV)/.runtime
+
 # Pins the newest versions that pyproject.toml allows; needs uv.
 LOCK := uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
 lock:  ## pin the newest versions that are allowed (needs uv)
 	$(LOCK) --extra build pyproject.toml -o requirements.lock
 	$(LOCK) --extra build --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+	$(LOCK) --extra build --extra dev --extra mutants -c requirements-dev.lock pyproject.toml -o requirements-mutants.lock
 
 clean:  ## remove the environment, results and caches
 	rm -rf $(VENV) out dist build .pytest_cache .mypy_cache .ruff_cache

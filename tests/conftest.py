@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 from sim.vehicle import mujoco_functions
 
@@ -16,6 +16,7 @@ settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.register_profile(
     "fuzz", deadline=None, max_examples=2000, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
 )
+settings.register_profile("mutants", deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate])
 settings.load_profile("repeatable")
 
 # A shell that starts something in the background has it ignore Ctrl-C, and so would all that it starts; tests press it.

@@ -23,7 +23,7 @@ def modules(root: Path = ROOT) -> dict[str, Path]:
     return found
 
 
-def _named(path: Path, module: str) -> Iterator[str]:
+def named(path: Path, module: str) -> Iterator[str]:
     """Every name that a source imports anywhere, inside functions too: a module, or something within one."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     for node in ast.walk(ast.parse(path.read_bytes())):
@@ -39,7 +39,7 @@ def imports(root: Path = ROOT) -> Imports:
     known = modules(root)
     found: Imports = {}
     for module, path in known.items():
-        names = {name if name in known else name.rpartition(".")[0] for name in _named(path, module)}
+        names = {name if name in known else name.rpartition(".")[0] for name in named(path, module)}
         found[module] = {name for name in names if name in known and name != module}
     return found
 

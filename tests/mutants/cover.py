@@ -1,0 +1,49 @@
+"""Which tests cover which source: told by what they import, and by folders, which tests have as sources have them."""
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from experiments.gallery import house
+from experiments.gallery.house import ROOT
+
+
+def named(test: Path) -> Iterator[str]:
+    """Names that a test imports, and those that the files imported which it shares with other tests."""
+    for name in set(house.named(test, "tests")):
+        shared = ROOT / f"{name.rpartition('.')[0].replace('.', '/')}.py"
+        if name.startswith("tests.") and shared.is_file():
+            yield from named(shared)
+        yield name
+
+
+@cache
+def distances() -> dict[str, dict[str, int]]:
+    """Of each test file the modules that it can reach, and over how many imports."""
+    imports, found = house.imports(), {}
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        names = set(named(path))
+        front = {name if name in imports else name.rpartition(".")[0] for name in names} & imports.keys()
+        reached: dict[str, int] = {}
+        distance = 1
+        while front:
+            reached |= dict.fromkeys(front, distance)
+            front = {below for name in front for below in imports[name]} - reached.keys()
+            distance += 1
+        found[str(path.relative_to(ROOT))] = reached
+    return found
+
+
+def covering(file: str) -> list[str]:
+    """The test files that cover a source, the one of its name and the nearest first.
+
+    They are those of its own room that import it themselves or by one module more than the nearest of them does; where
+    the room has none, those of any room that are as near as any.
+    """
+    module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    room = house.room_of(module).rpartition(".")[2]
+    reach = {test: reached[module] for test, reached in distances().items() if module in reached}
+    own = {t: n for t, n in reach.items() if Path(t).parent.name == room or Path(t).stem == f"test_{room}"}
+    least = min((own or reach).values(), default=0)
+    near = {t: n for t, n in (own or reach).items() if n <= least + bool(own)}
+    return sorted(near, key=lambda test: (Path(test).stem != f"test_{Path(file).stem}", near[test], test))
