@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.mutants.cover import distances, covering
+from tests.mutants.cover import covering, distances
 
 
 @pytest.mark.parametrize(
