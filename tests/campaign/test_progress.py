@@ -14,10 +14,10 @@ from experiments.campaign import progress
 
 COMPILES = """
 from experiments.campaign.progress import compiling_shown
-from laisn.geometry import wrap_angle
+from sim.control.allocation import clip
 with compiling_shown():
-    wrap_angle(1.0)
-    wrap_angle(2.0)
+    clip(1.0, 0.0, 2.0)
+    clip(3.0, 0.0, 2.0)
 """
 
 
