@@ -204,3 +204,22 @@ def test_facts_of_a_mission_are_those_of_its_motion() -> None:
     # gyros hold a steady pitch: what stays is the filter's random error, and what its start-up makes of accelerations
     assert facts["ahrs_rms_deg"] >= np.rad2deg(random_error(AHRS).sigma) > 0.01
     assert facts["inclinometer_rms_deg"] >= 0.5
+
+
+def test_the_errors_of_tilt_sensors_are_those_over_time_and_the_random_ones() -> None:
+    """A level leader that speeds up at 0.5 m/s²: an inclinometer reads arctan(0.5 / g), an AHRS nearly follows it."""
+    flown = tilted(make_trajectory(make_scenario(60.0)), 0.0, 0.0)
+    velocity = flown.velocity.copy()
+    ahead = np.stack([np.sin(flown.heading[0, 0]), np.cos(flown.heading[0, 0]), 0.0])
+    velocity[:, 0] = 0.5 * flown.time[:, None] * ahead
+    quaternion = flown.quaternion.copy()
+    quaternion[:, 0] = quaternion[0, 0]
+    straight = replace(flown, velocity=velocity, quaternion=quaternion)
+    facts = sense(straight, QUICK_CONDITIONS[0], "T6", 5.0, 60.0).facts
+    apparent = np.rad2deg(np.arctan(0.5 / 9.81))
+    assert facts["inclinometer_rms_deg"] == pytest.approx(np.hypot(apparent, AHRS.leader_attitude_sigma_deg), rel=1e-6)
+    # the filter comes to the apparent tilt as 1 − exp(−t / τ)
+    tau = AHRS.leader_gyro_time_constant_s
+    followed = apparent * -np.expm1(-flown.time / tau)
+    random = np.rad2deg(random_error(AHRS).sigma)
+    assert facts["ahrs_rms_deg"] == pytest.approx(np.hypot(np.sqrt(np.mean(followed**2)), random), rel=0.03)

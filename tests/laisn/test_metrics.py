@@ -67,8 +67,18 @@ def test_capture_is_far_from_the_truth_and_near_its_mirror_image() -> None:
     captured = metrics.captured_steps(guess, truth, leader, east)
     # the fourth is 4.1 m from the mirror image and 8.99 m from the truth: just beyond twice as far
     assert captured.tolist() == [True, False, False, True, False, False]
-    assert metrics.longest_capture(np.array([True, False, True, True, True, False])) == 3
-    assert metrics.longest_capture(np.zeros(4, dtype=bool)) == 0
+    # the same, turned by 50° to port about the leader and moved with it
+    c, s = np.cos(np.deg2rad(50.0)), np.sin(np.deg2rad(50.0))
+    turn, moved = np.array([[c, -s], [s, c]]), np.array([300.0, -70.0])
+    turned = (guess @ turn.T + moved, truth @ turn.T + moved, leader + moved, east - np.deg2rad(50.0))
+    assert metrics.captured_steps(*turned).tolist() == captured.tolist()
+
+
+@pytest.mark.parametrize(
+    ("steps", "longest"), [("1011100", 3), ("1101000", 2), ("1001011", 2), ("1111111", 7), ("0000000", 0)]
+)
+def test_the_longest_capture_may_begin_or_end_with_the_mission(steps: str, longest: int) -> None:
+    assert metrics.longest_capture(np.array([step == "1" for step in steps])) == longest
 
 
 def test_fix_counts_name_every_kind() -> None:

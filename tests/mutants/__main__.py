@@ -83,8 +83,10 @@ def attempt(copies: "SimpleQueue[Copy]", mutant: Mutant) -> Tried:
         noticed = copy.notices(mutant)
     was, becomes = mutant.change()
     why = "" if noticed else argued().get((mutant.file, was, becomes), "")
-    if not noticed:
-        print(f"{mutant.file}:{mutant.line}\n  - {was}\n  + {becomes}\n  {why or 'SURVIVES'}", flush=True)
+    if noticed:
+        print(".", end="", flush=True)
+    else:
+        print(f"\n{mutant.file}:{mutant.line}\n  - {was}\n  + {becomes}\n  {why or 'SURVIVES'}", flush=True)
     return Tried(mutant, noticed, why)
 
 

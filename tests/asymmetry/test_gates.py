@@ -1,0 +1,51 @@
+"""What the study says of the gate, counted once more with the readable engine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.asymmetry import gates
+from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
+from experiments.asymmetry.missions import QUICK, pair
+from laisn.estimates import FixKind
+from laisn.navigator import Navigator
+from sim.flight import navigation_settings
+from sim.motion import move
+from sim.sensing.hearing import Hearing
+from sim.sensing.observation import errors_of, observe
+from sim.sensing.sensor_errors import measure
+
+
+def test_the_gate_is_counted_as_the_readable_engine_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A message has an echo if rear or front range is another one than with the same noise and no echoes."""
+    runs, duration, route, offset = 3, 120.0, "T5", 2.0
+    monkeypatch.setattr(gates, "_RUNS", runs)
+    monkeypatch.setattr(gates, "INTERVALS_S", (1.0,))
+    rows = gates.fly_gates(replace(QUICK, routes=(route,), duration_s=duration))
+    assert [(row.route, row.rule, row.interval_s) for row in rows] == [(route, rule, 1.0) for rule in gates.RULES]
+
+    both = pair(move(fleet(CALM, (route,), (offset,), duration)), 0)
+    one = scenario(CALM, route, offset, duration)
+    echoes = one.acoustics.model_copy(update={"surface_echo_chance": 0.05, "bottom_echo_chance": 0.02})
+    one = one.model_copy(update={"acoustics": echoes})
+    truth, errors = observe(both, Hearing.of(one)), errors_of(one)
+    silent = replace(errors, echo_chance=(0.0, 0.0))
+    for row in rows:
+        told = replace(navigation_settings(one, both, 0), gate=row.rule)
+        counts, off, off_without = np.zeros((2, 2)), [], []
+        for run in range(first_run(CALM, route, offset), first_run(CALM, route, offset) + runs):
+            heard, quiet = (
+                measure(truth, e, seed=SEED, run=run, transmitters=told.transmitters) for e in (errors, silent)
+            )
+            echoed = ~np.isclose(heard.ranges, quiet.ranges, rtol=0.0, atol=0.0, equal_nan=True)[:, :2].all(axis=1)
+            loud, still = (Navigator(told, truth.start).run(measured) for measured in (heard, quiet))
+            np.add.at(counts, (echoed.astype(int), (loud.fix_kind == FixKind.GATED).astype(int)), 1)
+            for estimates, found in ((loud, off), (still, off_without)):
+                found.append(np.linalg.norm(estimates.state[:, :2] - truth.hydrophone, axis=1).mean())
+        assert counts[1].sum() > 20
+        assert row.detected.value == pytest.approx(counts[1, 1] / counts[1].sum())
+        assert row.false_alarms.value == pytest.approx(counts[0, 1] / counts[0].sum())
+        assert row.e_p_mean_m == pytest.approx(np.mean(off))
+        assert row.e_p_mean_without_echoes_m == pytest.approx(np.mean(off_without))
+        assert (row.detected.value == 0.0) == (row.rule == "off")
