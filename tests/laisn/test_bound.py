@@ -37,6 +37,23 @@ def test_without_ranges_the_bound_is_that_of_dead_reckoning() -> None:
     np.testing.assert_allclose(bound, np.diag([across, along]), rtol=1e-12, atol=1e-12)
 
 
+def test_biases_turn_and_shorten_the_whole_way_however_it_bends() -> None:
+    """Three legs: a compass bias moves the end across the way made good, a log's bias along the sum of headings."""
+    heading = np.repeat(np.deg2rad([30.0, 110.0, -160.0]), [40, 70, 25])
+    speed = np.repeat([1.5, 1.1, 0.9], [40, 70, 25])
+    geometry = replace(at_rest(heading.size, (0.0, 0.0), np.full((3, 3), np.nan)), speed=speed, heading=heading)
+    log, compass, still = 0.1, np.deg2rad(5.0), replace(KNOWN, speed_sigma=0.0)
+    ahead = 0.1 * np.stack([np.sin(heading), np.cos(heading)], axis=1)
+    east, north = (speed[:, None] * ahead).sum(axis=0)
+    aside, along = np.array([-north, east]), ahead.sum(axis=0)
+    for noise, expected in (
+        (replace(still, heading_bias=compass), compass**2 * np.outer(aside, aside)),
+        (replace(still, speed_bias=log), log**2 * np.outer(along, along)),
+    ):
+        start = np.eye(2) * still.start**2
+        np.testing.assert_allclose(position_bound(geometry, noise)[-1] - start, expected, rtol=1e-9, atol=1e-12)
+
+
 def test_repeated_ranges_at_rest_add_their_information() -> None:
     """Two transmitters at right angles as seen from the follower: each axis has n/σ² beside 1/σ₀²."""
     arms = np.array([[50.0, 0.0, 0.0], [0.0, 50.0, 0.0]])

@@ -243,3 +243,17 @@ def test_a_leaders_way_tells_the_current_as_filterpy_has_it(exact: bool) -> None
     kalman.update(H @ kalman.x + drift - expected, R=np.eye(2) * 0.05**2 * 10.0 / 1.25, H=H)
     np.testing.assert_allclose(belief.state[0, :n], kalman.x, atol=1e-9)
     np.testing.assert_allclose(belief.covariance[0, :n, :n], kalman.P, atol=1e-9)
+
+
+@pytest.mark.parametrize(("turn", "says"), [(0.19, True), (0.21, False), (-0.21, False), (2 * np.pi, True)])
+def test_a_leader_that_turns_says_nothing_of_the_current(turn: float, says: bool) -> None:
+    """The way between two messages is known on a leg that is nearly straight, to 0.2 rad."""
+    settings = TightSettings(assume=Assume(current=True))
+    model = model_of(settings)
+    belief = new_belief(settings, model, (0.0, 0.0))
+    before, heard = belief.state.copy(), new_heard()
+    for t in range(2):
+        heard.time, heard.east, heard.north = 1.25 * t, 2.0 * t, 0.0
+        heard.heading, heard.speed = 0.7 + turn * t, 1.3
+        watch_leader(belief, model, heard)
+    assert np.array_equal(belief.state, before) != says

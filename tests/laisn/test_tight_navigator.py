@@ -262,6 +262,23 @@ def test_lost_ranges_and_messages_widen_the_covariance() -> None:
     np.testing.assert_allclose(silent.state[-1], lost.state[-1], atol=0.02)
 
 
+def test_sides_are_told_heaviest_first_and_the_truth_is_on_one_of_them() -> None:
+    """A follower dead astern, which two transmitters on the axis cannot tell from its mirror image."""
+    mission = Mission(steps=600)
+    angle = mission.leader_heading[0]
+    mission.follower += np.array([-30.0 * np.sin(angle), -30.0 * np.cos(angle)]) - mission.follower[0]
+    result = TightNavigator(TightSettings(transmitters=2), mission.start).run(
+        mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
+    )
+    both = np.count_nonzero(result.weight > 0.0, axis=1) > 1
+    assert np.count_nonzero(both) > 10
+    assert np.all(np.diff(result.weight, axis=1) <= 0.0)
+    assert result.weight.sum(axis=1) == pytest.approx(np.ones(len(result.weight)))
+    # the mean over the mixture is that of what is told of its sides
+    mean = np.nansum(result.weight[:, :, None] * result.hypothesis, axis=1)
+    np.testing.assert_allclose(mean, result.full_state[:, :2], atol=1e-9)
+
+
 def test_single_ranges_keep_an_estimate_that_one_transmitter_alone_gives() -> None:
     mission = Mission(steps=3000)
     whole = mission.measured(np.random.default_rng(4), log=0.1)
