@@ -11,11 +11,12 @@ import random
 import re
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
+from time import monotonic
 from typing import NamedTuple
 
 from scipy.stats import binomtest
@@ -77,10 +78,10 @@ def borrowed(copies: "SimpleQueue[Copy]") -> Iterator[Copy]:
         copies.put(copy)
 
 
-def attempt(copies: "SimpleQueue[Copy]", mutant: Mutant) -> Tried:
-    """Try a mutant, and print it if it survives."""
+def attempt(copies: "SimpleQueue[Copy]", mutant: Mutant, took: Mapping[str, float]) -> Tried:
+    """Try a mutant, and print it if it survives; one whose tests take far longer than they `took` runs for ever."""
     with borrowed(copies) as copy:
-        noticed = copy.notices(mutant)
+        noticed = copy.notices(mutant, 60.0 + 5.0 * sum(took[test] for test in covering(mutant.file)))
     was, becomes = mutant.change()
     why = "" if noticed else argued().get((mutant.file, was, becomes), "")
     if noticed:
@@ -90,16 +91,18 @@ def attempt(copies: "SimpleQueue[Copy]", mutant: Mutant) -> Tried:
     return Tried(mutant, noticed, why)
 
 
-def control(copies: "SimpleQueue[Copy]", test: str) -> None:
-    """Run a test file without any mutant.
+def control(copies: "SimpleQueue[Copy]", test: str) -> float:
+    """How long a test file takes without any mutant, code compiled anew [s].
 
     Raises:
         SystemExit: it fails.
     """
     with borrowed(copies) as copy:
+        began = monotonic()
         said = copy.control(test)
     if said:
         raise SystemExit(f"{said}\n{test} fails without any mutant")
+    return monotonic() - began
 
 
 def main() -> None:
@@ -121,9 +124,10 @@ def main() -> None:
         kept.mkdir()
         for job in range(given.jobs):
             copies.put(Copy(Path(folder) / str(job), kept))
-        list(pool.map(lambda test: control(copies, test), tests))
+        took = dict(zip(tests, pool.map(lambda test: control(copies, test), tests), strict=True))
         for package, (mutants, of) in chosen.items():
-            print(summary(package, list(pool.map(lambda mutant: attempt(copies, mutant), mutants)), of), flush=True)
+            tried = list(pool.map(lambda mutant: attempt(copies, mutant, took), mutants))
+            print(f"\n{summary(package, tried, of)}", flush=True)
 
 
 if __name__ == "__main__":

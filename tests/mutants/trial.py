@@ -12,9 +12,6 @@ from experiments.gallery.house import ROOT
 from tests.mutants.cover import covering
 from tests.mutants.faults import Mutant
 
-LIMIT_S = 900.0
-"""A mutant that takes longer runs for ever, and counts as noticed."""
-
 
 class Copy:
     """A copy of the working tree in which mutants are tried, one after the other."""
@@ -44,12 +41,12 @@ class Copy:
         self._written += 1
         os.utime(self._tree / file, (self._written, self._written))
 
-    def _run(self, tests: Iterable[str], cache: Path) -> subprocess.CompletedProcess[str]:
+    def _run(self, tests: Iterable[str], cache: Path, limit: float | None = None) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", "--tb=short", *tests]
         environment = os.environ | {"PYTHONPATH": str(self._tree), "XDG_CACHE_HOME": str(cache)}
         return subprocess.run(
             [*command, "--hypothesis-profile", "mutants"],
-            cwd=self._tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S,
+            cwd=self._tree, env=environment, capture_output=True, text=True, timeout=limit,
         )  # fmt: skip
 
     def control(self, test: str) -> str:
@@ -57,8 +54,8 @@ class Copy:
         done = self._run([test], self._kept)
         return done.stdout if done.returncode else ""
 
-    def notices(self, mutant: Mutant) -> bool:
-        """Whether a test fails, or none ends."""
+    def notices(self, mutant: Mutant, limit: float) -> bool:
+        """Whether a test fails, or they do not end within a limit [s]."""
         tests, whole = covering(mutant.file), (self._tree / mutant.file).read_text(encoding="utf-8")
         if not tests:
             return False
@@ -66,7 +63,7 @@ class Copy:
         shutil.copytree(self._kept, self._trial, copy_function=os.link)
         self._write(mutant.file, mutant.text())
         try:
-            return self._run(tests, self._trial).returncode != 0
+            return self._run(tests, self._trial, limit).returncode != 0
         except subprocess.TimeoutExpired:
             return True
         finally:
