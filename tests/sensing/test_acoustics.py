@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import histories
+from laisn.failure import LaisnError
 from laisn.navigator import Navigator
 from sim.flight import navigation_settings
 from sim.scenario.settings import Acoustics
@@ -108,6 +109,12 @@ def test_mean_slowness_of_a_linear_profile(upper, lower):
     else:
         expected = (np.log(c2 / c1) / 1.4 + (below[1] - below[0]) / 1520.0) / (lower - upper)
     assert_allclose(sound.mean_slowness(upper, lower), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("speed", [0.0, -0.5, -1500.0, np.nan, np.inf])
+def test_sound_has_a_speed(speed: float) -> None:
+    with pytest.raises(LaisnError, match="speeds of sound must be positive, got"):
+        SoundSpeed.through([[0.0, 1450.0], [50.0, speed]])
 
 
 def test_profile_and_bias_scale_the_range():

@@ -32,6 +32,24 @@ def test_terminal_speed_is_where_drag_balances_thrust(thrust: float) -> None:
     assert tank.body_velocity[0] == pytest.approx(brentq(balance, 0.01, 5.0), rel=1e-3)
 
 
+@pytest.mark.parametrize("twist", [[0.8, -0.3, 0.2, 0.4, -0.5, 0.6], [-0.8, 0.3, -0.2, -0.4, 0.5, -0.6]])
+def test_damping_fades_with_speed_and_grows_with_its_square_on_each_axis(twist: list[float]) -> None:
+    """−(d exp(−f U) + q |ν|) ν with six values each: what they add to the forces on a hull without any."""
+    linear, fade, quadratic = np.array(
+        [[3, 5, 7, 2, 11, 13], [3, 0.5, 1, 0, 2, 0.7], [17, 19, 23, 4, 6, 8]], dtype=float
+    )
+
+    def wrench(share: float) -> Floats:
+        given = {"linear_damping": share * linear, "linear_damping_fade": fade, "quadratic_damping": share * quadratic}
+        tank = Tank(models.path("follower").read_text(), Ocean.calm(), 0.02, given)
+        tank.place(twist=twist)
+        return tank.water_wrench()
+
+    nu = np.array(twist)
+    expected = -(linear * np.exp(-fade * np.linalg.norm(nu[:3])) + quadratic * np.abs(nu)) * nu
+    np.testing.assert_allclose(wrench(1.0) - wrench(0.0), expected, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("astern", [1.0, -1.0])
 @pytest.mark.parametrize("plane", [1, 2])
 def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: float) -> None:
