@@ -57,22 +57,21 @@ OPERATORS["ReturnReplacer"] = ReturnReplacer
 
 
 class Mutant(NamedTuple):
-    """A fault: which operator, applied where it applies for the nth time."""
+    """A fault: which operator, applied to a source where it applies for the nth time."""
 
     file: str
+    source: str
     line: int
     operator: str
     occurrence: int
 
     def text(self) -> str:
         """The source with the fault."""
-        source = (ROOT / self.file).read_text(encoding="utf-8")
-        return str(mutate_code(source, OPERATORS[self.operator](), self.occurrence))
+        return str(mutate_code(self.source, OPERATORS[self.operator](), self.occurrence))
 
     def change(self) -> tuple[str, str]:
         """The lines that it takes away and the lines that it puts there."""
-        lines = ((ROOT / self.file).read_text(encoding="utf-8").splitlines(), self.text().splitlines())
-        changed = list(difflib.unified_diff(*lines, n=0, lineterm=""))[3:]
+        changed = list(difflib.unified_diff(self.source.splitlines(), self.text().splitlines(), n=0, lineterm=""))[3:]
         old, new = ("\n".join(line[1:].strip() for line in changed if line[0] == sign) for sign in "-+")
         return old, new
 
@@ -96,4 +95,4 @@ def mutants_of(file: str) -> Iterator[Mutant]:
         places = (place for node in nodes for place in operator().mutation_positions(node))
         for occurrence, (start, end) in enumerate(places):
             if not any(first <= start and end <= last for first, last in hidden):
-                yield Mutant(file, start[0], name, occurrence)
+                yield Mutant(file, source, start[0], name, occurrence)
