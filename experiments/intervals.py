@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betaincinv, ndtr, ndtri
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
+from laisn.arrays import Bools, Floats
 
 CONFIDENCE = 0.95
 """Of every interval that is printed."""
@@ -101,7 +100,7 @@ def bootstrap_ratios(above: Floats, below: Floats, confidence: float = CONFIDENC
     return found
 
 
-def bootstrap_mean(values: Floats, counted: Flags | None = None, confidence: float = CONFIDENCE) -> Interval:
+def bootstrap_mean(values: Floats, counted: Bools | None = None, confidence: float = CONFIDENCE) -> Interval:
     """Mean over runs that count, shape (R,) each, with its interval as of `bootstrap_ratios`; None: all count."""
     mask = np.ones(values.shape, dtype=np.float64) if counted is None else counted.astype(np.float64)
     return bootstrap_ratios((mask * values)[:, None], mask[:, None], confidence)[0]

@@ -3,13 +3,8 @@
 from dataclasses import dataclass, fields
 from enum import IntEnum
 
-import numpy as np
-import numpy.typing as npt
-
+from laisn.arrays import Floats, Ints
 from laisn.records import own_arrays
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class FixKind(IntEnum):

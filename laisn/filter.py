@@ -7,12 +7,10 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn import POSITION
+from laisn.arrays import Floats
 from laisn.geometry import SINGULAR_VARIANCE, is_singular
-
-Floats = npt.NDArray[np.float64]
 
 _H_POSITION = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]])
 _H_VELOCITY = np.array([[0, 0, 1.0, 0], [0, 0, 0, 1.0]])

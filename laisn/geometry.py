@@ -4,11 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled, formula
 
-Floats = npt.NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 SINGULAR_VARIANCE = 1e-12

@@ -5,10 +5,10 @@ P S⁻¹ R stands for P − P S⁻¹ P. That equals the Joseph form up to roundi
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn import lane_rows as row
 from laisn.acceleration import expected_acceleration, larger, speed_share, turn_share
+from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
 from laisn.elementary import sin_cos
 from laisn.estimates import FixKind
@@ -17,8 +17,6 @@ from laisn.gate import is_beyond, reach
 from laisn.geometry import Point, is_singular
 from laisn.lane_rows import LANES
 from laisn.tuning import Tuning
-
-Floats = npt.NDArray[np.float64]
 
 _GATED = float(FixKind.GATED)
 _SINGULAR = float(FixKind.SINGULAR)

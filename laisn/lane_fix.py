@@ -5,10 +5,8 @@ Every lane takes every branch and selects; only what is the same for all runs (t
 
 from collections.abc import Callable
 
-import numpy as np
-import numpy.typing as npt
-
 from laisn import lane_rows as row
+from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes, inlined
 from laisn.elementary import sin_cos
 from laisn.fix import Circle, Fix, Pair, circles, pair_fix
@@ -19,7 +17,6 @@ from laisn.settings import VARIANTS
 from laisn.tuning import Tuning
 from laisn.variants import SINGLE, Pairs
 
-Floats = npt.NDArray[np.float64]
 Choose = Callable[[Floats, Tuning], None]
 """A pass that makes one fix of three."""
 

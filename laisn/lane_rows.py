@@ -7,16 +7,14 @@ not overlap, and turns each pass into vector instructions.
 from itertools import count
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes, inlined
 from laisn.failure import LaisnError
 from laisn.fix import Fix
 from laisn.geometry import Point
 from laisn.settings import NavigationSettings
 from laisn.tuning import Tuning
-
-Floats = npt.NDArray[np.float64]
 
 LANES = 64
 """Runs of a block."""

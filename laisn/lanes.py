@@ -11,15 +11,13 @@ import numpy.typing as npt
 
 from laisn import lane_filter, lane_fix
 from laisn import lane_rows as row
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes
 from laisn.lane_rows import LANES
 from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import VARIANTS, NavigationSettings
 from laisn.tuning import Tuning
 from laisn.variants import SEQUENTIAL
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _SEQUENTIAL = VARIANTS.index(SEQUENTIAL)
 

@@ -4,15 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn import POSITION
+from laisn.arrays import Bools, Floats
 from laisn.compiled import compiled, formula, inlined
 from laisn.elementary import half_turn_angle
 from laisn.estimates import Estimates, FixKind
 from laisn.geometry import Point, Turn, is_singular, turn
-
-Floats = npt.NDArray[np.float64]
 
 CAPTURE_ERROR = 5.0
 """Position error beyond which an estimate near the mirror image of the truth counts as captured there [m]."""
@@ -154,7 +152,7 @@ def _normalised(rows: Floats) -> Floats:
 
 
 @compiled
-def _captured(rows: Floats) -> npt.NDArray[np.bool_]:
+def _captured(rows: Floats) -> Bools:
     """Whether captured, shape (n,), of columns estimate, truth, leader and its heading."""
     captured = np.empty(rows.shape[0], dtype=np.bool_)
     for k in range(captured.size):
@@ -163,7 +161,7 @@ def _captured(rows: Floats) -> npt.NDArray[np.bool_]:
     return captured
 
 
-def captured_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> npt.NDArray[np.bool_]:
+def captured_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> Bools:
     """Steps at which the estimate is captured at the truth's mirror image: see `is_captured`.
 
     Args:
@@ -178,7 +176,7 @@ def captured_steps(estimate: Floats, truth: Floats, leader: Floats, leader_headi
     return _captured(np.column_stack([estimate, truth, leader, leader_heading]))
 
 
-def longest_capture(captured: npt.NDArray[np.bool_]) -> int:
+def longest_capture(captured: Bools) -> int:
     """Most steps in a row that are captured; a run is a mirror capture if they span a message interval or more."""
     edges = np.diff(np.concatenate([[0], captured.astype(np.int64), [0]]))
     lengths = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)

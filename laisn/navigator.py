@@ -4,10 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn import POSITION
 from laisn.acceleration import expected_acceleration, larger, speed_share, turn_share
+from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind
 from laisn.failure import LaisnError
 from laisn.filter import Filter
@@ -19,8 +19,6 @@ from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.settings import NavigationSettings
 from laisn.tuning import Tuning
 from laisn.variants import SEQUENTIAL, SINGLE
-
-Floats = npt.NDArray[np.float64]
 
 LOST = Fix(np.nan, np.nan, np.nan, float(FixKind.LOST), -1.0)
 

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn import POSITION, VELOCITY
+from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import NavigationSettings, transmitters_of
 from sim.fleet import Flown
@@ -21,8 +21,6 @@ from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import SITES, errors_of, observe, own_motion, start_of
 from sim.sensing.sensor_errors import measure, sense_own
-
-Floats = npt.NDArray[np.float64]
 
 _PATIENCE_S = 10.0
 """A message that is not in after this time never will be: one that came in the same step was kept instead."""

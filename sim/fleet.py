@@ -5,8 +5,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design
@@ -18,8 +18,6 @@ from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant, PlantError
 from sim.vehicle.stepping import FINE, Fault, advance
 from sim.water.ocean import Water, water_velocity
-
-Floats = npt.NDArray[np.float64]
 
 TICK = CONTROL_STEP_S
 """Interval of guidance, autopilot and recording [s]."""

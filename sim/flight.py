@@ -6,8 +6,8 @@ from enum import Enum
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings
@@ -16,8 +16,6 @@ from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
 from sim.sensing.sensor_errors import measure
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 
 class Navigating(Protocol):
@@ -67,7 +65,7 @@ class Flight:
         """Points of the trajectory from one filter step to the next."""
         return round(self.scenario.timing.filter_step_s / CONTROL_STEP_S)
 
-    def step_index(self) -> npt.NDArray[np.int64]:
+    def step_index(self) -> Ints:
         """Index into the trajectory of filter steps k = 1 … n, shape (n,)."""
         n = self.measurements[0].speed.size
         return np.arange(1, n + 1, dtype=np.int64) * self.stride

@@ -4,16 +4,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
 from sim.geometry import attitude
 from sim.scenario.point_motion import Limits, plan
 from sim.scenario.routes import Route
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Sites(NamedTuple):

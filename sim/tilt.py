@@ -2,13 +2,10 @@
 
 from dataclasses import replace
 
-import numpy as np
 import numpy.typing as npt
 
 from sim.geometry import attitude
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 
 def tilted(trajectory: Trajectory, pitch: npt.ArrayLike, roll: npt.ArrayLike = 0.0) -> Trajectory:

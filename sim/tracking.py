@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from sim.scenario.point_motion import Limits, plan
 from sim.scenario.routes import Route
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

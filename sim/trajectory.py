@@ -9,11 +9,9 @@ from typing import BinaryIO, Self
 import numpy as np
 import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.records import own_arrays
 from sim.geometry import attitude
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 def _carry(position: Floats, axes: Floats, offset: Floats) -> None:

@@ -4,16 +4,14 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from sim.flight import Flight
 from sim.geometry import attitude
 from sim.scenario.settings import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 LEADER_RADIUS_M = 60.0
 LANE_M = 9.0

@@ -1,13 +1,13 @@
 """Followers that steer by their own estimates."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from experiments.campaign.missions import fly as fly_for_campaign
 from experiments.closed_loop import study
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
+from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
@@ -17,8 +17,6 @@ from sim.motion import move
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 from tests import straight
-
-Floats = npt.NDArray[np.float64]
 
 
 def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Scenario:

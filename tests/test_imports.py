@@ -10,8 +10,8 @@ from experiments.gallery import house
 IMPORTS = house.imports()
 SOURCES = house.modules()
 ROOMS = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
-VOCABULARY = {"laisn", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry", "laisn.compiled",
-              "laisn.elementary", "laisn.failure", "laisn.records", "laisn.whole_files"}  # fmt: skip
+VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry",
+              "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.records", "laisn.whole_files"}  # fmt: skip
 """What the simulator may know of navigation: words, not navigators."""
 
 

@@ -4,15 +4,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.asymmetry.missions import Row
 from experiments.asymmetry.remedies import EXACT, LEVEL, LEVEL_BROADCAST, READINGS, REAL, REMEDIES, STEADIED, Arm
 from experiments.asymmetry.verdict import Verdict, judge_captures, judge_errors
 from experiments.intervals import CONFIDENCE, Interval, proportion, share_removed
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
+from laisn.arrays import Bools, Floats
 
 JUDGED_FROM_M = 0.1
 """Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean. That is known
@@ -89,11 +86,11 @@ class Excess:
         runs = min(map(len, values))
         return [value[:runs] for value in values]
 
-    def _compared(self, arm: Arm, base: Arm) -> tuple[Floats, Floats, Flags]:
+    def _compared(self, arm: Arm, base: Arm) -> tuple[Floats, Floats, Bools]:
         """Pitch-driven error and what the remedy leaves of it, run by run, and whether no arm captures the run."""
         real, level, remedy, other = np.array(self._of_all("e_p_run_mean_m", arm, base))
         captured = np.array(self._of_all("captured_run", arm, base))
-        free: Flags = np.logical_not(captured.any(axis=0))
+        free: Bools = np.logical_not(captured.any(axis=0))
         return real - level, remedy - other, free
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
@@ -11,11 +10,10 @@ from matplotlib.patches import Circle, Ellipse
 from matplotlib.ticker import FixedLocator
 
 from experiments.pages.figures import FRAME, INK, MUTED, SERIES, Colour, Line, panel
+from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.tilt import leveled
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 LEVEL, REAL, AWARE = SERIES[2], SERIES[1], SERIES[0]
 """Colours of the level leader, the real one, and of a follower that knows the leader's attitude."""

@@ -4,12 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.asymmetry.example import OFFSET_M, Example
 from experiments.asymmetry.remedies import AHRS
 from experiments.flight.anatomy import Cause, dissect
 from experiments.flight.summary import position_and_bearing_errors
+from laisn.arrays import Floats
 from laisn.navigator import Navigator
 from sim.excerpt import excerpt
 from sim.film import graphics
@@ -17,8 +17,6 @@ from sim.film.annotations import Annotations, OtherEstimate, RayErrors
 from sim.film.render import render
 from sim.flight import Flight, navigate
 from sim.scenario.settings import Scenario, Video
-
-Floats = npt.NDArray[np.float64]
 
 BEFORE_S, AFTER_S = 40.0, 20.0
 """Of the mission around the telling message."""

@@ -3,12 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
 from experiments.asymmetry.missions import Plan, pair
 from experiments.intervals import Interval, bootstrap_ratios
 from laisn import lanes
+from laisn.arrays import Bools
 from laisn.estimates import FixKind
 from laisn.settings import GateRule
 from sim.flight import navigation_settings
@@ -17,8 +17,6 @@ from sim.sensing.echo import Path, locked_path
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
 from sim.sensing.sensor_errors import measure
-
-Flags = npt.NDArray[np.bool_]
 
 RULES: tuple[GateRule, ...] = ("off", "v-max", "v-measured")
 INTERVALS_S = (1.0, 5.0)
@@ -43,7 +41,7 @@ class GateRow:
     e_p_mean_without_echoes_m: float
 
 
-def rates(rejected: Flags, echoed: Flags) -> tuple[Interval, Interval]:
+def rates(rejected: Bools, echoed: Bools) -> tuple[Interval, Interval]:
     """Share of the messages with an echo that the gate rejects, and share of those without one.
 
     Messages of a run hang together, for a fix that is accepted moves the gate: limits come from a bootstrap over runs.

@@ -22,13 +22,12 @@ import pyarrow as pa
 
 from laisn import lane_rows as row
 from laisn import lanes
+from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
 from laisn.geometry import transmitter_positions
 from laisn.lane_rows import LANES
 from laisn.settings import VARIANTS, NavigationSettings
 from laisn.tuning import Tuning
-
-Floats = npt.NDArray[np.float64]
 
 PREDICTION_SIGMA_M = 1000.0
 """Far above every σp, so that the fix decides."""

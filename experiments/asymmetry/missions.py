@@ -3,12 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.asymmetry.conditions import OFFSETS_M, Condition, scenario
 from experiments.asymmetry.map import fix_error
 from experiments.asymmetry.remedies import AHRS
 from experiments.flight.library import ROUTES
+from laisn.arrays import Floats
 from laisn.settings import NavigationSettings, Variant
 from sim.flight import navigation_settings
 from sim.scenario.settings import CONTROL_STEP_S
@@ -18,8 +18,6 @@ from sim.sensing.observation import SITES, observe
 from sim.sensing.truth import MissionTruth
 from sim.tilt import leveled
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

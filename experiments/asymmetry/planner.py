@@ -1,11 +1,9 @@
 """Rules for a mission planner: how deep a follower may swim below its leader for a given pitch and error."""
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.asymmetry.map import closed_form_error
-
-Floats = npt.NDArray[np.float64]
+from laisn.arrays import Floats
 
 PITCH_DEG = (1.0, 2.0, 5.0, 10.0, 15.0)
 BOUND_M = (0.25, 0.5, 1.0, 2.0)

@@ -1,7 +1,6 @@
 """First half of the pitch study's report: the question, one message, and the map."""
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from experiments.asymmetry import figures as drawing
@@ -13,6 +12,7 @@ from experiments.pages.anatomy_page import asymmetry_over_time, share_table
 from experiments.pages.anatomy_page import legend_of as legend_of_causes
 from experiments.pages.figures import SERIES, Colour, svg
 from experiments.pages.page import Code, Figures, Section, Text
+from laisn.arrays import Bools
 
 _TOLD = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
 
@@ -103,7 +103,7 @@ def chart_section(chart: pa.Table) -> Section:
     """The section that shows where around the leader its pitch matters."""
     columns = {name: chart[name].to_numpy().astype(np.float64) for name in chart.column_names}
 
-    def at(**fixed: float) -> npt.NDArray[np.bool_]:
+    def at(**fixed: float) -> Bools:
         chosen = np.ones(chart.num_rows, dtype=np.bool_)
         for name, value in fixed.items():
             chosen &= np.isclose(columns[name], value)

@@ -9,20 +9,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
 from experiments.asymmetry.missions import Plan, pair
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
+from laisn.arrays import Floats
 from laisn.settings import Variant
 from sim.flight import navigation_settings
 from sim.motion import move
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
 from sim.tilt import leveled, tilted
-
-Floats = npt.NDArray[np.float64]
 
 TAU_M = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1.6)
 """τ of the rear transmitter; the first is the paper's usual one, 0.03 and 0.06 are those of its Stage 4."""

@@ -17,13 +17,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 
-import numpy as np
-import numpy.typing as npt
-
 from experiments.intervals import Interval, bootstrap_mean, difference_of_shares
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
+from laisn.arrays import Bools, Floats
 
 WRONG = 0.025
 """Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
@@ -58,7 +53,7 @@ def _judge(
     return Verdict.OPEN
 
 
-def judge_errors(part: Floats, left: Floats, free: Flags, wanted: float, looks: Sequence[int]) -> Verdict:
+def judge_errors(part: Floats, left: Floats, free: Bools, wanted: float, looks: Sequence[int]) -> Verdict:
     """Judge errors of runs without capture, by bootstrap over the runs.
 
     Args:

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.benchmarks import mission as benchmarks_mission
 from experiments.benchmarks.row import Row, least_time
@@ -19,6 +18,7 @@ from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
 from laisn import lane_rows as row
 from laisn import lanes
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes
 from laisn.elementary import fma
 from laisn.filter import Filter
@@ -29,9 +29,6 @@ from laisn.settings import NavigationSettings
 from laisn.tuning import Tuning
 from sim.sensing.sensor_errors import SensorErrors, measure
 from sim.sensing.truth import MissionTruth
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 RUNS = 60
 STEPS = 2000

@@ -12,7 +12,6 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign import missions
 from experiments.campaign.cells import PERCENTILES, Cell, CellResult
@@ -23,12 +22,11 @@ from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Record, Steps, Store
 from experiments.campaign.version import code_version
 from laisn import metrics
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 _BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""

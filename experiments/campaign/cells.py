@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign import lane_metrics as metric
 from experiments.campaign.missions import Mission, flown, motion_of
+from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled_lanes
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
@@ -21,9 +21,6 @@ from sim.scenario.settings import Scenario
 from sim.sensing.observation import errors_of
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 PERCENTILES = (50, 90, 95, 99)
 
@@ -84,7 +81,7 @@ class RunTable:
     e_p_mean_m: Floats
     e_b_max_deg: Floats
     e_b_mean_deg: Floats
-    captured: npt.NDArray[np.bool_]
+    captured: Bools
     gated: Ints
     """Fixes that the gate rejected."""
 
@@ -158,7 +155,7 @@ class CellSums:
         if self._kept is not None:
             self._kept.append(table)
 
-    def _is_captured(self, table: Floats) -> npt.NDArray[np.bool_]:
+    def _is_captured(self, table: Floats) -> Bools:
         return np.asarray(table[metric.LONGEST_ASTRAY // LANES] >= self._interval)
 
     def _summary(self) -> Summary:

@@ -4,18 +4,15 @@ import math
 from itertools import count
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn import lane_rows as row
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes, inlined
 from laisn.elementary import to_bits
 from laisn.estimates import FixKind
 from laisn.geometry import Point, is_singular, turn
 from laisn.lane_rows import LANES
 from laisn.metrics import bearing_error, is_captured, normalised_square, squared_error
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _LOST = int(FixKind.LOST)
 

@@ -6,9 +6,9 @@ This is `sim.sensing.sensor_errors.measure` for lanes, with the same bits.
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn import lane_rows as row
+from laisn.arrays import Bools, Floats
 from laisn.compiled import compiled_lanes
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
@@ -27,8 +27,6 @@ from sim.sensing.sensor_errors import (
     speed_reading,
 )
 from sim.sensing.truth import MissionTruth
-
-Floats = npt.NDArray[np.float64]
 
 # Rows of draws.
 _FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
@@ -116,7 +114,7 @@ class Noise(NamedTuple):
     draws: Floats
     """Three rows of uniforms, or two of normals."""
     address: Address
-    burst: npt.NDArray[np.bool_]
+    burst: Bools
     """Whether a lane is within a burst of loss."""
     wandering: Floats
     """Two rows: what wanders of the leader's pitch and roll errors, of unit variance."""

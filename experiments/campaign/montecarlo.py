@@ -12,7 +12,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign import lane_metrics as metric
 from experiments.campaign.cells import Cell, CellResult, CellSums
@@ -28,14 +27,12 @@ from experiments.campaign.lane_sensors import (
 )
 from laisn import lane_rows as row
 from laisn import lanes
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes
 from laisn.lane_rows import LANES
 from laisn.tuning import Tuning
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _NO_HISTORY = np.empty((0, 4 * LANES))
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import progress
@@ -23,8 +22,6 @@ from laisn.settings import Variant
 from sim.assembly import routes_of
 from sim.scenario.settings import Scenario
 from sim.tracking import off_place
-
-Floats = npt.NDArray[np.float64]
 
 COMMAND = "python -m experiments.closed_loop.study"
 MODULES = ("experiments.closed_loop.study",)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign.missions import flown, motion_of
 from experiments.estimators.cases import Case, spoiled
 from experiments.reproduction.stages import Setting, scenario
 from laisn import lanes, metrics
+from laisn.arrays import Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.lane_rows import LANES
 from laisn.messages import Measurements
@@ -21,8 +21,6 @@ from sim.scenario.settings import Follower
 from sim.sensing.observation import errors_of
 from sim.sensing.sensor_errors import SensorErrors, measure
 from sim.sensing.truth import MissionTruth
-
-Floats = npt.NDArray[np.float64]
 
 MIDDLE_OFFSET = 0.1
 """H_T of all missions [m]."""

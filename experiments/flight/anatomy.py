@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.geometry import horizontal_range
 from laisn.messages import LeaderMessage
 from laisn.records import own_arrays
@@ -23,9 +23,6 @@ from sim.sensing.echo import Path, locked_path
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of
 from sim.tilt import leveled
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Cause(IntEnum):

@@ -4,16 +4,14 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign.version import versions
 from laisn import metrics
+from laisn.arrays import Floats
 from sim.assembly import routes_of
 from sim.flight import Flight
 from sim.log.events import Event
 from sim.tracking import off_place
-
-Floats = npt.NDArray[np.float64]
 
 
 def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:

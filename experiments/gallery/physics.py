@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from experiments.pages.figures import FRAME, MUTED, SERIES, Colour, Line, panel
@@ -11,7 +10,6 @@ from sim.geometry import attitude
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
 
-Floats = npt.NDArray[np.float64]
 Drawn = tuple[Figure, Sequence[tuple[Colour, str]]]
 
 PUBLISHED_SPEED = {300: 0.4860, 500: 0.8314, 750: 1.2542, 1000: 1.6741, 1250: 2.0930, 1525: 2.5536}

@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from experiments.flight.anatomy import LABELS, Anatomy, Cause, dissect
 from experiments.pages.figures import SERIES, Line, panel, svg
 from experiments.pages.page import Block, Figures, Notice, Section, Table, Text, number, words
+from laisn.arrays import Floats
 from sim.flight import Flight
-
-Floats = npt.NDArray[np.float64]
 
 TRANSMITTERS = ("rear", "front", "middle")
 COLOUR = dict(

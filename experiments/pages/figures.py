@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-Floats = npt.NDArray[np.float64]
+from laisn.arrays import Floats
 
 WIDTH, HEIGHT = 4.4, 2.5
 """Size of a panel [inch]; 72 units of the drawing to an inch."""

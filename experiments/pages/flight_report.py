@@ -5,17 +5,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.pages import anatomy_page, figures
 from experiments.pages.figures import FRAME, INK, MUTED, SERIES, Line
 from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words, write
 from laisn import metrics
+from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.flight import Flight, Outcome
 from sim.scenario.file import dumps
 
-Floats = npt.NDArray[np.float64]
 Errors = Sequence[tuple[Floats, Floats]]
 """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
 

@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign.store import Steps
 from experiments.reproduction.verdict import Evidence, Judgement, Verdict
+from laisn.arrays import Floats
 from laisn.settings import Variant
-
-Floats = npt.NDArray[np.float64]
 
 ASTERN_DEG = 10.0
 """A follower within this angle of dead astern counts as astern."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign import campaign
 from experiments.campaign.campaign import CellPlan
@@ -15,11 +14,10 @@ from experiments.reproduction import stages
 from experiments.reproduction.claims import Claim
 from experiments.reproduction.stages import Key, Motion, Setting
 from experiments.reproduction.verdict import Evidence, Judgement
+from laisn.arrays import Floats
 from laisn.settings import Variant
 from sim.scenario.settings import Follower
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign.store import Record
 from experiments.reproduction import stages
@@ -16,14 +15,13 @@ from experiments.reproduction.claims import CLAIMS, Claim
 from experiments.reproduction.record import mean_distance
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.reproduction.verdict import Evidence, Judgement, Verdict
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.scenario.point_motion import plan as plan_motion
 from sim.scenario.random_routes import CLASSES, random_route
 from sim.scenario.routes import FOLLOWER_DEPTH, Route
 from sim.scenario.settings import Follower
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 RESAMPLES = 1000
 CLAIM_RESAMPLES = 200

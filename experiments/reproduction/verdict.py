@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign.store import Steps
 from experiments.reproduction.stages import Key
+from laisn.arrays import Floats
 from laisn.settings import Variant
 
-Floats = npt.NDArray[np.float64]
 Verdict = Literal["holds", "does not hold", "depends", "no data"]
 
 

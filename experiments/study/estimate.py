@@ -10,13 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as student
 
 from experiments.campaign.store import Record
 from experiments.intervals import CONFIDENCE, FEWEST_RUNS, Interval, bootstrap_mean, difference_of_shares, proportion
-
-Floats = npt.NDArray[np.float64]
+from laisn.arrays import Floats
 
 Place = tuple[int, str, str]
 """Point, arm and follower."""

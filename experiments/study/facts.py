@@ -1,15 +1,13 @@
 """What a mission is like beside its errors of navigation: how places and depths were kept, how near, at what power."""
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign.store import Record
+from laisn.arrays import Floats
 from sim.assembly import routes_of
 from sim.scenario.settings import Scenario
 from sim.tracking import off_place
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 DISC_DIAMETER_M = 0.1
 """Of every thruster: the hulls' MJCF has thrusts and no propellers. Powers compare missions; they size no battery."""

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign import missions as flights
 from experiments.campaign.campaign import CellPlan, compile_ahead, compute_cells, missing_cells
@@ -24,8 +23,6 @@ from laisn import metrics
 from sim.flight import Flight, Outcome
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,16 +3,12 @@
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.settings import TightSettings
 from laisn.tight.states import COMPASS, LOG, SCALE, X, Y
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 KEPT = 4
 """Hypotheses that are kept from message to message."""

@@ -2,15 +2,10 @@
 
 from dataclasses import dataclass, fields
 
-import numpy as np
-import numpy.typing as npt
-
+from laisn.arrays import Floats, Ints
 from laisn.records import own_arrays
 from laisn.tight.belief import KEPT
 from laisn.tight.model import ABSENT, Model
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 def state_names(model: Model) -> tuple[str, ...]:

@@ -2,13 +2,8 @@
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _SQRT_HALF = math.sqrt(0.5)
 _PER_SQRT_TURN = 1.0 / math.sqrt(2.0 * math.pi)

@@ -1,8 +1,8 @@
 """A whole mission in one compiled loop: what campaigns run, and what `TightNavigator.run` must equal."""
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from laisn.messages import Measurements
 from laisn.tight.belief import Belief, new_belief
@@ -11,9 +11,6 @@ from laisn.tight.model import Model, model_of
 from laisn.tight.own_motion import advance, moments, position
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import TightSettings
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 @compiled

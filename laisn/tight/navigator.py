@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.tight.belief import KEPT, Belief, new_belief
@@ -15,8 +15,6 @@ from laisn.tight.own_motion import advance, moments
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import TightSettings
 from laisn.tight.sides import heaviest, hypothesis_weight
-
-Floats = npt.NDArray[np.float64]
 
 FASTEST = 50.0
 """A reading of the log beyond this is broken, not fast [m/s]."""

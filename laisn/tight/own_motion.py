@@ -3,15 +3,12 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
 from laisn.tight.belief import Belief
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.states import COMPASS, LOG, X, Y
-
-Floats = npt.NDArray[np.float64]
 
 
 @compiled

@@ -8,7 +8,6 @@ import math
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from laisn.compiled import compiled, inlined
 from laisn.elementary import log, sin_cos
@@ -16,8 +15,6 @@ from laisn.tight.belief import Belief
 from laisn.tight.gaussian import factor
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.states import SCALE, X, Y
-
-Floats = npt.NDArray[np.float64]
 
 _LOG_TURN = math.log(2.0 * math.pi)
 _TOO_SHORT = 6.0

@@ -5,12 +5,8 @@ Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021 
 with two thrusters the constrained problem has this closed form.
 """
 
-import numpy as np
-import numpy.typing as npt
-
+from laisn.arrays import Floats
 from laisn.compiled import compiled
-
-Floats = npt.NDArray[np.float64]
 
 
 @compiled

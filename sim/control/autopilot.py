@@ -26,13 +26,13 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 from sim.control.allocation import clip, share
 from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING, wrap
 from sim.vehicle import coefficients
 from sim.vehicle.plant import Plant
 
-Floats = npt.NDArray[np.float64]
 DepthControl = Literal["pitch", "thrust"]
 
 HEADING_INTEGRAL, SPEED_INTEGRAL, PITCH_INTEGRAL, DEPTH_INTEGRAL, PITCH_COMMAND = range(5)

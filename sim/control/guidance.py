@@ -16,14 +16,12 @@ water track measures it, low-passed, so that waves do not steer.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 from sim.control.allocation import clip
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Limits, plan
 from sim.scenario.routes import Route
-
-Floats = npt.NDArray[np.float64]
 
 EAST, NORTH, COURSE, SPEED, TURNING, ACCELERATING, DEPTH, SINKING = range(8)
 """Columns of a reference: [m], [m], [rad], [m/s], [rad/s²], [m/s²], [m], [m/s]."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.records import own_arrays
 
-Floats = npt.NDArray[np.float64]
 RGB = tuple[float, float, float]
 """Red, green, blue, each in [0, 1]."""
 

@@ -4,11 +4,9 @@ For renderers on the processor: there four samples a pixel cost as much again as
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Bytes
 from laisn.compiled import compiled, inlined
-
-Bytes = npt.NDArray[np.uint8]
 
 _CONTRAST = 20
 """Smallest difference of brightness, of 255, that counts as an edge: hulls against water do, sand and sheen do not."""

@@ -5,12 +5,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from sim.film.footage import Footage, Moment
 from sim.geometry import attitude
-
-Floats = npt.NDArray[np.float64]
 
 CAMERAS = {
     "chase": "behind the follower, looking towards the leader; inset: the leader close by",

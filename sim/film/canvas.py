@@ -6,14 +6,13 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.path import Path as Outline
 from matplotlib.transforms import IdentityTransform
 from PIL import Image, ImageDraw, ImageFont
 
-Floats = npt.NDArray[np.float64]
-Bytes = npt.NDArray[np.uint8]
+from laisn.arrays import Bytes, Floats
+
 Colour = tuple[float, ...]
 """Red, green, blue and, where given, opacity, each in [0, 1]."""
 PALE: Colour = (0.80, 0.92, 0.97)

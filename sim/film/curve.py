@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.ticker import MaxNLocator
 
+from laisn.arrays import Floats
 from sim.film.canvas import DIM, PALE, Canvas, Colour
 
-Floats = npt.NDArray[np.float64]
 Place = tuple[float, float, float, float]
 """Left, top, width, height [px]."""
 

@@ -4,14 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
 from sim.flight import Flight
 from sim.geometry import attitude
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 

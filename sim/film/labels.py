@@ -4,11 +4,10 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from sim.film.canvas import Canvas, Colour
 
-Floats = npt.NDArray[np.float64]
 Area = tuple[float, float, float, float]
 """Left, top, width, height [px]."""
 

@@ -1,8 +1,8 @@
 """What lies over the picture: rays, trails, markers and labels in place, numbers, map and curves beside it."""
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from sim.film import labels
 from sim.film.annotations import Annotations
 from sim.film.cameras import Shot, View
@@ -12,8 +12,6 @@ from sim.film.footage import Footage, Moment
 from sim.film.labels import Label
 from sim.film.panels import LEADER, NUMBERS, SIGMAS, TRUTH, Map, Place, caption, card, colour_bar, numbers, scale_bar
 from sim.film.scene import ESTIMATE, TRANSMITTER_COLOURS, Box
-
-Floats = npt.NDArray[np.float64]
 
 _TRAIL_FILM_S = 5.0
 _TRAIL_PIECES = 12

@@ -3,15 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.film.annotations import OtherEstimate, RayErrors, diverging
 from sim.film.canvas import DIM, PALE, Canvas, Colour
 from sim.film.footage import Footage, Moment
 from sim.film.scene import ESTIMATE
 
-Floats = npt.NDArray[np.float64]
 Place = tuple[float, float, float, float]
 """Left, top, width, height [px]."""
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.whole_files import replaced, scratch
 from sim.film import graphics
@@ -24,7 +24,6 @@ from sim.film.studio import GROUP, Job, group_file
 from sim.flight import Flight
 from sim.scenario.settings import Video
 
-Floats = npt.NDArray[np.float64]
 Errors = Sequence[tuple[Floats, Floats]]
 Progress = Callable[[float], None]
 

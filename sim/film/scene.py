@@ -5,8 +5,8 @@ from typing import Any, Self
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Bytes, Floats
 from sim.film import antialiasing, seascape
 from sim.film.cameras import Shot, View
 from sim.film.footage import Moment
@@ -14,8 +14,6 @@ from sim.geometry import attitude
 from sim.vehicle.mjcf import THRUSTERS, resolve
 from sim.water.ocean import Ocean
 
-Floats = npt.NDArray[np.float64]
-Bytes = npt.NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 
 ESTIMATE = (1.0, 0.25, 0.85)

@@ -10,12 +10,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from sim.vehicle.mjcf import VehicleSetup, compose
 from sim.water.ocean import Ocean
-
-Floats = npt.NDArray[np.float64]
 
 WATER = (0.035, 0.26, 0.36)
 """Colour of the fog, and so of all that is far, so that no band remains at the horizon."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Bytes, Floats
 from sim.assembly import ocean_of
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.cameras import Director
@@ -20,9 +20,6 @@ from sim.film.overlay import Overlay
 from sim.film.scene import Stage
 from sim.flight import Flight
 from sim.scenario.settings import Video
-
-Floats = npt.NDArray[np.float64]
-Bytes = npt.NDArray[np.uint8]
 
 GROUP = 30
 """Frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by whichever child."""

@@ -3,5 +3,5 @@
 Takes numbers and gives numbers; compiled where forces need it. It knows no vehicle, no water and no time: everything
 that moves, floats or measures stands above it.
 
-Imports: laisn.compiled
+Imports: laisn.arrays laisn.compiled
 """

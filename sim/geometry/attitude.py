@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from laisn.arrays import Floats
 
 
 def _parts(quaternion: Floats) -> tuple[Floats, Floats, Floats, Floats]:

@@ -1,9 +1,8 @@
 """The flat world on the map: east and north about the scenario's origin to latitude and longitude (WGS 84)."""
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from laisn.arrays import Floats
 
 SEMI_MAJOR_AXIS = 6378137.0
 """Of the WGS 84 ellipsoid [m]."""

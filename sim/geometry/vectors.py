@@ -1,11 +1,8 @@
 """Algebra of 3-vectors and 3×3 matrices as tuples: compiled, they live in registers and cost no memory."""
 
-import numpy as np
-import numpy.typing as npt
-
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 
-Floats = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 

@@ -16,6 +16,7 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
+from laisn.arrays import Floats, Ints
 from sim.flight import Flight
 from sim.geometry import attitude
 from sim.geometry.geodesy import geodetic
@@ -36,8 +37,6 @@ from sim.log.schema import (
 )
 from sim.scenario.settings import CONTROL_STEP_S
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Errors = tuple[Floats, Floats]
 """E_P [m] and E_B [rad] of a follower at filter steps k = 1 … n, shapes (n,)."""
 

@@ -7,9 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from laisn.arrays import Ints
 from laisn.failure import LaisnError
-
-Ints = npt.NDArray[np.int64]
 
 
 class Clock:

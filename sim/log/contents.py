@@ -8,16 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.well_known import MessageEncoding
 from mcap_protobuf.decoder import DecoderFactory
 
+from laisn.arrays import Floats, Ints
 from sim.log.file import LogError, check, faults, records
 from sim.log.records import KEPT_COST, Budget
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass

@@ -4,7 +4,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
@@ -17,8 +16,7 @@ from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrim
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 import models
-
-Floats = npt.NDArray[np.float64]
+from laisn.arrays import Floats
 
 
 def pose(position: Floats, quaternion: Floats) -> Any:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from sim.flight import Flight, Outcome
@@ -33,9 +33,6 @@ from sim.log.wholeness import prove
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 POSE = tuple(f"pose.position.{axis}" for axis in "xyz") + tuple(f"pose.orientation.{axis}" for axis in "wxyz")
 

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
@@ -14,13 +13,13 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.duration_pb2 import Duration
 
+from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
 from laisn.messages import Ranges
 from sim.flight import Flight
 from sim.log.clock import timestamp
 from sim.log.hull import cylinder, hull, pose
 
-Floats = npt.NDArray[np.float64]
 Draw = Callable[[int, int], bytes]
 """Serialises the SceneUpdate of one instant: index on its own time grid, and time since 1970 [ns]."""
 
@@ -76,7 +75,7 @@ def _entity(name: str, frame: str, stamp: Any, **parts: Any) -> Any:
     return SceneEntity(id=name, frame_id=frame, timestamp=stamp, **parts)
 
 
-def draw_vehicles(flight: Flight, index: npt.NDArray[np.int64]) -> Draw:
+def draw_vehicles(flight: Flight, index: Ints) -> Draw:
     """Hulls, trails of truth and belief, and 95 % ellipses; every update is complete, so that seeking shows it all.
 
     Args:
@@ -146,7 +145,7 @@ def _ping(flight: Flight, follower: int, message: int, stamp: Any) -> Any:
     return entity
 
 
-def draw_acoustics(flight: Flight, step: npt.NDArray[np.int64]) -> Draw:
+def draw_acoustics(flight: Flight, step: Ints) -> Draw:
     """Rays from the transmitters, discs of the horizontal ranges at the hydrophone's depth, and the fixes (red: gated).
 
     Args:

@@ -11,11 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
+from laisn.arrays import Bytes, Ints
 from laisn.messages import LeaderMessage, Ranges
 from laisn.messages import OwnMotion as OwnMotionTuple
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 STATE_NAMES = ("x", "y", "vx", "vy")
 """Order of the filter's state."""
@@ -37,7 +35,7 @@ def _positions(pattern: bytes, data: bytes) -> Iterator[int]:
         start = data.find(pattern, start + len(pattern))
 
 
-def _varints(values: Ints) -> npt.NDArray[np.uint8]:
+def _varints(values: Ints) -> Bytes:
     """Numbers below 2³⁵ as protobuf varints of five bytes each, shape (n, 5).
 
     Shorter ones are padded with zero groups, which the wire format allows, so that all messages are equally long.

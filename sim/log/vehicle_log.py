@@ -5,15 +5,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Bools, Floats, Ints
 from laisn.messages import Measurements
 from sim.log.contents import Contents, Messages, has_field, require
 from sim.log.file import LogError, faults
 from sim.log.schema import LEADER_MESSAGE, OWN_MOTION, RANGES, TRANSMITTERS
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 DISPENSABLE = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
 """Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
@@ -69,7 +66,7 @@ def _gaps(path: Path, topic: str, time_ns: Ints, dt: float, longest_gap_s: float
     return [f"{_count(found.size, 'gap')} in {topic} bridged: {places}{more}"] if found.size else []
 
 
-def _last_of_equals(values: Ints) -> npt.NDArray[np.bool_]:
+def _last_of_equals(values: Ints) -> Bools:
     """Which elements of an ordered array are the last of their value, shape (n,)."""
     return np.append(np.diff(values) > 0, True)[: values.size]
 

@@ -12,13 +12,10 @@ so that the paper's motion and the physical one differ by the physics alone.
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.scenario.routes import Route
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 TURN_RATE = float(np.deg2rad(10.0))
 """Turn rate in every turn [rad/s] (paper, Section 3)."""

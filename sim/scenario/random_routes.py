@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.scenario.point_motion import Limits, Motion, plan
 from sim.scenario.routes import FOLLOWER_DEPTH, Route
 from sim.scenario.routes import route as library_route
-
-Floats = npt.NDArray[np.float64]
 
 _TRIES = 4000
 """Waypoints drawn for one route before the class counts as impossible; seldom more than 300 are needed."""

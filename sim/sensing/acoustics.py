@@ -13,17 +13,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.records import own_arrays
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.echo import Path, image, mean_slowness
 from sim.sensing.hearing import Hearing
 from sim.trajectory import Trajectory
 from sim.water.sound import SoundSpeed
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 TRANSMITTERS = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")
 """Sites of P1, P2 and P3."""

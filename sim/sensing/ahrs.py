@@ -14,15 +14,13 @@ correlation time τ, of which `sim.sensing.sensor_errors` takes the values that 
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 from sim.geometry import attitude
 from sim.scenario.settings import CONTROL_STEP_S, Sensors
 from sim.trajectory import Trajectory
 from sim.water.waves import GRAVITY
-
-Floats = npt.NDArray[np.float64]
 
 _SECONDS_AN_HOUR = 3600.0
 

@@ -8,14 +8,11 @@ arrival and takes the echo for it measures a range that is too long: the gross e
 from enum import IntEnum
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, inlined
 from sim.sensing import noise
 from sim.water.sound import SoundSpeed
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Path(IntEnum):

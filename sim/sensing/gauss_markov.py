@@ -6,13 +6,10 @@ exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974).
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.compiled import inlined
 from laisn.elementary import fma
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 def weights(step: Ints, dt: float, time: float) -> Floats:

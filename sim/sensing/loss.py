@@ -7,14 +7,10 @@ its good state a channel loses few messages, in its bad state most of them.
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled, inlined
 from sim.sensing import noise
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 
 class Channel(NamedTuple):

@@ -13,11 +13,10 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled, inlined
 from laisn.elementary import fma, from_bits, integer, log, sin_cos_quarter, to_bits, turned
 from laisn.failure import LaisnError
-
-Floats = npt.NDArray[np.float64]
 
 LEADER_STREAMS = 128
 """Streams from here on belong to the leader and are the same for all followers."""

@@ -1,8 +1,8 @@
 """Truth as one follower's sensors meet it: what a scenario's errors are added to."""
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import TRANSMITTERS as TRANSMITTERS
 from sim.sensing.acoustics import propagate
@@ -13,9 +13,6 @@ from sim.sensing.loss import Channel
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
 from sim.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
-
 
 SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
 """Sites of leader and follower that sensing needs."""

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, inlined
 from laisn.elementary import fma
 from laisn.messages import LeaderMessage, Measurements
@@ -14,9 +14,6 @@ from sim.sensing.loss import NO_LOSS, Channel
 from sim.sensing.loss import received as received_messages
 from sim.sensing.noise import Stream, normals, uniforms
 from sim.sensing.truth import MissionTruth
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 RUN_LONG: Ints = np.zeros(1, dtype=np.int64)
 """Address of errors that a run keeps: step 0, at which nothing is measured."""

@@ -7,9 +7,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from laisn.arrays import Floats
 from sim.vehicle.mjcf import VehicleSetup
-
-Floats = npt.NDArray[np.float64]
 
 MAX_STRIPS = 32
 

@@ -14,15 +14,12 @@ Each physics step: `mj_step1`, or its parts → `apply` → `mj_factorM` → `mj
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from sim.geometry.vectors import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
 from sim.vehicle.drag import cross_flow, damping, fin_lift, hull_lift
 from sim.water.ocean import AMPLITUDE, Water, elevation_at, flow
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 LOST = 1e3
 """A speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed, though numbers are finite yet."""

@@ -6,17 +6,14 @@ from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
 from sim.geometry import attitude
 from sim.vehicle import coefficients, hydrodynamics, mujoco_functions, stepping, thrusters
 from sim.vehicle.mjcf import THRUSTERS, VehicleSetup, compose, resolve
 from sim.vehicle.stepping import FINE, LOST, Fault
 from sim.water.ocean import Ocean, water_velocity
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
 """Hulls pass through one another and through the floor, whatever their geoms say."""

@@ -10,14 +10,12 @@ the rule of Adams and Bashforth, v += dt (3 a - a_before) / 2, at no further eva
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 from sim.vehicle import hydrodynamics, thrusters
 from sim.vehicle.mujoco_functions import call
 from sim.water.ocean import Water
-
-Floats = npt.NDArray[np.float64]
 
 Fault = tuple[int, int]
 """What ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning."""

@@ -13,12 +13,11 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 from sim.geometry import attitude
 from sim.geometry.vectors import rotation, times
 from sim.vehicle.mjcf import Vehicle
-
-Floats = npt.NDArray[np.float64]
 
 Layout = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]
 """Of MuJoCo's sparse matrix of moments: numbers of entries and their addresses by row, and their columns."""

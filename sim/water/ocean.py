@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
 from sim.geometry.vectors import Matrix, Vector
 from sim.water.waves import FLOOR_DEPTH_M, Waves
-
-Floats = npt.NDArray[np.float64]
 
 Water = tuple[Floats, Floats]
 """An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).

@@ -12,10 +12,9 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.records import own_arrays
-
-Floats = npt.NDArray[np.float64]
 
 _LEVEL_M = 1e-3
 """Depth steps below this have the slowness of their middle: the quotient of two small differences would round."""

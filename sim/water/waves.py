@@ -10,10 +10,9 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.records import own_arrays
-
-Floats = npt.NDArray[np.float64]
 
 GRAVITY = 9.81
 """As in models/ocean.xml; there it pulls on bodies, here on the surface [m/s²]."""

@@ -1,22 +1,18 @@
 """Verdicts on remedies: how often they are wrong, how often they find what is there, and what leaves them open."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from experiments.asymmetry.missions import Plan
 from experiments.asymmetry.verdict import WRONG, Verdict, counts, judge_captures, judge_errors
-
-Floats = npt.NDArray[np.float64]
+from laisn.arrays import Bools, Floats
 
 LOOKS = Plan().looks
 FREE = np.ones(LOOKS[-1], dtype=bool)
 AIM = 0.9
 
 
-def trial(
-    rng: np.random.Generator, removed: float, size: float, noise: float
-) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+def trial(rng: np.random.Generator, removed: float, size: float, noise: float) -> tuple[Floats, Floats, Bools]:
     """What pitch adds to the error of each run, skewed, what a remedy leaves of it, and who is free of capture."""
     runs = LOOKS[-1]
     part = size * rng.gamma(4.0, 0.25, runs)

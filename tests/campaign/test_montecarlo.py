@@ -3,21 +3,19 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from experiments.campaign import lane_metrics
 from experiments.campaign.cells import PERCENTILES, Cell
 from experiments.campaign.montecarlo import histories, simulate, simulate_many
 from laisn import POSITION, metrics
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from laisn.lane_rows import LANES
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
 from sim.sensing.sensor_errors import SensorErrors, measure
 from sim.sensing.truth import MissionTruth
-
-Floats = npt.NDArray[np.float64]
 
 DT = 0.1
 
@@ -147,7 +145,7 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
 
 
 @compiled
-def _bins(values: Floats, first: int) -> npt.NDArray[np.int64]:
+def _bins(values: Floats, first: int) -> Ints:
     out = np.empty(values.size, dtype=np.int64)
     for i in range(values.size):
         out[i] = lane_metrics._bin(values[i], first)

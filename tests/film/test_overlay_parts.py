@@ -1,18 +1,15 @@
 """Parts of the film's overlay: words, labels, scale bars and curves; and the smoothing of edges."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from PIL import Image, ImageDraw
 
+from laisn.arrays import Bytes, Floats
 from sim.film import antialiasing, canvas, curve, labels
 from sim.film.cameras import View
 from sim.film.canvas import Canvas, Colour
 from sim.film.labels import Area, Label
 from sim.film.panels import scale_bar
-
-Floats = npt.NDArray[np.float64]
-Bytes = npt.NDArray[np.uint8]
 
 WHITE: Colour = (1.0, 1.0, 1.0)
 

@@ -7,9 +7,8 @@ It shares no code with `laisn`. Messages are heard whole or not at all. Of the o
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from laisn.arrays import Floats
 
 DT, BASELINE, OFFSET = 0.1, 2.0, 0.1
 THRESHOLD, BETA = 0.1, 0.1

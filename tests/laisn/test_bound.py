@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from laisn.arrays import Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
-
-Floats = npt.NDArray[np.float64]
 
 KNOWN = TrueNoise(speed_bias=0.0, heading_bias=0.0, range_scale_bias=0.0, range_scale_sigma=0.0, heading_sigma=0.0)
 """No biases, and a compass without errors."""

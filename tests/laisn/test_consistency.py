@@ -1,14 +1,12 @@
 """A filter that is told the truth about its noise: its covariance must be that of its errors."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from laisn.arrays import Floats
 from laisn.estimates import Estimates
 from laisn.filter import Filter
 from laisn.metrics import nees
-
-Floats = npt.NDArray[np.float64]
 
 DT, EVERY, STEPS, RUNS = 0.1, 10, 100, 500
 SIGMA_A, SIGMA_P, SIGMA_V, SIGMA_THETA = 0.05, 0.3, 0.05, np.deg2rad(0.5)

@@ -1,7 +1,6 @@
 """Formulas: the same whether Python runs them or compiled code has them inlined, and worked by hand."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,7 +13,6 @@ from laisn.settings import NavigationSettings
 from laisn.tuning import Tuning
 from laisn.variants import laisn_3_2, laisn_best, laisn_main
 
-Floats = npt.NDArray[np.float64]
 PLACE, RANGE = st.floats(-50, 50), st.floats(0, 60) | st.just(float("nan"))
 
 

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from filterpy.kalman import update
 from hypothesis import given
 from hypothesis import strategies as st
 
 from laisn import hearing, lanes
+from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.filter import Filter
@@ -25,7 +25,6 @@ from laisn.tight.settings import TightSettings
 from laisn.tuning import Tuning
 from tests.synthetic import bits
 
-Floats = npt.NDArray[np.float64]
 angle = st.floats(-3.0, 3.0)
 length = st.floats(0.0, 500.0)
 BEACONS = np.array([[-200.0, 0.0, 5.0], [150.0, 40.0, 12.0], [20.0, 260.0, 3.0]])

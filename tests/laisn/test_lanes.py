@@ -3,20 +3,18 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from effort import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from laisn import POSITION, VELOCITY, lanes
+from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
 from laisn.lane_rows import LANES
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, GateRule, NavigationSettings, SideRule, Variant
-
-Floats = npt.NDArray[np.float64]
 
 STEPS = 24
 POSITION_AGREEMENT = 1e-9
@@ -90,7 +88,7 @@ def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
     return result, start
 
 
-def assert_engines_agree(case: Case, navigation: NavigationSettings, count: int = 2) -> npt.NDArray[np.int64]:
+def assert_engines_agree(case: Case, navigation: NavigationSettings, count: int = 2) -> Ints:
     """Kinds of all fixes of all missions."""
     measurements, start = missions(case, count)
     navigation = replace(navigation, dt=case.dt)

@@ -1,10 +1,10 @@
 """The navigator: noiseless missions, an independent filter, and the traps of the algorithm."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from laisn import lanes
+from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
@@ -12,7 +12,6 @@ from laisn.settings import VARIANTS, GateRule, NavigationSettings, Variant
 from sim.geometry import attitude
 from tests.laisn.oracle import Oracle
 
-Floats = npt.NDArray[np.float64]
 DT = 0.1
 SITES = np.array([[-1.0, 0, 0], [1.0, 0, 0], [0, 0.1, 0]])
 

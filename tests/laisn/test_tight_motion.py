@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
 
+from laisn.arrays import Floats
 from laisn.tight.belief import Belief, new_belief, refresh_output
 from laisn.tight.gaussian import blend, half_moments
 from laisn.tight.leader_way import watch_leader
@@ -18,8 +19,6 @@ from laisn.tight.own_motion import advance, begin_interval, moments, move, posit
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import Assume, TightSettings
 from laisn.tight.sides import split, tidy
-
-Floats = npt.NDArray[np.float64]
 
 SETTINGS = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True), slip=0.02)
 N = 10

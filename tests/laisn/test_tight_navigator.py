@@ -4,11 +4,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from laisn.arrays import Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.tight.belief import new_belief
@@ -18,8 +18,6 @@ from laisn.tight.model import model_of
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import Assume, TightSettings
-
-Floats = npt.NDArray[np.float64]
 
 EVERYTHING = Assume(exact_leader=False, drift=True, current=True, offsets=True)
 DT = 0.1

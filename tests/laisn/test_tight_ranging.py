@@ -9,12 +9,11 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal
 
+from laisn.arrays import Floats
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.model import Model, model_of
 from laisn.tight.ranging import Heard, expect, learn, new_heard
 from laisn.tight.settings import Assume, TightSettings
-
-Floats = npt.NDArray[np.float64]
 
 EVERYTHING = TightSettings(assume=Assume(exact_leader=False, drift=False, current=True, offsets=True))
 STATES = 10

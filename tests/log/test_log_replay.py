@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.writer import Writer
@@ -13,11 +12,10 @@ from mcap_protobuf.writer import Writer as ProtobufWriter
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
+from laisn.arrays import Floats
 from sim.log.file import LogError
 from sim.log.reader import read, read_measurements, read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, RECEPTION, ScalarSchema
-
-Floats = npt.NDArray[np.float64]
 
 
 def write_foreign(path: Path, *, speed: float = 1.5, second_reception_s: float = 0.95) -> None:

@@ -4,9 +4,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from laisn.arrays import Floats
 from laisn.messages import LeaderMessage
 from sim.geometry import attitude
 from sim.scenario.settings import Sensors
@@ -18,8 +18,6 @@ from sim.sensing.truth import MissionTruth
 from sim.trajectory import Trajectory
 from tests import straight
 from tests.campaign.test_montecarlo import make_truth
-
-Floats = npt.NDArray[np.float64]
 
 G = 9.81
 FEELS = Sensors(leader_attitude_feels_acceleration=True)

@@ -7,12 +7,11 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.elementary import half_turn_angle, log, sin_cos
 from sim.sensing import noise
 from sim.sensing.noise import Stream, normals, uniforms
-
-Floats = npt.NDArray[np.float64]
 
 DRAWS = 200_000
 STEPS = np.arange(DRAWS)

@@ -1,9 +1,9 @@
 """Sensor errors: the paper's formulas, term by term, on draws taken from the streams themselves."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
 from sim.sensing.noise import Stream, normals, uniforms
 from sim.sensing.sensor_errors import SensorErrors, measure
@@ -44,7 +44,7 @@ def truth() -> MissionTruth:
     )
 
 
-def column(measured: Measurements, name: str) -> npt.NDArray[np.float64]:
+def column(measured: Measurements, name: str) -> Floats:
     return measured.message[:, LeaderMessage._fields.index(name)]
 
 

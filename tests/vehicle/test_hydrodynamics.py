@@ -10,12 +10,12 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import models
+from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
 from tests.vehicle.tank import Tank, hull
 
-Floats = npt.NDArray[np.float64]
 G = 9.81
 
 

@@ -4,15 +4,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 
+from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.water.ocean import Ocean
 from tests.vehicle.tank import Tank, hull
 
-Floats = npt.NDArray[np.float64]
 G = 9.81
 
 

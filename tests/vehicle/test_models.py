@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 import pytest
 from scipy.integrate import quad
 
@@ -12,7 +11,6 @@ from sim.vehicle.mjcf import THRUSTERS, VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 
-Floats = npt.NDArray[np.float64]
 VEHICLES = ("leader", "follower")
 SIZES = {"leader": (2.0, 0.25), "follower": (1.6, 0.19)}
 """Length and diameter of the hulls [m]."""

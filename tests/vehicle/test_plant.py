@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
+from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.vehicle import coefficients, hydrodynamics, thrusters
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
@@ -15,7 +15,6 @@ from sim.vehicle.plant import Plant, PlantError
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
 
-Floats = npt.NDArray[np.float64]
 EAST = np.pi / 2
 
 

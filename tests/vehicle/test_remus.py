@@ -7,16 +7,15 @@ his frame (x forward, y starboard, z down), and turned into ours.
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.water.ocean import Ocean
 from tests.vehicle.tank import Tank
 
-Floats = npt.NDArray[np.float64]
 XML = Path(__file__).with_name("remus100.xml").read_text()
 DT = 0.02
 RHO = 1026.0

@@ -3,16 +3,15 @@
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from laisn.arrays import Floats
 from sim.water.ocean import Ocean, flow
 from sim.water.waves import Waves, wavenumber
 
-Floats = npt.NDArray[np.float64]
 G = 9.81
 
 
