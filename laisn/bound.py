@@ -25,29 +25,29 @@ class TrueNoise:
     """
 
     speed_sigma: float = 0.2
-    """Of a reading of the speed log [m/s]."""
+    """Standard deviation of a reading of the speed log [m/s]."""
     heading_sigma: float = float(np.deg2rad(2.0) * np.sqrt(1.0 - 2.0 / np.pi))
-    """Of a reading of the compass [rad]; by default of |N(0, 2°)|, as in the paper's Eq. 27."""
+    """Standard deviation of a reading of the compass [rad]; by default of |N(0, 2°)|, as in the paper's Eq. 27."""
     range_sigma: float = 0.01 / float(np.sqrt(12.0))
-    """Of each range [m]; by default of a uniform error 0.01 m wide (Eq. 28)."""
+    """Standard deviation of each range [m]; by default of a uniform error 0.01 m wide (Eq. 28)."""
     range_scale_sigma: float = 0.05
-    """Of ψ, drawn for each message, which the transmitters share in proportion to their ranges [m]."""
+    """Standard deviation of ψ [m], drawn for each message; the transmitters share it in proportion to their ranges."""
     leader_heading_sigma: float = 0.0
-    """Of the heading that the leader broadcasts, drawn for each message [rad]."""
+    """Standard deviation of the heading that the leader broadcasts, drawn for each message [rad]."""
     start: float = 0.0
-    """Of the start, along each axis [m]."""
+    """Standard deviation of the position at the start, along each axis [m]."""
     speed_bias: float = 0.3
-    """Before the mission, of the constant bias of the log [m/s] …"""
+    """Standard deviation, before the mission, of the log's constant bias [m/s]."""
     heading_bias: float = float(np.deg2rad(8.0))
-    """… of the compass [rad] …"""
+    """Standard deviation, before the mission, of the compass's constant bias [rad]."""
     range_scale_bias: float = 0.2
-    """… of ψ's mean [m] …"""
+    """Standard deviation, before the mission, of ψ's mean [m]."""
     leader_heading_bias: float = 0.0
-    """… of the leader's compass [rad] …"""
+    """Standard deviation, before the mission, of the leader's compass's constant bias [rad]."""
     current: float = 0.0
-    """… of the current along each axis [m/s] …"""
+    """Standard deviation, before the mission, of the constant current along each axis [m/s]."""
     range_offset: float = 0.0
-    """… and of each further transmitter's range beside the first one's [m]."""
+    """Standard deviation, before the mission, of a further transmitter's constant error beside the first one's [m]."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

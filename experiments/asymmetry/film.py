@@ -19,7 +19,7 @@ from sim.flight import Flight, navigate
 from sim.scenario.settings import Scenario, Video
 
 BEFORE_S, AFTER_S = 40.0, 20.0
-"""Of the mission around the telling message."""
+"""Stretch of the mission that is filmed before and after the telling message [s]."""
 VIDEO = Video(camera="profile", speed_up=4.0, frame_rate_hz=24)
 AWARE_COLOUR = (0.30, 1.0, 0.60)
 

@@ -21,7 +21,7 @@ from sim.sensing.sensor_errors import measure
 RULES: tuple[GateRule, ...] = ("off", "v-max", "v-measured")
 INTERVALS_S = (1.0, 5.0)
 ECHO_CHANCE = (0.05, 0.02)
-"""Of each ping, to be taken from the surface and from the bottom."""
+"""Chances of a ping that its surface echo and its bottom echo is taken for it."""
 _OFFSET_M = 2.0
 _RUNS = 20
 

@@ -38,11 +38,11 @@ class Grid:
     """Points at which the map is computed, in degrees and metres because they end up in a table."""
 
     pitch_deg: tuple[float, ...]
-    """Of the leader, positive nose up."""
+    """Pitch of the leader, positive nose up."""
     depth_offset_m: tuple[float, ...]
-    """Of the follower below the leader."""
+    """Depth of the follower below the leader."""
     range_m: tuple[float, ...]
-    """Horizontal."""
+    """Horizontal distance of the follower."""
     bearing_deg: tuple[float, ...]
     """B, clockwise from the leader's bow."""
 

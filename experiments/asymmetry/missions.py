@@ -61,9 +61,9 @@ class Row:
     runs: int
     e_p_mean_m: float
     e_p_run_mean_m: tuple[float, ...]
-    """Of each run, also of those that were flown later because a verdict was open."""
+    """Mean E_P of each run [m], also of those that were flown later because a verdict was open."""
     captured_run: tuple[bool, ...]
-    """Likewise."""
+    """Whether each run was captured, also of those that were flown later because a verdict was open."""
     e_p_std_m: float
     e_p_95_m: float
     e_p_max_m: float
@@ -71,7 +71,7 @@ class Row:
     captured: int
     gated: int
     pitch_rms_deg: float
-    """Of the leader."""
+    """Root mean square of the leader's pitch."""
     pitch_max_deg: float
     range_mean_m: float
     depth_offset_rms_m: float
@@ -83,9 +83,9 @@ class Row:
     ahrs_rms_deg: float
     """Error of pitch as the AHRS gives it."""
     error_verdict: str = ""
-    """Of a remedy, on errors in runs without capture; empty where none is given."""
+    """Verdict on a remedy by errors in runs without capture; empty where none is given."""
     capture_verdict: str = ""
-    """Likewise, on captures."""
+    """Verdict on a remedy by captures; empty where none is given."""
 
 
 def pair(trajectory: Trajectory, follower: int) -> Trajectory:
@@ -100,7 +100,7 @@ class Sensed:
     real: MissionTruth
     level: MissionTruth
     ahrs: MissionTruth
-    """As `real`, with the attitude that `AHRS` measures."""
+    """What sensors see behind the real leader, which broadcasts the attitude that `AHRS` measures."""
     settings: NavigationSettings
     facts: dict[str, float]
     """Pitch and geometry of the mission: fields of `Row`."""

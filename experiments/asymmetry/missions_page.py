@@ -34,7 +34,7 @@ class Results:
     curves: Curves
     gates: tuple[GateRow, ...]
     chart: pa.Table
-    """As of `asymmetry.map.measure_map`."""
+    """Table of errors and pitch that `asymmetry.map.measure_map` returns."""
     example: Example
     film: Path | None
 

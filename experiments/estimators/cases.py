@@ -10,15 +10,15 @@ from laisn.tight.settings import Assume
 SPEED_DRIFT, SPEED_PERIOD = 0.1, 300.0
 """Sinusoidal drift of the log's bias: amplitude [m/s] and period [s]."""
 HEADING_DRIFT, HEADING_PERIOD = float(np.deg2rad(3.0)), 400.0
-"""Of the compass's bias [rad], [s]."""
+"""Sinusoidal drift of the compass's bias: amplitude [rad] and period [s]."""
 LATE = 0.010
 """By this the front transmitter's range is too long [m]."""
 ECHO_CHANCE = 0.05
-"""Of each range, that it is that of an echo …"""
+"""Chance of each range that it is that of an echo."""
 ECHO_EXCESS = (0.3, 4.8)
-"""… which is longer by a uniform excess between these [m]."""
+"""Least and largest excess of an echo's range, drawn evenly between them [m]."""
 LOSS_CHANCE = 0.2
-"""Of each message, that none of its pings is heard."""
+"""Chance of each message that none of its pings is heard."""
 
 
 @dataclass(frozen=True, kw_only=True)

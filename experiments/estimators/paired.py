@@ -32,12 +32,12 @@ class Paired:
 
     route: str
     interval: float
-    """Of messages [s]."""
+    """Time between messages [s]."""
     runs: int
     laisn_mean: float
     """Mean E_P of LAISN-2 [m]."""
     tight_mean: float
-    """Of the tightly coupled navigator …"""
+    """Mean E_P of the tightly coupled navigator [m]; root mean square and maximum follow."""
     tight_rms: float
     tight_max: float
     bound_rms: float

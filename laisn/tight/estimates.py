@@ -30,25 +30,25 @@ class TightEstimates:
     state: Floats
     """Mean over the mixture after step k, shape (n, 4): x, y [m], vx, vy [m/s]."""
     covariance: Floats
-    """Its covariance, shape (n, 4, 4)."""
+    """Covariance of `state`, shape (n, 4, 4)."""
     message_step: Ints
     """Step k of each message, shape (m,)."""
     used: Ints
     """How many of its ranges the heaviest hypothesis used, shape (m,)."""
     nis: Floats
-    """Their squared residuals in units of S, shape (m,): `used` on average, if S is right; NaN if none was used."""
+    """Squared residuals of the ranges used, in units of S, shape (m,): `used` on average if S is right; NaN if none."""
     names: tuple[str, ...]
-    """Of the states, with units."""
+    """Names of the s states, with units."""
     full_state: Floats
     """Mean over the mixture after each message, shape (m, s)."""
     full_sigma: Floats
-    """Its standard deviations, shape (m, s)."""
+    """Standard deviations of `full_state`, shape (m, s)."""
     weight: Floats
-    """Of each hypothesis after each message, heaviest first, shape (m, h); 0 for none."""
+    """Weight of each hypothesis after each message, heaviest first, shape (m, h); 0 for none."""
     hypothesis: Floats
-    """Position of each, shape (m, h, 2), [m]; NaN for none."""
+    """Position of each hypothesis, shape (m, h, 2), [m]; NaN for none."""
     hypothesis_covariance: Floats
-    """Its covariance, shape (m, h, 2, 2), [m²]; NaN for none."""
+    """Covariance of each hypothesis's position, shape (m, h, 2, 2), [m²]; NaN for none."""
 
     def __post_init__(self) -> None:
         n, m, s = self.state.shape[0], self.message_step.size, len(self.names)

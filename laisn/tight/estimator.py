@@ -25,9 +25,9 @@ _LEARNING = 0.1
 """Gain of the learnt variance of the leader's heading, which never exceeds that of the settings."""
 _LEAST_LEADER_VARIANCE = math.radians(0.1) ** 2
 _PATIENCE = 3
-"""After so many messages in a row of which no range was believed, the belief is widened …"""
+"""Messages in a row without a believed range after which the belief is widened."""
 _WIDER_POSITION, _WIDER_COMPASS = 1.0, math.radians(2.0) ** 2
-"""… by this each time [m²], [rad²]."""
+"""Variances that each widening adds, of position along each axis [m²] and of the compass's bias [rad²]."""
 
 
 @compiled

@@ -52,7 +52,7 @@ def blend(mean: Floats, covariance: Floats, one: int, other: int, share: float, 
 
 @compiled
 def half_moments(z: float) -> tuple[float, float, float]:
-    """Of the half u > 0 of a normal variable u with mean z and variance 1.
+    """Moments of the half u > 0 of a normal variable u with mean z and variance 1.
 
     Returns:
         Its mass Φ(z); by how much its mean is larger, λ = φ(z)/Φ(z); and by how much its variance is smaller, λ(λ + z).

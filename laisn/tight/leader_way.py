@@ -19,7 +19,7 @@ _GROWTH = 0.2
 _TURN = 0.2
 """A window with more turn than this says nothing: the way between messages is not known well enough [rad]."""
 _SIGMA = 0.05
-"""Of the mean current over a window of 10 s [m/s]."""
+"""Standard deviation of the mean current over a window of 10 s [m/s]."""
 
 
 @compiled

@@ -27,11 +27,11 @@ class Model(NamedTuple):
     """n, number of states."""
     modes: int
     leader: int
-    """Index of b_L, or `ABSENT` …"""
+    """Index of b_L, bias of the leader's heading, in the state, or `ABSENT`."""
     current: int
-    """… of the current's east component …"""
+    """Index of the current's east component in the state, or `ABSENT`; its north component comes next."""
     offset: int
-    """… and of d_2."""
+    """Index of d_2, the second transmitter's constant error, in the state, or `ABSENT`."""
     transmitters: int
     use_attitude: bool
     dt: float
@@ -41,21 +41,21 @@ class Model(NamedTuple):
     speed_variance: float
     heading_variance: float
     slip_rate: float
-    """[m²/s]."""
+    """Variance of position that motion unseen by the log adds in a second, along each axis [m²/s]."""
     log_walk: tuple[float, float]
     """Variance that b_v gains in a second, by mode [m²/s³]."""
     compass_walk: tuple[float, float]
-    """Of b_θ likewise [rad²/s]."""
+    """Variance that b_θ gains in a second, by mode [rad²/s]."""
     current_walk: float
     deviation: float
     range_sigma: float
     range_scale_variance: float
     leader_variance: float
-    """Of the heading in a message, at the start and at most."""
+    """Variance of the heading in a message [rad²]; the learnt one starts here and never exceeds it."""
     log_accepted: float
-    """Logarithm of the chance that a range is a direct one, and …"""
+    """Logarithm of the chance that a range is a direct one."""
     log_rejected: float
-    """… of the probability density of an echo's excess [1/m]."""
+    """Logarithm of the probability density of an echo's excess, in [1/m]."""
 
 
 def model_of(settings: TightSettings) -> Model:

@@ -32,15 +32,15 @@ class Update(NamedTuple):
     used: int
     """Ranges that the heaviest hypothesis used."""
     nis: float
-    """Their squared residuals in units of S; NaN if none was used."""
+    """Squared residuals of the ranges used, in units of S; NaN if none was used."""
     full_state: Floats
     """Mean over the mixture, shape (s,)."""
     full_sigma: Floats
-    """Its standard deviations, shape (s,)."""
+    """Standard deviations of `full_state`, shape (s,)."""
     weight: Floats
-    """Of the hypotheses, heaviest first, shape (h,)."""
+    """Weights of the hypotheses, heaviest first, shape (h,)."""
     hypothesis: Floats
-    """Their positions, shape (h, 2), [m]."""
+    """Positions of the hypotheses, shape (h, 2), [m]."""
     hypothesis_covariance: Floats
     """Shape (h, 2, 2), [m²]."""
 
@@ -100,7 +100,7 @@ class TightNavigator:
 
     @property
     def covariance(self) -> Floats:
-        """Of the state, shape (4, 4): over the mixture."""
+        """Covariance of `state` over the mixture, shape (4, 4)."""
         return self._covariance.copy()
 
     def step(self, own: OwnMotion, reception: Reception | None = None) -> list[Update]:

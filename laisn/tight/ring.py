@@ -18,15 +18,15 @@ _BEARINGS = 96
 _OVERLAP = 0.6
 """Standard deviation of a bearing's Gaussian as a share of their spacing, for which their sum is nearly even."""
 _RADIAL_VARIANCE = 25.0
-"""Of the distance before the update [m²]: wide beside all errors of a range."""
+"""Variance of a hypothesis's distance before the update [m²]: wide beside all errors of a range."""
 _ALARM = 3.0
 """Smoothed surprise, of which 1 is expected, above which a belief is taken to have lost its way."""
 _SECOND_THOUGHT = 0.002
-"""Weight that the hypotheses of the ring are given then …"""
+"""Weight that the hypotheses of the ring are given after an alarm."""
 _ASTRAY = 10.0
-"""… with more of it where the belief has been, give or take this along each axis [m] …"""
+"""Standard deviation along each axis of the ring's weight around the belief so far [m]."""
 _ANYWHERE = 0.01
-"""… and this share of it elsewhere."""
+"""Weight of the ring far from the belief so far, where that at the belief is 1."""
 
 
 @compiled

@@ -41,38 +41,38 @@ class TightSettings:
     use_attitude: bool = False
     """Place the transmitters by the pitch and roll that the leader broadcasts, if it does."""
     start_sigma: float = 0.01
-    """Of the position at the start, along each axis [m]."""
+    """Standard deviation of the position at the start, along each axis [m]."""
     speed_sigma: float = 0.2
     """Random error of a reading of the speed log [m/s]."""
     speed_bias_sigma: float = 0.3
-    """Of the log's bias [m/s]."""
+    """Standard deviation of the log's bias before the mission [m/s]."""
     heading_sigma: float = float(np.deg2rad(1.2))
     """Random error of a reading of the compass [rad]."""
     heading_bias_sigma: float = float(np.deg2rad(8.0))
-    """Of the compass's bias [rad]."""
+    """Standard deviation of the compass's bias before the mission [rad]."""
     range_sigma: float = 0.003
     """Random error of each range [m]."""
     range_scale_sigma: float = 0.05
-    """Random error that the ranges of a message share in proportion to their length [m at the largest] …"""
+    """Random error that the ranges of a message share in proportion to their length [m at the largest]."""
     range_scale_bias_sigma: float = 0.2
-    """… and of its mean."""
+    """Standard deviation of the mean of that shared error [m at the largest]."""
     leader_heading_sigma: float = float(np.deg2rad(1.2))
-    """Random error of the heading in a message, if the leader is not exact [rad] …"""
+    """Random error of the heading in a message, if the leader is not exact [rad]."""
     leader_heading_bias_sigma: float = float(np.deg2rad(6.0))
-    """… and of its bias."""
+    """Standard deviation of the bias of the heading in messages [rad]."""
     current_sigma: float = 0.4
-    """Of the current along each axis, if there may be one [m/s]."""
+    """Standard deviation of the current along each axis, if there may be one [m/s]."""
     offset_sigma: float = 0.015
-    """Of a transmitter's constant error beside the first one's, if there may be one [m]."""
+    """Standard deviation of a transmitter's constant error beside the first one's, if there may be one [m]."""
     slip: float = 0.0
     """Motion that the log does not see: leeway and turbulence, in a second [m/√s]."""
     outlier_chance: float = 0.05
-    """That a range is an echo …"""
+    """Chance that a range is an echo's."""
     outlier_span: float = 4.5
-    """… which is longer than the way of the ping by up to this [m]."""
+    """Largest excess of an echo's range over that of the direct ping [m]."""
 
     def assuming(self, assume: Assume, transmitters: int) -> Self:
-        """The same sensors with other assumptions."""
+        """Settings of these same sensors with other assumptions."""
         return replace(self, assume=assume, transmitters=transmitters)
 
     def __post_init__(self) -> None:

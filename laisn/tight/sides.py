@@ -14,9 +14,9 @@ from laisn.tight.ranging import Heard
 from laisn.tight.states import X, Y
 
 _SPLIT = 0.3
-"""Split where the lateral standard deviation is more than this share of the distance ℓ_c at which the axis matters …"""
+"""Least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis matters."""
 _REACH = 3.5
-"""… and the axis is nearer than so many of them."""
+"""Farthest axis of a split, in lateral standard deviations."""
 _LEAST_WEIGHT = 1e-5
 _SAME = 0.3
 """Squared Mahalanobis distance of two hypotheses' positions below which they are one."""

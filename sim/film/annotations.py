@@ -32,7 +32,7 @@ class OtherEstimate:
     label: str
     colour: RGB
     position: Floats
-    """At filter steps k = 1 … n, shape (n, 2), [m]."""
+    """Estimated position (x, y) at filter steps k = 1 … n, shape (n, 2), [m]."""
 
     def __post_init__(self) -> None:
         own_arrays(self)
@@ -47,7 +47,7 @@ class RayErrors:
 
     label: str
     value: Floats
-    """Of each message at the rear, front and middle transmitter, shape (m, 3), [m]; NaN where unknown."""
+    """Error of each message's range from the rear, front, middle transmitter, shape (m, 3), [m]; NaN where unknown."""
     limit: float
     """Value at the ends of the colour bar [m]."""
 
@@ -69,7 +69,7 @@ class Annotations:
     caption: str = ""
     """What the film shows: a line at the upper edge throughout, with a legend, in place of the title at the start."""
     label: str = "estimate"
-    """Of the follower's own estimate."""
+    """Name of the follower's own estimate in the legend."""
     others: tuple[OtherEstimate, ...] = ()
     rays: RayErrors | None = None
     level_axis: bool = False

@@ -25,7 +25,7 @@ CAMERAS = {
 _SMOOTHING_S = 0.8
 """Standard deviation of the smoothing of a camera's swing, in seconds of film."""
 _STEADY_S = 3.0
-"""The same for a camera that stays put while waves work on what it films, in seconds of mission."""
+"""Standard deviation of the smoothing for a camera that stays put while waves move its subject, in mission seconds."""
 _NEAR_M = 0.15
 _CLEARANCE_M = 1.2
 _FREE = (0.26, 0.79, 0.04)

@@ -16,9 +16,9 @@ from laisn.arrays import Bytes, Floats
 Colour = tuple[float, ...]
 """Red, green, blue and, where given, opacity, each in [0, 1]."""
 PALE: Colour = (0.80, 0.92, 0.97)
-"""Of text that is read."""
+"""Colour of text that is read, such as a value."""
 DIM: Colour = (0.60, 0.76, 0.83)
-"""Of text that explains it."""
+"""Colour of text that explains it, such as a value's name."""
 
 _HERE = IdentityTransform()
 _SHIFTS = 4

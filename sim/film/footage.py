@@ -25,9 +25,9 @@ class Moment:
     """Everything one frame shows; v vehicles, f followers. Angles in [rad]."""
 
     time: float
-    """Of the mission [s]."""
+    """Time of the mission [s]."""
     film_time: float
-    """Since the film began [s]."""
+    """Time since the film began [s]."""
     position: Floats
     """Shape (v, 3), [m]."""
     quaternion: Floats
@@ -37,7 +37,7 @@ class Moment:
     pitch: Floats
     """Shape (v,)."""
     speed: Floats
-    """Through the water, shape (v,), [m/s]."""
+    """Speed through the water, shape (v,), [m/s]."""
     thrust: Floats
     """Shape (v, 5), [N]."""
     spin: Floats
@@ -49,7 +49,7 @@ class Moment:
     estimate: Floats
     """Estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar."""
     covariance: Floats
-    """Of the estimated position, shape (f, 2, 2), [m²]."""
+    """Covariance of the estimated position, shape (f, 2, 2), [m²]."""
     ray: Floats
     """Strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)."""
     ranges: Floats

@@ -31,7 +31,7 @@ class Backend(NamedTuple):
     name: str
     works: bool
     detail: str
-    """Of the renderer if it works, or why it does not."""
+    """Name of the renderer if it works, or why it does not."""
 
 
 def child(program: str, arguments: tuple[str, ...], backend: str, threads: int = 1) -> tuple[list[str], dict[str, str]]:

@@ -28,7 +28,7 @@ Errors = Sequence[tuple[Floats, Floats]]
 Progress = Callable[[float], None]
 
 _IMPORTS = "from pathlib import Path; from sim.film import studio"
-"""Of a child's program."""
+"""First line of the program that a child process runs."""
 _STILL_SAMPLES = 4
 _LAST_WORDS = 12
 

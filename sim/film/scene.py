@@ -62,7 +62,7 @@ class Stage:
         names: of the vehicles, the leader first.
         ocean: the sea to show.
         size: width and height of the frames [px].
-        samples: of the anti-aliasing, 0 for none.
+        samples: of each pixel for the anti-aliasing, 0 for none.
 
     Raises:
         RuntimeError: no graphics context can be made here.

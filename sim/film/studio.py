@@ -47,7 +47,7 @@ class Job:
     follower: int
     workers: int
     samples: int
-    """Of the anti-aliasing, 0 for none."""
+    """Samples of each pixel for the anti-aliasing, 0 for none."""
     annotations: Annotations = NOTHING
 
     @property
