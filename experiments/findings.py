@@ -15,7 +15,7 @@ from laisn.sources import ROOT, Sources
 from laisn.whole_files import replaced
 
 SCHEMA = 1
-"""Of the file: raised when a field changes its meaning."""
+"""Version of the file's layout: raised when a field changes its meaning."""
 FILE = "results.json"
 DIGITS = 6
 """Significant digits that are kept: more than is ever printed."""
@@ -97,11 +97,11 @@ class Findings:
 
     study: str
     command: str
-    """Computes it again."""
+    """Command that computes the findings again."""
     modules: tuple[str, ...]
-    """Where its numbers are made, as in `version_of`."""
+    """Modules where the numbers are made, as in `version_of`."""
     version: str
-    """Of the sources that made them."""
+    """Version of the sources that made the numbers."""
     findings: Mapping[str, Finding] = field(default_factory=dict)
 
     def __getitem__(self, key: str) -> Finding:

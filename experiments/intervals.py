@@ -16,7 +16,7 @@ from scipy.special import betaincinv, ndtr, ndtri
 from laisn.arrays import Bools, Floats
 
 CONFIDENCE = 0.95
-"""Of every interval that is printed."""
+"""Confidence of every interval that is printed."""
 RESAMPLES = 2000
 FEWEST_RUNS = 20
 """A bootstrap over fewer runs says nothing about its tails: such an interval is not given."""

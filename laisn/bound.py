@@ -63,9 +63,9 @@ class Geometry:
     dt: float
     """Filter step [s]."""
     speed: Floats
-    """Through the water, after each step, shape (n,), [m/s]."""
+    """Speed through the water after each step, shape (n,), [m/s]."""
     heading: Floats
-    """After each step, shape (n,), [rad]."""
+    """Heading after each step, shape (n,), [rad]."""
     message_step: Ints
     """Step at which each message is received, shape (m,), from 1."""
     from_leader: Floats

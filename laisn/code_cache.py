@@ -27,7 +27,7 @@ from laisn.sources import PACKAGES, ROOT, Sources
 from laisn.whole_files import parts, remove_abandoned, replaced
 
 _KEPT_VERSIONS = 16
-"""Of each function: versions of its sources, and argument types."""
+"""Most files kept of a function, over versions of its sources and argument types."""
 _DIGEST = hashlib.sha256().digest_size
 
 

@@ -38,7 +38,7 @@ class Estimates:
     state: Floats
     """State after step k, shape (n, 4): x, y [m], vx, vy [m/s]."""
     covariance: Floats
-    """Its covariance, shape (n, 4, 4)."""
+    """Covariance of `state`, shape (n, 4, 4)."""
     fix_step: Ints
     """Step k of each fix, shape (f,)."""
     fix_position: Floats

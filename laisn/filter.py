@@ -105,12 +105,12 @@ class Filter:
 
     @property
     def state(self) -> Floats:
-        """Shape (4,); a copy."""
+        """State x, y, vx, vy, shape (4,); a copy."""
         return np.array(self._kalman.x)
 
     @property
     def covariance(self) -> Floats:
-        """Shape (4, 4); a copy."""
+        """Covariance of `state`, shape (4, 4); a copy."""
         return np.array(self._kalman.P)
 
     def predict(self, sigma_a: float, duration: float | None = None) -> None:

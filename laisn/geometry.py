@@ -49,9 +49,9 @@ class Chord(NamedTuple):
     """Common chord of two circles, seen from the first centre on the way to the second."""
 
     apart: bool
-    """The centres are."""
+    """Whether the centres lie apart."""
     distance: float
-    """Between the centres, d [m]."""
+    """Distance between the centres, d [m]."""
     way: Point
     """Unit vector from the first centre to the second; (0, 0) if they coincide."""
     along: float

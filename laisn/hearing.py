@@ -96,7 +96,7 @@ def _on_line(pair: Pair, kind: float) -> Fix:
 
 
 def pair_fix(pair: Pair, heard: Heard, predicted: Point, t: Tuning) -> Fix:
-    """As `fix.pair_fix`; transmitters on no hull have no side behind them, but a line that they are on."""
+    """Fix of a pair by `fix.pair_fix`; transmitters on no hull have no side behind them, but a line they are on."""
     found = fix.pair_fix(pair, heard.heading, predicted, t)
     beacons = heard.free and found.kind == FixKind.ASTERN and pair.rear.centre != pair.front.centre
     return _on_line(pair, found.kind) if beacons else found

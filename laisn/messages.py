@@ -85,7 +85,7 @@ class Measurements:
     durations: Floats | None = None
     """How long each filter step took, shape (n,), [s]; None: Δt each."""
     transmitters: Floats | None = None
-    """Of each reception, shape (m, 3, 3), [m], as `Reception.transmitters`; None: none says."""
+    """Transmitters (east, north, depth) of each reception, shape (m, 3, 3), [m]; None: no reception says."""
 
     def __post_init__(self) -> None:
         n, m = self.speed.size, self.message_step.size

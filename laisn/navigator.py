@@ -33,9 +33,9 @@ class FixRecord(NamedTuple):
     sigma: float
     kind: FixKind
     innovation: Floats
-    """Shape (2,), [m]."""
+    """Fix less predicted position, shape (2,), [m]."""
     innovation_covariance: Floats
-    """Shape (2, 2), [m²]."""
+    """Covariance of `innovation`, shape (2, 2), [m²]."""
 
 
 class Navigator:

@@ -48,7 +48,7 @@ class Tuning(NamedTuple):
     leader_speed_max: float
     follower_speed_max: float
     sine_of_pitch: float
-    """Of the pitch that must be expected."""
+    """Sine of the pitch that must be expected."""
 
     @classmethod
     def of(cls, settings: NavigationSettings) -> Self:

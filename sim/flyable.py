@@ -11,11 +11,11 @@ from sim.scenario.point_motion import Plan, plan
 from sim.scenario.settings import CONTROL_STEP_S, Misfit, Scenario, Vehicle, Video
 
 MOST_INSTANTS = 2_000_000
-"""Of all vehicles together: a leader and a follower for a day. A million takes 1.1 GB of memory and 0.45 GB of log."""
+"""Most instants times vehicles: two vehicles for a day. A million takes 1.1 GB of memory and 0.45 GB of log."""
 MOST_PHYSICS_STEPS = 200_000_000
-"""Of all vehicles together, about an hour on one core."""
+"""Most physics steps times vehicles, about an hour on one core."""
 MOST_PIXELS = 120_000_000_000
-"""Of all frames of a film: an hour at 1280 × 720 and 30 Hz, and so a day of mission at 20 times its pace."""
+"""Most pixels of a film's frames together: an hour at 1280 × 720 and 30 Hz, a day of mission at 20 times its pace."""
 
 
 def frames(duration_s: float, video: Video) -> int:

@@ -21,7 +21,7 @@ class Sites(NamedTuple):
     vehicle: Ints
     """Index of the vehicle that carries the site, shape (s,)."""
     offset: Floats
-    """In the vehicle's body frame, shape (s, 3), [m]."""
+    """Sites in the vehicle's body frame, shape (s, 3), [m]."""
 
 
 def fly(

@@ -22,12 +22,12 @@ class TrackingReport:
     arrival_error_max: float
     """Largest difference between the time at which a waypoint is nearest and its time on the route [s]."""
     speed_error_rms: float
-    """Of the speed over ground, against the point motion along the same route [m/s]."""
+    """Error of the speed over ground against the point motion along the same route [m/s]."""
     depth_error_rms: float
-    """[m]."""
+    """Error of the depth against that of the route or profile [m]."""
     depth_error_max: float
     pitch_max: float
-    """Largest size [rad]."""
+    """Largest size of the pitch [rad]."""
     pitch_std: float
     roll_max: float
     roll_std: float

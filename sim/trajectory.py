@@ -32,19 +32,19 @@ class Trajectory:
     names: tuple[str, ...]
     """Vehicle names, the leader first, shape (v,)."""
     time: Floats
-    """Shape (n,), uniform, [s]."""
+    """Time of each instant, shape (n,), uniform, [s]."""
     position: Floats
     """Body origins in the world, shape (n, v, 3), [m]."""
     quaternion: Floats
-    """Body to world, (w, x, y, z), shape (n, v, 4)."""
+    """Attitude as a quaternion from body to world, (w, x, y, z), shape (n, v, 4)."""
     velocity: Floats
-    """Of the body origins, in the world, shape (n, v, 3), [m/s]."""
+    """Velocity of the body origins in the world, shape (n, v, 3), [m/s]."""
     angular_velocity: Floats
-    """In the body frame, shape (n, v, 3), [rad/s]."""
+    """Angular velocity in the body frame, shape (n, v, 3), [rad/s]."""
     water_velocity: Floats
-    """Of the water at the body origins, in the world, shape (n, v, 3), [m/s]."""
+    """Velocity of the water at the body origins in the world, shape (n, v, 3), [m/s]."""
     thrust: Floats
-    """Of the five thrusters (main, lateral bow, lateral stern, vertical bow, vertical stern), shape (n, v, 5), [N]."""
+    """Thrust of main, lateral bow, lateral stern, vertical bow and vertical stern thruster, shape (n, v, 5), [N]."""
     site_names: tuple[str, ...]
     """Sites as "vehicle/site", shape (s,)."""
     site_vehicle: Ints
@@ -113,7 +113,7 @@ class Trajectory:
 
     @cached_property
     def forward_speed(self) -> Floats:
-        """Through the water, along the hull: what a speed log measures, shape (n, v), [m/s]."""
+        """Speed through the water along the hull, as a speed log measures it, shape (n, v), [m/s]."""
         forward = attitude.forward(self.quaternion)
         along = [axis * (self.velocity[..., i] - self.water_velocity[..., i]) for i, axis in enumerate(forward)]
         return np.asarray(along[0] + along[1] + along[2])

@@ -3,7 +3,7 @@
 from hypothesis import settings
 
 _USUAL = 100
-"""Of the profile that tests run with; `make fuzz` has one with more."""
+"""Examples of a property in the profile that tests run with; `make fuzz` has one with more."""
 
 
 def examples(count: int) -> settings:

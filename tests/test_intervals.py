@@ -52,7 +52,7 @@ def test_the_bootstrap_is_that_of_scipy(runs: int, confidence: float) -> None:
 
 
 def test_skewed_runs_push_the_interval_to_their_tail() -> None:
-    """As scipy's does; without acceleration, its upper end would lie lower than the tolerance here allows."""
+    """It agrees with scipy's; without acceleration, its upper end would lie lower than the tolerance here allows."""
     values = np.random.default_rng(15).gamma(0.08, size=64)
     theirs = stats.bootstrap((values,), np.mean, n_resamples=9999, method="BCa",
                              rng=np.random.default_rng(16)).confidence_interval  # fmt: skip

@@ -11,7 +11,7 @@ SEED = 1
 _ROOM = 10_000
 """Runs that a mission may have: with as many numbers each, no two missions share noise."""
 PHYSICS_STEP_S = 0.05
-"""In the roughest sea of the study 2 mm from the motion at finer steps, and 2.5 times as quick as the default step."""
+"""Step of the study: 2 mm from the motion at finer steps in its roughest sea, and 2.5 times as quick as the default."""
 
 
 @dataclass(frozen=True, kw_only=True)

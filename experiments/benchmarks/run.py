@@ -35,7 +35,7 @@ STEPS = 2000
 MESSAGE_EVERY = 10
 DT = 0.1
 FLOPS_PER_STEP = 200
-"""Of LAISN-2: predict 50, sine and cosine 35, speed update 105, a tenth of the position update's 120."""
+"""Operations of LAISN-2 in a step: predict 50, sine and cosine 35, speed update 105, a tenth of a fix's update 12."""
 
 
 def steady_mission(steps: int = STEPS) -> MissionTruth:

@@ -96,13 +96,13 @@ class CellResult:
     seed: int
     runs: int
     steps: int
-    """Of one run."""
+    """Steps of one run."""
     errors: Summary
-    """Over all steps of all runs."""
+    """Errors over all steps of all runs."""
     e_p_percentiles_m: tuple[float, ...]
-    """Of E_P at `PERCENTILES`, to within 1 %."""
+    """Percentiles of E_P at `PERCENTILES`, to within 1 % [m]."""
     e_b_percentiles_deg: tuple[float, ...]
-    """Of E_B at `PERCENTILES`, to within 1 %."""
+    """Percentiles of E_B at `PERCENTILES`, to within 1 % [°]."""
     nees: float
     """Mean normalised squared error of the position (2 if the covariance is right), where it is not singular."""
     nis: float
@@ -114,7 +114,7 @@ class CellResult:
     worst_run: int
     """The run with the largest E_P."""
     table: RunTable | None
-    """Of each run, if it was asked for."""
+    """Table of the single runs, if it was asked for."""
 
 
 @compiled_lanes

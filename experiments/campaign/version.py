@@ -53,7 +53,7 @@ def fingerprint(root: Path = ROOT) -> str:
 
 @cache
 def code_version() -> str:
-    """Such as 0.1.0+3f2a9c81d0e4: results of different versions are never mixed. Reading the sources takes 10 ms."""
+    """Version of code, such as 0.1.0+3f2a9c81d0e4: results of different versions are never mixed. Takes 10 ms."""
     return f"{version('laisn-sim')}+{fingerprint()}"
 
 

@@ -46,7 +46,7 @@ class Written(NamedTuple):
     no_film: str
     """Why there is no film; empty if there is one."""
     fault: Exception | None
-    """Of the program, if that cost the film."""
+    """Fault of the program, if one cost the film."""
 
 
 def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:

@@ -12,7 +12,7 @@ SPEED_DRIFT, SPEED_PERIOD = 0.1, 300.0
 HEADING_DRIFT, HEADING_PERIOD = float(np.deg2rad(3.0)), 400.0
 """Sinusoidal drift of the compass's bias: amplitude [rad] and period [s]."""
 LATE = 0.010
-"""By this the front transmitter's range is too long [m]."""
+"""Error by which the front transmitter's range is too long [m]."""
 ECHO_CHANCE = 0.05
 """Chance of each range that it is that of an echo."""
 ECHO_EXCESS = (0.3, 4.8)

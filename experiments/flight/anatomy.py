@@ -63,13 +63,13 @@ class Anatomy:
     """Range errors of m messages by cause; arrays over transmitters hold rear, front, middle."""
 
     time: Floats
-    """Of the fixes, shape (m,), [s]."""
+    """Time of each fix, shape (m,), [s]."""
     level_range: Floats
     """D°: the horizontal range that would be right for a level leader, shape (m, 3), [m]."""
     used_range: Floats
     """D: the one that the follower uses, shape (m, 3), [m]; NaN where no ping was received."""
     share: Floats
-    """Of each cause in D − D°, shape (m, 3, causes), [m]."""
+    """Share of each cause in D − D°, shape (m, 3, causes), [m]."""
 
     def __post_init__(self) -> None:
         own_arrays(self)

@@ -13,9 +13,9 @@ COMMAND = "python -m experiments.gallery.studies flights"
 MODULES = ("experiments.gallery.flights",)
 
 ASTERN_FROM_S = 650.0
-"""On T5: from here on the follower is astern …"""
+"""Time from which T5's follower is astern [s]."""
 OFF_AXIS_S = (470.0, 590.0)
-"""… and here well off the leader's axis."""
+"""Stretch of T5 in which the follower is well off the leader's axis [s]."""
 SEAS = {
     "following-sea": (),
     "following-sea-ahrs": (),

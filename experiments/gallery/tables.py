@@ -95,4 +95,4 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "tracking": tracking,
     "changes": changes,
 }
-"""By the name in a document."""
+"""Tables by their names in documents."""

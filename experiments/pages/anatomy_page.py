@@ -19,7 +19,7 @@ COLOUR = dict(
         strict=True,
     )
 )
-"""Of the causes that can tell bow from stern; clock and sound speed are the same for both, or nearly."""
+"""Colours of causes that can tell bow from stern; clock and sound speed are the same for both, or nearly."""
 _NOTICEABLE_M = 1e-6
 _DRAWN_FOLLOWERS = 3
 

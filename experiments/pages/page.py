@@ -21,7 +21,7 @@ from experiments.intervals import Interval
 from laisn.whole_files import replaced
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
-"""Of what shapes numbers; the page says with which versions it was made."""
+"""Libraries that shape numbers, by name; the page says with which versions it was made."""
 _SHORT = 44
 """Text of a table cell up to this length stays on one line."""
 EMBEDDED_FILM_BYTES = 2_500_000

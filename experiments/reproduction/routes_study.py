@@ -46,7 +46,7 @@ class Study:
     runs: int
     seed: int
     routes: int
-    """Of each class."""
+    """Routes of each class."""
     settings: tuple[Setting, ...]
     rows: Mapping[Key, Record]
     classes: Mapping[str, str]

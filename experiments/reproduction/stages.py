@@ -33,7 +33,7 @@ class Setting:
     name: str
     stage: int
     table: str
-    """As in the published tables; "text" if the paper has words only, "alternative" if it is not the paper's."""
+    """Name of the published table; "text" if the paper has words only, "alternative" if it is not the paper's."""
     title: str
     variants: tuple[Variant, ...] = BOTH
     filter_step_s: float = 0.1
@@ -49,7 +49,7 @@ class Setting:
     threshold_m: float = 0.1
     gate: GateRule = "v-max"
     like: str = ""
-    """Of an alternative: the setting of the paper whose rows it is held against."""
+    """Setting of the paper against whose rows an alternative is held; empty for the paper's own."""
 
 
 SETTINGS = (

@@ -113,7 +113,7 @@ def _dress(figure: Figure, axis: Axis) -> None:
 
 
 Valued = Callable[[dict[str, Any]], Interval | None]
-"""Of the names and values of a place, its interval; None: nothing was flown there."""
+"""Gives the interval at a place, told by its names and values; None if nothing was flown there."""
 
 
 def over_factor(plan: Plan, layout: Layout, valued: Valued, label: str, name: str, *, zero: bool) -> tuple[

@@ -70,7 +70,7 @@ class Draw:
 
     key: str
     law: str
-    """As the file says it, for the page."""
+    """Law of the draws in the file's words, for the page."""
     choices: tuple[Any, ...] = ()
     distribution: Any = field(default=None, compare=False)
 

@@ -32,7 +32,7 @@ class Factor:
 
     key: str
     values: tuple[Any, ...] = ()
-    """In their order; empty: the whole range, for a sampled design."""
+    """Values in their order; empty: the whole range, for a sampled design."""
     low: float = 0.0
     high: float = 0.0
     log: bool = False

@@ -10,7 +10,7 @@ from sim.tracking import off_place
 from sim.trajectory import Trajectory
 
 DISC_DIAMETER_M = 0.1
-"""Of every thruster: the hulls' MJCF has thrusts and no propellers. Powers compare missions; they size no battery."""
+"""Disc of every thruster: the MJCF has thrusts and no propellers. Powers compare missions; they size no battery."""
 
 FACTS = {
     "off_place_rms_m": "RMS distance from where the route has the follower",

@@ -11,7 +11,7 @@ class Metric(NamedTuple):
     """A column of results.parquet or runs.parquet."""
 
     label: str
-    """For the axis of a figure, with unit."""
+    """Name on the axis of a figure, with unit."""
     what: str
 
 
@@ -46,4 +46,4 @@ _FACTS = {
 }
 
 METRICS: dict[str, Metric] = _ERRORS | _PERCENTILES | _FIXES | _FACTS
-"""By column."""
+"""Metrics by their columns in the tables."""

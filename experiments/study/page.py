@@ -16,7 +16,7 @@ from experiments.study.notable import commands, place_text
 from experiments.study.plan import ALONE, Entry, Plan
 
 _FEWEST_SEAS = 8
-"""With fewer there is nothing to see over what was drawn."""
+"""Fewest seas of a figure over what was drawn; with fewer there is nothing to see."""
 
 
 def _shown(interval: Interval, unit: str = "") -> str:

@@ -74,7 +74,7 @@ class Plan:
     """Values of the factors by key."""
     arms: tuple[str, ...]
     entries: list[Entry]
-    """By point, arm and sea."""
+    """Entries ordered by point, arm and sea."""
 
     @property
     def followers(self) -> tuple[str, ...]:

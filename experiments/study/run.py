@@ -30,9 +30,9 @@ class Outcomes:
     """All that came out of a study, one entry beside another."""
 
     rows: list[Record]
-    """One for each entry and follower."""
+    """One row of results for each entry and follower."""
     runs: list[tuple[Record, Record]]
-    """Likewise: what it is, and lists over runs by name."""
+    """One pair for each entry and follower: what it is, and lists over runs by name."""
     failures: dict[str, list[Entry]] = field(default_factory=dict)
     """Entries that could not be flown, by what happened."""
 

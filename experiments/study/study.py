@@ -19,7 +19,7 @@ from laisn.failure import LaisnError
 
 RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"
 _CELL_BYTES = 25_000
-"""Of a stored cell and its row in the tables; a run adds `_RUN_BYTES`."""
+"""Bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`."""
 _RUN_BYTES = 60
 
 

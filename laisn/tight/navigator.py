@@ -42,7 +42,7 @@ class Update(NamedTuple):
     hypothesis: Floats
     """Positions of the hypotheses, shape (h, 2), [m]."""
     hypothesis_covariance: Floats
-    """Shape (h, 2, 2), [m²]."""
+    """Covariances of the hypotheses' positions, shape (h, 2, 2), [m²]."""
 
 
 def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:

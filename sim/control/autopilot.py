@@ -44,9 +44,9 @@ CLIMB_MAX = float(np.deg2rad(20.0))
 INCIDENCE_MAX = float(np.deg2rad(12.0))
 """Most incidence that is used for lift [rad]; hulls of this kind stall soon after."""
 PITCH_RATE_MAX = float(np.deg2rad(5.0))
-"""Of the pitch command [rad/s]."""
+"""Largest rate of the pitch command [rad/s]."""
 SPEED_HEAVE, SPEED_PITCH = 0.3, 0.6
-"""Below the first the vertical thrusters alone hold depth, above the second the hull does [m/s]."""
+"""Speeds below which the vertical thrusters alone hold depth, and above which the hull does [m/s]."""
 
 DESIGN = np.dtype(
     [

@@ -29,9 +29,9 @@ class Moment:
     film_time: float
     """Time since the film began [s]."""
     position: Floats
-    """Shape (v, 3), [m]."""
+    """Body origins in the world, shape (v, 3), [m]."""
     quaternion: Floats
-    """Shape (v, 4)."""
+    """Attitudes from body to world, (w, x, y, z), shape (v, 4)."""
     heading: Floats
     """Shape (v,)."""
     pitch: Floats
@@ -39,13 +39,13 @@ class Moment:
     speed: Floats
     """Speed through the water, shape (v,), [m/s]."""
     thrust: Floats
-    """Shape (v, 5), [N]."""
+    """Thrust of each thruster, shape (v, 5), [N]."""
     spin: Floats
     """Angle of the drawn propellers, shape (v,)."""
     transmitter: Floats
-    """Shape (3, 3), [m]."""
+    """Transmitters in the world, rear, front and middle, shape (3, 3), [m]."""
     hydrophone: Floats
-    """Shape (f, 3), [m]."""
+    """Hydrophones in the world, shape (f, 3), [m]."""
     estimate: Floats
     """Estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar."""
     covariance: Floats

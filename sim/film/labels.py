@@ -16,7 +16,7 @@ _GAP = 3.0
 _MARKER = 8.0
 """Half the side of the square that a marker keeps free, at 720 rows [px]."""
 _STEP = 22.0
-"""From one row of places for labels to the next, at 720 rows [px]."""
+"""Distance from one row of places for labels to the next, at 720 rows [px]."""
 _ROWS = 5
 _ASIDE = (16.0, 70.0)
 _GROUND: Colour = (0.0, 0.05, 0.08, 0.55)
@@ -28,7 +28,7 @@ class Label(NamedTuple):
     """Words for a point of the frame."""
 
     at: Floats
-    """Shape (2,), [px]."""
+    """Place of the label on the frame, shape (2,), [px]."""
     words: str
     colour: Colour
     rise: float

@@ -262,7 +262,7 @@ class FilmSpeed(NamedTuple):
     frames_per_second: float
     """Rendered and encoded, from the first frame to the last."""
     start_s: float
-    """Until the first frame is there."""
+    """Time until the first frame is there."""
 
 
 def film_speed(

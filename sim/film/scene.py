@@ -32,7 +32,7 @@ _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
 _BLADES = 3
 _HULL_REACH_M = 1.5
-"""From a vehicle's middle to beyond its ends, propeller included."""
+"""Reach from a vehicle's middle to beyond its ends, propeller included."""
 _AXES = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0], [0, 0, 1.0]])
 """Direction of positive thrust of each thruster in the body frame."""
 

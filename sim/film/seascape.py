@@ -21,7 +21,7 @@ WATER = (0.035, 0.26, 0.36)
 _CELLS = 64
 _TILE_M = 40.0
 _SPACINGS_M = (*(_TILE_M / k for k in range(16, 0, -1)), *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)))
-"""Between the points of a height field; they divide the tile, or are whole tiles."""
+"""Spacings of a height field's points; they divide the tile, or are whole tiles."""
 _RELIEF_M = 3.0
 _CREST_M = 25.0
 _RIPPLES = np.array(

@@ -5,9 +5,9 @@ import numpy as np
 from laisn.arrays import Floats
 
 SEMI_MAJOR_AXIS = 6378137.0
-"""Of the WGS 84 ellipsoid [m]."""
+"""Semi-major axis of the WGS 84 ellipsoid [m]."""
 FLATTENING = 1 / 298.257223563
-"""Of the WGS 84 ellipsoid."""
+"""Flattening of the WGS 84 ellipsoid."""
 
 
 def geodetic(position: Floats, latitude_deg: float, longitude_deg: float) -> Floats:

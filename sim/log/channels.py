@@ -49,7 +49,7 @@ class Channel:
     message_class: Any
     """Protobuf class of its messages."""
     time_ns: Ints
-    """Since 1970, shape (n,), [ns]."""
+    """Time of each message since 1970, shape (n,), [ns]."""
     rows: Callable[[int, int], list[bytes]]
     """Serialised messages from one index up to another."""
 

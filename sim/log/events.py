@@ -25,7 +25,7 @@ class Event(NamedTuple):
     """A line that the flight itself does not tell, such as a mirror capture."""
 
     time_s: float
-    """Since the start of the mission [s]."""
+    """Time since the start of the mission [s]."""
     level: Level
     text: str
     source: str = "laisn"

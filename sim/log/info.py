@@ -25,7 +25,7 @@ class LogInfo:
 
     path: Path
     size: int
-    """Of the file [bytes]."""
+    """Size of the file [bytes]."""
     start: datetime
     """Log time of the first message."""
     duration_s: float
@@ -33,7 +33,7 @@ class LogInfo:
     attachments: dict[str, int]
     """Sizes by name [bytes]."""
     metadata: dict[str, dict[str, str]]
-    """Without the proofs, which tell a reader nothing."""
+    """Metadata of the log by name, without the proofs, which tell a reader nothing."""
     unprotected: tuple[str, ...]
     """What has no checksum, so that damage to it cannot be seen."""
 

@@ -68,7 +68,7 @@ class Proof:
     """What was written up to some time."""
 
     until_ns: int
-    """It covers the messages before this time since 1970 [ns]."""
+    """Time since 1970 before which the proof covers messages [ns]."""
     digests: Mapping[str, str]
     outcome: str = ""
     """How the mission ended, in the last proof of a log; else empty."""

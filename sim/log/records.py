@@ -46,7 +46,7 @@ class Place(NamedTuple):
 
     opcode: int
     start: int
-    """Of its content."""
+    """Position of the record's content in the file."""
     length: int
 
 

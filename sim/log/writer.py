@@ -47,7 +47,7 @@ class LogStatistics:
     path: Path
     messages: int
     size: int
-    """Of the file [bytes]."""
+    """Size of the file [bytes]."""
 
 
 def _json(value: object) -> bytes:

@@ -16,13 +16,13 @@ from sim.scenario.settings import APART, Misfit, Scenario
 from sim.screen import ROWS, plain, screenful, shortened
 
 LARGEST_BYTES = 16_000_000
-"""Of a file: four routes of the most points that a route may have."""
+"""Largest scenario file that is read [bytes]: four routes of the most points that a route may have."""
 _DEEPEST = 16
-"""Tables within tables; a scenario needs five."""
+"""Most tables within tables; a scenario needs five."""
 _WIDEST_BITS = 1024
-"""Of an integer; more is beyond every number of a scenario, and costly to write down."""
+"""Most bits of an integer; more is beyond every number of a scenario, and costly to write down."""
 _ROUNDS = 5
-"""Of looking for faults behind faults: a section, an item and a key may hide one another."""
+"""Rounds of looking for faults behind faults: a section, an item and a key may hide one another."""
 
 
 class ScenarioError(LaisnError):

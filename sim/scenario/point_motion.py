@@ -48,9 +48,9 @@ class Motion(NamedTuple):
     """Compass direction of motion, continuous (not wrapped) [rad]."""
     speed: Floats
     turn_rate: Floats
-    """Clockwise [rad/s]."""
+    """Rate of turn, clockwise [rad/s]."""
     acceleration: Floats
-    """Of the speed [m/s²]."""
+    """Change of the speed over time [m/s²]."""
 
 
 def _later(begin: Motion, dt: Floats | float) -> Motion:

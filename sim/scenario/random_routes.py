@@ -26,18 +26,18 @@ class RouteClass:
     """
 
     distance_max: float = 50.0
-    """To the leader, at all times [m]."""
+    """Largest distance to the leader, at all times [m]."""
     distance_min: float = 5.0
     leg_time: tuple[float, float] = (40.0, 80.0)
     """Time from waypoint to waypoint, drawn evenly between [s]."""
     heading_difference_max: float = float(np.deg2rad(30.0))
-    """Between a leg and the leader's course at one of its ends, whichever is closer to the leg [rad]."""
+    """Largest angle of a leg to the leader's course at one of its ends, whichever is closer to the leg [rad]."""
     sectors: tuple[tuple[float, float], ...] = ((float(np.deg2rad(100.0)), float(np.deg2rad(260.0))),)
     """Relative bearings from the leader, clockwise from its bow: (from, to), [rad]."""
     speed_min: float = 0.3
-    """Of the mean speeds of the legs [m/s]."""
+    """Least mean speed of a leg [m/s]."""
     speed_max: float = 3.0
-    """Of the vehicle, at all times [m/s]."""
+    """Largest speed of the vehicle, at all times [m/s]."""
 
     def __post_init__(self) -> None:
         ranges = {

@@ -30,9 +30,9 @@ class DepthProfile:
     """
 
     time: Floats
-    """Shape (n,), [s]."""
+    """Time of each point, shape (n,), [s]."""
     depth: Floats
-    """Shape (n,), positive down, [m]."""
+    """Depth at each point, shape (n,), positive down, [m]."""
     period: float | None = None
     """The profile repeats after this time [s]; None: it does not."""
 
@@ -160,7 +160,7 @@ class Route:
 
     @property
     def leg_length(self) -> Floats:
-        """Shape (n − 1,), [m]."""
+        """Length of each leg, shape (n − 1,), [m]."""
         return np.asarray(np.hypot(*np.diff(self.waypoint, axis=0).T))
 
     @property

@@ -30,7 +30,7 @@ TimedPoint = tuple[NonNegative, Coordinate, Coordinate]
 TimedDepth = tuple[NonNegative, NonNegative]
 
 MOST_POINTS = 100_000
-"""Of a route or a profile: one a second for more than a day."""
+"""Most points of a route or a profile: one a second for more than a day."""
 
 
 def _multiple(whole: float, part: float) -> bool:
@@ -42,7 +42,7 @@ class Misfit(NamedTuple):
     """What is wrong with a scenario though every key alone is right."""
 
     keys: tuple[str, ...]
-    """Whose values do not fit together, such as `ocean.floor_depth_m`; a section stands for all of its keys."""
+    """Keys whose values do not fit together, such as `ocean.floor_depth_m`; a section stands for all of its keys."""
     text: str
 
 

@@ -26,7 +26,7 @@ TRANSMITTERS = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")
 """Sites of P1, P2 and P3."""
 
 _ITERATIONS = 6
-"""Of the arrival time: each gains a factor of c / speed of the hydrophone, some 500, so that six leave nothing."""
+"""Iterations for the arrival time: each gains a factor of c / speed of the hydrophone, some 500; six leave nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,15 +42,15 @@ class Propagation:
     """First filter step by which all pings that the follower listens to are in, echoes that may be taken for them
     included, shape (m,)."""
     emission_time: Floats
-    """Of each ping, shape (m, 3), [s]."""
+    """Time at which each ping leaves, shape (m, 3), [s]."""
     arrival_time: Floats
-    """Shape (m, 3 transmitters, 3 paths), [s]."""
+    """Time at which each ping arrives by each path, shape (m, 3 transmitters, 3 paths), [s]."""
     transmitter: Floats
     """Where each ping left, shape (m, 3, 3), the last axis in the world, [m]."""
     hydrophone: Floats
     """Where the direct sound of each ping arrived, shape (m, 3, 3), the last axis in the world, [m]."""
     length: Floats
-    """Of the path, shape (m, 3 transmitters, 3 paths), [m]."""
+    """Length of each path, shape (m, 3 transmitters, 3 paths), [m]."""
     slowness_ratio: Floats
     """Range that the follower believes for a metre of path, c_b s, shape (m, 3 transmitters, 3 paths)."""
     clock_range: Floats

@@ -29,7 +29,7 @@ class RandomError(NamedTuple):
     """Random error of pitch and of roll."""
 
     sigma: float
-    """[rad]."""
+    """Standard deviation [rad]."""
     time: float
     """Correlation time; 0: each reading has its own [s]."""
 

@@ -20,13 +20,13 @@ class Hearing:
     message_every: int
     """Filter steps from one message to the next."""
     transmitters: int
-    """How many the follower listens to, rear and front first: it waits for no others."""
+    """Number of transmitters that the follower listens to, rear and front first: it waits for no others."""
     broadcast_attitude: bool
     leader_attitude_feels_acceleration: bool
     leader_gyro_time_constant_s: float
     floor_depth_m: float
     paths: tuple[Path, ...]
-    """Those that have a chance to be taken."""
+    """Paths of sound that have a chance to be taken."""
     travel_time: bool
     ping_slot_s: float
     sound_speed_m_s: float

@@ -17,17 +17,17 @@ class Channel(NamedTuple):
     """Chances of loss, each for one message."""
 
     loss_chance: float = 0.0
-    """In the good state."""
+    """Chance to lose a message in the good state."""
     burst_chance: float = 0.0
-    """To enter the bad state."""
+    """Chance to enter the bad state."""
     burst_mean_messages: float = 5.0
     """Mean stay in the bad state: it is left with the inverse chance."""
     burst_loss_chance: float = 1.0
-    """In the bad state."""
+    """Chance to lose a message in the bad state."""
 
     @property
     def chances(self) -> tuple[float, float, float]:
-        """All that must lie within 0 … 1."""
+        """The three chances, which must lie within 0 … 1."""
         return self.loss_chance, self.burst_chance, self.burst_loss_chance
 
     @property

@@ -35,22 +35,22 @@ class SensorErrors:
     heading_sigma: float = float(np.deg2rad(2.0))
     """σθ [rad]."""
     depth_sigma: float = 0.0
-    """Of the follower's pressure sensor [m]."""
+    """Standard deviation of the follower's pressure sensor [m]."""
     leader_speed_bias: float = 0.0
-    """Of the speed that the leader broadcasts [m/s]."""
+    """Bias of the speed that the leader broadcasts [m/s]."""
     leader_speed_sigma: float = 0.0
     leader_heading_bias: float = 0.0
     """μθ of the heading that the leader broadcasts (0, 2.5° or 5° in the paper) [rad]."""
     leader_heading_sigma: float = 0.0
     leader_depth_sigma: float = 0.0
-    """Of the depth that the leader broadcasts [m]."""
+    """Standard deviation of the depth that the leader broadcasts [m]."""
     leader_pitch_sigma: float = 0.0
-    """Of the attitude that the leader broadcasts [rad]."""
+    """Standard deviation of the pitch that the leader broadcasts [rad]."""
     leader_roll_sigma: float = 0.0
     leader_attitude_time: float = 0.0
-    """Correlation time of those two errors; 0: each message has its own [s]."""
+    """Correlation time of the errors of broadcast pitch and roll [s]; 0: each message has its own."""
     leader_attitude_offset_sigma: float = 0.0
-    """Of an error of pitch and one of roll that stay the same throughout a run [rad]."""
+    """Standard deviation of errors of broadcast pitch and roll that stay the same throughout a run [rad]."""
     range_tau: tuple[float, float, float] = (0.01, 0.01, 0.01)
     """τ: width of the uniform error of the range to the rear, front and middle transmitter [m]."""
     range_scale_mean: float = 0.1
@@ -58,7 +58,7 @@ class SensorErrors:
     range_scale_sigma: float = 0.05
     """σD of ψ [m]."""
     echo_chance: tuple[float, float] = (0.0, 0.0)
-    """Of each ping, that its surface or its bottom echo is taken for it."""
+    """Chances that a ping's surface echo and its bottom echo is taken for the ping."""
     channel: Channel = NO_LOSS
     """How messages are lost: none of their pings is heard."""
 

@@ -23,17 +23,17 @@ class MissionTruth:
     start: Floats
     """State at the first step (known, if that is step 0) of the hydrophone: x, y [m] and velocity [m/s], shape (4,)."""
     speed: Floats
-    """Of the follower through the water, along its hull, shape (n,), [m/s]."""
+    """Speed of the follower through the water, along its hull, shape (n,), [m/s]."""
     heading: Floats
-    """Of the follower, shape (n,), [rad]."""
+    """Heading of the follower, shape (n,), [rad]."""
     depth: Floats
-    """Of the follower's depth sensor, shape (n,), [m]."""
+    """Depth of the follower's depth sensor, shape (n,), [m]."""
     hydrophone: Floats
     """Horizontal position that is estimated, shape (n, 2), [m]."""
     leader_position: Floats
-    """Of the leader's body origin, shape (n, 2), [m]."""
+    """Horizontal position of the leader's body origin, shape (n, 2), [m]."""
     leader_heading: Floats
-    """Shape (n,), [rad]."""
+    """Heading of the leader, shape (n,), [rad]."""
     message_step: Ints
     """Step k at which a message is available, shape (m,), increasing."""
     emission_step: Ints
@@ -50,9 +50,9 @@ class MissionTruth:
     """Leader's pitch and roll at emission as measured, but for random errors, shape (m, 2), [rad]; NaN if they are not
     broadcast."""
     slant_range: Floats
-    """To the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
+    """Slant range to the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
     echo_range: Floats | None = None
-    """The same by way of the surface and of the bottom, shape (2, m, 3), [m]; None if echoes are not modelled."""
+    """Slant range by way of the surface and of the bottom, shape (2, m, 3), [m]; None if echoes are not modelled."""
 
     def __post_init__(self) -> None:
         n, m = self.speed.size, self.message_step.size

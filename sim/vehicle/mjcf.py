@@ -32,23 +32,23 @@ class VehicleSetup:
     model: str
     """MJCF of the vehicle, as `models.path` knows it: "leader", "follower"."""
     position_m: tuple[float, float, float]
-    """Of the body origin in the world, at the start."""
+    """Position (east, north, up) of the body origin in the world, at the start."""
     heading_rad: float = 0.0
     """Compass, at the start."""
     speed_m_s: float = 0.0
     """Forward, over ground, at the start."""
     excess_buoyancy_n: float = 0.0
-    """Added to the buoyancy; positive floats up."""
+    """Force added to the buoyancy; positive floats up."""
     cg_offset_x_m: float = 0.0
-    """Moves the centre of gravity forward."""
+    """Distance by which the centre of gravity is moved forward."""
     cg_offset_z_m: float = 0.0
-    """Moves the centre of gravity up."""
+    """Distance by which the centre of gravity is moved up."""
     drag_scale: float = 1.0
     """True drag and damping over those of the MJCF, which stay what an autopilot is designed for."""
     added_mass_scale: float = 1.0
-    """Likewise."""
+    """True added mass over that of the MJCF, which stays what an autopilot is designed for."""
     lift_scale: float = 1.0
-    """Likewise, of hull and fins."""
+    """True lift of hull and fins over that of the MJCF, which stays what an autopilot is designed for."""
     thrust_scale: float = 1.0
     """Thrust that acts over the thrust of the actuator."""
     baseline_m: float | None = None
@@ -80,7 +80,7 @@ class Vehicle:
     qpos: int
     """First of its seven entries in `qpos`."""
     actuators: tuple[int, ...]
-    """In the order of THRUSTERS."""
+    """MuJoCo's ids of the actuators, in the order of `THRUSTERS`."""
 
 
 def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True) -> mujoco.MjSpec:

@@ -167,7 +167,7 @@ class Plant:
 
     @property
     def time(self) -> float:
-        """[s]."""
+        """Time of the simulation [s]."""
         return float(self.data.time)
 
     def water_velocity(self) -> Floats:

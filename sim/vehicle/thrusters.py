@@ -20,7 +20,7 @@ from sim.geometry.vectors import rotation, times
 from sim.vehicle.mjcf import Vehicle
 
 Layout = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]
-"""Of MuJoCo's sparse matrix of moments: numbers of entries and their addresses by row, and their columns."""
+"""Layout of MuJoCo's sparse matrix of moments: numbers of entries and their addresses by row, and their columns."""
 
 
 def unit_wrenches(model: Any, vehicles: Sequence[Vehicle]) -> Floats:

@@ -26,7 +26,7 @@ waves: one row for each component, shape (n, 11), columns as named below.
 """
 
 AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
-"""Of a component: [m]; east and north [1/m]; ω and ω at a fixed place [rad/s]; [rad]."""
+"""Columns of a wave: amplitude [m]; wave number east and north [1/m]; ω and ω at a fixed place [rad/s]; phase [rad]."""
 K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
 """What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the velocity scale
 a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the floor."""
@@ -42,7 +42,7 @@ class Ocean:
     """
 
     current_speed_m_s: float = 0.0
-    """At the surface."""
+    """Speed of the current at the surface."""
     current_direction_rad: float = 0.0
     """Compass direction that the current runs towards."""
     current_shear_1_s: float = 0.0

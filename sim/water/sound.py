@@ -28,9 +28,9 @@ class SoundSpeed:
     """
 
     depth: Floats
-    """Shape (n,), increasing from 0 or more, [m]."""
+    """Depths of the profile, shape (n,), increasing from 0 or more, [m]."""
     speed: Floats
-    """Shape (n,), [m/s]."""
+    """Speed of sound at each depth, shape (n,), [m/s]."""
 
     def __post_init__(self) -> None:
         if self.depth.ndim != 1 or self.depth.size < 1 or self.depth.shape != self.speed.shape:

@@ -15,11 +15,11 @@ from laisn.failure import LaisnError
 from laisn.records import own_arrays
 
 GRAVITY = 9.81
-"""As in models/ocean.xml; there it pulls on bodies, here on the surface [m/s²]."""
+"""Gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]."""
 
 
 FLOOR_DEPTH_M = 40.0
-"""Of a sea that is not told otherwise [m]."""
+"""Depth of the floor of a sea that is not told otherwise [m]."""
 
 
 def wavenumber(omega: npt.ArrayLike, depth_m: float) -> Floats:
@@ -42,13 +42,13 @@ class Waves:
     """
 
     amplitude_m: Floats
-    """Shape (n,)."""
+    """Amplitudes a, shape (n,)."""
     wavenumber_1_m: Floats
-    """Towards where the wave runs, east and north, shape (n, 2)."""
+    """Wave numbers east and north, towards where the wave runs, shape (n, 2)."""
     omega_rad_s: Floats
-    """Shape (n,)."""
+    """Angular frequencies ω, shape (n,)."""
     phase_rad: Floats
-    """Shape (n,)."""
+    """Phases φ, shape (n,)."""
     floor_depth_m: float = FLOOR_DEPTH_M
     """Depth for which the wavenumbers hold; an `Ocean` asks for its own."""
 

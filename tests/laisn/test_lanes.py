@@ -18,9 +18,9 @@ from laisn.settings import VARIANTS, GateRule, NavigationSettings, SideRule, Var
 
 STEPS = 24
 POSITION_AGREEMENT = 1e-9
-"""[m]; of a step's way where broken ranges throw an estimate over metres in a step."""
+"""Largest difference of positions [m]; a share of a step's way where broken ranges throw an estimate over metres."""
 VELOCITY_AGREEMENT = 1e-7
-"""[m/s], or of the speed where it is higher.
+"""Largest difference of velocities [m/s]; a share of the speed where it is higher.
 
 With exact fixes each second, of a velocity variance of (60 m/s)² some (0.2 m/s)² is left: both engines are then
 3e-8 m/s from the same filter in extended precision.
@@ -34,10 +34,10 @@ class Case:
     seed: int
     every: int
     bearing_deg: float
-    """Of the follower, from the leader's bow."""
+    """Bearing of the follower, from the leader's bow."""
     distance: float
     spread: float
-    """Of the bearing [rad]: small ones keep the follower on the axis."""
+    """Spread of the bearing [rad]: a small one keeps the follower on the axis."""
     stretch: float
     """Standard deviation of range errors [m]: a large one makes circles miss each other."""
     lost_ranges: float

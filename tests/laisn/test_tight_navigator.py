@@ -114,7 +114,7 @@ def test_a_current_is_found() -> None:
 
 
 def turned(measurements: Measurements, angle: float, shift: Floats) -> Measurements:
-    """The same mission in a world that is turned clockwise by an angle and moved."""
+    """Measurements of the mission as they are in a world that is turned clockwise by an angle and moved."""
     message = measurements.message.copy()
     message[:, 1:3] = rotated(message[:, 1:3], angle) + shift
     message[:, 3] += angle

@@ -31,7 +31,7 @@ def ranges_of(state: npt.NDArray[np.complex128] | Floats, farthest: float) -> np
 
 
 def gradient(state: Floats, farthest: float) -> Floats:
-    """Of all ranges by complex steps, shape (3, n)."""
+    """Derivatives of all ranges by the states, from complex steps, shape (3, n)."""
     step = 1e-30
     columns = [ranges_of(state + 1j * step * unit, farthest).imag / step for unit in np.eye(STATES)]
     return np.stack(columns, axis=1)

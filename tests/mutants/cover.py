@@ -19,7 +19,7 @@ def named(test: Path) -> Iterator[str]:
 
 @cache
 def distances() -> dict[str, dict[str, int]]:
-    """Of each test file the modules that it can reach, and over how many imports."""
+    """Modules that each test file can reach, with the number of imports on the way."""
     imports, found = house.imports(), {}
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         names = set(named(path))

@@ -39,7 +39,7 @@ class ReturnReplacer(Operator):  # type: ignore[misc]
 
     @classmethod
     def examples(cls) -> tuple[()]:
-        """Of documentation, which there is none."""
+        """Return the operator's examples for documentation, of which there are none."""
         return ()
 
     @staticmethod

@@ -34,7 +34,7 @@ def setups(routes, **options):
 
 @pytest.mark.parametrize("name", names()[:-1])
 def test_leader_and_follower_fly_their_routes(name):
-    """As closely as the README says: 0.07 to 0.21 m off the legs, within 0.1 s, 1.6° of pitch and 2.7° of roll."""
+    """They keep to what the README says: 0.07 to 0.21 m off the legs, 0.1 s, 1.6° of pitch and 2.7° of roll."""
     routes = (library_route("L"), library_route(name))
     flown = fly_fleet(Plant(setups(routes), Ocean.calm()), routes, 1000.0)
     assert flown.time.size == 10001

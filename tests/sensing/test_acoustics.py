@@ -65,7 +65,7 @@ def test_a_message_is_available_at_the_first_step_after_its_last_ping():
 
 
 def test_laisn_2_does_not_wait_for_the_third_ping():
-    """And does not hear it any more either."""
+    """Once it has stopped listening, it does not hear that ping any more either."""
     trajectory = make_trajectory((74.0, 0.0, -8.0))
     two = Hearing.of(make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2)))
     slots = propagate(trajectory, two)

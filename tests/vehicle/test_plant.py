@@ -96,7 +96,7 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle(either_way: None) ->
 
 
 def test_moments_of_thrusters_are_those_of_mujoco() -> None:
-    """Of thrusters that point and twist anywhere, on hulls that lie anyhow."""
+    """Thrusters may point and twist anywhere, and hulls may lie anyhow."""
     plant = Plant(setups(), Ocean.calm())
     model, rng = plant.model, np.random.default_rng(6)
     model.site_quat[:] = Rotation.random(model.nsite, rng=rng).as_quat()

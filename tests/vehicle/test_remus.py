@@ -34,7 +34,7 @@ def propeller(rps: float, speed: float) -> tuple[float, float]:
 
 X_FIN = -0.8
 THRUSTERS = np.array([[1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 1, 0, 0, 0, X_FIN], [0, 0, 1, 0, -X_FIN, 0], [0] * 6])
-"""Of the tank, in our body frame: the propeller's thrust and torque, the rudder's and the stern plane's lift."""
+"""Forces and moments in our body frame: the propeller's thrust and torque, the lift of rudder and stern plane."""
 
 
 def thrusts(nu: Floats, rps: float, rudder: float, stern_plane: float) -> Floats:
