@@ -7,11 +7,11 @@ from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors
 from laisn.navigator import Navigator
 from sim.flight import navigate
-from sim.motion import move
+from sim.motion import simulate_motion
 
 # a built-in scenario or a TOML file, with changes as on the command line
 mission = load("following-sea", ["duration_s=200", "leader.broadcast_attitude=true"])
-truth = move(mission)
+truth = simulate_motion(mission)
 pitch = np.degrees(truth.pitch[:, 0])
 print(f"leader's pitch: σ {pitch.std():.1f}°, at most {np.abs(pitch).max():.1f}°")
 

@@ -15,7 +15,7 @@ from laisn import POSITION, VELOCITY
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import NavigationSettings, transmitters_of
-from sim.fleet import Flown
+from sim.fleet import TrajectorySince
 from sim.flight import navigation_settings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.hearing import Hearing
@@ -58,7 +58,7 @@ class Pilot:
         self._awaited: list[int] = []
         self._navigator: OnlineNavigator | None = None
 
-    def believe(self, tick: int, flown: Flown) -> Floats:
+    def believe(self, tick: int, flown: TrajectorySince) -> Floats:
         """Position at an instant of the trajectory's grid, shape (2,), [m]; NaN before the first filter step.
 
         Args:
@@ -74,7 +74,7 @@ class Pilot:
         state = self._navigator.state
         return np.asarray(state[POSITION] + beyond * CONTROL_STEP_S * state[VELOCITY])
 
-    def _step(self, k: int, flown: Flown) -> None:
+    def _step(self, k: int, flown: TrajectorySince) -> None:
         """Sense and navigate at filter step k, which is now."""
         true = own_motion(flown(k * self._stride - 1), self._follower)[-1:]
         (own,) = sense_own(
@@ -90,7 +90,7 @@ class Pilot:
             self._navigator = self._make(settings, start_of(start, self._follower))
         self._navigator.step(OwnMotion(*own), reception)
 
-    def _listen(self, k: int, flown: Flown) -> Reception | None:
+    def _listen(self, k: int, flown: TrajectorySince) -> Reception | None:
         """The message that is in at filter step k, if there is one."""
         # errors with a history take the whole of it
         since = 0 if self._remembering else self._awaited[0] - 1
@@ -118,7 +118,7 @@ class Feedback:
         self._pilots = {i + 1: Pilot(scenario, i, navigator) for i in steering}
         self._shape = len(scenario.followers) + 1, 2
 
-    def __call__(self, tick: int, flown: Flown) -> Floats:
+    def __call__(self, tick: int, flown: TrajectorySince) -> Floats:
         """Believed positions of all vehicles, shape (v, 2), [m]; NaN where the truth is to be used."""
         belief = np.full(self._shape, np.nan)
         for vehicle, pilot in self._pilots.items():

@@ -43,9 +43,9 @@ class FleetError(LaisnError):
         self.trajectory = trajectory
 
 
-Flown = Callable[[int], Trajectory]
+TrajectorySince = Callable[[int], Trajectory]
 """The mission since an instant, which its number on the grid names, until now."""
-Believing = Callable[[int, Flown], Floats]
+BelievedPositions = Callable[[int, TrajectorySince], Floats]
 """Where vehicles take themselves to be at an instant, shape (v, 2), [m]; NaN: where they are."""
 
 
@@ -141,21 +141,21 @@ def _trajectory(plant: Plant, record: Floats, since: int = 0) -> Trajectory | No
     )
 
 
-def _flown(plant: Plant, record: Floats, since: int = 0) -> Trajectory:
+def _trajectory_since(plant: Plant, record: Floats, since: int = 0) -> Trajectory:
     flown = _trajectory(plant, record, since)
     if flown is None:
         raise ValueError(f"only {record.shape[0]} instants are flown, none after number {since}")
     return flown
 
 
-def fly_fleet(
+def simulate_fleet(
     plant: Plant,
     routes: Sequence[Route],
     duration: float,
     depth_control: Sequence[DepthControl] = (),
     *,
     limits: Sequence[Limits] | None = None,
-    believe: Believing | None = None,
+    believe: BelievedPositions | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Fly every vehicle of a plant along its route.
@@ -212,7 +212,7 @@ def fly_fleet(
     k = 0
     while k < ticks:
         if believe is not None:
-            belief[:] = believe(k, partial(_flown, plant, record[: k + 1]))
+            belief[:] = believe(k, partial(_trajectory_since, plant, record[: k + 1]))
         # between these instants nothing from outside is looked at: not the beliefs, not Ctrl-C
         last = k + 1 if believe is not None else min(k + _PROGRESS_TICKS - (k - 1) % _PROGRESS_TICKS, ticks)
         leg(k, last)
@@ -220,5 +220,5 @@ def fly_fleet(
             progress((last - 1) * TICK)
         k = last
     if believe is not None:
-        believe(ticks, partial(_flown, plant, record))
-    return _flown(plant, record)
+        believe(ticks, partial(_trajectory_since, plant, record))
+    return _trajectory_since(plant, record)

@@ -6,7 +6,7 @@ from laisn.failure import LaisnError
 from sim import point_fleet
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.closed_loop import Feedback, OnlineFactory
-from sim.fleet import FleetError, fly_fleet
+from sim.fleet import FleetError, simulate_fleet
 from sim.point_fleet import Sites
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
@@ -31,7 +31,7 @@ def _feedback(scenario: Scenario, navigator: OnlineFactory | None) -> Feedback |
     return Feedback(scenario, navigator) if steering and navigator is not None else None
 
 
-def move(
+def simulate_motion(
     scenario: Scenario,
     progress: Callable[[float], None] | None = None,
     navigator: OnlineFactory | None = None,
@@ -52,9 +52,9 @@ def move(
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
         sites = Sites(plant.site_names, plant.site_vehicle, plant.site_offset)
-        return point_fleet.fly(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
+        return point_fleet.simulate_points(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
     try:
-        return fly_fleet(
+        return simulate_fleet(
             plant,
             routes,
             scenario.duration_s,

@@ -24,7 +24,7 @@ class Sites(NamedTuple):
     """Sites in the vehicle's body frame, shape (s, 3), [m]."""
 
 
-def fly(
+def simulate_points(
     names: tuple[str, ...],
     routes: Sequence[Route],
     duration: float,

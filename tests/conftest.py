@@ -32,9 +32,9 @@ fly(load("T5", ["duration_s=2"]))
 CAMPAIGN = """
 from experiments.campaign.campaign import CellPlan, compute
 from experiments.flight.library import load
-from sim.motion import move
+from sim.motion import simulate_motion
 scenario = load("T5", ["duration_s=2", 'motion="kinematic"'])
-compute(move(scenario), [CellPlan(scenario=scenario, runs=1, keep_steps=True)])
+compute(simulate_motion(scenario), [CellPlan(scenario=scenario, runs=1, keep_steps=True)])
 """
 TIGHT = """
 from experiments.flight.library import load
@@ -42,9 +42,9 @@ from laisn.navigator import Navigator
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
 from sim.flight import navigate
-from sim.motion import move
+from sim.motion import simulate_motion
 scenario = load("T5", ["duration_s=2", 'motion="kinematic"'])
-flight = navigate(scenario, move(scenario), Navigator)
+flight = navigate(scenario, simulate_motion(scenario), Navigator)
 TightNavigator(TightSettings(), flight.estimates[0].state[0]).run(flight.measurements[0])
 """
 

@@ -13,7 +13,7 @@ from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
 from sim.closed_loop import Pilot
 from sim.flight import navigate
-from sim.motion import move
+from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 from tests import straight
@@ -36,7 +36,7 @@ def steered(scenario: Scenario) -> tuple[Trajectory, Floats]:
             states.append(self.state.copy())
             return records
 
-    return move(scenario, None, Overheard), np.array(states)
+    return simulate_motion(scenario, None, Overheard), np.array(states)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from laisn.navigator import Navigator
 from sim.assembly import ocean_of, routes_of
 from sim.film.annotations import OtherEstimate, RayErrors
 from sim.flight import navigate
-from sim.motion import move
+from sim.motion import simulate_motion
 from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
 from sim.sensing.acoustics import propagate, sound_speed
 from sim.sensing.hearing import Hearing
@@ -27,7 +27,7 @@ def records() -> dict[str, Any]:
         acoustics=Acoustics(surface_echo_chance=0.1, travel_time=True),
         ocean=Ocean(waves=Waves(kind="jonswap", height_m=0.5, period_s=6.0)),
     )  # fmt: skip
-    trajectory, hearing = move(scenario), Hearing.of(scenario)
+    trajectory, hearing = simulate_motion(scenario), Hearing.of(scenario)
     flight = navigate(scenario, trajectory, Navigator)
     route = routes_of(scenario)[1]
     made = (

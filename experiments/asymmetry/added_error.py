@@ -26,7 +26,7 @@ Mission = tuple[str, str, float, str]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Excess:
+class ComparedMission:
     """One mission in all its arms, by their keys."""
 
     level: Row
@@ -94,15 +94,18 @@ class Excess:
         return real - level, remedy - other, free
 
 
-def paired(rows: Iterable[Row]) -> dict[Mission, Excess]:
+def paired(rows: Iterable[Row]) -> dict[Mission, ComparedMission]:
     """Rows of the same mission, put together."""
     found: dict[Mission, dict[str, Row]] = {}
     for row in rows:
         found.setdefault((row.condition, row.route, row.depth_offset_m, row.variant), {})[row.arm] = row
-    return {mission: Excess(level=arms[LEVEL.key], real=arms[REAL.key], arms=arms) for mission, arms in found.items()}
+    return {
+        mission: ComparedMission(level=arms[LEVEL.key], real=arms[REAL.key], arms=arms)
+        for mission, arms in found.items()
+    }
 
 
-def undecided(mission: Excess, looks: Sequence[int]) -> list[str]:
+def undecided(mission: ComparedMission, looks: Sequence[int]) -> list[str]:
     """Keys of the arms, in the order of flying, that must be flown on to settle what is open on a mission."""
     if not mission.judged:
         return []
@@ -118,7 +121,7 @@ def undecided(mission: Excess, looks: Sequence[int]) -> list[str]:
     return [key for key in mission.arms if key in wanted]
 
 
-def with_verdicts(mission: Excess, looks: Sequence[int]) -> list[Row]:
+def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Row]:
     """The rows of a mission, those of remedies with their verdicts if they are judged on it."""
     remedies = {arm.key: arm for arm in REMEDIES} if mission.judged else {}
     return [
@@ -140,8 +143,8 @@ def mean_of(values: Iterable[float]) -> float:
 
 
 def of_cause(
-    missions: dict[Mission, Excess], variant: str, cause: str | None = None, route: str | None = None
-) -> list[Excess]:
+    missions: dict[Mission, ComparedMission], variant: str, cause: str | None = None, route: str | None = None
+) -> list[ComparedMission]:
     """Missions of a variant, of one cause and on one route, or of all."""
     return [
         e
@@ -150,25 +153,25 @@ def of_cause(
     ]
 
 
-def judged(missions: dict[Mission, Excess], variant: str, cause: str | None = None) -> list[Excess]:
+def judged(missions: dict[Mission, ComparedMission], variant: str, cause: str | None = None) -> list[ComparedMission]:
     """Missions of a variant on which remedies are judged, of one cause or of all."""
     return [e for e in of_cause(missions, variant, cause) if e.judged]
 
 
-def removed_in_all(missions: Sequence[Excess], arm: Arm, confidence: float = CONFIDENCE) -> Interval:
+def removed_in_all(missions: Sequence[ComparedMission], arm: Arm, confidence: float = CONFIDENCE) -> Interval:
     """Share of the pitch-driven errors of missions, added up, that a remedy removes; captured runs are included."""
     level = [e.errors(LEVEL) for e in missions]
     pairs = [(e.errors(REAL) - own, e.errors(arm) - own) for e, own in zip(missions, level, strict=True)]
     return share_removed(pairs, confidence)
 
 
-def captures_in_all(missions: Sequence[Excess], arm: Arm) -> Interval:
+def captures_in_all(missions: Sequence[ComparedMission], arm: Arm) -> Interval:
     """Chance that a run of these missions is captured."""
     rows = [e.arms[arm.key] for e in missions]
     return proportion(sum(row.captured for row in rows), sum(row.runs for row in rows))
 
 
-def captures_removed(missions: Sequence[Excess], arm: Arm) -> Interval:
+def captures_removed(missions: Sequence[ComparedMission], arm: Arm) -> Interval:
     """Share of the captures that pitch adds to missions, added up, that a remedy removes."""
     return share_removed(
         [(e.captures(REAL) - e.captures(LEVEL), e.captures(arm) - e.captures(LEVEL)) for e in missions]

@@ -8,7 +8,7 @@ from experiments.asymmetry.conditions import Condition, scenario
 from experiments.flight.anatomy import Anatomy, dissect
 from laisn.navigator import Navigator
 from sim.flight import Flight, navigate
-from sim.motion import move
+from sim.motion import simulate_motion
 
 ROUTE, OFFSET_M = "T6", 10.0
 """Close by on the quarter and far below: where pitch does much and is easy to see."""
@@ -36,7 +36,7 @@ class Example:
 def fly_example(condition: Condition, duration: float) -> Example:
     """Fly a condition with one follower, and take its range errors apart."""
     one = scenario(condition, ROUTE, OFFSET_M, duration)
-    trajectory = move(one)
+    trajectory = simulate_motion(one)
     flight = navigate(one, trajectory, Navigator)
     everything = one.model_copy(
         update={

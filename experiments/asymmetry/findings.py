@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments import findings
 from experiments.asymmetry.added_error import (
-    Excess,
+    ComparedMission,
     Mission,
     captures_in_all,
     captures_removed,
@@ -26,7 +26,7 @@ MODULES = tuple(f"experiments.asymmetry.{name}" for name in ("findings", "flying
 CAUSES = ("trim", "dive", "waves")
 
 
-def _errors(missions: dict[Mission, Excess], variants: Sequence[str], offset: float) -> dict[str, Finding]:
+def _errors(missions: dict[Mission, ComparedMission], variants: Sequence[str], offset: float) -> dict[str, Finding]:
     """Mean error of each condition over the routes at a depth offset, behind the level and the real leader."""
     found = {}
     for condition in dict.fromkeys(key[0] for key in missions):
@@ -40,7 +40,7 @@ def _errors(missions: dict[Mission, Excess], variants: Sequence[str], offset: fl
     return found
 
 
-def _on_routes(missions: dict[Mission, Excess], routes: Sequence[str], cause: str) -> dict[str, Finding]:
+def _on_routes(missions: dict[Mission, ComparedMission], routes: Sequence[str], cause: str) -> dict[str, Finding]:
     """The least and the largest share that attitude broadcasts remove on any route, with limits for all together."""
     found = {}
     together = 1.0 - (1.0 - CONFIDENCE) / (len(routes) * len(CAUSES))
@@ -57,7 +57,7 @@ def _on_routes(missions: dict[Mission, Excess], routes: Sequence[str], cause: st
     return found
 
 
-def _verdicts(chosen: Sequence[Excess], arm: str, name: str) -> dict[str, Finding]:
+def _verdicts(chosen: Sequence[ComparedMission], arm: str, name: str) -> dict[str, Finding]:
     """Number of missions on which a remedy comes to each verdict."""
     found = {}
     for question in ("error", "capture"):
@@ -70,7 +70,7 @@ def _verdicts(chosen: Sequence[Excess], arm: str, name: str) -> dict[str, Findin
     return found
 
 
-def _remedies(missions: dict[Mission, Excess], variants: Sequence[str]) -> dict[str, Finding]:
+def _remedies(missions: dict[Mission, ComparedMission], variants: Sequence[str]) -> dict[str, Finding]:
     found: dict[str, Finding] = {}
     for variant in variants:
         for cause in (*CAUSES, None):

@@ -18,7 +18,7 @@ from experiments.asymmetry.remedies import ARM, ARMS, Arm
 from experiments.campaign.cells import PERCENTILES, Cell, CellResult
 from experiments.campaign.montecarlo import simulate
 from laisn.settings import Variant
-from sim.motion import move
+from sim.motion import simulate_motion
 from sim.sensing.ahrs import random_error
 from sim.sensing.observation import errors_of
 from sim.sensing.sensor_errors import SensorErrors
@@ -87,7 +87,7 @@ def fly_condition(condition: Condition, offset: float, plan: Plan) -> list[Row]:
     Arms whose verdict the first runs leave open are flown on, up to the last look of the plan. Fleets of this size are
     quickest: the price of a step grows faster than the number of vehicles.
     """
-    trajectory = move(fleet(condition, plan.routes, (offset,), plan.duration_s))
+    trajectory = simulate_motion(fleet(condition, plan.routes, (offset,), plan.duration_s))
     rows = []
     for follower, route in enumerate(plan.routes):
         sensed = sense(pair(trajectory, follower), condition, route, offset, plan.duration_s)

@@ -12,7 +12,7 @@ from laisn.arrays import Bools
 from laisn.estimates import FixKind
 from laisn.settings import GateRule
 from sim.flight import navigation_settings
-from sim.motion import move
+from sim.motion import simulate_motion
 from sim.sensing.echo import Path, locked_path
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
@@ -58,7 +58,7 @@ def rates(rejected: Bools, echoed: Bools) -> tuple[Interval, Interval]:
 
 def fly_gates(plan: Plan) -> list[GateRow]:
     """Fly all routes of a plan in a calm sea, LAISN-2 with each gate rule, with echoes and without."""
-    trajectory = move(fleet(CALM, plan.routes, (_OFFSET_M,), plan.duration_s))
+    trajectory = simulate_motion(fleet(CALM, plan.routes, (_OFFSET_M,), plan.duration_s))
     rows = []
     for follower, route in enumerate(plan.routes):
         both = pair(trajectory, follower)

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.asymmetry import figures as drawing
-from experiments.asymmetry.added_error import Excess, Mission
+from experiments.asymmetry.added_error import ComparedMission, Mission
 from experiments.asymmetry.conditions import Condition
 from experiments.asymmetry.example import Example
 from experiments.asymmetry.figures import AWARE, LEVEL, REAL
@@ -39,7 +39,7 @@ class Results:
     film: Path | None
 
 
-def on_missions(results: Results, missions: dict[Mission, Excess]) -> Section:
+def on_missions(results: Results, missions: dict[Mission, ComparedMission]) -> Section:
     """What pitch does on missions."""
     two = [e for (_, _, _, variant), e in missions.items() if variant == "laisn-2"]
     groups, legend = [], []

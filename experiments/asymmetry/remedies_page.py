@@ -8,7 +8,7 @@ from experiments.asymmetry import figures as drawing
 from experiments.asymmetry.added_error import (
     CAPTURES_WANTED,
     JUDGED_FROM_M,
-    Excess,
+    ComparedMission,
     Mission,
     captures_in_all,
     captures_removed,
@@ -54,7 +54,7 @@ def _verdict_cells(verdicts: Sequence[Verdict]) -> list[Cell]:
     ]  # fmt: skip
 
 
-def _remedy_table(missions: dict[Mission, Excess], variants: Sequence[str]) -> Table:
+def _remedy_table(missions: dict[Mission, ComparedMission], variants: Sequence[str]) -> Table:
     """How much of the pitch-driven error each remedy removes, and on how many missions it meets its aim."""
     rows = []
     for arm in REMEDIES:
@@ -86,7 +86,7 @@ def _remedy_table(missions: dict[Mission, Excess], variants: Sequence[str]) -> T
     )  # fmt: skip
 
 
-def _capture_table(missions: dict[Mission, Excess], variants: Sequence[str]) -> Table:
+def _capture_table(missions: dict[Mission, ComparedMission], variants: Sequence[str]) -> Table:
     """How often estimates are captured, behind which leader and with which remedy."""
     rows = []
     for variant in variants:
@@ -112,7 +112,7 @@ def _capture_table(missions: dict[Mission, Excess], variants: Sequence[str]) -> 
     )
 
 
-def _route_table(missions: dict[Mission, Excess], routes: Sequence[str]) -> Table:
+def _route_table(missions: dict[Mission, ComparedMission], routes: Sequence[str]) -> Table:
     """What pitch does on each route, and how much of it goes, over all conditions and depth offsets of a cause."""
     rows = []
     for route in routes:
@@ -132,7 +132,7 @@ def _route_table(missions: dict[Mission, Excess], routes: Sequence[str]) -> Tabl
     )
 
 
-def _split_table(missions: dict[Mission, Excess], offsets: Sequence[float]) -> Table:
+def _split_table(missions: dict[Mission, ComparedMission], offsets: Sequence[float]) -> Table:
     """What is left with a broadcast attitude: of the pitch, and of the sensor."""
     rows = []
     for cause, name in CAUSES.items():
@@ -169,7 +169,7 @@ def in_words(share: Interval) -> str:
     return f"{100 * share.value:.0f} % ({100 * share.low:.0f} to {100 * share.high:.0f} %)"
 
 
-def _on_distrust(chosen: Sequence[Excess]) -> Text:
+def _on_distrust(chosen: Sequence[ComparedMission]) -> Text:
     """What comes of trusting fixes less, cause by cause."""
     shares = []
     for cause, name in CAUSES.items():
@@ -183,7 +183,7 @@ def _on_distrust(chosen: Sequence[Excess]) -> Text:
     )
 
 
-def remedies(missions: dict[Mission, Excess], plan: Plan) -> Section:
+def remedies(missions: dict[Mission, ComparedMission], plan: Plan) -> Section:
     """What each remedy is worth."""
     chosen = judged(missions, "laisn-2")
     blocks: list[Block] = [
@@ -218,7 +218,7 @@ def remedies(missions: dict[Mission, Excess], plan: Plan) -> Section:
     return Section(title="Remedies", blocks=blocks)
 
 
-def shortfalls(missions: dict[Mission, Excess], plan: Plan) -> list[Block]:
+def shortfalls(missions: dict[Mission, ComparedMission], plan: Plan) -> list[Block]:
     """The missions on which the broadcast attitude falls short of its aim, and why."""
     blocks: list[Block] = []
     for arm in (EXACT, STEADIED, READINGS, CROOKED):

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.asymmetry.added_error import Excess, Mission, judged, paired, removed_in_all
+from experiments.asymmetry.added_error import ComparedMission, Mission, judged, paired, removed_in_all
 from experiments.asymmetry.conditions import SEED
 from experiments.asymmetry.missions import QUICK
 from experiments.asymmetry.missions_page import Results, on_missions, stage_4
@@ -32,7 +32,7 @@ def _limits() -> Section:
     )
 
 
-def _summary(missions: dict[Mission, Excess]) -> str:
+def _summary(missions: dict[Mission, ComparedMission]) -> str:
     chosen = judged(missions, "laisn-2")
     if not chosen:
         return "In the conditions flown, pitch moves no fix by as much as a decimetre in the mean."

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.asymmetry.added_error import Excess, Mission, mean_of
+from experiments.asymmetry.added_error import ComparedMission, Mission, mean_of
 from experiments.asymmetry.conditions import Condition, command
 from experiments.asymmetry.gates import GateRow
 from experiments.asymmetry.planner import OFF_AXIS_DEG, PITCH_DEG, rules
@@ -14,11 +14,11 @@ from experiments.intervals import mean_over_missions
 from experiments.pages.page import Cell, Table, number, percent, words
 
 
-def _of(missions: dict[Mission, Excess], condition: str, offset: float, variant: str) -> list[Excess]:
+def _of(missions: dict[Mission, ComparedMission], condition: str, offset: float, variant: str) -> list[ComparedMission]:
     return [e for (c, _, o, v), e in missions.items() if (c, o, v) == (condition, offset, variant)]
 
 
-def _more_captured(missions: Sequence[Excess]) -> Cell:
+def _more_captured(missions: Sequence[ComparedMission]) -> Cell:
     """How many more runs are captured behind the real leader, with the interval of that number."""
     runs = sum(e.real.runs for e in missions)
     more = mean_over_missions([e.captures(REAL) - e.captures(LEVEL) for e in missions])
@@ -27,7 +27,7 @@ def _more_captured(missions: Sequence[Excess]) -> Cell:
 
 
 def mission_table(
-    missions: dict[Mission, Excess], conditions: Sequence[Condition], offsets: Sequence[float], curves: Curves
+    missions: dict[Mission, ComparedMission], conditions: Sequence[Condition], offsets: Sequence[float], curves: Curves
 ) -> tuple[Table, str]:
     """A row for each condition and offset, over all routes, and the command that flies the worst route of each."""
     rows, lines = [], []

@@ -17,7 +17,7 @@ from experiments.campaign.montecarlo import simulate
 from laisn.arrays import Floats
 from laisn.settings import Variant
 from sim.flight import navigation_settings
-from sim.motion import move
+from sim.motion import simulate_motion
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
 from sim.tilt import leveled, tilted
@@ -90,7 +90,7 @@ def equivalents(curves: Curves, tau: float, depth_offset: float) -> list[float]:
 def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2")) -> Curves:
     """Fly all routes of a plan in a calm sea, over τ and over pitch."""
     offsets = tuple(o for o in OFFSETS_M if o in plan.offsets_m)
-    fleets = {offset: move(fleet(CALM, plan.routes, (offset,), plan.duration_s)) for offset in offsets}
+    fleets = {offset: simulate_motion(fleet(CALM, plan.routes, (offset,), plan.duration_s)) for offset in offsets}
     tau, pitch = [], []
     missions = [(follower, route, offset) for follower, route in enumerate(plan.routes) for offset in offsets]
     for follower, route, offset in missions:

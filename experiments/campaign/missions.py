@@ -19,7 +19,7 @@ from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
 from laisn.whole_files import replaced
 from sim.fleet import FleetError
-from sim.motion import DivergedError, move
+from sim.motion import DivergedError, simulate_motion
 from sim.scenario.settings import Leader, Scenario
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import observe
@@ -113,7 +113,7 @@ def store(folder: Path, scenario: Scenario, trajectory: Trajectory) -> None:
 def fly(scenario: Scenario) -> Trajectory:
     """Fly a mission; CampaignError naming it if the simulation left finite numbers."""
     try:
-        trajectory = move(motion_of(scenario))
+        trajectory = simulate_motion(motion_of(scenario))
     except (DivergedError, FleetError) as error:
         # They carry the flight so far, which no process can hand to another: what they say is what counts.
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None

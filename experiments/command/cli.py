@@ -124,7 +124,7 @@ def render(
     """Film a scenario or a log, or take a picture of it."""
     from experiments.command import filming
 
-    filming.film(source, set_ or (), filming.Wish(camera, size, speed_up, follower, still, out))
+    filming.film(source, set_ or (), filming.FilmOptions(camera, size, speed_up, follower, still, out))
 
 
 @app.command()

@@ -18,7 +18,7 @@ from sim.scenario.settings import Video
 from sim.screen import plain
 
 
-class Wish(NamedTuple):
+class FilmOptions(NamedTuple):
     """What a user asked of a film; None leaves it to the scenario."""
 
     camera: str | None
@@ -29,18 +29,18 @@ class Wish(NamedTuple):
     out: Path | None
 
 
-def _video(video: Video, wish: Wish) -> Video:
+def _video(video: Video, options: FilmOptions) -> Video:
     """The scenario's film settings with the user's wishes; RenderError naming the option."""
     wanted = video.model_dump()
-    if wish.camera is not None:
-        wanted["camera"] = wish.camera
-    if wish.size is not None:
-        match = re.fullmatch(r"(\d+)x(\d+)", wish.size)
+    if options.camera is not None:
+        wanted["camera"] = options.camera
+    if options.size is not None:
+        match = re.fullmatch(r"(\d+)x(\d+)", options.size)
         if match is None:
-            raise render.RenderError(f"--size {wish.size}: expected WIDTHxHEIGHT, such as 1280x720")
+            raise render.RenderError(f"--size {options.size}: expected WIDTHxHEIGHT, such as 1280x720")
         wanted["width_px"], wanted["height_px"] = int(match[1]), int(match[2])
-    if wish.speed_up is not None:
-        wanted["speed_up"] = wish.speed_up
+    if options.speed_up is not None:
+        wanted["speed_up"] = options.speed_up
     try:
         return Video.model_validate(wanted)
     except ValidationError as error:
@@ -48,39 +48,39 @@ def _video(video: Video, wish: Wish) -> Video:
         raise render.RenderError("; ".join(faults)) from None
 
 
-def film(source: str, assignments: Iterable[str], wish: Wish) -> Path:
+def film(source: str, assignments: Iterable[str], options: FilmOptions) -> Path:
     """Render the film, or one still, of a scenario or a log.
 
     Args:
         source: scenario name, TOML file or `.mcap` log.
         assignments: overrides of a scenario.
-        wish: camera, size and so on.
+        options: camera, size and so on.
 
     Returns:
         The file.
 
     Raises:
-        RenderError: a wish cannot be met.
+        RenderError: the options cannot be met.
         LogError, ScenarioError: the source is at fault.
     """
-    if wish.camera is not None and wish.camera not in CAMERAS:
-        raise render.RenderError(f"unknown camera {wish.camera!r}; available: {', '.join(CAMERAS)}")
+    if options.camera is not None and options.camera not in CAMERAS:
+        raise render.RenderError(f"unknown camera {options.camera!r}; available: {', '.join(CAMERAS)}")
     flight = flight_of(source, list(assignments))
-    video = _video(flight.scenario.video, wish)
+    video = _video(flight.scenario.video, options)
     too_much = film_misfits(flight.scenario.duration_s, video)
-    if wish.still is None and too_much:
+    if options.still is None and too_much:
         raise render.RenderError(too_much[0].text)
-    if not 0 <= wish.follower < len(flight.scenario.followers):
+    if not 0 <= options.follower < len(flight.scenario.followers):
         raise render.RenderError(
-            f"--follower {wish.follower}: there are followers 0 … {len(flight.scenario.followers) - 1}"
+            f"--follower {options.follower}: there are followers 0 … {len(flight.scenario.followers) - 1}"
         )
     errors = position_and_bearing_errors(flight)
-    if wish.still is not None:
-        path = wish.out or Path(f"{flight.scenario.name}.png")
-        render.still(flight, wish.still, path, errors=errors, video=video, follower=wish.follower)
+    if options.still is not None:
+        path = options.out or Path(f"{flight.scenario.name}.png")
+        render.still(flight, options.still, path, errors=errors, video=video, follower=options.follower)
     else:
-        path = wish.out or Path(f"{flight.scenario.name}.mp4")
+        path = options.out or Path(f"{flight.scenario.name}.mp4")
         with phases(Console()) as phase, phase("video") as update:
-            render.render(flight, path, errors=errors, video=video, follower=wish.follower, progress=update)
+            render.render(flight, path, errors=errors, video=video, follower=options.follower, progress=update)
     print(plain(path))
     return path

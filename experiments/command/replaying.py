@@ -97,13 +97,15 @@ def replay_measurements(
     from laisn.navigator import Navigator
     from sim.flight import navigation_settings
     from sim.log import reader
-    from sim.motion import move
+    from sim.motion import simulate_motion
     from sim.sensing.observation import start_of
 
     _require_own_file(out, ".csv", path)
     scenario = load_flyable(source, assignments)
     # the starts alone are wanted of the routes
-    begin = move(scenario.model_copy(update={"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}))
+    begin = simulate_motion(
+        scenario.model_copy(update={"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s})
+    )
     told = scenario.navigation
     single = told.use_single_range or "use_single_range" not in told.model_fields_set
     rows: list[dict[str, str | float]] = []

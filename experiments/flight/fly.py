@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from laisn.navigator import Navigator
 from sim.flight import Flight, Outcome, navigate
-from sim.motion import DivergedError, move
+from sim.motion import DivergedError, simulate_motion
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
@@ -30,7 +30,7 @@ class Stopwatch:
 def simulate(scenario: Scenario, progress: Callable[[float], None] | None = None) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario; if it leaves finite numbers, what was flown before, and an outcome that says so."""
     try:
-        return move(scenario, progress, Navigator), Outcome.COMPLETED
+        return simulate_motion(scenario, progress, Navigator), Outcome.COMPLETED
     except DivergedError as error:
         return error.trajectory, Outcome.DIVERGED
 

@@ -28,7 +28,7 @@ from experiments.route_keeping import study as route_keeping
 from laisn.geometry import bearing
 from sim.film import render
 from sim.flight import Flight
-from sim.motion import move
+from sim.motion import simulate_motion
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures"
 
@@ -74,7 +74,7 @@ def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
 
 def routes() -> Figure:
     """The leader's L and the eight follower routes, as flown."""
-    truth = move(route_keeping.scenario())
+    truth = simulate_motion(route_keeping.scenario())
     styles = [
         (INK, "-", 1.8),
         *((colour, "-", 1.0) for colour in SERIES),

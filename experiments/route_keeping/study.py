@@ -11,7 +11,7 @@ import numpy as np
 from experiments.findings import FILE, Finding, Findings, plain, version_of
 from experiments.flight.library import ROUTES
 from sim.assembly import routes_of
-from sim.motion import move
+from sim.motion import simulate_motion
 from sim.scenario.settings import Follower, Scenario
 from sim.tracking import TrackingReport, tracking
 
@@ -30,7 +30,7 @@ def scenario(routes: tuple[str, ...] = ROUTES, duration_s: float = 1000.0) -> Sc
 
 def measure(mission: Scenario) -> tuple[TrackingReport, ...]:
     """Fly the mission and report on every vehicle, the leader first."""
-    return tracking(move(mission), routes_of(mission))
+    return tracking(simulate_motion(mission), routes_of(mission))
 
 
 def _findings(report: TrackingReport, name: str) -> dict[str, Finding]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.asymmetry.added_error import (
-    Excess,
+    ComparedMission,
     captures_in_all,
     captures_removed,
     judged,
@@ -49,7 +49,7 @@ def row(arm: str, errors: Any, captured: Any = False, **changes: Any) -> Row:
     )  # fmt: skip
 
 
-def mission(**errors: Any) -> Excess:
+def mission(**errors: Any) -> ComparedMission:
     """A mission of the arms level, real and others by their keys."""
     (one,) = paired([row(key.replace("_", "-"), value) for key, value in errors.items()]).values()
     return one

@@ -30,7 +30,7 @@ from experiments.campaign.progress import while_compiling
 from experiments.flight.library import ROUTES, load
 from laisn.navigator import Navigator
 from sim.flight import navigate
-from sim.motion import move
+from sim.motion import simulate_motion
 from sim.sensing.observation import errors_of
 
 SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), looks=(24,),
@@ -88,7 +88,7 @@ def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
 
 def test_level_and_real_leader_differ_in_nothing_but_the_ranges():
     condition = QUICK_CONDITIONS[0]
-    trajectory = move(fleet(condition, ("T6",), (5.0,), 20.0))
+    trajectory = simulate_motion(fleet(condition, ("T6",), (5.0,), 20.0))
     sensed = sense(pair(trajectory, 0), condition, "T6", 5.0, 20.0)
     for name in ("speed", "heading", "depth", "hydrophone", "sent_position", "sent_heading", "message_step"):
         assert_allclose(getattr(sensed.real, name), getattr(sensed.level, name), atol=1e-12, err_msg=name)
@@ -97,8 +97,8 @@ def test_level_and_real_leader_differ_in_nothing_but_the_ranges():
 
 def test_a_mission_of_a_fleet_is_the_mission_flown_alone():
     condition = QUICK_CONDITIONS[2]
-    together = pair(move(fleet(condition, ("T3", "T6"), (0.0, 10.0), 20.0)), 3)
-    alone = move(scenario(condition, "T6", 10.0, 20.0))
+    together = pair(simulate_motion(fleet(condition, ("T3", "T6"), (0.0, 10.0), 20.0)), 3)
+    alone = simulate_motion(scenario(condition, "T6", 10.0, 20.0))
     assert_allclose(together.position, alone.position, atol=1e-9)
     assert_allclose(together.pitch, alone.pitch, atol=1e-9)
 
@@ -171,8 +171,10 @@ def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
 def test_a_run_of_the_study_is_the_flight_of_its_command():
     condition, duration = QUICK_CONDITIONS[2], 30.0
     flown = scenario(condition, "T6", 5.0, duration).model_copy(update={"run": 3})
-    alone = navigate(flown, move(flown), Navigator)
-    sensed = sense(pair(move(fleet(condition, ("T3", "T6"), (5.0,), duration)), 1), condition, "T6", 5.0, duration)
+    alone = navigate(flown, simulate_motion(flown), Navigator)
+    sensed = sense(
+        pair(simulate_motion(fleet(condition, ("T3", "T6"), (5.0,), duration)), 1), condition, "T6", 5.0, duration
+    )
     states = histories(Cell(truth=sensed.real, errors=errors_of(flown), settings=sensed.settings, seed=flown.seed,
                             runs=range(4)))  # fmt: skip
     assert_allclose(alone.estimates[0].state, states[..., 3], atol=1e-6)

@@ -238,7 +238,7 @@ def lost_flight(_):
         raise FleetError("t = 3 s: the state is lost", 3.0, None)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(missions, "move", lost)
+        patch.setattr(missions, "simulate_motion", lost)
         return missions.fly(Scenario(name="T6", followers=(Follower(route="T6"),)))
 
 

@@ -18,7 +18,7 @@ from laisn.failure import LaisnError
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
 from sim.flight import navigate
-from sim.motion import move
+from sim.motion import simulate_motion
 from sim.scenario.settings import (
     Acoustics,
     Follower,
@@ -168,12 +168,12 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
             other = changed(base, leaf)
             if missions.motion_key(other) == missions.motion_key(base):
                 shared.append(leaf)
-                served, direct = missions.sited(moved, other.leader), move(other)
+                served, direct = missions.sited(moved, other.leader), simulate_motion(other)
                 for name in ("position", "velocity", "quaternion", "site_offset"):
                     np.testing.assert_array_equal(getattr(served, name), getattr(direct, name), err_msg=str(leaf))
             if CellPlan(scenario=other, runs=2).key == plan.key:
                 of_cells.append(leaf[0])
-                assert computed(move(other), CellPlan(scenario=other, runs=2)) == row, leaf
+                assert computed(simulate_motion(other), CellPlan(scenario=other, runs=2)) == row, leaf
         assert {("name",), ("run",), ("leader", "baseline_m"), ("acoustics", "travel_time")} <= set(shared)
         assert set(of_cells) == {
             "name", "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video"
@@ -184,7 +184,7 @@ def test_run_k_of_a_scenario_s_cell_is_the_flight_with_that_run() -> None:
     given = mission(seed=7, sensors=Sensors(depth_sigma_m=0.1), acoustics=Acoustics(loss_chance=0.2))
     states = histories(Cell.of(given, follower=1, runs=4))
     for run in range(4):
-        flight = navigate(given.model_copy(update={"run": run}), move(given), Navigator)
+        flight = navigate(given.model_copy(update={"run": run}), simulate_motion(given), Navigator)
         assert np.abs(states[:, :, run] - flight.estimates[1].state).max() < 1e-9
     some_runs = histories(Cell.of(given.model_copy(update={"run": 9}), follower=1, runs=range(2, 4)))
     np.testing.assert_array_equal(some_runs, states[:, :, 2:])

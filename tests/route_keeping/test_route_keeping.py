@@ -5,7 +5,7 @@ import pytest
 
 from experiments.route_keeping import study
 from sim import point_fleet
-from sim.fleet import fly_fleet
+from sim.fleet import simulate_fleet
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan
 from sim.scenario.routes import Route, names
 from sim.scenario.routes import route as library_route
@@ -36,7 +36,7 @@ def setups(routes, **options):
 def test_leader_and_follower_fly_their_routes(name):
     """They keep to what the README says: 0.07 to 0.21 m off the legs, 0.1 s, 1.6° of pitch and 2.7° of roll."""
     routes = (library_route("L"), library_route(name))
-    flown = fly_fleet(Plant(setups(routes), Ocean.calm()), routes, 1000.0)
+    flown = simulate_fleet(Plant(setups(routes), Ocean.calm()), routes, 1000.0)
     assert flown.time.size == 10001
     assert flown.position[0, 1, :2].tolist() == routes[1].waypoint[0].tolist()
     for report in tracking(flown, routes):
@@ -47,14 +47,14 @@ def test_leader_and_follower_fly_their_routes(name):
         assert round(np.rad2deg(report.pitch_max), 1) <= 1.6
         assert round(np.rad2deg(report.roll_max), 1) <= 2.7
     # the physical vehicles stay close to the paper's point motion
-    ideal = point_fleet.fly(NAMES, routes, 1000.0)
+    ideal = point_fleet.simulate_points(NAMES, routes, 1000.0)
     assert np.linalg.norm(flown.position - ideal.position, axis=-1).max() < 0.25
 
 
 def test_routes_are_kept_in_a_current():
     routes = (library_route("L"), library_route("T6"))
     sea = Ocean(current_speed_m_s=0.3, current_direction_rad=1.0)
-    flown = fly_fleet(Plant(setups(routes), sea), routes, 1000.0)
+    flown = simulate_fleet(Plant(setups(routes), sea), routes, 1000.0)
     for report in tracking(flown, routes):
         assert report.cross_track_rms < 0.25
         assert report.arrival_error_max < 0.5
@@ -64,7 +64,7 @@ def test_routes_are_kept_in_a_current():
 
 def test_the_same_flight_gives_the_same_bytes():
     routes = (library_route("L"), library_route("T7"))
-    a, b = (fly_fleet(Plant(setups(routes), Ocean.calm()), routes, 50.0) for _ in range(2))
+    a, b = (simulate_fleet(Plant(setups(routes), Ocean.calm()), routes, 50.0) for _ in range(2))
     assert a.position.tobytes() == b.position.tobytes()
     assert a.thrust.tobytes() == b.thrust.tobytes()
 
@@ -72,7 +72,7 @@ def test_the_same_flight_gives_the_same_bytes():
 def test_the_record_is_that_of_the_plant():
     routes = (library_route("L"), library_route("T7"))
     plant = Plant(setups(routes), Ocean.calm())
-    flown = fly_fleet(plant, routes, 20.0)
+    flown = simulate_fleet(plant, routes, 20.0)
     assert plant.time == pytest.approx(20.0)
     assert np.array_equal(flown.position[-1], plant.pose[:, :3])
     assert np.array_equal(flown.quaternion[-1], plant.pose[:, 3:])
@@ -89,7 +89,7 @@ def test_the_error_of_a_mission_falls_with_the_square_of_the_physics_step():
     routes = (library_route("L"), library_route("T6"))
     sea = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.7, floor_depth_m=40.0)
     coarse, middle, fine = (
-        fly_fleet(Plant(setups(routes), Ocean(waves=sea), dt), routes, 100.0) for dt in (0.05, 0.025, 0.005)
+        simulate_fleet(Plant(setups(routes), Ocean(waves=sea), dt), routes, 100.0) for dt in (0.05, 0.025, 0.005)
     )
     errors = [np.sqrt(np.mean((flown.position - fine.position) ** 2)) for flown in (coarse, middle)]
     assert errors[0] < 0.001
@@ -126,7 +126,7 @@ def test_arrival_is_when_a_waypoint_is_nearest():
 @pytest.mark.parametrize("name", names())
 def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
     route = library_route(name)
-    (report,) = tracking(point_fleet.fly(("vehicle",), (route,), 1000.0), (route,))
+    (report,) = tracking(point_fleet.simulate_points(("vehicle",), (route,), 1000.0), (route,))
     assert report.arrival_error_max < 0.1 + 1e-9
     assert report.speed_error_rms < 1e-9
     assert report.depth_error_max < 1e-9
@@ -140,7 +140,7 @@ def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
 def test_reports_need_a_route_for_each_vehicle():
     routes = (library_route("L"), library_route("T2"))
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
-        tracking(point_fleet.fly(NAMES, routes, 20.0), routes[:1])
+        tracking(point_fleet.simulate_points(NAMES, routes, 20.0), routes[:1])
 
 
 def test_the_record_has_every_vehicle_and_the_extremes_of_all() -> None:

@@ -168,7 +168,7 @@ def test_any_route_is_met_on_time_or_refused(steps, limits):
 def test_a_fleet_moves_level_on_its_course():
     routes = (library_route("L"), library_route("T4", 12.0))
     sites = Sites(("leader/bow", "follower/top"), np.array([0, 1]), np.array([[1.0, 0, 0], [0, 0, 0.1]]))
-    flown = point_fleet.fly(("leader", "follower"), routes, 1000.0, sites=sites)
+    flown = point_fleet.simulate_points(("leader", "follower"), routes, 1000.0, sites=sites)
     assert flown.time.size == 10001
     assert flown.time[-1] == pytest.approx(1000.0)
     assert np.abs(flown.pitch).max() < 1e-12
@@ -188,4 +188,4 @@ def test_a_fleet_moves_level_on_its_course():
 
 def test_a_fleet_needs_a_route_for_each_vehicle():
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
-        point_fleet.fly(("leader", "follower"), (library_route("L"),), 10.0)
+        point_fleet.simulate_points(("leader", "follower"), (library_route("L"),), 10.0)

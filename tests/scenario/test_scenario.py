@@ -10,7 +10,7 @@ import pytest
 from experiments.flight import library
 from laisn.settings import NavigationSettings
 from sim.flight import navigation_settings
-from sim.motion import move
+from sim.motion import simulate_motion
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
 from sim.sensing.observation import errors_of
@@ -31,7 +31,7 @@ def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
     """The paper's constants stand in the scenario in a user's units, and in SI where they are used."""
     scenario = scenario_file.validate({**MINIMAL, "motion": "kinematic", "duration_s": 1.0}, "mine.toml")
     assert errors_of(scenario) == SensorErrors()
-    told = navigation_settings(scenario, move(scenario), 0)
+    told = navigation_settings(scenario, simulate_motion(scenario), 0)
     # where the hydrophone sits is the hull's, not a default
     assert replace(told, hydrophone_height=0.0) == NavigationSettings()
 
