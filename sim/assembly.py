@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from sim.scenario import routes as missions
-from sim.scenario import settings as scenario
-from sim.scenario.routes import DepthProfile, Route
+from sim.scenario.routes import DepthProfile, Route, library_route
+from sim.scenario.settings import Scenario, Vehicle
 from sim.vehicle.mjcf import VehicleSetup
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
@@ -13,13 +12,13 @@ _WAVES_KEY = 0x5EA
 """Keeps the sea's random numbers apart from all others that come from the same seed."""
 
 
-def ocean_of(mission: scenario.Scenario) -> Ocean:
+def ocean_of(scenario: Scenario) -> Ocean:
     """The sea; its waves depend on the seed and not on the run.
 
     Raises:
         ValueError: the waves would break.
     """
-    water, waves = mission.ocean, mission.ocean.waves
+    water, waves = scenario.ocean, scenario.ocean.waves
     direction = float(np.deg2rad(waves.direction_deg))
     components = Waves.none()
     if waves.kind == "regular":
@@ -31,7 +30,7 @@ def ocean_of(mission: scenario.Scenario) -> Ocean:
         )
     elif waves.kind == "jonswap":
         components = Waves.jonswap(
-            np.random.default_rng([_WAVES_KEY, mission.seed]),
+            np.random.default_rng([_WAVES_KEY, scenario.seed]),
             significant_height_m=waves.height_m,
             peak_period_s=waves.period_s,
             direction_rad=direction,
@@ -50,7 +49,7 @@ def ocean_of(mission: scenario.Scenario) -> Ocean:
     )
 
 
-def _depth_of(vehicle: scenario.Vehicle) -> DepthProfile:
+def _depth_of(vehicle: Vehicle) -> DepthProfile:
     if vehicle.depth_profile:
         return DepthProfile.through(vehicle.depth_profile)
     if vehicle.saw_tooth_amplitude_m > 0:
@@ -58,34 +57,34 @@ def _depth_of(vehicle: scenario.Vehicle) -> DepthProfile:
     return DepthProfile.constant(vehicle.depth_m)
 
 
-def route_of(vehicle: scenario.Vehicle, name: str) -> Route:
+def route_of(vehicle: Vehicle, name: str) -> Route:
     """Route of one vehicle; ValueError if the library has none of that name, or waypoints coincide."""
     if vehicle.waypoints:
         return Route.timed(name, vehicle.waypoints, _depth_of(vehicle))
     assert vehicle.route is not None  # the scenario's validation
-    return missions.route(vehicle.route, _depth_of(vehicle))
+    return library_route(vehicle.route, _depth_of(vehicle))
 
 
-def vehicle_names(mission: scenario.Scenario) -> tuple[str, ...]:
+def vehicle_names(scenario: Scenario) -> tuple[str, ...]:
     """All vehicles, the leader first."""
-    return ("leader", *(f.name for f in mission.followers))
+    return ("leader", *(f.name for f in scenario.followers))
 
 
-def routes_of(mission: scenario.Scenario) -> tuple[Route, ...]:
+def routes_of(scenario: Scenario) -> tuple[Route, ...]:
     """Routes of all vehicles, the leader's first.
 
     Raises:
         ValueError: a route is unknown or asks for more than the vehicle can do; names vehicle and waypoint.
     """
-    vehicles = (mission.leader, *mission.followers)
-    return tuple(route_of(v, n) for v, n in zip(vehicles, vehicle_names(mission), strict=True))
+    vehicles = (scenario.leader, *scenario.followers)
+    return tuple(route_of(v, n) for v, n in zip(vehicles, vehicle_names(scenario), strict=True))
 
 
-def setups_of(mission: scenario.Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:
+def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:
     """All vehicles at the start of their routes."""
     setups = []
     for i, (vehicle, name, route) in enumerate(
-        zip((mission.leader, *mission.followers), vehicle_names(mission), routes, strict=True)
+        zip((scenario.leader, *scenario.followers), vehicle_names(scenario), routes, strict=True)
     ):
         east, north = (float(c) for c in route.waypoint[0])
         first_leg = route.waypoint[1] - route.waypoint[0]
@@ -104,8 +103,8 @@ def setups_of(mission: scenario.Scenario, routes: tuple[Route, ...]) -> tuple[Ve
                 added_mass_scale=vehicle.added_mass_scale,
                 lift_scale=vehicle.lift_scale,
                 thrust_scale=vehicle.thrust_scale,
-                baseline_m=mission.leader.baseline_m if i == 0 else None,
-                middle_offset_m=mission.leader.middle_offset_m if i == 0 else None,
+                baseline_m=scenario.leader.baseline_m if i == 0 else None,
+                middle_offset_m=scenario.leader.middle_offset_m if i == 0 else None,
             )
         )
     return tuple(setups)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.campaign.missions import fly as fly_for_campaign
+from experiments.campaign.missions import simulate_mission
 from experiments.closed_loop import study
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
@@ -131,7 +131,7 @@ def test_between_filter_steps_it_dead_reckons() -> None:
 
 def test_its_path_belongs_to_a_run_so_that_campaigns_refuse_it() -> None:
     with pytest.raises(ValueError, match=r"followers\.0\.steers_by = 'estimate'.*laisn fly --run N"):
-        fly_for_campaign(mission())
+        simulate_mission(mission())
 
 
 def test_the_point_motion_cannot_be_steered() -> None:

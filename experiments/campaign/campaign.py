@@ -166,7 +166,7 @@ def missing_cells(plans: Iterable[CellPlan], store: Store) -> list[CellPlan]:
 
 
 def _fly(scenario: Scenario) -> tuple[Scenario, Trajectory]:
-    return scenario, missions.fly(scenario)
+    return scenario, missions.simulate_mission(scenario)
 
 
 def fly_missions(scenarios: Iterable[Scenario], store: Store, pool: Pool, *, quiet: bool = False) -> None:
@@ -183,7 +183,7 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
     """The stored flight of a scenario's mission, its transmitters placed; it is flown if it is not there."""
     trajectory = missions.read(store.flights, scenario)
     if trajectory is None:
-        trajectory = missions.fly(scenario)
+        trajectory = missions.simulate_mission(scenario)
         missions.store(store.flights, scenario, trajectory)
     return missions.sited(trajectory, scenario.leader)
 
@@ -193,7 +193,7 @@ def compile_ahead(plan: CellPlan) -> None:
     two = min(2 * plan.scenario.timing.message_interval_s, plan.scenario.duration_s)
     short = plan.scenario.model_copy(update={"duration_s": two})
     with compiling_shown():
-        compute(missions.fly(short), [replace(plan, scenario=short, runs=1)])
+        compute(missions.simulate_mission(short), [replace(plan, scenario=short, runs=1)])
 
 
 def compute_cells(plans: Sequence[CellPlan], store: Store, pool: Pool, *, quiet: bool = False) -> None:

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from experiments.campaign import lane_metrics as metric
-from experiments.campaign.missions import Mission, flown, motion_of
+from experiments.campaign.missions import Mission, mission_of, motion_of
 from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled_lanes
 from laisn.estimates import FixKind
@@ -61,7 +61,7 @@ class Cell:
         """
         if not 0 <= follower < len(scenario.followers):
             raise LaisnError(f"follower is {follower}, the scenario has {len(scenario.followers)}")
-        trajectory, truth = (mission or flown(motion_of(scenario))).seen(scenario, follower)
+        trajectory, truth = (mission or mission_of(motion_of(scenario))).seen(scenario, follower)
         return cls(
             truth=truth,
             errors=errors_of(scenario),

@@ -1,4 +1,4 @@
-"""Flown missions: the truth of a mission is simulated once, kept on disk, and serves all its cells."""
+"""Missions: the truth of a mission is simulated once, kept on disk, and serves all its cells."""
 
 import hashlib
 import json
@@ -81,7 +81,7 @@ def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
 
 
 def read(folder: Path, scenario: Scenario) -> Trajectory | None:
-    """The stored flight of a scenario's mission; None if it must be flown.
+    """The stored motion of a scenario's mission; None if it must be simulated.
 
     A damaged file warns and counts as missing.
     """
@@ -93,13 +93,13 @@ def read(folder: Path, scenario: Scenario) -> Trajectory | None:
         content = path.read_bytes()
         require_whole(content, key)
     except (ValueError, OSError) as error:
-        warnings.warn(f"{path} cannot be read and is flown again: {error}", DamagedResult, stacklevel=2)
+        warnings.warn(f"{path} cannot be read and is simulated again: {error}", DamagedResult, stacklevel=2)
         return None
     return Trajectory.load(BytesIO(content))
 
 
 def store(folder: Path, scenario: Scenario, trajectory: Trajectory) -> None:
-    """Write a flight; the same bytes for all scenarios that share it."""
+    """Write a mission's motion; the same bytes for all scenarios that share it."""
     folder.mkdir(parents=True, exist_ok=True)
     motion = motion_of(scenario)
     key = motion_key(scenario)
@@ -110,12 +110,12 @@ def store(folder: Path, scenario: Scenario, trajectory: Trajectory) -> None:
         part.write_bytes(sealed(part.read_bytes()))
 
 
-def fly(scenario: Scenario) -> Trajectory:
-    """Fly a mission; CampaignError naming it if the simulation left finite numbers."""
+def simulate_mission(scenario: Scenario) -> Trajectory:
+    """Motion of a mission's vehicles; CampaignError naming it if the simulation left finite numbers."""
     try:
         trajectory = simulate_motion(motion_of(scenario))
     except (DivergedError, FleetError) as error:
-        # They carry the flight so far, which no process can hand to another: what they say is what counts.
+        # They carry the motion so far, which no process can hand to another: what they say is what counts.
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
     if not np.all(np.isfinite(trajectory.position)):
         raise CampaignError(f"mission {scenario.name!r}: the simulation left finite numbers")
@@ -123,29 +123,29 @@ def fly(scenario: Scenario) -> Trajectory:
 
 
 class Mission:
-    """A flown mission; what its cells share is computed once, and depends on the arguments alone."""
+    """A mission whose motion is known; what its cells share is computed once, and depends on the arguments alone."""
 
     def __init__(self, scenario: Scenario, trajectory: Trajectory) -> None:
-        """Take a flight of a scenario, or of another one that moves alike."""
+        """Take the motion of a scenario, or of another one that moves alike."""
         self._motion = motion_of(scenario).model_dump(exclude={"name"})
         self._sited = cache(partial(sited, trajectory))
-        self._heard = cache(self._observe)
+        self._observed = cache(self._observe)
 
     def _observe(self, leader: Leader, hearing: Hearing, follower: int) -> MissionTruth:
         return observe(self._sited(leader), hearing, follower)
 
     def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, MissionTruth]:
-        """The flight with a scenario's transmitters, and what one follower sees of it.
+        """The motion with a scenario's transmitters, and what one follower sees of it.
 
         Raises:
             LaisnError: the scenario's vehicles move otherwise.
         """
         if motion_of(scenario).model_dump(exclude={"name"}) != self._motion:
-            raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was flown")
-        return self._sited(scenario.leader), self._heard(scenario.leader, Hearing.of(scenario), follower)
+            raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was simulated")
+        return self._sited(scenario.leader), self._observed(scenario.leader, Hearing.of(scenario), follower)
 
 
 @lru_cache(maxsize=4)
-def flown(motion: Scenario) -> Mission:
-    """A mission, flown once for all scenarios of this motion; errors as of `fly`."""
-    return Mission(motion, fly(motion))
+def mission_of(motion: Scenario) -> Mission:
+    """A mission, simulated once for all scenarios of this motion; errors as of `simulate_mission`."""
+    return Mission(motion, simulate_mission(motion))

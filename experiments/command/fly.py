@@ -1,4 +1,4 @@
-"""Fly one scenario and write its evidence: log, film, report, numbers, and the scenario that repeats it."""
+"""Fly one scenario and write what came out of it: log, film, report, numbers, and the scenario that repeats it."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.campaign.progress import phases
-from experiments.flight.fly import Stopwatch, fly, simulate
+from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import FILM, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
 from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
 from experiments.terminal import literal, tell
@@ -77,7 +77,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
             two = min(2 * scenario.timing.message_interval_s, scenario.duration_s)
             fly(scenario.model_copy(update={"duration_s": two}))
         with phase("simulate") as update:
-            trajectory, outcome = simulate(scenario, update)
+            trajectory, outcome = motion_and_outcome(scenario, update)
         with phase("navigate"):
             flight = navigate(scenario, trajectory, Navigator, outcome)
         errors = position_and_bearing_errors(flight)

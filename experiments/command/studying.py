@@ -9,7 +9,7 @@ import typer
 from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption
 
 if TYPE_CHECKING:
-    from experiments.study.estimate import Evidence
+    from experiments.study.estimate import Results
     from experiments.study.file import Study
     from experiments.study.plan import Plan
 
@@ -81,7 +81,7 @@ def _dry(study: "Study", workers: int | None) -> None:
     )
 
 
-def _film_worst(plan: "Plan", evidence: "Evidence", folder: Path) -> Path | None:
+def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path | None:
     """Film the worst run of the worst place into the folder."""
     from experiments.flight.fly import fly
     from experiments.flight.summary import position_and_bearing_errors
@@ -92,7 +92,7 @@ def _film_worst(plan: "Plan", evidence: "Evidence", folder: Path) -> Path | None
     if graphics.working() is None:
         typer.echo(f"no film: {graphics.MISSING}", err=True)
         return None
-    entry, run, _ = worst_entry(plan, evidence)
+    entry, run, _ = worst_entry(plan, results)
     flight, _ = fly(entry.scenario.model_copy(update={"run": run}))
     path = folder / "worst.mp4"
     render(flight, path, errors=position_and_bearing_errors(flight), video=entry.scenario.video)

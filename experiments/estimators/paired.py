@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from experiments.campaign.missions import flown, motion_of
+from experiments.campaign.missions import mission_of, motion_of
 from experiments.estimators.cases import Case, spoiled
 from experiments.reproduction.stages import Setting, scenario
 from laisn import lanes, metrics
@@ -63,7 +63,7 @@ def mission(route: str, interval: float, leader_heading_deg: float) -> tuple[Mis
     )  # fmt: skip
     follower = Follower(route=route)
     asked = scenario(setting, follower, route, variant="laisn-3-2", motion="kinematic", seed=1)
-    _, truth = flown(motion_of(asked)).seen(asked, 0)
+    _, truth = mission_of(motion_of(asked)).seen(asked, 0)
     return truth, errors_of(asked)
 
 

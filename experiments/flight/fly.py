@@ -27,7 +27,9 @@ class Stopwatch:
             self.seconds[name] = time.perf_counter() - start
 
 
-def simulate(scenario: Scenario, progress: Callable[[float], None] | None = None) -> tuple[Trajectory, Outcome]:
+def motion_and_outcome(
+    scenario: Scenario, progress: Callable[[float], None] | None = None
+) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario; if it leaves finite numbers, what was flown before, and an outcome that says so."""
     try:
         return simulate_motion(scenario, progress, Navigator), Outcome.COMPLETED
@@ -43,7 +45,7 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     """
     watch = Stopwatch()
     with watch.phase("simulate_s"):
-        trajectory, outcome = simulate(scenario, progress)
+        trajectory, outcome = motion_and_outcome(scenario, progress)
     with watch.phase("navigate_s"):
         flight = navigate(scenario, trajectory, Navigator, outcome)
     return flight, watch.seconds

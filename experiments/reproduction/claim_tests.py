@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from experiments.campaign.store import Steps
-from experiments.reproduction.verdict import Evidence, Judgement, Verdict
+from experiments.reproduction.verdict import Judgement, Results, Verdict
 from laisn.arrays import Floats
 from laisn.settings import Variant
 
@@ -42,9 +42,9 @@ def _named(missions: Sequence[str]) -> str:
 
 
 def _ratio(
-    evidence: Evidence, over: tuple[str, Variant], under: tuple[str, Variant], metric: str = "e_p_mean_m"
+    results: Results, over: tuple[str, Variant], under: tuple[str, Variant], metric: str = "e_p_mean_m"
 ) -> Floats:
-    return evidence.values(*over, metric) / evidence.values(*under, metric)
+    return results.values(*over, metric) / results.values(*under, metric)
 
 
 def sector_errors(steps: Steps) -> tuple[float, float]:
@@ -57,9 +57,9 @@ def sector_errors(steps: Steps) -> tuple[float, float]:
     return abeam, behind
 
 
-def lateral(evidence: Evidence) -> Judgement:
-    lateral, others = evidence.among(evidence.lateral), evidence.others(evidence.lateral)
-    worst, best = (evidence.values("base", "laisn-2", "e_p_max_m", m) for m in (lateral, others))
+def lateral(results: Results) -> Judgement:
+    lateral, others = results.among(results.lateral), results.others(results.lateral)
+    worst, best = (results.values("base", "laisn-2", "e_p_max_m", m) for m in (lateral, others))
     if not _complete(worst, best):
         return _NO_DATA
     parts = [float(np.median(worst)) < float(np.median(best)), bool(worst.max() < best.min())]
@@ -68,9 +68,9 @@ def lateral(evidence: Evidence) -> Judgement:
         f"of the others {best.min():.2f} … {best.max():.2f} m"
     )
     sectors = [
-        (m, *sector_errors(evidence.steps["base", m, "laisn-2"]))
-        for m in evidence.missions
-        if ("base", m, "laisn-2") in evidence.steps
+        (m, *sector_errors(results.steps["base", m, "laisn-2"]))
+        for m in results.missions
+        if ("base", m, "laisn-2") in results.steps
     ]
     both = [(m, a, b) for m, a, b in sectors if np.isfinite(a) and np.isfinite(b)]
     if both:
@@ -84,56 +84,56 @@ def lateral(evidence: Evidence) -> Judgement:
     return _judgement(parts, text)
 
 
-def interval(evidence: Evidence) -> Judgement:
-    five, ten = (_ratio(evidence, (s, "laisn-2"), ("base", "laisn-2")) for s in ("5s", "10s"))
+def interval(results: Results) -> Judgement:
+    five, ten = (_ratio(results, (s, "laisn-2"), ("base", "laisn-2")) for s in ("5s", "10s"))
     if not _complete(five, ten):
         return _NO_DATA
-    text = f"5 s over 1 s: {_spread(five, evidence.missions)}; 10 s over 1 s: {_spread(ten, evidence.missions)}"
+    text = f"5 s over 1 s: {_spread(five, results.missions)}; 10 s over 1 s: {_spread(ten, results.missions)}"
     return _judgement([bool(np.median(five) <= 2), bool(np.median(ten) >= 4)], text)
 
 
-def baseline(evidence: Evidence) -> Judgement:
-    ratio = np.concatenate([_ratio(evidence, ("L1", v), ("5s", v)) for v in ("laisn-2", "laisn-3-2")])
+def baseline(results: Results) -> Judgement:
+    ratio = np.concatenate([_ratio(results, ("L1", v), ("5s", v)) for v in ("laisn-2", "laisn-3-2")])
     if not _complete(ratio):
         return _NO_DATA
-    names = [f"{m} {v}" for v in ("LAISN-2", "LAISN-3(2)") for m in evidence.missions]
+    names = [f"{m} {v}" for v in ("LAISN-2", "LAISN-3(2)") for m in results.missions]
     parts = [bool(np.median(ratio) <= 1.25), bool(np.quantile(ratio, 0.9) <= 1.5)]
     return _judgement(parts, f"1 m over 2 m: {_spread(ratio, names)}")
 
 
-def offset(evidence: Evidence) -> Judgement:
-    ratio = _ratio(evidence, ("HT0.2", "laisn-3-2"), ("5s", "laisn-3-2"))
+def offset(results: Results) -> Judgement:
+    ratio = _ratio(results, ("HT0.2", "laisn-3-2"), ("5s", "laisn-3-2"))
     if not _complete(ratio):
         return _NO_DATA
     change = np.abs(np.log(ratio))
     parts = [bool(np.median(change) <= np.log(1.1)), bool(np.quantile(change, 0.9) <= np.log(1.2))]
-    return _judgement(parts, f"0.2 m over 0.1 m: {_spread(ratio, evidence.missions)}")
+    return _judgement(parts, f"0.2 m over 0.1 m: {_spread(ratio, results.missions)}")
 
 
-def third(evidence: Evidence) -> Judgement:
+def third(results: Results) -> Judgement:
     parts, texts = [], []
     for setting, title in (("base", "1 s"), ("5s", "5 s")):
-        ratio = _ratio(evidence, (setting, "laisn-3-2"), (setting, "laisn-2"))
+        ratio = _ratio(results, (setting, "laisn-3-2"), (setting, "laisn-2"))
         if not _complete(ratio):
             return _NO_DATA
         parts += [bool(np.median(ratio) >= 0.95), bool(np.mean(ratio < 0.9) <= 0.1)]
-        texts.append(f"{title}: {_spread(ratio, evidence.missions)}")
+        texts.append(f"{title}: {_spread(ratio, results.missions)}")
     return _judgement(parts, "LAISN-3(2) over LAISN-2, " + "; ".join(texts))
 
 
-def worse(evidence: Evidence) -> Judgement:
+def worse(results: Results) -> Judgement:
     mean, top = (
-        _ratio(evidence, ("base", "laisn-3-1"), ("base", "laisn-2"), metric) for metric in ("e_p_mean_m", "e_p_max_m")
+        _ratio(results, ("base", "laisn-3-1"), ("base", "laisn-2"), metric) for metric in ("e_p_mean_m", "e_p_max_m")
     )
     if not _complete(mean, top):
         return _NO_DATA
     parts = [bool(np.median(r) > 1) for r in (mean, top)] + [bool(np.mean(r > 1) >= 0.9) for r in (mean, top)]
-    return _judgement(parts, f"mean: {_spread(mean, evidence.missions)}; max: {_spread(top, evidence.missions)}")
+    return _judgement(parts, f"mean: {_spread(mean, results.missions)}; max: {_spread(top, results.missions)}")
 
 
-def asymmetric(evidence: Evidence) -> Judgement:
-    missions = evidence.among(evidence.astern)
-    two, three = (evidence.values("asymmetric", v, "e_p_mean_m", missions) for v in ("laisn-2", "laisn-3-2"))
+def asymmetric(results: Results) -> Judgement:
+    missions = results.among(results.astern)
+    two, three = (results.values("asymmetric", v, "e_p_mean_m", missions) for v in ("laisn-2", "laisn-3-2"))
     if not _complete(two, three):
         return _NO_DATA
     ratio = three / two
@@ -141,22 +141,22 @@ def asymmetric(evidence: Evidence) -> Judgement:
     return _judgement([bool(np.median(ratio) <= 0.8), bool(np.mean(ratio <= 0.8) >= 0.9)], text)
 
 
-def shared(evidence: Evidence) -> Judgement:
-    ratio = _ratio(evidence, ("muD0.3", "laisn-2"), ("5s", "laisn-2"))
+def shared(results: Results) -> Judgement:
+    ratio = _ratio(results, ("muD0.3", "laisn-2"), ("5s", "laisn-2"))
     if not _complete(ratio):
         return _NO_DATA
     parts = [bool(np.median(ratio) <= 1.25), bool(np.quantile(ratio, 0.9) <= 1.5)]
-    return _judgement(parts, f"0.3 m over 0.1 m: {_spread(ratio, evidence.missions)}")
+    return _judgement(parts, f"0.3 m over 0.1 m: {_spread(ratio, results.missions)}")
 
 
-def heading(evidence: Evidence) -> Judgement:
-    error = evidence.values("heading5", "laisn-2", "e_p_mean_m")
-    growth = error / evidence.values("base", "laisn-2", "e_p_mean_m")
-    distance = evidence.values("base", "laisn-2", "distance_m")
+def heading(results: Results) -> Judgement:
+    error = results.values("heading5", "laisn-2", "e_p_mean_m")
+    growth = error / results.values("base", "laisn-2", "e_p_mean_m")
+    distance = results.values("base", "laisn-2", "distance_m")
     if not _complete(error, growth, distance):
         return _NO_DATA
-    names = list(evidence.missions)
-    lateral = np.isin(names, list(evidence.lateral))
+    names = list(results.missions)
+    lateral = np.isin(names, list(results.lateral))
     if lateral.all() or not lateral.any():
         return _NO_DATA
     grown = [float(np.median(growth[group])) for group in (lateral, ~lateral)]
@@ -166,20 +166,20 @@ def heading(evidence: Evidence) -> Judgement:
     left, spread = (float(np.sum(r**2)) for r in (error - slope * distance, error - error.mean()))
     fit = 1 - left / spread if spread else 0.0
     text = (
-        f"E_P grows {grown[0]:.1f} times on {_named(evidence.among(evidence.lateral))}, {grown[1]:.1f} times on the "
+        f"E_P grows {grown[0]:.1f} times on {_named(results.among(results.lateral))}, {grown[1]:.1f} times on the "
         f"others (medians); "
         f"E_P = {slope:.3f} × mean distance ({np.rad2deg(slope):.1f}°) explains {100 * fit:.0f} % of its variance"
     )
     return _judgement([dominates, fit >= 0.8], text)
 
 
-def burst(evidence: Evidence) -> Judgement:
-    top = evidence.values("base", "laisn-2", "e_b_max_deg")
-    bursts, others = evidence.among(evidence.burst), evidence.others(evidence.burst)
-    mine, theirs = (evidence.values("base", "laisn-2", "e_b_max_deg", m) for m in (bursts, others))
+def burst(results: Results) -> Judgement:
+    top = results.values("base", "laisn-2", "e_b_max_deg")
+    bursts, others = results.among(results.burst), results.others(results.burst)
+    mine, theirs = (results.values("base", "laisn-2", "e_b_max_deg", m) for m in (bursts, others))
     if not _complete(top, mine, theirs):
         return _NO_DATA
-    largest = evidence.missions[int(np.argmax(top))]
+    largest = results.missions[int(np.argmax(top))]
     parts = [bool(np.median(mine) > np.median(theirs)), largest in bursts]
     text = (
         f"largest E_B {top.max():.1f}° on {largest}; {_named(bursts)} {np.median(mine):.1f}°, "
@@ -187,7 +187,7 @@ def burst(evidence: Evidence) -> Judgement:
     )
     lags = []
     for m in bursts:
-        steps = evidence.steps.get(("base", m, "laisn-2"))
+        steps = results.steps.get(("base", m, "laisn-2"))
         if steps is not None:
             fastest = steps["time_s"][steps["speed_m_s"] >= 0.95 * steps["speed_m_s"].max()]
             lags.append(float(np.min(np.abs(steps["time_s"][np.argmax(steps["e_b_max_deg"])] - fastest))))

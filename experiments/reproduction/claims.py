@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from experiments.reproduction import claim_tests as tests
-from experiments.reproduction.verdict import Evidence, Judgement
+from experiments.reproduction.verdict import Judgement, Results
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +18,7 @@ class Claim:
     number: int
     text: str
     criterion: str
-    judge: Callable[[Evidence], Judgement]
+    judge: Callable[[Results], Judgement]
 
 
 CLAIMS = (

@@ -13,7 +13,7 @@ from experiments.flight.library import ROUTES
 from experiments.reproduction import stages
 from experiments.reproduction.claims import Claim
 from experiments.reproduction.stages import Key, Motion, Setting
-from experiments.reproduction.verdict import Evidence, Judgement
+from experiments.reproduction.verdict import Judgement, Results
 from laisn.arrays import Floats
 from laisn.settings import Variant
 from sim.scenario.settings import Follower
@@ -54,7 +54,7 @@ class Reproduction:
     rows: Mapping[Key, Record]
     steps: Mapping[Key, Steps]
     published: Mapping[Key, dict[str, float]]
-    evidence: Evidence
+    results: Results
     judgements: Sequence[tuple[Claim, Judgement, Judgement]]
     """Each claim with its judgement on our figures and on the published ones."""
     folder: Path

@@ -14,7 +14,7 @@ from experiments.reproduction import stages
 from experiments.reproduction.claims import CLAIMS, Claim
 from experiments.reproduction.record import mean_distance
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
-from experiments.reproduction.verdict import Evidence, Judgement, Verdict
+from experiments.reproduction.verdict import Judgement, Results, Verdict
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.scenario.point_motion import plan as plan_motion
@@ -98,14 +98,14 @@ def geometry(flight: Trajectory) -> tuple[float, float]:
     return float(astern.mean()), float(flight.forward_speed[:, 1].max())
 
 
-def evidence_of(rows: Mapping[Key, Record], flights: Mapping[str, Trajectory]) -> Evidence:
+def evidence_of(rows: Mapping[Key, Record], flights: Mapping[str, Trajectory]) -> Results:
     """All routes; groups by geometry: the third least and most astern, and the tenth with the highest speed."""
     names = list(flights)
     shapes = np.array([geometry(flights[name]) for name in names])
     distance = {name: mean_distance(flights[name]) for name in names}
     low, high = np.quantile(shapes[:, 0], [1 / 3, 2 / 3])
     fast = np.quantile(shapes[:, 1], BURST_QUANTILE)
-    return Evidence(
+    return Results(
         rows={key: {**row, "distance_m": distance[key[1]]} for key, row in rows.items()},
         missions=names,
         lateral=[n for n, s in zip(names, shapes[:, 0], strict=True) if s <= low],
@@ -114,28 +114,28 @@ def evidence_of(rows: Mapping[Key, Record], flights: Mapping[str, Trajectory]) -
     )
 
 
-def _resampled(evidence: Evidence, classes: Mapping[str, str], rng: np.random.Generator) -> Evidence:
-    """The evidence with routes drawn again, with replacement, within each class."""
+def _resampled(results: Results, classes: Mapping[str, str], rng: np.random.Generator) -> Results:
+    """The results with routes drawn again, with replacement, within each class."""
     drawn: list[str] = []
     for name in CLASSES:
-        members = [m for m in evidence.missions if classes[m] == name]
+        members = [m for m in results.missions if classes[m] == name]
         drawn += [members[i] for i in rng.integers(len(members), size=len(members))]
-    return Evidence(
-        rows=evidence.rows, missions=drawn, lateral=evidence.lateral, astern=evidence.astern, burst=evidence.burst
+    return Results(
+        rows=results.rows, missions=drawn, lateral=results.lateral, astern=results.astern, burst=results.burst
     )
 
 
 def judge(
-    evidence: Evidence, classes: Mapping[str, str], seed: int
+    results: Results, classes: Mapping[str, str], seed: int
 ) -> list[tuple[Claim, Judgement, dict[Verdict, float]]]:
     """Every claim on all routes, and how often each verdict comes out on resampled ones."""
     rng = np.random.default_rng([seed, len(CLASSES)])
-    samples = [_resampled(evidence, classes, rng) for _ in range(CLAIM_RESAMPLES)]
+    samples = [_resampled(results, classes, rng) for _ in range(CLAIM_RESAMPLES)]
     result = []
     for claim in CLAIMS:
         verdicts = [claim.judge(sample).verdict for sample in samples]
         shares: dict[Verdict, float] = {v: verdicts.count(v) / len(verdicts) for v in dict.fromkeys(verdicts)}
-        result.append((claim, claim.judge(evidence), shares))
+        result.append((claim, claim.judge(results), shares))
     return result
 
 

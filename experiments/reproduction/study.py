@@ -23,7 +23,7 @@ from experiments.reproduction.record import (
     plan_cells,
 )
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
-from experiments.reproduction.verdict import Evidence, Judgement
+from experiments.reproduction.verdict import Judgement, Results
 from laisn.failure import LaisnError
 from sim.scenario.settings import Follower, Scenario
 
@@ -66,14 +66,14 @@ def table_rows(
     return table
 
 
-def judge(evidence: Evidence, published: Mapping[Key, dict[str, float]]) -> list[tuple[Claim, Judgement, Judgement]]:
+def judge(results: Results, published: Mapping[Key, dict[str, float]]) -> list[tuple[Claim, Judgement, Judgement]]:
     """Every claim on our figures and on the published ones."""
-    distance = {m: evidence.value("base", m, "laisn-2", "distance_m") for m in evidence.missions}
-    theirs = Evidence(
+    distance = {m: results.value("base", m, "laisn-2", "distance_m") for m in results.missions}
+    theirs = Results(
         rows={key: {**row, "distance_m": distance.get(key[1], np.nan)} for key, row in published.items()},
         missions=ROUTES,
     )
-    return [(claim, claim.judge(evidence), claim.judge(theirs)) for claim in CLAIMS]
+    return [(claim, claim.judge(results), claim.judge(theirs)) for claim in CLAIMS]
 
 
 def reproduce(
@@ -146,7 +146,7 @@ def _write(
     flights = fly_once(plans, store)
     distance = {name: mean_distance(flight) for name, flight in flights.items()}
     ours = {key: {**row, "distance_m": distance[key[1]]} for key, row in rows.items()}
-    evidence = Evidence(rows=ours, missions=ROUTES, steps=steps)
+    results = Results(rows=ours, missions=ROUTES, steps=steps)
     first = next(iter(plans.values()))
     result = Reproduction(
         motion=first.scenario.motion,
@@ -157,8 +157,8 @@ def _write(
         rows=rows,
         steps=steps,
         published=published,
-        evidence=evidence,
-        judgements=judge(evidence, published),
+        results=results,
+        judgements=judge(results, published),
         folder=folder,
     )
     findings_of(settings, rows, published, result.judgements, first.scenario.motion).write(folder / FILE)

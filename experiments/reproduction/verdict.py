@@ -15,7 +15,7 @@ Verdict = Literal["holds", "does not hold", "depends", "no data"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evidence:
+class Results:
     """Figures of many cells, by setting, mission and variant."""
 
     rows: Mapping[Key, Mapping[str, float]]

@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 
 from experiments.intervals import Interval
 from experiments.pages.figures import FRAME, INK, SERIES, Colour, Line, panel, svg
-from experiments.study.estimate import Evidence
+from experiments.study.estimate import Results
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan
 
@@ -170,7 +170,7 @@ def combinations(plan: Plan, names: Sequence[str]) -> list[dict[str, Any]]:
     return found
 
 
-def place_values(plan: Plan, evidence: Evidence, metric: str, base: str = "") -> Valued:
+def place_values(plan: Plan, results: Results, metric: str, base: str = "") -> Valued:
     """Values of a metric by place; with a base arm its paired differences from that."""
     index = {tuple(repr(point[f.key]) for f in plan.study.factors): i for i, point in enumerate(plan.points)}
 
@@ -180,9 +180,9 @@ def place_values(plan: Plan, evidence: Evidence, metric: str, base: str = "") ->
         if point is None:
             return None
         place = (point, here.get(ARM, plan.arms[0]), here.get(FOLLOWER, plan.followers[0]))
-        if place not in evidence.rows or (base and (point, base, place[2]) not in evidence.rows):
+        if place not in results.rows or (base and (point, base, place[2]) not in results.rows):
             return None
-        return evidence.difference(place, base, metric) if base else evidence.estimate(place, metric)
+        return results.difference(place, base, metric) if base else results.estimate(place, metric)
 
     return valued
 
@@ -217,7 +217,7 @@ def heat_map(plan: Plan, valued: Valued, names: tuple[str, str], chosen: dict[st
     return svg(figure, name, f"map over {across.name} and {up.name} {title}")
 
 
-def over_seas(plan: Plan, evidence: Evidence, metric: str) -> tuple[list[str], list[tuple[str, str]]]:
+def over_seas(plan: Plan, results: Results, metric: str) -> tuple[list[str], list[tuple[str, str]]]:
     """Share of seas whose mean is below a value, a panel for each point and follower, a line for each arm."""
     panels, legend = [], []
     label, number = METRICS[metric].label, 0
@@ -225,7 +225,7 @@ def over_seas(plan: Plan, evidence: Evidence, metric: str) -> tuple[list[str], l
         for follower in plan.followers:
             lines = []
             for i, arm in enumerate(plan.arms[:MOST_LINES]):
-                seas = np.sort(evidence.by_sea((point, arm, follower), metric))
+                seas = np.sort(results.by_sea((point, arm, follower), metric))
                 if seas.size < 2 or np.isnan(seas).any():
                     continue
                 x, y = np.repeat(seas, 2), np.repeat(np.arange(seas.size + 1) / seas.size, 2)[1:-1]
@@ -241,16 +241,16 @@ def over_seas(plan: Plan, evidence: Evidence, metric: str) -> tuple[list[str], l
     return panels, legend
 
 
-def over_draws(plan: Plan, evidence: Evidence, metric: str, point: int) -> list[str]:
+def over_draws(plan: Plan, results: Results, metric: str, point: int) -> list[str]:
     """The means of the seas of a point over each number that was drawn, a panel for each key."""
     panels = []
     for number, draw in enumerate(plan.study.draws[:MOST_PANELS]):
         lines = []
         for i, arm in enumerate(plan.arms[:MOST_LINES]):
             place = (point, arm, plan.followers[0])
-            drawn = [row[draw.key] for row in evidence.rows.get(place, [])]
+            drawn = [row[draw.key] for row in results.rows.get(place, [])]
             if drawn and all(isinstance(v, int | float) and not isinstance(v, bool) for v in drawn):
-                x, y = np.array(drawn, dtype=np.float64), evidence.by_sea(place, metric)
+                x, y = np.array(drawn, dtype=np.float64), results.by_sea(place, metric)
                 lines.append(Line(x=x, y=y, colour=SERIES[i], marker="o"))
         if lines:
             figure = panel(lines, x_label=draw.key, y_label=METRICS[metric].label)

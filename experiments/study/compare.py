@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from experiments.flight import folder as flown
+from experiments.flight.folder import LOG
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.intervals import Interval
 from experiments.pages.figures import SERIES, Line, panel, svg
@@ -138,10 +138,10 @@ def page_of(sources: Sequence[str]) -> Page:
         raise LaisnError(f"{len(sources)} given to compare, expected 2 to {MOST} folders of flights or of studies")
     paths = [Path(source) for source in sources]
     studies = [(path / RUNS).is_file() for path in paths]
-    logs = [path if path.suffix == ".mcap" else path / flown.LOG for path in paths]
+    logs = [path if path.suffix == ".mcap" else path / LOG for path in paths]
     for path, study, log in zip(paths, studies, logs, strict=True):
         if not study and not log.is_file():
-            raise LaisnError(f"{path}: neither a flight ({flown.LOG}) nor a study ({RUNS})")
+            raise LaisnError(f"{path}: neither a flight ({LOG}) nor a study ({RUNS})")
     if any(studies) and not all(studies):
         raise LaisnError("flights and studies cannot be compared with each other")
     names = [path.name or str(path) for path in paths]

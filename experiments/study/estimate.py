@@ -54,7 +54,7 @@ def over_runs(seas: Sequence[Floats], *, shares: bool = False, paired: bool = Fa
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evidence:
+class Results:
     """Rows and runs of a study by place, seas in their order."""
 
     rows: Mapping[Place, list[Record]]
@@ -62,7 +62,7 @@ class Evidence:
     _known: dict[tuple[str, Place, str], Interval] = field(default_factory=dict, compare=False)
 
     @classmethod
-    def of(cls, rows: Sequence[Record], runs: Sequence[tuple[Record, Record]]) -> "Evidence":
+    def of(cls, rows: Sequence[Record], runs: Sequence[tuple[Record, Record]]) -> "Results":
         """Sort the rows of a study."""
         by_place: dict[Place, list[Record]] = {}
         runs_of: dict[Place, list[Record]] = {}

@@ -3,7 +3,7 @@
 import math
 
 from experiments.study.charts import said
-from experiments.study.estimate import Evidence, Place
+from experiments.study.estimate import Place, Results
 from experiments.study.file import METRIC
 from experiments.study.plan import Entry, Plan
 from laisn.failure import LaisnError
@@ -24,13 +24,13 @@ def place_text(plan: Plan, place: Place) -> str:
     return ", ".join(parts) or "the study's only point"
 
 
-def notable(plan: Plan, evidence: Evidence, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
+def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
     """Sea and run of the worst and of the median run of a place, by the report's metric if single runs have it."""
     metric = plan.study.report.metric
-    runs = evidence.by_run(place, metric) or evidence.by_run(place, METRIC)
+    runs = results.by_run(place, metric) or results.by_run(place, METRIC)
     if runs is None:
         raise LaisnError(f"the runs of {place_text(plan, place)} have no {METRIC}")
-    seas = [row["sea"] for row in evidence.rows[place]]
+    seas = [row["sea"] for row in results.rows[place]]
     every = sorted((value, sea, run) for sea, values in zip(seas, runs, strict=True) for run, value in
                    enumerate(values.tolist()))  # fmt: skip
     worst, median = every[-1], every[(len(every) - 1) // 2]
@@ -42,24 +42,24 @@ def entry_at(plan: Plan, place: Place, sea: int) -> Entry:
     return next(e for e in plan.entries if (e.point, e.arm, e.sea) == (place[0], place[1], sea))
 
 
-def worst_entry(plan: Plan, evidence: Evidence) -> tuple[Entry, int, str]:
+def worst_entry(plan: Plan, results: Results) -> tuple[Entry, int, str]:
     """The scenario, run and follower of the worst run of the worst place."""
 
     def size(place: Place) -> float:
-        value = evidence.estimate(place, plan.study.report.metric).value
+        value = results.estimate(place, plan.study.report.metric).value
         return -math.inf if math.isnan(value) else value
 
-    place = max(evidence.rows, key=size)
-    (sea, run), _ = notable(plan, evidence, place)
+    place = max(results.rows, key=size)
+    (sea, run), _ = notable(plan, results, place)
     return entry_at(plan, place, sea), run, place[2]
 
 
-def commands(plan: Plan, evidence: Evidence) -> str:
+def commands(plan: Plan, results: Results) -> str:
     """For every place the commands that fly its worst and its median run alone."""
     entries = {(entry.point, entry.arm, entry.sea): entry for entry in plan.entries}
     lines = []
-    for place in list(evidence.rows)[:_MOST_COMMANDS]:
-        for which, (sea, run) in zip(("worst", "median"), notable(plan, evidence, place), strict=True):
+    for place in list(results.rows)[:_MOST_COMMANDS]:
+        for which, (sea, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
             told = f" of sea {sea}" if plan.study.seas > 1 else ""
             lines.append(f"# {place_text(plan, place)}: {which} run, {run}{told}")
             lines.append(entries[place[0], place[1], sea].command(plan.study.scenario, run))

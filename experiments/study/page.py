@@ -9,7 +9,7 @@ import numpy as np
 from experiments.intervals import Interval
 from experiments.pages.page import Block, Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words
 from experiments.study import charts
-from experiments.study.estimate import Evidence, Place
+from experiments.study.estimate import Place, Results
 from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS
 from experiments.study.notable import commands, place_text
@@ -35,22 +35,22 @@ def _cell(interval: Interval, tone: str = "") -> Cell:
     return Cell(text=_shown(interval), sort=number(interval.value).sort, tone=tone)
 
 
-def _verdicts(plan: Plan, evidence: Evidence, arm: str, metric: str) -> tuple[int, int, int]:
+def _verdicts(plan: Plan, results: Results, arm: str, metric: str) -> tuple[int, int, int]:
     """Places at which an arm is below the first one, above it, or neither, by whole intervals."""
     below = above = still = 0
-    for place in evidence.rows:
-        if place[1] == arm and (place[0], plan.arms[0], place[2]) in evidence.rows:
-            apart = evidence.difference(place, plan.arms[0], metric)
+    for place in results.rows:
+        if place[1] == arm and (place[0], plan.arms[0], place[2]) in results.rows:
+            apart = results.difference(place, plan.arms[0], metric)
             below, above = below + (apart.high < 0), above + (apart.low > 0)
             still += not (apart.high < 0 or apart.low > 0)
     return below, above, still
 
 
-def summary_of(plan: Plan, evidence: Evidence) -> str:
+def summary_of(plan: Plan, results: Results) -> str:
     """The answer in a few sentences: the extremes, and which arm wins where."""
     metric = plan.study.report.metric
     label = METRICS[metric].label.partition(" [")[0]
-    found = [(place, evidence.estimate(place, metric)) for place in evidence.rows]
+    found = [(place, results.estimate(place, metric)) for place in results.rows]
     known = sorted((pair for pair in found if not math.isnan(pair[1].value)), key=lambda pair: pair[1].value)
     if not known:
         return f"Nothing can be said of the {label}."
@@ -61,7 +61,7 @@ def summary_of(plan: Plan, evidence: Evidence) -> str:
         text += f"({place_text(plan, known[-1][0])})"
     text += "."
     for arm in plan.arms[1:]:
-        below, above, still = _verdicts(plan, evidence, arm, metric)
+        below, above, still = _verdicts(plan, results, arm, metric)
         text += f" {arm} against {plan.arms[0]}: lower at {below}, higher at {above}, undecided at {still} places."
     return text
 
@@ -96,21 +96,21 @@ def _design(plan: Plan) -> list[Block]:
     return [*blocks, Table(heads=("key", "how", "values"), rows=rows)] if rows else blocks
 
 
-def _main(plan: Plan, evidence: Evidence) -> list[Block]:
+def _main(plan: Plan, results: Results) -> list[Block]:
     metric = plan.study.report.metric
-    label, valued = METRICS[metric].label, charts.place_values(plan, evidence, metric)
+    label, valued = METRICS[metric].label, charts.place_values(plan, results, metric)
     blocks: list[Block] = []
     if plan.study.design != "factorial":
         panels: list[str] = []
         legend: list[tuple[str, str]] = []
         for i, factor in enumerate(plan.study.factors[: charts.MOST_PANELS]):
-            drawn, legend = _scatter(plan, evidence, factor.key, metric, i)
+            drawn, legend = _scatter(plan, results, factor.key, metric, i)
             panels += drawn
         caption = f"{METRICS[metric].what}; a mark for each point of the design, with its interval."
         return [Figures(panels=panels, caption=caption, legend=legend)]
     layout = charts.layout_of(plan)
     if not layout.against:
-        return [Text(text=f"{label}: {_shown(evidence.estimate(next(iter(evidence.rows)), metric))}.")]
+        return [Text(text=f"{label}: {_shown(results.estimate(next(iter(results.rows)), metric))}.")]
     panels, legend = charts.over_factor(plan, layout, valued, label, "main", zero=False)
     what = METRICS[metric].what
     caption = f"{what[0].upper()}{what[1:]} over {layout.against}"
@@ -131,7 +131,7 @@ def _main(plan: Plan, evidence: Evidence) -> list[Block]:
     return blocks
 
 
-def _scatter(plan: Plan, evidence: Evidence, key: str, metric: str, number_: int) -> tuple[
+def _scatter(plan: Plan, results: Results, key: str, metric: str, number_: int) -> tuple[
     list[str], list[tuple[str, str]]
 ]:  # fmt: skip
     layout = charts.Layout(key, charts.ARM if len(plan.arms) > 1 else "", ())
@@ -139,12 +139,12 @@ def _scatter(plan: Plan, evidence: Evidence, key: str, metric: str, number_: int
 
     def valued(here: dict[str, object]) -> Interval | None:
         place = (points[repr(here[key])], str(here.get(charts.ARM, plan.arms[0])), plan.followers[0])
-        return evidence.estimate(place, metric) if place in evidence.rows else None
+        return results.estimate(place, metric) if place in results.rows else None
 
     return charts.over_factor(plan, layout, valued, METRICS[metric].label, f"scatter{number_}-", zero=False)
 
 
-def _differences(plan: Plan, evidence: Evidence) -> list[Block]:
+def _differences(plan: Plan, results: Results) -> list[Block]:
     metric, base = plan.study.report.metric, plan.arms[0]
     layout, label = charts.layout_of(plan), METRICS[metric].label
     blocks: list[Block] = [
@@ -153,7 +153,7 @@ def _differences(plan: Plan, evidence: Evidence) -> list[Block]:
     others = plan.arms[1:]
     places = [name for name in (layout.against, layout.lines, *layout.panels) if name and name != charts.ARM]
     if places and plan.study.design == "factorial":
-        valued = charts.place_values(plan, evidence, metric, base)
+        valued = charts.place_values(plan, results, metric, base)
         trimmed = charts.Layout(places[0], charts.ARM, tuple(places[1:]))
 
         def of_others(here: dict[str, object]) -> Interval | None:
@@ -163,10 +163,10 @@ def _differences(plan: Plan, evidence: Evidence) -> list[Block]:
         if panels:
             blocks.append(Figures(panels=panels, caption="Paired differences with 95 % intervals.", legend=legend))
     rows = []
-    for place in evidence.rows:
-        if place[1] == base or (place[0], base, place[2]) not in evidence.rows:
+    for place in results.rows:
+        if place[1] == base or (place[0], base, place[2]) not in results.rows:
             continue
-        apart = evidence.difference(place, base, metric)
+        apart = results.difference(place, base, metric)
         tone, verdict = ("yes", "lower") if apart.high < 0 else ("no", "higher") if apart.low > 0 else ("maybe", "open")
         rows.append([*_labels(plan, place), _cell(apart), words(verdict, tone)])
     return [*blocks, Table(heads=[*_heads(plan), f"difference: {label}", "verdict"], rows=rows)]
@@ -187,13 +187,13 @@ def _labels(plan: Plan, place: Place) -> list[Cell]:
     return cells + ([words(place[2])] if len(plan.followers) > 1 else [])
 
 
-def _table(plan: Plan, evidence: Evidence) -> Table:
+def _table(plan: Plan, results: Results) -> Table:
     metric = plan.study.report.metric
     columns = list(dict.fromkeys([metric, METRIC, "e_p_p95_m", "e_b_mean_deg", "captured", "off_place_rms_m",
                                   "depth_error_rms_m", "closest_approach_m", "energy_j"]))  # fmt: skip
     rows = [
-        [*_labels(plan, place), *(_cell(evidence.estimate(place, column)) for column in columns)]
-        for place in evidence.rows
+        [*_labels(plan, place), *(_cell(results.estimate(place, column)) for column in columns)]
+        for place in results.rows
     ]
     caption = "Means with 95 % intervals where there are any; columns sort by a click. All else is in results.parquet."
     return Table(heads=[*_heads(plan), *(METRICS[column].label for column in columns)], rows=rows, caption=caption)
@@ -209,40 +209,40 @@ def _failures(plan: Plan, failures: Mapping[str, list[Entry]]) -> list[Block]:
     return blocks
 
 
-def page_of(plan: Plan, evidence: Evidence, failures: Mapping[str, list[Entry]], film: Path | None = None) -> Page:
+def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], film: Path | None = None) -> Page:
     """The page of a study that was flown.
 
     Args:
         plan: of the study.
-        evidence: its rows and runs.
+        results: its rows and runs.
         failures: entries that could not be flown, by what happened.
         film: of its worst run; None: there is none.
     """
     study, metric = plan.study, plan.study.report.metric
     asked = study.question or f"What becomes of the {METRICS[metric].what}?"
     sections = [Section(title="Question", blocks=[Text(text=asked), *_failures(plan, failures)])]
-    sections += [Section(title="Design", blocks=_design(plan)), Section(title="Results", blocks=_main(plan, evidence))]
+    sections += [Section(title="Design", blocks=_design(plan)), Section(title="Results", blocks=_main(plan, results))]
     if len(plan.arms) > 1:
-        sections.append(Section(title="Differences of arms", blocks=_differences(plan, evidence)))
+        sections.append(Section(title="Differences of arms", blocks=_differences(plan, results)))
     if study.seas > 1:
-        panels, legend = charts.over_seas(plan, evidence, metric)
+        panels, legend = charts.over_seas(plan, results, metric)
         blocks: list[Block] = []
         if panels:
             blocks.append(Figures(panels=panels, legend=legend, caption="Share of seas whose mean is below a value."))
-        drawn = charts.over_draws(plan, evidence, metric, 0) if study.seas >= _FEWEST_SEAS else []
+        drawn = charts.over_draws(plan, results, metric, 0) if study.seas >= _FEWEST_SEAS else []
         if drawn:
-            caption = f"Means of single seas over what they drew, at {place_text(plan, next(iter(evidence.rows)))}."
+            caption = f"Means of single seas over what they drew, at {place_text(plan, next(iter(results.rows)))}."
             blocks.append(Figures(panels=drawn, legend=legend, caption=caption))
         sections.append(Section(title="Seas", blocks=blocks))
-    sections.append(Section(title="Table", blocks=[_table(plan, evidence)]))
+    sections.append(Section(title="Table", blocks=[_table(plan, results)]))
     looking: list[Block] = [
         Text(text="Each line flies a run alone, with the very same noise, and films it."),
-        Code(text=commands(plan, evidence), title="Worst and median run of every place", folded=len(evidence.rows) > 4),
+        Code(text=commands(plan, results), title="Worst and median run of every place", folded=len(results.rows) > 4),
     ]
     if film is not None:
         looking.insert(0, Film(path=film, caption="The worst run of the worst place."))
     sections.append(Section(title="Runs to look at", blocks=looking))
-    rows = [row for rows in evidence.rows.values() for row in rows]
+    rows = [row for rows in results.rows.values() for row in rows]
     facts = [
         ("scenario", study.scenario),
         ("seed", str(int(np.min([row["seed"] for row in rows])))),
@@ -252,4 +252,4 @@ def page_of(plan: Plan, evidence: Evidence, failures: Mapping[str, list[Entry]],
     ]
     if plan.arms != (ALONE,):
         facts.insert(1, ("arms", ", ".join(plan.arms)))
-    return Page(title=study.name, summary=summary_of(plan, evidence), facts=facts, sections=sections)
+    return Page(title=study.name, summary=summary_of(plan, results), facts=facts, sections=sections)

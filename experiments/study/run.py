@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.campaign import missions as flights
+from experiments.campaign import missions
 from experiments.campaign.campaign import CellPlan, compile_ahead, compute_cells, missing_cells
 from experiments.campaign.failures import CampaignError
 from experiments.campaign.processes import Pool
@@ -46,17 +46,17 @@ def plans_of(entry: Entry, runs: int) -> list[CellPlan]:
 
 
 def _facts_key(motion: str) -> str:
-    return flights.digest([motion, "facts"])
+    return missions.digest([motion, "facts"])
 
 
 def _run_key(scenario: Scenario, run: int) -> str:
-    return flights.key_of(flights.content_of(scenario), "closed loop", run)
+    return missions.key_of(missions.content_of(scenario), "closed loop", run)
 
 
 def _fly(scenario: Scenario) -> tuple[Scenario, Trajectory | None, list[Record] | str]:
     """A mission and its facts; None and what happened if it cannot be flown."""
     try:
-        trajectory = flights.fly(scenario)
+        trajectory = missions.simulate_mission(scenario)
     except CampaignError as error:
         return scenario, None, str(error).splitlines()[0]
     return scenario, trajectory, facts_of(scenario, trajectory)
@@ -112,20 +112,20 @@ def _stored_records(store: Store, key: str) -> list[Record] | None:
 
 def _fly_missions(entries: Iterable[Entry], store: Store, pool: Pool, *, quiet: bool) -> dict[str, str]:
     """Fly and store the missions that are missing; what happened to those that cannot be flown, by motion."""
-    missions = {entry.motion: entry.scenario for entry in entries if not entry.closed_loop}
+    by_motion = {entry.motion: entry.scenario for entry in entries if not entry.closed_loop}
     wanted = [
         scenario
-        for motion, scenario in missions.items()
+        for motion, scenario in by_motion.items()
         if _stored_records(store, _facts_key(motion)) is None or not (store.flights / f"{motion}.npz").is_file()
     ]
     failed = {}
     with progress("missions", len(wanted), quiet=quiet) as advance:
         for scenario, trajectory, found in pool.each(_fly, ((scenario,) for scenario in wanted)):
-            motion = flights.motion_key(scenario)
+            motion = missions.motion_key(scenario)
             if trajectory is None or isinstance(found, str):
                 failed[motion] = str(found)
             else:
-                flights.store(store.flights, scenario, trajectory)
+                missions.store(store.flights, scenario, trajectory)
                 _store_records(store, _facts_key(motion), found)
             advance()
     return failed

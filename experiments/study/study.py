@@ -6,12 +6,12 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import NamedTuple
 
-from experiments.campaign import missions as flights
+from experiments.campaign import missions
 from experiments.campaign.campaign import CellPlan, compile_ahead, compute
 from experiments.campaign.store import write_table
 from experiments.flight.fly import fly
 from experiments.pages.page import write
-from experiments.study.estimate import Evidence
+from experiments.study.estimate import Results
 from experiments.study.file import Study
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Outcomes, fly_study, run_columns, table_columns
@@ -52,12 +52,12 @@ def effort_of(plan: Plan, workers: int) -> Effort:
     cell = CellPlan(scenario=entry.scenario, runs=min(runs, 64))
     compile_ahead(cell)
     start = perf_counter()
-    trajectory = flights.fly(entry.scenario)
+    trajectory = missions.simulate_mission(entry.scenario)
     flown = perf_counter()
     compute(trajectory, [cell])
     done = perf_counter()
     with TemporaryDirectory() as folder:
-        flights.store(Path(folder), entry.scenario, trajectory)
+        missions.store(Path(folder), entry.scenario, trajectory)
         stored = sum(path.stat().st_size for path in Path(folder).iterdir())
     blocks = -(-runs // 64)
     seconds = plan.flights * (flown - start) + cells * blocks * (done - flown)
@@ -79,11 +79,11 @@ def write_results(plan: Plan, outcomes: Outcomes, folder: Path, film: Path | Non
 
     if not outcomes.rows:
         raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
-    evidence = Evidence.of(outcomes.rows, outcomes.runs)
+    results = Results.of(outcomes.rows, outcomes.runs)
     write_table(folder / RESULTS, table_columns(outcomes.rows))
     write_table(folder / RUNS, run_columns(outcomes.runs))
-    record_of(plan, evidence).write(folder / RECORD)
-    write(page_of(plan, evidence, outcomes.failures, film), folder / REPORT)
+    record_of(plan, results).write(folder / RECORD)
+    write(page_of(plan, results, outcomes.failures, film), folder / REPORT)
     return folder / REPORT
 
 
@@ -95,7 +95,7 @@ def run_study(
     cluster: str | None = None,
     force: bool = False,
     quiet: bool = False,
-    film: Callable[[Plan, Evidence, Path], Path | None] | None = None,
+    film: Callable[[Plan, Results, Path], Path | None] | None = None,
 ) -> Path:
     """Fly a study, or what is missing of it, and write its tables and its page.
 
@@ -117,5 +117,5 @@ def run_study(
     """
     plan = plan_of(study)
     outcomes = fly_study(plan, folder, workers=workers, cluster=cluster, force=force, quiet=quiet)
-    filmed = film(plan, Evidence.of(outcomes.rows, outcomes.runs), folder) if film and outcomes.rows else None
+    filmed = film(plan, Results.of(outcomes.rows, outcomes.runs), folder) if film and outcomes.rows else None
     return write_results(plan, outcomes, folder, filmed)

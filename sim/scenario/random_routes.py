@@ -8,8 +8,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.scenario.point_motion import Limits, Motion, plan
-from sim.scenario.routes import FOLLOWER_DEPTH, Route
-from sim.scenario.routes import route as library_route
+from sim.scenario.routes import FOLLOWER_DEPTH, Route, library_route
 
 _TRIES = 4000
 """Waypoints drawn for one route before the class counts as impossible; seldom more than 300 are needed."""

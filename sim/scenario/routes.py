@@ -180,7 +180,7 @@ def names() -> tuple[str, ...]:
     return (*_followers(), "L")
 
 
-def route(name: str, depth: float | DepthProfile | None = None) -> Route:
+def library_route(name: str, depth: float | DepthProfile | None = None) -> Route:
     """A route of the library: "L" of the leader, "T2" … "T9" of the followers.
 
     The published follower routes exist as pictures only; these fit them in distance, bearing and speed

@@ -172,7 +172,7 @@ def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
         np.savez(path, **kept)
     else:
         path.write_bytes({"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage])
-    with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is flown again: \w") as told:
+    with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is simulated again: \w") as told:
         again = campaign.mission(given, store.Store(tmp_path))
     assert len(told) == 1
     assert again.position.tobytes() == flown.position.tobytes()
@@ -181,7 +181,7 @@ def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
 
 def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
     given = scenario()
-    flown = missions.fly(given)
+    flown = missions.simulate_mission(given)
     missions.store(tmp_path, given, flown)
     [path] = tmp_path.iterdir()
     whole = path.read_bytes()
@@ -239,7 +239,7 @@ def lost_flight(_):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(missions, "simulate_motion", lost)
-        return missions.fly(Scenario(name="T6", followers=(Follower(route="T6"),)))
+        return missions.simulate_mission(Scenario(name="T6", followers=(Follower(route="T6"),)))
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -314,7 +314,7 @@ def test_a_single_flight_has_the_noise_of_its_run(computed):
     _, rows = computed
     row = rows[0]
     given = plans()[0].scenario.model_copy(update={"run": row["worst_run"]})
-    flown = navigate(given, missions.fly(given), Navigator)
+    flown = navigate(given, missions.simulate_mission(given), Navigator)
     error = metrics.position_errors(flown.estimates[0].state[:, :2], flown.hydrophone(0)[:, :2])
     assert error.max() == pytest.approx(row["e_p_max_m"], abs=1e-7)
 
@@ -341,7 +341,7 @@ def test_one_flight_serves_other_transmitters_and_errors():
     other = scenario(leader=Leader(baseline_m=1.0, middle_offset_m=0.2), acoustics=Acoustics(range_scale_mean_m=0.3))
     assert missions.motion_key(one) == missions.motion_key(other)
     assert missions.motion_key(one) != missions.motion_key(scenario("T3"))
-    flown, moved = missions.fly(other), missions.sited(missions.fly(one), other.leader)
+    flown, moved = missions.simulate_mission(other), missions.sited(missions.simulate_mission(one), other.leader)
     np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
     np.testing.assert_array_equal(moved.position, flown.position)
 

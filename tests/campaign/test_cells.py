@@ -47,7 +47,7 @@ def mission(**changes: Any) -> Scenario:
 
 @pytest.fixture(scope="module")
 def flown() -> Trajectory:
-    return missions.fly(mission())
+    return missions.simulate_mission(mission())
 
 
 def computed(flown: Trajectory, *plans: CellPlan) -> list[Any]:
@@ -111,7 +111,7 @@ PLANS = st.builds(
 @given(plans=st.lists(PLANS, min_size=2, max_size=4), data=st.data())
 @settings(max_examples=40)
 def test_a_cell_depends_on_no_other_and_on_no_order(plans: list[CellPlan], data: st.DataObject) -> None:
-    trajectory = missions.flown(motion_of(mission()))._sited(mission().leader)
+    trajectory = missions.mission_of(motion_of(mission()))._sited(mission().leader)
     alone = {plan.key: computed(trajectory, plan) for plan in plans}
     order = data.draw(st.permutations(plans))
     assert computed(trajectory, *order) == [row for plan in order for row in alone[plan.key]]
@@ -160,7 +160,7 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
     for base in (still, still.model_copy(update={"motion": "physics", "duration_s": 1.0})):
         plan = CellPlan(scenario=base, runs=2)
         shared, of_cells = [], []
-        moved = missions.fly(base)
+        moved = missions.simulate_mission(base)
         row = computed(moved, plan)
         for leaf in leaves(base):
             if leaf == ("followers",):
@@ -197,7 +197,7 @@ def test_a_cell_of_what_is_not_there_is_refused(flown: Trajectory) -> None:
             Cell.of(given, follower)
     taken = Mission(given, flown)
     assert Cell.of(given.model_copy(update={"name": "other"}), mission=taken).runs == range(60)
-    with pytest.raises(LaisnError, match="'turning' moves otherwise than the mission that was flown"):
+    with pytest.raises(LaisnError, match="'turning' moves otherwise than the mission that was simulated"):
         Cell.of(given.model_copy(update={"duration_s": 6.0}), mission=taken)
 
 

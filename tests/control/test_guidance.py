@@ -40,7 +40,7 @@ def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0):
 
 def test_a_reference_holds_motion_and_depth():
     route = Route.timed("dive", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 10]]))
-    table = guidance.reference([route, routes.route("L")], np.array([0.0, 25.0, 80.0]))
+    table = guidance.reference([route, routes.library_route("L")], np.array([0.0, 25.0, 80.0]))
     assert table.shape == (3, 2, 8)
     assert table[:, 0, NORTH] == pytest.approx([0, 25, 80])
     # before 0 s the depth is held: half of the first interval of the mean, and a quarter of its rise
@@ -99,7 +99,7 @@ def test_the_current_is_low_passed():
     st.floats(0, 3),
 )
 def test_commands_change_no_faster_than_the_vehicle_may(position, water, time, heading, speed):
-    row = guidance.reference([routes.route("T8")], np.array([time]))[0, 0]
+    row = guidance.reference([routes.library_route("T8")], np.array([time]))[0, 0]
     memory = np.array([heading, speed, *water])
     psi, rate, wanted = guidance.steer(row, np.array(position), np.array(water), DT, memory)
     assert abs(psi - heading) <= np.deg2rad(10.0) * DT + 1e-12

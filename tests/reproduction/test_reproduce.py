@@ -10,7 +10,7 @@ from experiments.flight.library import ROUTES
 from experiments.reproduction import claims, routes_study, stages
 from experiments.reproduction import study as reproduce
 from experiments.reproduction.claim_tests import sector_errors
-from experiments.reproduction.verdict import Evidence
+from experiments.reproduction.verdict import Results
 from sim.scenario.settings import Scenario
 
 
@@ -62,13 +62,13 @@ def test_claims_on_the_published_tables():
     published = stages.published()
     distance = dict(zip(ROUTES, (42.3, 54.7, 76.5, 74.7, 39.5, 45.6, 40.8, 76.1), strict=True))
     rows = {key: {**row, "distance_m": distance[key[1]]} for key, row in published.items()}
-    verdicts = {c.number: c.judge(Evidence(rows=rows, missions=ROUTES)).verdict for c in claims.CLAIMS}
+    verdicts = {c.number: c.judge(Results(rows=rows, missions=ROUTES)).verdict for c in claims.CLAIMS}
     # μ_D = 0.3 has no published table; what the paper claims, its own tables bear out
     assert verdicts.pop(8) == "no data"
     assert set(verdicts.values()) == {"holds"}
 
 
-def evidence(figure, **changes):
+def results(figure, **changes):
     """Every figure 1 on every mission, except what `figure(setting, mission, variant, metric)` gives."""
     metrics = (*stages.METRICS, "distance_m")
     rows = {
@@ -77,11 +77,11 @@ def evidence(figure, **changes):
         for m in ROUTES
         for v in s.variants
     }
-    return Evidence(rows=rows, missions=ROUTES, **changes)
+    return Results(rows=rows, missions=ROUTES, **changes)
 
 
 def verdict(number, figure):
-    return next(c for c in claims.CLAIMS if c.number == number).judge(evidence(figure)).verdict
+    return next(c for c in claims.CLAIMS if c.number == number).judge(results(figure)).verdict
 
 
 @pytest.mark.parametrize(("five", "ten", "expected"), [

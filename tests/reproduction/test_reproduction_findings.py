@@ -13,7 +13,7 @@ from experiments.reproduction.findings import findings_of, listed
 from experiments.reproduction.page import page_of
 from experiments.reproduction.record import Reproduction, mean_distance, ratios
 from experiments.reproduction.stages import METRICS, SETTINGS, Key
-from experiments.reproduction.verdict import Evidence, Judgement, Verdict
+from experiments.reproduction.verdict import Judgement, Results, Verdict
 from tests.synthetic import make_scenario, make_trajectory
 
 BASE, GATE = (
@@ -42,7 +42,7 @@ def judged(*verdicts: Verdict) -> list[tuple[Any, Judgement, Judgement]]:
 def reproduction(folder: Path) -> Reproduction:
     return Reproduction(
         motion="kinematic", runs=60, seed=1, settings=(BASE,), plans={}, rows=ROWS, steps={}, published=PUBLISHED,
-        evidence=Evidence(rows=ROWS, missions=tuple(OURS)),
+        results=Results(rows=ROWS, missions=tuple(OURS)),
         judgements=judged("holds", "depends", "does not hold", "no data"), folder=folder,
     )  # fmt: skip
 

@@ -7,8 +7,7 @@ from experiments.route_keeping import study
 from sim import point_fleet
 from sim.fleet import simulate_fleet
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan
-from sim.scenario.routes import Route, names
-from sim.scenario.routes import route as library_route
+from sim.scenario.routes import Route, library_route, names
 from sim.tracking import TrackingReport, arrival_errors, cross_track, off_place, tracking
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant

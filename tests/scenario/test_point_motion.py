@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from sim import point_fleet
 from sim.point_fleet import Sites
 from sim.scenario.point_motion import Limits, plan
-from sim.scenario.routes import Route, names
-from sim.scenario.routes import route as library_route
+from sim.scenario.routes import Route, library_route, names
 
 TURN_RATE, ACCELERATION = np.deg2rad(10.0), 0.2
 RADIUS = 1.0 / TURN_RATE

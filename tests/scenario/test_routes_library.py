@@ -18,7 +18,7 @@ MISSION = np.arange(0.0, 1000.05, 0.1)
 
 
 def test_the_leader_draws_an_l_of_a_kilometre_in_a_thousand_seconds():
-    leader = routes.route("L")
+    leader = routes.library_route("L")
     assert leader.waypoint.tolist() == [[0, 0], [500, 0], [500, 500]]
     assert leader.time.tolist() == [0, 500, 1000]
     assert leader.leg_length.sum() == 1000
@@ -26,7 +26,7 @@ def test_the_leader_draws_an_l_of_a_kilometre_in_a_thousand_seconds():
 
 @pytest.mark.parametrize("name", routes.names()[:-1])
 def test_followers_start_heading_east_at_one_metre_per_second(name):
-    motion = plan(routes.route(name)).at(np.zeros(1))
+    motion = plan(routes.library_route(name)).at(np.zeros(1))
     assert motion.course[0] == pytest.approx(np.pi / 2)
     assert motion.speed[0] == pytest.approx(1.0)
 
@@ -35,7 +35,7 @@ def test_followers_start_heading_east_at_one_metre_per_second(name):
 def test_the_figures_beside_the_waypoints_are_those_of_the_point_motion(name):
     text = (resources.files("sim.scenario") / "data" / "followers_T2_T9.json").read_text(encoding="utf-8")
     noted = json.loads(text)[name]
-    follower, leader = plan(routes.route(name)).at(MISSION), plan(routes.route("L")).at(MISSION)
+    follower, leader = plan(routes.library_route(name)).at(MISSION), plan(routes.library_route("L")).at(MISSION)
     east, north = follower.east - leader.east, follower.north - leader.north
     distance, bearing = np.hypot(east, north), np.arctan2(east, north) - leader.course
     assert noted["mean_distance_m"] == pytest.approx(distance.mean(), abs=1e-3)
@@ -47,7 +47,7 @@ def test_the_figures_beside_the_waypoints_are_those_of_the_point_motion(name):
 
 def test_t8_has_one_burst_close_to_the_leader():
     # paper, Section 4.1: about 1 m/s, but for one burst to 3 m/s, close to the leader, which shows for about 30 s
-    follower, leader = plan(routes.route("T8")).at(MISSION), plan(routes.route("L")).at(MISSION)
+    follower, leader = plan(routes.library_route("T8")).at(MISSION), plan(routes.library_route("L")).at(MISSION)
     fast = MISSION[follower.speed > 1.7]
     assert follower.speed.max() == pytest.approx(3.0, abs=0.05)
     assert np.ptp(fast) < 30
@@ -62,7 +62,7 @@ def test_t8_has_one_burst_close_to_the_leader():
 
 def test_unknown_routes_are_named_with_what_exists():
     with pytest.raises(ValueError, match=r"unknown route 'T1'; available: T2 … T9, L"):
-        routes.route("T1")
+        routes.library_route("T1")
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_untimed_waypoints_get_their_times_from_the_speed():
 
 
 def test_a_route_cannot_be_changed():
-    route = routes.route("T2")
+    route = routes.library_route("T2")
     with pytest.raises(ValueError, match="read-only"):
         route.waypoint[0, 0] = 1.0
 
@@ -127,7 +127,7 @@ def test_malformed_depths_are_refused(points, message):
 def test_random_routes_keep_to_their_class(seed, name):
     route_class = CLASSES[name]
     route = random_route(np.random.default_rng(seed), route_class)
-    follower, leader = plan(route).at(MISSION), plan(routes.route("L")).at(MISSION)
+    follower, leader = plan(route).at(MISSION), plan(routes.library_route("L")).at(MISSION)
     distance = np.hypot(follower.east - leader.east, follower.north - leader.north)
     # the route is checked every second; at 3 + 1 m/s the distance changes by 2 m in half of that
     assert route_class.distance_min - 2 < distance.min()

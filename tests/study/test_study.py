@@ -20,7 +20,7 @@ from experiments.flight.fly import fly
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.study import file
 from experiments.study.draws import Draw
-from experiments.study.estimate import Evidence
+from experiments.study.estimate import Results
 from experiments.study.file import FOLDER, StudyError, of_table, shipped
 from experiments.study.metrics import METRICS
 from experiments.study.notable import commands
@@ -107,7 +107,7 @@ def test_the_command_of_a_run_repeats_it(flown, tmp_path):
     plan = plan_of(study())
     rows = {(r["point"], r["arm"], r["sea"], r["run"]): r for r in pq.read_table(flown / RUNS).to_pylist()}
     outcomes = fly_study(plan, flown, workers=1, quiet=True)
-    lines = commands(plan, Evidence.of(outcomes.rows, outcomes.runs)).splitlines()
+    lines = commands(plan, Results.of(outcomes.rows, outcomes.runs)).splitlines()
     assert len(lines) == 2 * 2 * 4
     words = shlex.split(lines[-1])
     told = rows[1, "attitude", 0, int(words[-1])], rows[1, "attitude", 1, int(words[-1])]
@@ -214,14 +214,14 @@ def test_a_mission_that_cannot_be_flown_is_named_and_the_others_go_on(tmp_path, 
     from experiments.campaign import missions
     from experiments.campaign.failures import CampaignError
 
-    plan, whole = plan_of(study()), missions.fly
+    plan, whole = plan_of(study()), missions.simulate_mission
 
     def some(scenario):
         if scenario.followers[0].depth_m == 14:
             raise CampaignError("mission 'T5': lost at 3 s")
         return whole(scenario)
 
-    monkeypatch.setattr(missions, "fly", some)
+    monkeypatch.setattr(missions, "simulate_mission", some)
     run_study(study(), tmp_path, workers=1, quiet=True)
     assert {r["point"] for r in pq.read_table(tmp_path / RESULTS).to_pylist()} == {0}
     page = (tmp_path / REPORT).read_text()

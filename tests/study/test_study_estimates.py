@@ -7,7 +7,7 @@ import pytest
 
 from experiments.campaign import missions
 from experiments.flight.library import load
-from experiments.study.estimate import Evidence, over_runs, over_seas
+from experiments.study.estimate import Results, over_runs, over_seas
 from experiments.study.facts import DISC_DIAMETER_M, disc_power, facts_of
 
 
@@ -43,20 +43,20 @@ def test_shares_have_the_limits_of_clopper_and_pearson():
     assert found.low == 0.0
 
 
-def evidence():
+def results():
     random = np.random.default_rng(3)
     noise = random.normal(0.0, 1.0, 60)
     rows = [{"point": 0, "arm": arm, "follower": "f", "sea": 0} for arm in ("a", "b")]
     lists = [{"e_p_mean_m": (10 + noise).tolist()}, {"e_p_mean_m": (9.5 + noise + random.normal(0, 0.01, 60)).tolist()}]
-    return Evidence.of(rows, [(row, own) for row, own in zip(rows, lists, strict=True)])
+    return Results.of(rows, [(row, own) for row, own in zip(rows, lists, strict=True)])
 
 
 def test_differences_of_arms_are_paired_by_run():
     """Noise of σ = 1 that both arms share drops out; what is left has σ = 0.01."""
-    found = evidence().difference((0, "b", "f"), "a", "e_p_mean_m")
+    found = results().difference((0, "b", "f"), "a", "e_p_mean_m")
     assert found.value == pytest.approx(-0.5, abs=0.01)
     assert found.high - found.low < 0.02
-    alone = evidence().estimate((0, "b", "f"), "e_p_mean_m")
+    alone = results().estimate((0, "b", "f"), "e_p_mean_m")
     assert alone.high - alone.low > 0.3
 
 
@@ -69,7 +69,7 @@ def test_a_thruster_at_rest_takes_the_power_of_momentum_theory():
 
 def test_point_motion_keeps_its_place_and_depth():
     scenario = load("T3", ["motion=kinematic", "duration_s=30"])
-    (facts,) = facts_of(scenario, missions.fly(scenario))
+    (facts,) = facts_of(scenario, missions.simulate_mission(scenario))
     assert facts["off_place_max_m"] < 1e-6
     assert facts["depth_error_max_m"] < 1e-9
     assert facts["energy_j"] is None
@@ -78,7 +78,7 @@ def test_point_motion_keeps_its_place_and_depth():
 
 def test_energy_is_mean_power_times_time_and_way_costs_it():
     scenario = load("T5", ["duration_s=40"])
-    trajectory = missions.fly(scenario)
+    trajectory = missions.simulate_mission(scenario)
     (facts,) = facts_of(scenario, trajectory)
     assert facts["energy_j"] == pytest.approx(40 * facts["power_mean_w"])
     # no disc can push against the water for less than the work that it does there
