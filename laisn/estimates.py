@@ -1,10 +1,10 @@
 """What a navigator concludes: the kinds of fix, and the record of a mission."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
 
 from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays
+from laisn.records import own_arrays, require_shapes
 
 
 class FixKind(IntEnum):
@@ -64,8 +64,5 @@ class Estimates:
             "innovation": (f, 2),
             "innovation_covariance": (f, 2, 2),
         }
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value.shape != expected[field.name]:
-                raise ValueError(f"Estimates.{field.name} has shape {value.shape}, expected {expected[field.name]}")
+        require_shapes(self, expected)
         own_arrays(self)

@@ -1,7 +1,7 @@
 """Plane and hull geometry: angles, bearings, transmitters, circles. Pure, and shared by all engines."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled, formula
 
 Triple = tuple[float, float, float]
+Angle = TypeVar("Angle", float, Floats)
 
 SINGULAR_VARIANCE = 1e-12
 """A position variance below this is zero [m²].
@@ -61,8 +62,18 @@ class Chord(NamedTuple):
 
 
 @formula
+def signed_angle(angle: Angle) -> Angle:
+    """Angle or angles brought into [−π, π) [rad]."""
+    return (angle + math.pi) % _TURN - math.pi
+
+
+@formula
 def wrap_angle(angle: float) -> float:
-    """Angle brought into [−π, π] [rad]; both ends stand for the same direction. For less than 10¹⁵ turns."""
+    """Angle brought into [−π, π] [rad]; both ends stand for the same direction. For less than 10¹⁵ turns.
+
+    Unlike `signed_angle` it divides by nothing, so that loops over lanes stay vectorised, and an angle within the range
+    stays as it is to the bit.
+    """
     turns = (angle * _PER_TURN + _ROUNDING) - _ROUNDING
     return angle - turns * _TURN
 

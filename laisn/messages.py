@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays
+from laisn.records import own_arrays, require_shapes
 
 
 class LeaderMessage(NamedTuple):
@@ -99,9 +99,7 @@ class Measurements:
         }
         expected |= {"durations": (n,)} if self.durations is not None else {}
         expected |= {"transmitters": (m, 3, 3)} if self.transmitters is not None else {}
-        for name, shape in expected.items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"Measurements.{name} has shape {getattr(self, name).shape}, expected {shape}")
+        require_shapes(self, expected)
         if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
             raise ValueError(f"Measurements.message_step must increase within 1 … {n}")
         if self.durations is not None and not np.all((self.durations > 0) & np.isfinite(self.durations)):

@@ -1,9 +1,18 @@
-"""Records whose arrays stay as they are."""
+"""Records whose arrays have the shapes that they say, and stay as they are."""
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
+
+
+def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None:
+    """ValueError naming the first array of a record, by its field, whose shape is not the expected one."""
+    for name, shape in expected.items():
+        given = getattr(record, name).shape
+        if given != shape:
+            raise ValueError(f"{type(record).__name__}.{name} has shape {given}, expected {shape}")
 
 
 def own_arrays(record: Any) -> None:

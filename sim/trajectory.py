@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays
+from laisn.records import own_arrays, require_shapes
 from sim.geometry import attitude
 
 
@@ -65,10 +65,7 @@ class Trajectory:
             "site_vehicle": (s,),
             "site_offset": (s, 3),
         }
-        for name, shape in expected.items():
-            value = getattr(self, name)
-            if value.shape != shape:
-                raise ValueError(f"Trajectory.{name} has shape {value.shape}, expected {shape}")
+        require_shapes(self, expected)
         own_arrays(self)
         steps = np.diff(self.time)
         if n < 2 or steps.min() <= 0 or np.ptp(steps) > 1e-9:

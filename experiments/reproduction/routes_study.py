@@ -17,6 +17,7 @@ from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.reproduction.verdict import Judgement, Results, Verdict
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from laisn.geometry import signed_angle
 from sim.scenario.point_motion import plan as plan_motion
 from sim.scenario.random_routes import CLASSES, random_route
 from sim.scenario.routes import FOLLOWER_DEPTH, Route
@@ -94,7 +95,7 @@ def geometry(flight: Trajectory) -> tuple[float, float]:
     """Share of time that the follower is within 10° of astern, and its top speed [m/s]."""
     away = flight.position[:, 1, :2] - flight.position[:, 0, :2]
     off = np.arctan2(away[:, 0], away[:, 1]) - flight.heading[:, 0] - np.pi
-    astern = np.abs((off + np.pi) % (2 * np.pi) - np.pi) < np.deg2rad(10.0)
+    astern = np.abs(signed_angle(off)) < np.deg2rad(10.0)
     return float(astern.mean()), float(flight.forward_speed[:, 1].max())
 
 

@@ -4,5 +4,5 @@ Takes where a vehicle should be and where it takes itself to be; gives thruster 
 functions over small arrays, compiled. It must not know what a sensor or a message is, nor call for the truth: whoever
 calls decides whether a position is true or believed.
 
-Imports: laisn sim.scenario sim.vehicle
+Imports: laisn sim.geometry sim.scenario sim.vehicle
 """

@@ -28,8 +28,10 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
+from laisn.geometry import signed_angle
 from sim.control.allocation import clip, share
-from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING, wrap
+from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING
+from sim.geometry.vectors import rotation, transposed
 from sim.vehicle import coefficients
 from sim.vehicle.plant import Plant
 
@@ -196,9 +198,7 @@ def control(
         command: out: thrusts, shape (5,), [N].
     """
     heading_wanted, turn_wanted, speed_wanted = wanted
-    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
-    port = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
+    forward, port, _ = transposed(rotation(pose[3:7]))
     flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
     surge = flow[0] * forward[0] + flow[1] * forward[1] + flow[2] * forward[2]
     sway = flow[0] * port[0] + flow[1] * port[1] + flow[2] * port[2]
@@ -220,7 +220,7 @@ def control(
 
     # heading and sway; moments to port are positive, turns to port are negative
     turn_soon = turn_wanted + lag * reference[TURNING]
-    astray = wrap(heading_wanted - heading)
+    astray = signed_angle(heading_wanted - heading)
     moment = -d.yaw_inertia * (reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + twist[5]))
     moment += memory[HEADING_INTEGRAL] - _damping(d.yaw_damping, way, turn_soon)
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway

@@ -19,7 +19,9 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
+from laisn.geometry import signed_angle
 from sim.control.allocation import clip
+from sim.geometry.vectors import rotation, transposed
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Limits, plan
 from sim.scenario.routes import Route
 
@@ -114,12 +116,6 @@ def reference(
 
 
 @compiled
-def wrap(angle: float) -> float:
-    """An angle brought into [−π, π) [rad]."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
-
-
-@compiled
 def begin(reference: Floats, pose: Floats, twist: Floats, water: Floats, memory: Floats) -> None:
     """Set up what guidance remembers of a vehicle at its start.
 
@@ -130,9 +126,8 @@ def begin(reference: Floats, pose: Floats, twist: Floats, water: Floats, memory:
         water: velocity of the water about the vehicle: east, north (more is not read) [m/s].
         memory: columns HEADING_COMMAND … CURRENT_NORTH, shape (4,).
     """
-    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    east, north = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
-    memory[HEADING_COMMAND] = reference[COURSE] + wrap(np.arctan2(east, north) - reference[COURSE])
+    east, north, _ = transposed(rotation(pose[3:7]))[0]
+    memory[HEADING_COMMAND] = reference[COURSE] + signed_angle(np.arctan2(east, north) - reference[COURSE])
     memory[SPEED_COMMAND] = max(east * (twist[0] - water[0]) + north * (twist[1] - water[1]), SPEED_LEAST)
     memory[CURRENT_EAST], memory[CURRENT_NORTH] = water[0], water[1]
 
@@ -167,7 +162,7 @@ def steer(reference: Floats, position: Floats, water: Floats, dt: float, memory:
     through_north = speed * np.cos(course) - memory[CURRENT_NORTH]
 
     before = memory[HEADING_COMMAND]
-    turn = wrap(np.arctan2(through_east, through_north) - before)
+    turn = signed_angle(np.arctan2(through_east, through_north) - before)
     memory[HEADING_COMMAND] += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
     wanted = max(np.hypot(through_east, through_north), SPEED_LEAST)
     memory[SPEED_COMMAND] += clip(wanted - memory[SPEED_COMMAND], -ACCELERATION * dt, ACCELERATION * dt)

@@ -15,6 +15,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from laisn.geometry import signed_angle
 from sim.scenario.routes import Route
 
 TURN_RATE = float(np.deg2rad(10.0))
@@ -106,11 +107,6 @@ class _Planner:
         self.east, self.north, self.course, self.speed = (float(value) for value in end[:4])
 
 
-def _wrap(angle: float) -> float:
-    """An angle brought into [−π, π) [rad]."""
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
-
-
 def _turn_towards(planner: _Planner, point: list[float], turn_rate: float) -> float:
     """Signed turn [rad] after which the vehicle heads for a point; NaN if the point lies within the turning circle.
 
@@ -118,14 +114,14 @@ def _turn_towards(planner: _Planner, point: list[float], turn_rate: float) -> fl
     """
     radius, course = planner.speed / turn_rate, planner.course
     dx, dy = point[0] - planner.east, point[1] - planner.north
-    side = 1.0 if _wrap(np.arctan2(dx, dy) - course) >= 0 else -1.0
+    side = 1.0 if signed_angle(np.arctan2(dx, dy) - course) >= 0 else -1.0
     # the circle's centre lies abeam; seen from there the point is at distance d and bearing b
     cx, cy = dx - side * radius * np.cos(course), dy + side * radius * np.sin(course)
     d, b = np.hypot(cx, cy), np.arctan2(cx, cy)
     if d <= radius:
         return float("nan")
     turn = side * (b - course) + np.arcsin(radius / d)
-    return side * float(turn % (2 * np.pi)) if abs(_wrap(turn)) > 1e-12 else 0.0
+    return side * float(turn % (2 * np.pi)) if abs(signed_angle(turn)) > 1e-12 else 0.0
 
 
 def _leg_speed(distance: float, time: float, speed: float, acceleration: float) -> float:
@@ -187,7 +183,7 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
     east, north = points[0]
     planner = _Planner(east, north, start, route.start_speed)
     # the turn that leads from the last corner to the next leg; a start off the first leg is such a corner
-    turn = _turn_towards(planner, points[1], limits.turn_rate) if abs(_wrap(course[0] - start)) > 1e-12 else 0.0
+    turn = _turn_towards(planner, points[1], limits.turn_rate) if abs(signed_angle(course[0] - start)) > 1e-12 else 0.0
     for k in range(1, len(points)):
         if np.isnan(turn):
             raise LaisnError(
@@ -195,7 +191,7 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
                 f"{planner.speed / limits.turn_rate:.3g} m radius that begins at waypoint {k}"
             )
         planner.go(abs(turn) / limits.turn_rate, turn_rate=float(np.copysign(limits.turn_rate, turn)))
-        corner = _wrap(course[k] - planner.course) if k < len(course) else 0.0
+        corner = signed_angle(course[k] - planner.course) if k < len(course) else 0.0
         cut = abs(corner) if abs(corner) <= limits.sharpest_cut else 0.0
         speed, cruise = _leg(route, k, planner, cut, limits)
         change = speed - planner.speed

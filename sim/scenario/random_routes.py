@@ -7,6 +7,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from laisn.geometry import signed_angle
 from sim.scenario.point_motion import Limits, Motion, plan
 from sim.scenario.routes import FOLLOWER_DEPTH, Route, library_route
 
@@ -80,7 +81,7 @@ def _acceptable(
         return False
     leg = np.arctan2(*(route.waypoint[-1] - route.waypoint[-2]))
     ends = np.searchsorted(time, route.time[-2:] - 1e-9)
-    off = np.abs((leader.course[ends] - leg + np.pi) % (2 * np.pi) - np.pi)
+    off = np.abs(signed_angle(leader.course[ends] - leg))
     if off.min() > route_class.heading_difference_max:
         return False
     try:

@@ -17,6 +17,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
+from laisn.geometry import signed_angle
 from sim.geometry import attitude
 from sim.scenario.settings import CONTROL_STEP_S, Sensors
 from sim.trajectory import Trajectory
@@ -99,6 +100,5 @@ def measured_attitude(trajectory: Trajectory, sensors: Ahrs, vehicle: int = 0) -
     true = np.column_stack([trajectory.pitch[:, vehicle], trajectory.roll[:, vehicle]])
     if not sensors.leader_attitude_feels_acceleration:
         return true
-    error = apparent_tilt(trajectory, vehicle) - true
-    error = (error + np.pi) % (2 * np.pi) - np.pi
+    error = signed_angle(apparent_tilt(trajectory, vehicle) - true)
     return true + _low_pass(error, gain(sensors))

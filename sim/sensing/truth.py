@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays
+from laisn.records import own_arrays, require_shapes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,10 +62,7 @@ class MissionTruth:
         expected |= {"sent_position": (m, 3), "sent_attitude": (m, 2)}
         if self.echo_range is not None:
             expected["echo_range"] = (2, m, 3)
-        for name, shape in expected.items():
-            value = getattr(self, name)
-            if value.shape != shape:
-                raise ValueError(f"MissionTruth.{name} has shape {value.shape}, expected {shape}")
+        require_shapes(self, expected)
         own_arrays(self)
         low, high = self.first_step + 1, self.first_step + n
         if m and (self.message_step[0] < low or self.message_step[-1] > high or np.any(np.diff(self.message_step) < 1)):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from laisn.records import own_arrays
+from laisn.records import own_arrays, require_shapes
 
 GRAVITY = 9.81
 """Gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]."""
@@ -38,7 +38,7 @@ def wavenumber(omega: npt.ArrayLike, depth_m: float) -> Floats:
 class Waves:
     """Components η = Σ a cos(k·x − ω t + φ), ω being what someone drifting with the current sees.
 
-    Raises LaisnError if the shapes disagree or a value is not finite.
+    Raises ValueError if the shapes disagree, and LaisnError if a value is not finite.
     """
 
     amplitude_m: Floats
@@ -55,11 +55,9 @@ class Waves:
     def __post_init__(self) -> None:
         n = self.amplitude_m.size
         shapes = {"amplitude_m": (n,), "wavenumber_1_m": (n, 2), "omega_rad_s": (n,), "phase_rad": (n,)}
-        for name, shape in shapes.items():
-            value = getattr(self, name)
-            if value.shape != shape:
-                raise LaisnError(f"Waves.{name} has shape {value.shape}, expected {shape}")
-            if not np.isfinite(value).all():
+        require_shapes(self, shapes)
+        for name in shapes:
+            if not np.isfinite(getattr(self, name)).all():
                 raise LaisnError(f"Waves.{name} holds values that are not finite")
         own_arrays(self)
 

@@ -116,13 +116,6 @@ def test_the_start_is_taken_as_it_is():
     assert memory == pytest.approx([2.0, 0.7, 0.1, -0.2])
 
 
-@given(st.floats(-50, 50))
-def test_wrapped_angles_differ_by_whole_turns(angle):
-    wrapped = guidance.wrap(angle)
-    assert -np.pi <= wrapped < np.pi
-    assert (angle - wrapped) / (2 * np.pi) == pytest.approx(round((angle - wrapped) / (2 * np.pi)), abs=1e-9)
-
-
 def test_turns_set_in_and_end_smoothly():
     time = np.arange(0, 400, DT)
     table = guidance.reference([CORNER], time)[:, 0]

@@ -25,6 +25,14 @@ def test_wrapped_angle_is_the_same_direction(angle: float) -> None:
     assert np.exp(1j * wrapped) == pytest.approx(np.exp(1j * angle), abs=1e-9)
 
 
+@given(angle=ANGLE)
+def test_signed_angle_is_the_same_direction_for_numbers_and_arrays(angle: float) -> None:
+    signed = geometry.signed_angle(angle)
+    assert -np.pi <= signed < np.pi
+    assert np.exp(1j * signed) == pytest.approx(np.exp(1j * angle), abs=1e-9)
+    assert geometry.signed_angle(np.array([angle, np.pi])).tolist() == [signed, -np.pi]
+
+
 @given(a=ANGLE, b=ANGLE)
 def test_angle_between_is_the_arc_cosine_of_the_directions(a: float, b: float) -> None:
     cosine = np.real(np.exp(1j * a) * np.conj(np.exp(1j * b)))

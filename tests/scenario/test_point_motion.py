@@ -5,6 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from laisn.geometry import signed_angle
 from sim import point_fleet
 from sim.point_fleet import Sites
 from sim.scenario.point_motion import Limits, plan
@@ -177,7 +178,7 @@ def test_a_fleet_moves_level_on_its_course():
     for i, route in enumerate(routes):
         motion = plan(route).at(flown.time)
         ahead = flown.heading[:, i] - motion.course
-        assert np.abs((ahead + np.pi) % (2 * np.pi) - np.pi).max() < 1e-12
+        assert np.abs(signed_angle(ahead)).max() < 1e-12
         assert flown.forward_speed[:, i] == pytest.approx(motion.speed)
         assert flown.angular_velocity[:, i, 2] == pytest.approx(-motion.turn_rate)
     # the bow is 1 m along the course, east at first
