@@ -1,9 +1,7 @@
 """Channels of a log as tables: a Parquet or CSV file for each."""
 
 import itertools
-import os
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, get_args
 from urllib.parse import quote
@@ -13,6 +11,7 @@ import pyarrow.csv
 import pyarrow.parquet
 from google.protobuf.descriptor import FieldDescriptor
 
+from laisn.whole_files import replaced
 from sim.log.contents import Messages, contents
 from sim.log.file import LogError, faults
 
@@ -128,21 +127,15 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
         if not leaves:
             continue
         file = out / f"{name}.{table_format}"
-        work = file.with_name(f"{file.name}.partial")
         try:
             out.mkdir(parents=True, exist_ok=True)
             with faults(path):
                 schema = _schema(leaves)
-            with _WRITERS[table_format](work, schema) as table:
+            with replaced(file) as part, _WRITERS[table_format](part, schema) as table:
                 for batch in _whole(path, _batches(messages, leaves, schema)):
                     table.write_batch(batch)
-            os.replace(work, file)
-        except BaseException as error:
-            with suppress(OSError):
-                work.unlink()
-            if isinstance(error, OSError):
-                raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
-            raise
+        except OSError as error:
+            raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
         files.append(file)
     if not files:
         channels = ", ".join(sorted(log.topics)) or "none"

@@ -3,13 +3,13 @@
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
+from laisn.whole_files import replaced
 from sim.flight import Outcome
 from sim.log import reader
 from sim.log.contents import collect
@@ -20,7 +20,6 @@ from sim.log.file import (
     check,
     end_of_log,
     faults,
-    partial_path,
     rescuable,
     unprotected,
     whole_records,
@@ -192,20 +191,18 @@ def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Pat
         raise LogError(f"{path}: no such file")
     if not rescuable(path):
         raise LogError(f"{path}: holds no whole part of a log; there is nothing to recover")
-    work = partial_path(target.with_name(f"{target.name}.recovery"))
     try:
-        _rescue(path, work, say)
-        os.replace(work, target)
-    except BaseException as error:
-        with suppress(OSError):
-            work.unlink()
-        if isinstance(error, OSError):
-            raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
-        if isinstance(error, LogError):
-            raise LogError(str(error).replace(str(work), str(path))) from error
-        if isinstance(error, Exception):
-            raise LogError(f"{path}: damaged beyond recovery ({type(error).__name__}: {error})") from error
+        with replaced(target) as work:
+            try:
+                _rescue(path, work, say)
+            except LogError as error:
+                raise LogError(str(error).replace(str(work), str(path))) from error
+    except LogError:
         raise
+    except OSError as error:
+        raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
+    except Exception as error:
+        raise LogError(f"{path}: damaged beyond recovery ({type(error).__name__}: {error})") from error
     if unfinished:
         with faults(path):
             path.unlink()
