@@ -1,15 +1,20 @@
-"""A flight made of formulas: circular routes, plausible measurements and estimates, without physics or a navigator."""
+"""A flight of formulas, and its log: circular routes, plausible measurements, no physics and no navigator."""
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from sim.flight import Flight
 from sim.geometry import attitude
+from sim.log import writer
+from sim.log.events import Event
 from sim.scenario.settings import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing
 from sim.trajectory import Trajectory
 
@@ -194,3 +199,23 @@ def bits(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         return {f.name: bits(getattr(value, f.name)) for f in dataclasses.fields(value)}
     return tuple(bits(item) for item in value) if isinstance(value, tuple) else value
+
+
+def short_flight() -> Flight:
+    """A flight of 30 s, for tests of the log."""
+    return make_flight(30.0)
+
+
+def write_log(flight: Flight, folder: Path) -> Path:
+    """The log of a flight in a folder, with a summary, errors and an event."""
+    path = folder / "mission.mcap"
+    events = [Event(12.0, "warning", "mirror capture", "follower")]
+    writer.write(flight, path, summary='{"runs": 1}', errors=errors_of(flight), events=events)
+    return path
+
+
+def messages(path: Path, topic: str) -> list[Any]:
+    """All messages of a channel, decoded by the libraries of MCAP and not by this project."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        return [item.decoded_message for item in reader.iter_decoded_messages(topics=[topic])]

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from logged import messages, short_flight, write_log
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from synthetic import bits, errors_of, make_flight
+from synthetic import bits, errors_of, make_flight, messages, short_flight, write_log
 
 from laisn.estimates import FixKind
 from sim.flight import Flight, Outcome

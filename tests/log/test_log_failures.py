@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from logged import short_flight, write_log
-from synthetic import bits, make_flight
+from synthetic import bits, make_flight, short_flight, write_log
 
 from sim.flight import Flight, Outcome
 from sim.log import writer

@@ -6,7 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from logged import messages, short_flight, write_log
+from synthetic import messages, short_flight, write_log
 
 import models
 from sim.flight import Flight
