@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse
 from matplotlib.ticker import FixedLocator
 
-from experiments.pages.figures import FRAME, INK, MUTED, SERIES, Colour, Line, panel
+from experiments.pages.figures import Line, panel
+from experiments.pages.style import FRAME, INK, MUTED, SERIES, Colour
 from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.tilt import leveled

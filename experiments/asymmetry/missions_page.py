@@ -18,8 +18,9 @@ from experiments.asymmetry.remedies import STEADIED
 from experiments.asymmetry.remedies_page import CAUSES
 from experiments.asymmetry.tables import mission_table, stage_4_table
 from experiments.asymmetry.tau import Curves
-from experiments.pages.figures import SERIES, Colour, svg
+from experiments.pages.figures import svg
 from experiments.pages.page import Code, Figures, Section, Text
+from experiments.pages.style import SERIES, Colour
 
 _CAUSE_COLOURS: dict[str, Colour] = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
 

@@ -10,8 +10,9 @@ from experiments.asymmetry.figures import LEVEL, REAL
 from experiments.flight.anatomy import Cause
 from experiments.pages.anatomy_page import asymmetry_over_time, share_table
 from experiments.pages.anatomy_page import legend_of as legend_of_causes
-from experiments.pages.figures import SERIES, Colour, svg
+from experiments.pages.figures import svg
 from experiments.pages.page import Code, Figures, Section, Text
+from experiments.pages.style import SERIES, Colour
 from laisn.arrays import Bools
 
 _TOLD = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)

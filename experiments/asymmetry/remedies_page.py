@@ -32,8 +32,9 @@ from experiments.asymmetry.remedies import (
 )
 from experiments.asymmetry.verdict import WRONG, Verdict, counts
 from experiments.intervals import Interval
-from experiments.pages.figures import MUTED, SERIES, svg
+from experiments.pages.figures import svg
 from experiments.pages.page import Block, Cell, Figures, Notice, Section, Table, Text, number, percent, words
+from experiments.pages.style import MUTED, SERIES
 
 CAUSES = {"trim": "trim", "dive": "depth changes", "waves": "waves"}
 """What makes the leader pitch, and its name on the page."""

@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 from experiments.closed_loop.study import steering
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
-from experiments.pages.figures import SERIES, Colour, Line, panel
+from experiments.pages.figures import Line, panel
+from experiments.pages.style import SERIES, Colour
 from laisn.settings import Variant
 
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from experiments.gallery import house
-from experiments.pages.figures import FRAME, INK, SERIES
+from experiments.pages.style import FRAME, INK, SERIES
 
 _WIDTH, _HEIGHT = 7.6, 8.2
 _BOX = (0.9, 0.62)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
@@ -21,16 +20,19 @@ from experiments.flight.summary import position_and_bearing_errors
 from experiments.gallery import architecture
 from experiments.gallery import physics as gallery_physics
 from experiments.pages import figures
-from experiments.pages.figures import COLOURS, INK, MUTED, SERIES, Line
-from experiments.pages.flight_report import error_lines
+from experiments.pages.figures import Line
+from experiments.pages.flight_figures import error_stack
+from experiments.pages.style import COLOURS, INK, SERIES, Colour
 from experiments.reproduction import gallery as gallery_reproduction
 from experiments.route_keeping import study as route_keeping
-from laisn.geometry import bearing
 from sim.film import render
 from sim.flight import Flight
 from sim.motion import simulate_motion
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures"
+
+WIDE = 7.0
+"""Of a picture that needs the width of its page [inch]."""
 
 STILLS = {
     "mission": ("T8", 420.0, "chase"),
@@ -40,7 +42,7 @@ STILLS = {
 }
 """Name of the picture: built-in scenario, mission time [s], camera."""
 
-Legend = Sequence[tuple[figures.Colour, str]]
+Legend = Sequence[tuple[Colour, str]]
 
 
 def save(figure: Figure, name: str, legend: Legend = ()) -> None:
@@ -93,15 +95,8 @@ def routes() -> Figure:
 
 
 def errors(flight: Flight) -> Figure:
-    """E_P, E_B and B of a flight over time, as the paper draws them."""
-    steps = flight.step_index()
-    position, bearing_error = position_and_bearing_errors(flight)[0]
-    leader = flight.trajectory.position[steps, 0]
-    offset = flight.hydrophone(0)[:, :2] - leader[:, :2]
-    heading = flight.trajectory.heading[steps, 0]
-    direction = np.array([bearing(h, e, n) for h, (e, n) in zip(heading, offset, strict=True)])
-    lines = error_lines(flight.trajectory.time[steps], position, bearing_error, direction)
-    return figures.panel(lines, x_label="time [s]", y_label="E_P [m], E_B [°]", height=2.9)
+    """E_P, E_B and B of a flight over time."""
+    return error_stack(flight, 0, position_and_bearing_errors(flight)[0], WIDE)
 
 
 def main() -> None:
@@ -119,15 +114,7 @@ def main() -> None:
         ],
     )
     flown = {name: fly(load(name, ()))[0] for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}}
-    save(
-        errors(flown["T5"]),
-        "errors",
-        [
-            (SERIES[0], "E_P [m]"),
-            (SERIES[1], "E_B [°]"),
-            (MUTED, "B: 0 astern, −5 to starboard, 5 to port, ±10 ahead"),
-        ],
-    )
+    save(errors(flown["T5"]), "errors")
     for name, (figure, legend) in (gallery_physics.all_figures() | {"closed-loop": closed_loop.picture()}).items():
         save(figure, name, legend)
     for name, (scenario, time, camera) in STILLS.items():

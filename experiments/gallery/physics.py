@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.pages.figures import FRAME, MUTED, SERIES, Colour, Line, panel
+from experiments.pages.figures import Line, panel
+from experiments.pages.style import FRAME, MUTED, SERIES, Colour
 from sim.geometry import attitude
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves

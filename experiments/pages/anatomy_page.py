@@ -6,9 +6,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.flight.anatomy import LABELS, Anatomy, Cause, dissect
-from experiments.pages.figures import SERIES, Line, panel, svg
+from experiments.pages.figures import Line, panel, svg
 from experiments.pages.page import Block, Figures, Notice, Section, Table, Text, number, words
+from experiments.pages.style import FULL, HALF, SERIES, WIDTH
 from laisn.arrays import Floats
+from laisn.settings import transmitters_of
 from sim.flight import Flight
 
 TRANSMITTERS = ("rear", "front", "middle")
@@ -34,13 +36,19 @@ def _largest(values: Floats) -> float:
     return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else np.nan
 
 
-def share_table(anatomy: Anatomy, caption: str = "") -> Table:
-    """Root mean square of each cause's share in the range errors, and in the asymmetry of bow and stern."""
+def share_table(anatomy: Anatomy, caption: str = "", transmitters: int = 3) -> Table:
+    """Root mean square of each cause's share in the range errors, and in the asymmetry of bow and stern.
+
+    Args:
+        anatomy: of one follower's ranges.
+        caption: what stands before the table's own words.
+        transmitters: how many have a column, rear and front first.
+    """
     at_work = [cause for cause in Cause if _largest(anatomy.share[..., cause]) > _NOTICEABLE_M]
     rows = [
         [
             words(LABELS[cause]),
-            *(number(100 * _rms(anatomy.share[:, i, cause]), 1) for i in range(3)),
+            *(number(100 * _rms(anatomy.share[:, i, cause]), 1) for i in range(transmitters)),
             number(100 * _rms(anatomy.asymmetry[:, cause]), 1),
             number(100 * _largest(anatomy.asymmetry[:, cause]), 1),
         ]
@@ -48,18 +56,18 @@ def share_table(anatomy: Anatomy, caption: str = "") -> Table:
     ]
     idle = ", ".join(LABELS[cause] for cause in Cause if cause not in at_work)
     return Table(
-        heads=("cause", *TRANSMITTERS, "rms", "largest"),
+        heads=("cause", *TRANSMITTERS[:transmitters], "rms", "largest"),
         rows=rows,
-        groups=(("", 1), ("share of the range error, rms [cm]", 3), ("front less rear [cm]", 2)),
+        groups=(("", 1), ("share of the range error, rms [cm]", transmitters), ("front less rear [cm]", 2)),
         caption=f"{caption}Each range error is the exact sum of these shares."
         + (f" Not at work here: {idle}." if idle else ""),
     )
 
 
-def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str) -> Figure:
-    """What causes do to D_front − D_rear over time; shares of shape (m,), [m]."""
+def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str, width: float = WIDTH) -> Figure:
+    """What causes do to D_front − D_rear over time; shares of shape (m,), [m]; width in [inch]."""
     lines = [Line(x=time, y=100.0 * share, colour=COLOUR[cause], width=0.8) for cause, share in shares.items()]
-    return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title)
+    return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title, width=width)
 
 
 def legend_of(causes: Sequence[Cause]) -> list[tuple[str, str]]:
@@ -85,16 +93,18 @@ def section(flight: Flight) -> Section:
         )
     ]
     drawn, panels, tables = set(), [], []
+    width, used = FULL if len(names) == 1 else HALF, transmitters_of(flight.scenario.navigation.variant)
     for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
         anatomy = dissect(flight, i)
         if not np.isfinite(anatomy.error).any():
             blocks.append(Notice(text=f"{name} received no ping."))
             continue
+        title = name if len(names) > 1 else ""
         shares = {cause: anatomy.asymmetry[:, cause] for cause in COLOUR}
         shares = {cause: share for cause, share in shares.items() if _largest(share) > _NOTICEABLE_M}
         drawn |= set(shares)
-        panels.append(svg(asymmetry_over_time(anatomy.time, shares, f"{name}: bow against stern"), f"anatomy{i}"))
-        tables.append(share_table(anatomy, f"{name}. " if len(names) > 1 else ""))
+        panels.append(svg(asymmetry_over_time(anatomy.time, shares, title, width), f"anatomy{i}"))
+        tables.append(share_table(anatomy, f"{name}. " if len(names) > 1 else "", used))
     if panels:
         first = "" if len(names) <= _DRAWN_FOLLOWERS else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers."
         blocks.append(

@@ -1,14 +1,14 @@
 """Figures as SVG that take their colours from the page: one drawing reads on paper, on white and in dark mode.
 
 Matplotlib draws with placeholder colours; `svg` turns them into CSS variables with the light theme as fallback.
-A figure is one small panel; pages lay panels side by side, so that nothing shrinks on a narrow screen.
+Pages lay panels side by side as far as there is room, so that little shrinks on a narrow screen.
 """
 
 import io
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -16,36 +16,15 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from experiments.pages.style import COLOURS, FRAME, GRID, HEIGHT, INK, SERIES, WIDTH, Colour
 from laisn.arrays import Floats
 
-WIDTH, HEIGHT = 4.4, 2.5
-"""Size of a panel [inch]; 72 units of the drawing to an inch."""
 DRAWN_POINTS = 600
-"""Most points of a line; more cannot be seen at this size."""
+"""Most points of a line in a panel of the usual width; more cannot be seen at this size."""
 
+Limits = tuple[float | None, float | None]
+"""Bottom and top of an axis; None leaves one to the data."""
 
-class Colour(NamedTuple):
-    """A colour of the page."""
-
-    placeholder: str
-    variable: str
-    light: str
-
-
-INK = Colour("#010101", "--ink", "#1c2733")
-FRAME = Colour("#010102", "--frame", "#8894a0")
-GRID = Colour("#010103", "--grid", "#e3e7eb")
-MUTED = Colour("#010104", "--muted", "#9aa5b0")
-SERIES = (
-    Colour("#010111", "--c1", "#0b62a8"),
-    Colour("#010112", "--c2", "#c8501e"),
-    Colour("#010113", "--c3", "#0a7d5a"),
-    Colour("#010114", "--c4", "#8a4a9e"),
-    Colour("#010115", "--c5", "#9a6b00"),
-    Colour("#010116", "--c6", "#b03060"),
-)
-"""Told apart with the common kinds of colour blindness; in dark mode the page lightens them."""
-COLOURS = (INK, FRAME, GRID, MUTED, *SERIES)
 
 _STYLE: Any = {
     "svg.fonttype": "none",
@@ -83,6 +62,9 @@ class Line:
     width: float = 1.0
     dash: str = "-"
     marker: str = ""
+    size: float = 2.4
+    """Of a mark [pt]."""
+    opacity: float = 1.0
 
 
 def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, Floats]:
@@ -113,6 +95,53 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
     return x[index], y[index]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One of several panels above one another, with an axis of its own."""
+
+    lines: Sequence[Line]
+    y_label: str
+    """With unit."""
+    y_limits: Limits = (None, None)
+    ticks: Sequence[float] = ()
+    """Where the axis has numbers; none leaves that to the drawing."""
+    shaded: Sequence[tuple[float, float]] = ()
+    """Stretches of the axis on a darker ground."""
+
+
+def _axes(figure: Figure, bottom: float, height: float) -> Axes:
+    """Axes over the width of a figure, with room for numbers at the left; places in inches."""
+    wide, high = figure.get_size_inches()
+    left, right = 0.595, 0.09
+    return figure.add_axes((left / wide, bottom / high, (wide - left - right) / wide, height / high))
+
+
+def _points(width: float) -> int:
+    """Most points of a line in a panel of a width [inch]."""
+    return round(DRAWN_POINTS * max(1.0, width / WIDTH))
+
+
+def _draw(axes: Axes, lines: Iterable[Line], points: int | None) -> None:
+    """Lines and marks; lines of more than so many points are decimated."""
+    for line in lines:
+        x, y = (line.x, line.y) if points is None or line.marker else decimate(line.x, line.y, points)
+        if line.marker:
+            size, edge = (5.0, 0.7) if line.marker == "|" else (line.size, 0.0)
+            axes.plot(
+                x, y, linestyle="none", marker=line.marker, markersize=size, markeredgewidth=edge,
+                color=line.colour.placeholder, alpha=line.opacity,
+            )  # fmt: skip
+        else:
+            axes.plot(
+                x, y, linestyle=line.dash, linewidth=line.width, color=line.colour.placeholder, alpha=line.opacity
+            )
+
+
+def _title(axes: Axes, title: str) -> None:
+    if title:
+        axes.set_title(title, loc="left", fontsize=8.5, fontweight="bold", pad=5)
+
+
 def panel(
     lines: Iterable[Line],
     *,
@@ -120,7 +149,8 @@ def panel(
     y_label: str,
     title: str = "",
     equal: bool = False,
-    y_limits: tuple[float | None, float | None] = (None, None),
+    y_limits: Limits = (None, None),
+    width: float = WIDTH,
     height: float = HEIGHT,
 ) -> Figure:
     """A panel of lines.
@@ -132,25 +162,16 @@ def panel(
         title: set above the panel, on the left.
         equal: both axes to one scale, for maps.
         y_limits: bottom and top; None leaves one to the data.
+        width: [inch]; wider panels keep more points.
         height: [inch].
 
     Returns:
         The figure, to be turned into SVG by `svg`.
     """
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(WIDTH, height))
-        axes: Axes = figure.add_axes((0.135, 0.44 / height, 0.845, 1 - 0.72 / height))
-        for line in lines:
-            x, y = (line.x, line.y) if equal or line.marker else decimate(line.x, line.y)
-            edge = 0.7 if line.marker == "|" else 0.0
-            style = {
-                "linestyle": "none",
-                "marker": line.marker,
-                "markersize": 5.0 if line.marker == "|" else 2.4,
-                "markeredgewidth": edge,
-            }
-            drawn = style if line.marker else {"linestyle": line.dash, "linewidth": line.width}
-            axes.plot(x, y, color=line.colour.placeholder, **drawn)  # type: ignore[arg-type]
+        figure = Figure(figsize=(width, height))
+        axes = _axes(figure, 0.44, height - 0.72)
+        _draw(axes, lines, None if equal else _points(width))
         if equal:
             axes.set_aspect("equal", adjustable="datalim")
         axes.margins(x=0.05 if equal else 0.0)
@@ -158,34 +179,75 @@ def panel(
         axes.set_ylabel(y_label, labelpad=3)
         if not equal:
             axes.set_ylim(*y_limits)
-        if title:
-            axes.set_title(title, loc="left", fontsize=8.5, fontweight="bold", pad=5)
+        _title(axes, title)
     return figure
 
 
-def timeline(marks: Sequence[Line], rows: Sequence[str], title: str = "") -> Figure:
+def stack(
+    parts: Sequence[Part], *, x_label: str, title: str = "", width: float = WIDTH, height: float = HEIGHT
+) -> Figure:
+    """Panels above one another that share the axis at their foot.
+
+    Args:
+        parts: from above.
+        x_label: with unit.
+        title: set above the uppermost, on the left.
+        width: [inch].
+        height: of all together [inch].
+    """
+    gap = 0.14
+    each = (height - 0.72 - gap * (len(parts) - 1)) / len(parts)
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(width, height))
+        for number, part in enumerate(reversed(parts)):
+            axes = _axes(figure, 0.44 + number * (each + gap), each)
+            for low, high in part.shaded:
+                axes.axhspan(low, high, color=GRID.placeholder, linewidth=0.0)
+            _draw(axes, part.lines, _points(width))
+            axes.margins(x=0.0)
+            axes.set_ylabel(part.y_label, labelpad=3)
+            axes.set_ylim(*part.y_limits)
+            if part.ticks:
+                axes.set_yticks(part.ticks)
+            if number == 0:
+                axes.set_xlabel(x_label, labelpad=2)
+            else:
+                axes.tick_params(axis="x", labelbottom=False, length=0)
+        figure.align_ylabels()
+        _title(figure.axes[-1], title)
+    return figure
+
+
+def timeline(marks: Sequence[Line], rows: Sequence[str], title: str = "", width: float = WIDTH) -> Figure:
     """A panel with a named row for each line of marks; x in seconds.
 
     Args:
         marks: one line for each row, its y being the number of the row from 0.
         rows: names, from below.
         title: set above the panel.
+        width: [inch].
     """
     figure = panel(
         marks,
         x_label="time [s]",
         y_label="",
         title=title,
+        width=width,
         height=1.1 + 0.2 * len(rows),
         y_limits=(-0.6, len(rows) - 0.4),
     )
     axes = figure.axes[0]
-    left, bottom, width, height = axes.get_position().bounds
-    axes.set_position((left + 0.05, bottom, width - 0.05, height))
+    left, bottom, across, height = axes.get_position().bounds
+    room = 0.25 / width
+    axes.set_position((left + room, bottom, across - room, height))
     axes.set_yticks(range(len(rows)), rows)
     axes.tick_params(axis="y", length=0)
     axes.grid(visible=False, axis="y")
     return figure
+
+
+_SYMBOL = re.compile(r"(?<=[> ,])([EDHσ])_([A-Za-z]+)(?=[^<>\"]*</text>)")
+"""A symbol with an index, such as E_P, in the words of a drawing."""
 
 
 def _escape(text: str) -> str:
@@ -220,14 +282,11 @@ def svg(figure: Figure, name: str, label: str = "") -> str:
     text = re.sub(r"(\.\d\d)\d+", r"\1", text)
     text = re.sub(r"font-family: [^;\"]*;? ?", "", text)
     text = text.replace("font-weight: 700", "font-weight: 600")
+    text = _SYMBOL.sub(r'\1<tspan dy="2" font-size="70%">\2</tspan><tspan dy="-2">&#8203;</tspan>', text)
     for colour in COLOURS:
         text = text.replace(colour.placeholder, f"var({colour.variable}, {colour.light})")
     box = re.search(r'viewBox="([^"]*)"', text)
-    head = f'<svg viewBox="{box[1] if box else ""}" role="img" aria-label="{_escape(label)}">'
+    wide = round(72 * figure.get_size_inches()[0])
+    head = f'<svg viewBox="{box[1] if box else ""}" style="--w: {wide}" role="img" aria-label="{_escape(label)}">'
     text = re.sub(r"^<svg.*?>", lambda _: head, text, flags=re.DOTALL)
     return re.sub(r"\s*\n\s*", "\n", text).strip()
-
-
-def scaled_bearing(bearing: Floats) -> Floats:
-    """B as the paper draws it beside the errors: 0 at −10, 180° at 0, 360° at 10 (Section 3.2.1); [rad] in."""
-    return np.asarray(np.mod(bearing, 2 * np.pi) / (2 * np.pi) * 20.0 - 10.0)

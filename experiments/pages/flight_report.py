@@ -6,164 +6,124 @@ from typing import Any
 
 import numpy as np
 
-from experiments.pages import anatomy_page, figures
-from experiments.pages.figures import FRAME, INK, MUTED, SERIES, Line
+from experiments.pages import account, anatomy_page, flight_figures
+from experiments.pages.figures import svg
+from experiments.pages.flight_figures import ON_AXIS_DEG
 from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words, write
+from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, TRANSMITTERS
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
+from laisn.settings import transmitters_of
 from sim.flight import Flight, Outcome
 from sim.scenario.file import dumps
 
 Errors = Sequence[tuple[Floats, Floats]]
 """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
 
-DRAWN_FOLLOWERS = 6
-"""Followers with panels of their own; tables and the map have all of them."""
-LEADER_ROUTE, TRUE_ROUTE, ESTIMATE = MUTED, SERIES[0], SERIES[1]
-
-_FIX_NAMES = {
-    FixKind.TWO_POINTS: "two points",
-    FixKind.TANGENT: "tangent",
-    FixKind.ASTERN: "astern",
-    FixKind.FUSED: "fused",
-    FixKind.GATED: "rejected",
-    FixKind.SINGULAR: "skipped",
-    FixKind.LOST: "lost",
-    FixKind.ONE_RANGE: "one range",
-}
+DRAWN_FOLLOWERS = 12
+"""Followers with a row of their own; tables and the map have all of them."""
+VEHICLES = ((LEADER.variable, "leader"), (FOLLOWER.variable, "follower"), (ESTIMATE.variable, "estimate"))
 
 
-def _true_bearing(flight: Flight, follower: int) -> Floats:
-    """B from the leader's true pose, shape (n,), [rad]."""
-    steps = flight.step_index()
-    away = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
-    return np.asarray(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0])
+def _drawn(flight: Flight) -> range:
+    return range(min(len(flight.estimates), DRAWN_FOLLOWERS))
 
 
-def without_wraps(scaled: Floats) -> Floats:
-    """A copy of a scaled bearing with NaN where it jumps between −10 and 10, so that no line crosses the panel."""
-    broken = scaled.copy()
-    broken[1:][np.abs(np.diff(scaled)) > 10.0] = np.nan
-    return broken
+def _all_drawn(flight: Flight) -> str:
+    followers = len(flight.estimates)
+    drawn = len(_drawn(flight))
+    return "" if drawn == followers else f" The first {drawn} of {followers} followers are drawn."
 
 
-def error_lines(time: Floats, position: Floats, bearing: Floats, direction: Floats) -> list[Line]:
-    """The lines of the paper's error figures: scaled B, E_B in degrees and E_P in metres over time.
-
-    Args:
-        time: shape (n,), [s].
-        position: E_P, shape (n,), [m].
-        bearing: E_B, shape (n,), [rad].
-        direction: true B, shape (n,), [rad].
-    """
-    scaled = without_wraps(figures.scaled_bearing(direction))
-    return [
-        Line(x=time, y=scaled, colour=MUTED, width=1.2),
-        Line(x=time, y=np.rad2deg(bearing), colour=SERIES[1]),
-        Line(x=time, y=position, colour=SERIES[0]),
-    ]
+def _said(flight: Flight) -> list[Text]:
+    """The computed sentences, one paragraph."""
+    told = account.sentences(flight)
+    return [Text(text=" ".join(told))] if told else []
 
 
-ERROR_LEGEND = (
-    ("--c1", "E_P [m]"),
-    ("--c2", "E_B [°]"),
-    ("--muted", "bearing B, scaled: −10 ahead, 0 astern, 10 ahead"),
-)
-
-
-def _map(flight: Flight) -> str:
-    steps = flight.step_index()
-    every = max(1, steps.size // 1500)
-    leader = flight.trajectory.position[steps[::every], 0, :2]
-    lines = [Line(x=leader[:, 0], y=leader[:, 1], colour=FRAME, width=1.6)]
-    for i, estimates in enumerate(flight.estimates):
-        truth, found = flight.hydrophone(i)[::every, :2], estimates.state[::every, :2]
-        lines.append(Line(x=truth[:, 0], y=truth[:, 1], colour=SERIES[i % len(SERIES)], width=1.2))
-        lines.append(Line(x=found[:, 0], y=found[:, 1], colour=INK, width=0.6))
-    figure = figures.panel(lines, x_label="east [m]", y_label="north [m]", equal=True, height=3.4)
-    return figures.svg(figure, "map", "Routes of leader and followers, and the estimates")
-
-
-def _error_panels(flight: Flight, errors: Errors) -> list[str]:
-    time = flight.trajectory.time[flight.step_index()]
-    panels = []
-    for i, (position, bearing) in enumerate(errors[:DRAWN_FOLLOWERS]):
-        name = flight.trajectory.names[i + 1]
-        lines = error_lines(time, position, bearing, _true_bearing(flight, i))
-        figure = figures.panel(lines, x_label="time [s]", y_label="E_P [m], E_B [°]", title=name)
-        panels.append(figures.svg(figure, f"errors{i}", f"Errors of {name} over time"))
-    return panels
-
-
-def _motion_panels(flight: Flight) -> list[str]:
-    truth = flight.trajectory
-    shown = range(min(len(truth.names), DRAWN_FOLLOWERS))
-    colours = [FRAME, *SERIES]
-    quantities = (
-        ("depth", -truth.depth, "− depth [m]", "Depth"),
-        ("pitch", np.rad2deg(truth.pitch), "pitch, nose up [°]", "Pitch"),
-        ("speed", truth.forward_speed, "through the water [m/s]", "Speed"),
+def _routes(flight: Flight) -> Figures:
+    """All vehicles on one map."""
+    figure = flight_figures.track_map(flight, range(len(flight.estimates)), width=FULL, height=6.0)
+    return Figures(
+        panels=[svg(figure, "map", "Routes of leader and followers, and the estimates")],
+        caption="Where everyone was, and believed to be; a dot marks where the mission ended.",
+        legend=VEHICLES,
     )
-    return [
-        figures.svg(
-            figures.panel(
-                [Line(x=truth.time, y=values[:, v], colour=colours[v], width=0.9) for v in shown],
-                x_label="time [s]",
-                y_label=label,
-                title=title,
-            ),
-            name,
-            f"{title} of all vehicles over time",
-        )
-        for name, values, label, title in quantities
+
+
+def _error_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) -> Figures:
+    """Errors of one follower over time, its map, and estimate less truth: side by side."""
+    name = flight.trajectory.names[follower + 1]
+    figures = (
+        ("errors", flight_figures.error_stack(flight, follower, errors), "Errors over time"),
+        ("map", flight_figures.track_map(flight, [follower]), "Routes of leader and follower, and the estimate"),
+        ("difference", flight_figures.difference(flight, follower), "Estimate less truth"),
+    )
+    return Figures(
+        panels=[svg(figure, f"{key}{follower}", f"{label}: {name}") for key, figure, label in figures],
+        title=name if len(flight.estimates) > 1 else "",
+        legend=[*VEHICLES, (INK.variable, "the filter's own 2σ")] if follower == 0 else (),
+    )
+
+
+def _errors(flight: Flight, errors: Errors) -> Section:
+    about = (
+        "E_P is the distance of estimate and hydrophone, E_B the angle between them as seen from the leader's true "
+        "pose, and B the bearing of the follower from the leader: 0 ahead, 180° astern. Grey: within "
+        f"{ON_AXIS_DEG:g}° of the leader's axis, where ranges say little about the direction. 2σ is the larger half "
+        "axis of the filter's own ellipse."
+    )
+    rows = [_error_row(flight, i, errors[i]) for i in _drawn(flight)]
+    return Section(title="Errors", blocks=[Text(text=about + _all_drawn(flight)), *rows])
+
+
+def _motion(flight: Flight) -> Section:
+    panels = [
+        svg(figure, f"motion-{title.lower()}", f"{title} of all vehicles over time")
+        for title, figure in flight_figures.motion(flight)
     ]
+    return Section(title="Motion", blocks=[Figures(panels=panels, caption="Truth.", legend=VEHICLES[:2])])
 
 
-def _range_panels(flight: Flight) -> list[str]:
-    panels = []
-    for i, (heard, found) in enumerate(zip(flight.measurements, flight.estimates, strict=True)):
-        if i == DRAWN_FOLLOWERS:
-            break
-        name = flight.trajectory.names[i + 1]
-        time = np.asarray(heard.message_step * heard.dt, dtype=np.float64)
-        ranges = [Line(x=time, y=heard.ranges[:, j], colour=SERIES[j], width=0.8) for j in (2, 1, 0)]
-        panel = figures.panel(ranges, x_label="time [s]", y_label="slant range [m]", title=f"{name}: ranges")
-        panels.append(figures.svg(panel, f"ranges{i}", f"Measured ranges of {name}"))
-        kinds = sorted(set(found.fix_kind.tolist()))
-        at = np.asarray(found.fix_step * heard.dt, dtype=np.float64)
-        marks = [
-            Line(
-                x=at[found.fix_kind == kind],
-                y=np.full(int(np.sum(found.fix_kind == kind)), float(row)),
-                colour=SERIES[min(kind, len(SERIES) - 1)],
-                marker="|",
-            )
-            for row, kind in enumerate(kinds)
-        ]
-        rows = [_FIX_NAMES[FixKind(kind)] for kind in kinds]
-        timeline = figures.timeline(marks, rows, title=f"{name}: fixes")
-        panels.append(figures.svg(timeline, f"fixes{i}", f"Kinds of fix of {name} over time"))
-    return panels
+def _ranges(flight: Flight) -> Section:
+    used = transmitters_of(flight.scenario.navigation.variant)
+    names = ("rear", "front", "middle")[:used]
+    rows = [
+        Figures(
+            panels=[
+                svg(flight_figures.ranges(flight, i), f"ranges{i}", f"Measured ranges of {name}"),
+                svg(flight_figures.fixes(flight, i), f"fixes{i}", f"Kinds of fix of {name} over time"),
+            ],
+            legend=[(TRANSMITTERS[j].variable, f"from the {names[j]} transmitter") for j in range(used)]
+            if i == 0
+            else (),
+            title=name if len(flight.estimates) > 1 else "",
+        )
+        for i, name in enumerate(flight.trajectory.names[1:][:DRAWN_FOLLOWERS])
+    ]
+    about = Text(text="Ranges as measured, and a mark for every fix, by its kind." + _all_drawn(flight))
+    return Section(title="Ranges and fixes", blocks=[about, *rows])
 
 
-def _results(flight: Flight, summary: Mapping[str, Any]) -> Table:
-    fixes = sorted({kind for row in summary["followers"].values() for kind in row.get("fixes", {})})
-    heads = ["follower", "E_P max [m]", "mean", "σ", "E_B max [°]", "mean", "σ"]
-    heads += ["rms [m]", *(kind.replace("_", " ").lower() for kind in fixes)]
-    rows = []
-    for name, row in summary["followers"].items():
+def _results(summary: Mapping[str, Any]) -> Table:
+    """Errors of every follower, how far it was off its place, and how often each kind of fix occurred."""
+    rows = summary["followers"]
+    kinds = [k for k in FixKind if any(row.get("fixes", {}).get(k.name.lower(), 0) for row in rows.values())]
+    heads = ["follower", "E_P max [m]", "mean", "σ", "E_B max [°]", "mean", "σ", "rms [m]"]
+    table = []
+    for name, row in rows.items():
         cells: list[Cell] = [words(name)]
         cells += [number(row.get(f"e_p_{what}_m")) for what in ("max", "mean", "std")]
         cells += [number(row.get(f"e_b_{what}_deg")) for what in ("max", "mean", "std")]
         cells.append(number(row.get("off_place_rms_m")))
-        cells += [number(int(row.get("fixes", {}).get(kind, 0))) for kind in fixes]
-        rows.append(cells)
+        cells += [number(int(row.get("fixes", {}).get(kind.name.lower(), 0))) for kind in kinds]
+        table.append(cells)
     groups = [("", 1), ("position error", 3), ("bearing error", 3), ("off its place", 1)]
     return Table(
-        heads=heads,
-        rows=rows,
-        groups=groups + ([("fixes", len(fixes))] if fixes else []),
+        heads=[*heads, *(flight_figures.FIX_WORDS[kind] for kind in kinds)],
+        rows=table,
+        groups=groups + ([("fixes", len(kinds))] if kinds else []),
         caption="Errors of the estimate over all filter steps; how far the follower is from where its route has it; "
         "kinds of fix.",
     )
@@ -198,6 +158,28 @@ def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
     return notices
 
 
+def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    scenario = flight.scenario
+    timing = f"{scenario.timing.filter_step_s:g} s, {scenario.timing.message_interval_s:g} s"
+    return [
+        ("Seed, run", f"{scenario.seed}, {scenario.run}"),
+        ("Motion", scenario.motion),
+        ("Flown", f"{flight.trajectory.time[-1]:g} s"),
+        ("Filter step, message interval", timing),
+        ("Version", ", ".join(f"{k} {v}" for k, v in list(summary.get("versions", {}).items())[:3])),
+        ("Repeat with", "laisn fly scenario.toml"),
+    ]
+
+
+def _scenario(flight: Flight) -> Section:
+    about = (
+        "Everything that was flown, defaults written out. `laisn fly scenario.toml` with this text gives the same "
+        "bytes with the same version."
+    )
+    code = Code(text=dumps(flight.scenario), title="scenario.toml", folded=True)
+    return Section(title="Scenario", blocks=[Text(text=about), code])
+
+
 def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], path: Path, film: Path | None) -> None:
     """Write the report of one flight.
 
@@ -212,75 +194,25 @@ def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], pa
         OSError: the file cannot be written.
     """
     scenario, followers = flight.scenario, flight.trajectory.names[1:]
-    drawn = min(len(followers), DRAWN_FOLLOWERS)
-    all_drawn = "" if drawn == len(followers) else f" The first {drawn} of {len(followers)} followers are drawn."
-    colours = [SERIES[i % len(SERIES)].variable for i in range(drawn)]
-    vehicles = [("--frame", "leader"), *zip(colours, followers, strict=False)]
-    film_blocks = [Film(path=film, caption="The mission as filmed.")] if film else []
-    transmitters = 2 if scenario.navigation.variant == "laisn-2" else 3
-    pages = Page(
+    films = [Film(path=film, caption="The mission as filmed.")] if film else []
+    transmitters = transmitters_of(scenario.navigation.variant)
+    routes = [Section(title="Routes", blocks=[_routes(flight)])] if len(followers) > 1 else []
+    page = Page(
         title=f"Flight {scenario.name}",
         summary=f"{len(followers)} follower{'s' if len(followers) > 1 else ''} and a leader, navigated by "
         f"{scenario.navigation.variant} on {transmitters} transmitters. {flight.outcome.value.capitalize()}.",
-        facts=[
-            ("Seed, run", f"{scenario.seed}, {scenario.run}"),
-            ("Motion", scenario.motion),
-            ("Flown", f"{flight.trajectory.time[-1]:g} s"),
-            ("Filter step, message interval", f"{scenario.timing.filter_step_s:g} s, "
-             f"{scenario.timing.message_interval_s:g} s"),
-            ("Version", ", ".join(f"{k} {v}" for k, v in list(summary.get("versions", {}).items())[:3])),
-            ("Repeat with", "laisn fly scenario.toml"),
-        ],
+        facts=_facts(flight, summary),
         sections=[
-            Section(title="Result", blocks=[*_troubles(flight, errors), _results(flight, summary), *film_blocks]),
             Section(
-                title="Routes",
-                blocks=[
-                    Figures(
-                        panels=[_map(flight)],
-                        caption="True routes in colour, estimates as thin lines on top of them.",
-                        legend=[*vehicles, ("--ink", "estimate")],
-                    )
-                ],
+                title="Result",
+                blocks=[*_troubles(flight, errors), *_said(flight), _results(summary), *films],
             ),
-            Section(
-                title="Errors over time",
-                blocks=[
-                    Figures(
-                        panels=_error_panels(flight, errors),
-                        caption="E_P is the distance of estimate and hydrophone, E_B the angle between them as seen "
-                        f"from the leader's true pose.{all_drawn}",
-                        legend=ERROR_LEGEND,
-                    )
-                ],
-            ),
-            Section(
-                title="Motion",
-                blocks=[
-                    Figures(panels=_motion_panels(flight), caption="Truth, every 0.1 s.", legend=vehicles),
-                ],
-            ),
-            Section(
-                title="Ranges and fixes",
-                blocks=[
-                    Figures(
-                        panels=_range_panels(flight),
-                        caption="Ranges as measured; a mark for every fix, by its kind.",
-                        legend=[("--c1", "rear"), ("--c2", "front"), ("--c3", "middle transmitter")],
-                    )
-                ],
-            ),
+            *routes,
+            _errors(flight, errors),
+            _ranges(flight),
             anatomy_page.section(flight),
-            Section(
-                title="Scenario",
-                blocks=[
-                    Text(
-                        text="Everything that was flown, defaults written out. `laisn fly scenario.toml` with this "
-                        "text gives the same bytes with the same version."
-                    ),
-                    Code(text=dumps(scenario), title="scenario.toml", folded=True),
-                ],
-            ),
+            _motion(flight),
+            _scenario(flight),
         ],
-    )  # fmt: skip
-    write(pages, path)
+    )
+    write(page, path)

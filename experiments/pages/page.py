@@ -18,7 +18,9 @@ from markupsafe import Markup, escape
 
 from experiments.campaign.version import versions
 from experiments.intervals import Interval
+from experiments.pages.style import css
 from laisn.whole_files import replaced
+from sim.film.poster import poster
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
 """Libraries that shape numbers, by name; the page says with which versions it was made."""
@@ -112,6 +114,13 @@ class Table:
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()
 
+    @property
+    def columns(self) -> list[tuple[str, bool]]:
+        """Heads, and whether numbers stand below them, and so to the right."""
+        return [
+            (head, bool(self.rows) and all(row[i].numeric for row in self.rows)) for i, head in enumerate(self.heads)
+        ]
+
     def __post_init__(self) -> None:
         for row in self.rows:
             if len(row) != len(self.heads):
@@ -125,8 +134,16 @@ class Figures:
     kind: ClassVar[str] = "figures"
     panels: Sequence[str]
     """SVG elements of `figures.svg`."""
-    caption: str
+    caption: str = ""
+    title: str = ""
+    """Set above the panels."""
     legend: Sequence[tuple[str, str]] = ()
+
+    @property
+    def layout(self) -> str:
+        """Class of the page's style: a grid of many alike, or a row that fills the width, each panel by its own."""
+        widths = {width for panel in self.panels for width in re.findall(r"^<svg [^>]*--w: (\d+)", panel)}
+        return "grid" if len(self.panels) > 2 and len(widths) == 1 else "row"
 
     @property
     def drawings(self) -> list[Markup]:
@@ -141,6 +158,11 @@ class Film:
     kind: ClassVar[str] = "film"
     path: Path
     caption: str = ""
+
+    @property
+    def poster(self) -> str:
+        """Data of a frame from the film's middle, seen before it plays."""
+        return "data:image/jpeg;base64," + base64.b64encode(poster(self.path)).decode()
 
     @property
     def source(self) -> str:
@@ -234,7 +256,7 @@ def render(page: Page) -> str:
         .render(
             page=page,
             made_with=made_with,
-            style=Markup(_template("page.css")),
+            style=Markup(css() + _template("page.css")),
             script=Markup(_template("page.js")),
         )
     )

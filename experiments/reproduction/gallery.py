@@ -8,7 +8,8 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from experiments.pages import figures
-from experiments.pages.figures import FRAME, SERIES, Colour, Line
+from experiments.pages.figures import Line
+from experiments.pages.style import FRAME, SERIES, Colour
 from experiments.reproduction.study import reproduce
 
 GROUPS: tuple[tuple[str, Colour, str], ...] = (

@@ -6,15 +6,17 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.pages import figures
-from experiments.pages.figures import FRAME, MUTED, SERIES, Line
-from experiments.pages.flight_report import ERROR_LEGEND, without_wraps
+from experiments.pages.figures import Line
+from experiments.pages.flight_figures import ON_AXIS_DEG, bearing_part
 from experiments.pages.page import Block, Cell, Figures, Notice, Page, Section, Table, Text, number, words
+from experiments.pages.style import ESTIMATE, FOLLOWER, LEADER
 from experiments.reproduction import paper_tables as tables
 from experiments.reproduction.findings import listed
 from experiments.reproduction.paper_tables import VARIANT_NAMES
 from experiments.reproduction.record import FIGURES, ErrorFigure, Reproduction
 from experiments.reproduction.stages import METRICS, Key
 from experiments.reproduction.verdict import Judgement
+from laisn.arrays import Floats
 from sim.trajectory import Trajectory
 
 VERDICT_TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "no data": ""}
@@ -39,22 +41,25 @@ _RATIO_NOTE = (
 
 
 def error_panel(steps: Mapping[str, npt.NDArray[np.float32]], name: str, title: str) -> str:
-    """Mean of E_P and E_B over the runs (thick), their maximum (thin), and scaled B over time."""
+    """Mean of E_P and E_B over the runs (thick) and their maximum (thin), and B, over time, each on its own axis."""
     columns = {column: values.astype(np.float64) for column, values in steps.items()}
     time = columns["time_s"]
-    scaled = without_wraps(figures.scaled_bearing(np.deg2rad(columns["bearing_deg"])))
-    # one turn of E_B would flatten everything else
-    top = max(12.0, 1.05 * float(columns["e_p_max_m"].max()))
-    lines = [
-        Line(x=time, y=scaled, colour=MUTED, width=1.2),
-        Line(x=time, y=columns["e_b_max_deg"], colour=SERIES[1], width=0.4),
-        Line(x=time, y=columns["e_p_max_m"], colour=SERIES[0], width=0.4),
-        Line(x=time, y=columns["e_b_mean_deg"], colour=SERIES[1], width=1.2),
-        Line(x=time, y=columns["e_p_mean_m"], colour=SERIES[0], width=1.2),
+
+    def errors(mean: Floats, most: Floats, label: str, limit: float | None) -> figures.Part:
+        lines = [
+            Line(x=time, y=most, colour=ESTIMATE, width=0.4, opacity=0.6),
+            Line(x=time, y=mean, colour=ESTIMATE, width=1.2),
+        ]
+        return figures.Part(lines=lines, y_label=label, y_limits=(0.0, limit))
+
+    # half a turn of E_B would flatten everything else
+    turned = min(1.05 * float(columns["e_b_max_deg"].max()), 6.0 * float(columns["e_b_mean_deg"].max()) + 1.0)
+    parts = [
+        errors(columns["e_p_mean_m"], columns["e_p_max_m"], "E_P [m]", None),
+        errors(columns["e_b_mean_deg"], columns["e_b_max_deg"], "E_B [°]", turned),
+        bearing_part(time, np.deg2rad(columns["bearing_deg"])),
     ]
-    figure = figures.panel(
-        lines, x_label="time [s]", y_label="E_P [m], E_B [°], scaled B", title=title, y_limits=(-11.0, top)
-    )
+    figure = figures.stack(parts, x_label="time [s]", title=title, height=3.6)
     return figures.svg(figure, name, f"Errors over time, {title}")
 
 
@@ -67,8 +72,8 @@ def _error_figure(result: Reproduction, figure: ErrorFigure) -> Figures | None:
     return Figures(
         panels=[error_panel(result.steps[key], f"figure{figure.number}-{key[1]}", key[1]) for key in drawn],
         caption=f"Figure {figure.number}. {VARIANT_NAMES[figure.variant]}, {title}: mean over {result.runs} runs "
-        "(thick) and maximum (thin).",
-        legend=ERROR_LEGEND,
+        "(thick) and maximum (thin). B is the bearing of the follower from the leader, grey within "
+        f"{ON_AXIS_DEG:g}° of its axis.",
     )
 
 
@@ -78,12 +83,12 @@ def _routes(flights: Mapping[str, Trajectory]) -> Figures:
         every = slice(None, None, max(1, flight.time.size // 400))
         leader, follower = flight.position[every, 0], flight.position[every, 1]
         lines = [
-            Line(x=leader[:, 0], y=leader[:, 1], colour=FRAME, width=1.4),
-            Line(x=follower[:, 0], y=follower[:, 1], colour=SERIES[0]),
+            Line(x=leader[:, 0], y=leader[:, 1], colour=LEADER, width=1.4),
+            Line(x=follower[:, 0], y=follower[:, 1], colour=FOLLOWER),
         ]
         figure = figures.panel(lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0)
         panels.append(figures.svg(figure, f"route-{name}", f"Routes of leader and follower on {name}"))
-    legend = [("--frame", "leader"), ("--c1", "follower")]
+    legend = [(LEADER.variable, "leader"), (FOLLOWER.variable, "follower")]
     return Figures(panels=panels, caption="Figure 2. Routes as flown.", legend=legend)
 
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from experiments.campaign.store import Record
 from experiments.pages import figures
-from experiments.pages.figures import FRAME, SERIES, Line
+from experiments.pages.figures import Line
 from experiments.pages.page import Cell, Figures, Page, Section, Table, Text, number, words
+from experiments.pages.style import FOLLOWER, LEADER, SERIES
 from experiments.reproduction.page import VERDICT_TONES
 from experiments.reproduction.paper_tables import METRIC_NAMES, VARIANT_NAMES
 from experiments.reproduction.routes_study import CLAIM_RESAMPLES, CONFIDENCE, Study
@@ -77,10 +78,10 @@ def _routes(result: Study, flights: Mapping[str, Trajectory]) -> Figures:
         members = [m for m, c in result.classes.items() if c == name][:_DRAWN]
         every = slice(None, None, max(1, flights[members[0]].time.size // 200))
         leader = flights[members[0]].position[every, 0]
-        lines = [Line(x=leader[:, 0], y=leader[:, 1], colour=FRAME, width=1.4)]
+        lines = [Line(x=leader[:, 0], y=leader[:, 1], colour=LEADER, width=1.4)]
         for member in members:
             follower = flights[member].position[every, 1]
-            lines.append(Line(x=follower[:, 0], y=follower[:, 1], colour=SERIES[0], width=0.6))
+            lines.append(Line(x=follower[:, 0], y=follower[:, 1], colour=FOLLOWER, width=0.6))
         panel = figures.panel(lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0)
         panels.append(figures.svg(panel, f"class-{name}", f"Routes of class {name}"))
     legend = [("--frame", "leader"), ("--c1", "followers")]

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from experiments.intervals import Interval
-from experiments.pages.figures import FRAME, INK, SERIES, Colour, Line, panel, svg
+from experiments.pages.figures import Line, panel, svg
+from experiments.pages.style import FRAME, INK, SERIES, Colour
 from experiments.study.estimate import Results
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan

@@ -11,8 +11,9 @@ import pyarrow.parquet as pq
 from experiments.flight.folder import LOG
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.intervals import Interval
-from experiments.pages.figures import SERIES, Line, panel, svg
+from experiments.pages.figures import Line, panel, svg
 from experiments.pages.page import Block, Figures, Page, Section, Table, Text, number, words
+from experiments.pages.style import SERIES
 from experiments.study.estimate import over_runs
 from experiments.study.file import METRIC
 from experiments.study.study import RESULTS, RUNS

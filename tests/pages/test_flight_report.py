@@ -1,20 +1,30 @@
 """Reports: self-contained, the same bytes for the same content, nothing that escapes its place."""
 
+import base64
+import colorsys
+import dataclasses
 import re
 import sys
 from html.parser import HTMLParser
+from io import BytesIO
 from xml.etree import ElementTree
 
+import av
 import mujoco
 import numba
 import numpy as np
 import pytest
 import scipy
+from PIL import Image
 
-from experiments.pages import figures, page
-from experiments.pages.figures import SERIES, Line
-from experiments.pages.flight_report import error_lines, flight_report, without_wraps
+from experiments.pages import figures, flight_figures, page, style
+from experiments.pages.figures import Line
+from experiments.pages.flight_figures import without_wraps
+from experiments.pages.flight_report import flight_report
 from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words
+from experiments.pages.style import ESTIMATE, FOLLOWER, FRONT, LEADER, MIDDLE, SERIES, TRANSMITTERS
+from sim.film import panels as filmed
+from sim.film import scene
 from sim.flight import Outcome
 from tests.synthetic import make_flight
 
@@ -111,11 +121,9 @@ def test_figures_are_well_formed_and_take_their_colours_from_the_page():
 
 
 def test_every_colour_has_a_light_and_a_dark_value():
-    style = page.render(sample_page()).partition("<style>")[2].partition("</style>")[0]
-    for colour in figures.COLOURS:
-        values = re.findall(rf"{colour.variable}: (#[0-9a-f]+)", style)
-        assert len(values) == 2
-        assert values[0] == colour.light
+    sheet = page.render(sample_page()).partition("<style>")[2].partition("</style>")[0]
+    for colour in style.COLOURS:
+        assert re.findall(rf"{colour.variable}: (#[0-9a-f]+)", sheet) == [colour.light, colour.dark]
 
 
 def test_decimation_keeps_ends_and_extremes():
@@ -138,19 +146,100 @@ def test_decimation_keeps_gaps():
     assert np.isfinite(kept_y[(kept_x < 300) | (kept_x >= 720)]).all()
 
 
-def test_bearing_is_scaled_as_the_paper_says():
-    given = np.deg2rad([0.0, 180.0, 359.999, 90.0, 540.0])
-    np.testing.assert_allclose(figures.scaled_bearing(given), [-10, 0, 10, -5, 0], atol=1e-4)
-
-
 def test_a_wrap_leaves_a_gap():
-    broken = without_wraps(np.array([9.0, 9.9, -9.9, -9.0]))
+    broken = without_wraps(np.array([350.0, 359.0, 1.0, 10.0]))
     assert np.isnan(broken).tolist() == [False, False, True, False]
 
 
-def test_errors_are_drawn_in_metres_and_degrees():
-    lines = error_lines(np.arange(3.0), np.array([1.0, 2, 3]), np.deg2rad([4.0, 5, 6]), np.full(3, np.pi))
-    assert [line.y.tolist() for line in lines[1:]] == [pytest.approx([4, 5, 6]), [1, 2, 3]]
+def drawn(axes):
+    """Data of the lines of axes."""
+    return [np.column_stack(line.get_data()) for line in axes.lines]
+
+
+def test_errors_stand_above_one_another_each_on_its_own_axis():
+    """Metres, degrees and the bearing, with an error as long as 3, 4, 5 and a covariance of known axes."""
+    flight = make_flight(20.0)
+    (found,) = flight.estimates
+    n = len(found.state)
+    state = found.state.copy()
+    state[:, :2] = flight.hydrophone(0)[:, :2] + [3.0, 4.0]
+    covariance = np.zeros((n, 4, 4))
+    # variances 9 and 4 along axes turned by 30°
+    turn = np.array([[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]])
+    covariance[:, :2, :2] = turn @ np.diag([9.0, 4.0]) @ turn.T
+    known = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state, covariance=covariance),))
+    figure = flight_figures.error_stack(known, 0, (np.full(n, 5.0), np.full(n, np.pi / 18)))
+    bearing, bearing_error, position = figure.axes
+    own, error = drawn(position)
+    np.testing.assert_allclose(own[:, 1], 6.0)
+    np.testing.assert_allclose(error[:, 1], 5.0)
+    np.testing.assert_allclose(drawn(bearing_error)[0][:, 1], 10.0)
+    assert {axes.get_ylabel() for axes in figure.axes} == {"E_P, 2σ [m]", "E_B [°]", "B [°]"}
+    assert bearing.get_ylim() == (0, 360)
+    (scattered, origin) = drawn(flight_figures.difference(known, 0).axes[0])
+    np.testing.assert_allclose(scattered, np.tile([3.0, 4.0], (len(scattered), 1)))
+    np.testing.assert_allclose(origin, [[0.0, 0.0]])
+
+
+def test_the_bearing_is_that_from_the_leaders_bow_clockwise():
+    """The synthetic leader turns left on a circle, and its follower trails it on a wider one: abaft to starboard."""
+    flight = make_flight(20.0)
+    truth, k = flight.trajectory, 150
+    step = flight.step_index()[k]
+    forward = truth.velocity[step, 0, :2] / np.hypot(*truth.velocity[step, 0, :2])
+    away = flight.hydrophone(0)[k, :2] - truth.position[step, 0, :2]
+    ahead, starboard = away @ forward, forward[1] * away[0] - forward[0] * away[1]
+    bearing = flight_figures.true_bearing(flight, 0)[k]
+    assert np.pi / 2 < bearing < np.pi
+    assert np.cos(bearing) == pytest.approx(ahead / np.hypot(*away), abs=1e-6)
+    assert np.sin(bearing) == pytest.approx(starboard / np.hypot(*away), abs=1e-6)
+
+
+@pytest.mark.parametrize(("variant", "transmitters"), [("laisn-2", 2), ("laisn-3-2", 3)])
+def test_a_transmitter_that_is_not_used_is_not_drawn(tmp_path, variant, transmitters):
+    flight = make_flight(20.0)
+    navigation = flight.scenario.navigation.model_copy(update={"variant": variant})
+    told = dataclasses.replace(flight, scenario=flight.scenario.model_copy(update={"navigation": navigation}))
+    lines = flight_figures.ranges(told, 0).axes[0].lines
+    assert {line.get_color() for line in lines} == {colour.placeholder for colour in TRANSMITTERS[:transmitters]}
+    html = flight_page(tmp_path, told)
+    assert ("from the middle transmitter" in html) == (transmitters == 3)
+
+
+@pytest.mark.parametrize(
+    ("colour", "filmed"),
+    [
+        (LEADER, filmed.LEADER),
+        (FOLLOWER, filmed.TRUTH),
+        (ESTIMATE, scene.ESTIMATE),
+        (FRONT, scene.TRANSMITTER_COLOURS[1]),
+        (MIDDLE, scene.TRANSMITTER_COLOURS[2]),
+    ],
+)
+def test_pages_have_the_hues_of_the_film(colour, filmed):
+    hue, _, _ = colorsys.rgb_to_hsv(*filmed)
+    for shade in (colour.light, colour.dark):
+        rgb = [int(shade[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        assert colorsys.rgb_to_hsv(*rgb)[0] == pytest.approx(hue, abs=0.012)
+
+
+def contrast(a, b):
+    """Of two colours, as WCAG 2.2 defines it."""
+
+    def luminance(colour):
+        channels = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+        linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+        return linear @ [0.2126, 0.7152, 0.0722]
+
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("colour", [*style.SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS])
+def test_lines_stand_out_from_light_and_dark_paper(colour):
+    """WCAG 2.2, success criterion 1.4.11: at least 3 to 1."""
+    assert contrast(colour.light, "#ffffff") > 3
+    assert contrast(colour.dark, "#12181e") > 3
 
 
 def test_ratios_are_coloured_evenly_either_way():
@@ -181,6 +270,45 @@ def test_small_films_are_embedded_and_large_ones_linked(tmp_path):
     large.write_bytes(bytes(page.EMBEDDED_FILM_BYTES + 1))
     assert Film(path=small).source == "data:video/mp4;base64,ZmlsbQ=="
     assert Film(path=large).source == "large.mp4"
+
+
+def test_a_film_has_a_picture_of_its_middle_before_it_plays(tmp_path):
+    """Of nine frames that brighten evenly, with a key frame every third, the fourth is shown."""
+    path = tmp_path / "film.mp4"
+    with av.open(str(path), "w") as target:
+        stream = target.add_stream("libx264", rate=10, width=64, height=48, pix_fmt="yuv420p")
+        stream.options = {"g": "3", "bf": "0", "sc_threshold": "0"}
+        for k in range(9):
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 20 * k + 40, np.uint8), format="rgb24")
+            target.mux(stream.encode(frame))
+        target.mux(stream.encode(None))
+    kind, _, data = Film(path=path).poster.partition(",")
+    assert kind == "data:image/jpeg;base64"
+    picture = np.asarray(Image.open(BytesIO(base64.b64decode(data))))
+    assert picture.shape == (48, 64, 3)
+    assert abs(picture.mean() - 100) < 8
+
+
+def test_numbers_stand_to_the_right_under_their_heads():
+    html = page.render(sample_page())
+    assert '<th scope="col"><button type="button">name' in html
+    assert '<th scope="col" class="n"><button type="button"><i>E</i><sub>P</sub> [m]' in html
+
+
+def test_panels_alike_make_a_grid_and_others_share_a_row():
+    one, wide = drawing(), figures.svg(figures.panel([], x_label="x", y_label="y", width=8.0), "wide")
+    assert Figures(panels=[one] * 3).layout == "grid"
+    assert Figures(panels=[one] * 2).layout == "row"
+    assert Figures(panels=[one, one, wide]).layout == "row"
+    assert 'style="--w: 576"' in wide
+
+
+def test_symbols_in_drawings_carry_their_index_below_the_line():
+    text = figures.svg(figures.panel([], x_label="D_front, UPPER_CASE", y_label="E_P, 2σ [m]"), "one")
+    assert re.search(r'>E<tspan dy="2" font-size="70%">P</tspan><tspan dy="-2">[^<]*</tspan>, 2σ', text)
+    assert re.search(r'>D<tspan dy="2" font-size="70%">front</tspan>', text)
+    assert "UPPER_CASE" in text
+    ElementTree.fromstring(text)
 
 
 def flight_page(tmp_path, flight, name="report.html"):

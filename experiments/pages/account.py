@@ -1,0 +1,201 @@
+"""What a flight's report says first: a few sentences, each computed from the flight, one figure in each."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.flight.anatomy import LABELS, Anatomy, Cause, dissect
+from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS, true_bearing
+from laisn.arrays import Bools, Floats
+from laisn.estimates import FixKind
+from laisn.metrics import longest_capture, nees
+from sim.flight import Flight
+
+SIDE_M = 1.0
+"""A side is wrong where estimate and truth are at least so far from the leader's axis, on opposite sides of it [m]."""
+RIGHT_SHARE = float(np.exp(-(SIGMAS**2) / 2))
+"""Share of errors outside the 2σ ellipse of a filter that knows its errors (Rayleigh distribution)."""
+_RARE = 0.02
+"""A share of the time that is too small to speak of what happened then."""
+_FIXES = {
+    FixKind.TWO_POINTS: "chose between two points",
+    FixKind.TANGENT: "lay where the circles touch",
+    FixKind.ASTERN: "were put on the leader's axis",
+    FixKind.FUSED: "were weighted means",
+    FixKind.GATED: "were rejected by the gate",
+    FixKind.SINGULAR: "were skipped",
+    FixKind.LOST: "failed because ranges were lost",
+    FixKind.ONE_RANGE: "used one range alone",
+}
+
+
+class Seen(NamedTuple):
+    """What became of one follower's estimate at filter steps k = 1 … n; arrays of shape (n,)."""
+
+    time: Floats
+    """[s]."""
+    error: Floats
+    """E_P [m]."""
+    bearing: Floats
+    """B, in [0, 2π) [rad]."""
+    distance: Floats
+    """From the leader, horizontally [m]."""
+    wrong_side: Bools
+    """Whether the estimate was on the wrong side of the leader's axis."""
+    outside: Bools
+    """Whether the truth was outside the filter's own 2σ ellipse."""
+    kind: Floats
+    """Of the fixes, shape (f,)."""
+
+    @property
+    def on_axis(self) -> Bools:
+        """Whether the follower was near the leader's axis, ahead or astern."""
+        folded = np.mod(self.bearing, np.pi)
+        return np.asarray(np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG))
+
+
+def seen(flight: Flight, follower: int) -> Seen:
+    """How a follower was seen by the leader's transmitters, and what it made of that."""
+    steps, found = flight.step_index(), flight.estimates[follower]
+    truth, leader = flight.hydrophone(follower)[:, :2], flight.trajectory.position[steps, 0, :2]
+    heading = flight.trajectory.heading[steps, 0]
+    starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
+    belief = found.state[:, :2]
+    side, believed_side = (np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, belief))
+    clear = np.minimum(np.abs(side), np.abs(believed_side)) >= SIDE_M
+    square = nees(found, truth)
+    return Seen(
+        time=flight.trajectory.time[steps],
+        error=np.hypot(*(belief - truth).T),
+        bearing=true_bearing(flight, follower),
+        distance=np.hypot(*(truth - leader).T),
+        wrong_side=clear & (side * believed_side < 0),
+        # a filter that is certain is wrong wherever it is off at all
+        outside=np.where(np.isnan(square), np.any(belief != truth, axis=1), square > SIGMAS**2),
+        kind=found.fix_kind.astype(np.float64),
+    )
+
+
+def percent(share: float) -> str:
+    """A share in per cent: whole ones from 10 % on, and never 0 % or 100 % of what is not."""
+    if 0 < share < 0.001:
+        return "less than 0.1\N{NO-BREAK SPACE}%"
+    if 0.999 < share < 1:
+        return "more than 99.9\N{NO-BREAK SPACE}%"
+    return f"{100 * share:.{0 if share >= 0.0995 else 1}f}\N{NO-BREAK SPACE}%"
+
+
+def _metres(value: float) -> str:
+    return f"{value:.{2 if value < 9.995 else 1}f}\N{NO-BREAK SPACE}m"
+
+
+def _joined(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def _size(all_seen: Mapping[str, Seen]) -> str:
+    if len(all_seen) > 1:
+        means = {name: float(one.error.mean()) for name, one in all_seen.items()}
+        best, worst = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
+        return (
+            f"Of {len(all_seen)} followers {best} knew its place best, with a mean E_P of {_metres(means[best])}, "
+            f"and {worst} worst, with {_metres(means[worst])}."
+        )
+    (one,) = all_seen.values()
+    k = int(one.error.argmax())
+    return (
+        f"The estimate was farthest off, by {_metres(float(one.error[k]))}, at {one.time[k]:.0f} s, with the follower "
+        f"{one.distance[k]:.0f} m from the leader at a bearing of {np.degrees(one.bearing[k]):.0f}°."
+    )
+
+
+def _geometry(one: Seen, several: bool) -> str:
+    who, spent = ("The followers", "their") if several else ("The follower", "its")
+    near, axis = one.on_axis, f"within {ON_AXIS_DEG:g}° of the leader's axis"
+    share = float(near.mean())
+    if share > 1 - _RARE:
+        return f"{who} spent {percent(share)} of {spent} time {axis}, where ranges say little about the direction."
+    if share < _RARE:
+        return f"{who} spent {percent(share)} of {spent} time {axis}; farther from it, ranges tell the direction well."
+    inside, outside = float(one.error[near].mean()), float(one.error[~near].mean())
+    return (
+        f"{who} spent {percent(share)} of {spent} time {axis}, where ranges say little about the direction: E_P had a "
+        f"mean of {_metres(inside)} there, and of {_metres(outside)} elsewhere."
+    )
+
+
+def _fixes(one: Seen) -> str:
+    if not one.kind.size:
+        return "No message came, so that there was no fix."
+    kinds, counts = np.unique(one.kind, return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    parts = [f"{percent(float(counts[i]) / one.kind.size)} {_FIXES[FixKind(int(kinds[i]))]}" for i in order]
+    return f"Of {one.kind.size} fixes {_joined(parts)}."
+
+
+def _side(one: Seen, several: bool) -> str:
+    whose = "an estimate" if several else "the estimate"
+    wrong = f"{whose} was on the wrong side of the leader's axis by more than {SIDE_M:g} m"
+    share = float(one.wrong_side.mean())
+    if not share:
+        return f"At no time {wrong}."
+    if several:
+        return f"For {percent(share)} of the followers' time {wrong}."
+    first = one.time[int(one.wrong_side.argmax())]
+    longest = longest_capture(one.wrong_side) * float(one.time[1] - one.time[0] if one.time.size > 1 else one.time[0])
+    return f"For {percent(share)} of the time {wrong}, first at {first:.0f} s and at most for {longest:.3g} s on end."
+
+
+def _trust(one: Seen) -> str:
+    share = float(one.outside.mean())
+    judged = (
+        "the filter believes itself far better than it is"
+        if share > 3 * RIGHT_SHARE
+        else "the filter is too sure of itself"
+        if share > 1.25 * RIGHT_SHARE
+        else "the filter is more in doubt than it need be"
+        if share < 0.5 * RIGHT_SHARE
+        else "the filter knows how far off it is"
+    )
+    return (
+        f"The truth was outside the filter's own 2σ ellipse for {percent(share)} of the time, where "
+        f"{percent(RIGHT_SHARE)} is right: {judged}."
+    )
+
+
+def _cause(anatomies: Sequence[Anatomy]) -> list[str]:
+    apart = np.concatenate([anatomy.asymmetry for anatomy in anatomies])
+    there = apart[np.isfinite(apart).all(axis=1)]
+    if not there.size:
+        return []
+    rms = np.sqrt(np.mean(there**2, axis=0))
+    most = Cause(int(rms.argmax()))
+    if not rms[most]:
+        return []
+    whole = float(np.sqrt(np.mean(there.sum(axis=1) ** 2)))
+    return [
+        f"The difference of front and rear range, which tells the direction, was {100 * whole:.2g} cm RMS off, most of "
+        f"all by {LABELS[most]} ({100 * rms[most]:.2g} cm)."
+    ]
+
+
+def sentences(flight: Flight) -> list[str]:
+    """What a reader should know first: size of the errors, geometry, fixes, side, the filter's trust, and their cause.
+
+    Several followers are spoken of together. A flight whose estimates left finite numbers is not spoken of.
+    """
+    followers = range(len(flight.estimates))
+    if not all(np.isfinite(flight.estimates[i].state).all() for i in followers):
+        return []
+    all_seen = {flight.trajectory.names[i + 1]: seen(flight, i) for i in followers}
+    together = Seen(*(np.concatenate(parts) for parts in zip(*all_seen.values(), strict=True)))
+    several = len(all_seen) > 1
+    told = [
+        _size(all_seen),
+        _geometry(together, several),
+        _fixes(together),
+        _side(together, several),
+        _trust(together),
+    ]
+    return [*told, *_cause([dissect(flight, i) for i in followers])]

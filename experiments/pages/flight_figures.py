@@ -1,0 +1,188 @@
+"""The figures of one flight's report: each function draws one of them, for one follower or for all vehicles."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.pages.figures import Line, Part, panel, stack, timeline
+from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, SERIES, TRANSMITTERS
+from laisn.arrays import Floats
+from laisn.estimates import FixKind
+from laisn.settings import transmitters_of
+from sim.flight import Flight
+
+SIGMAS = 2.0
+"""Of the filter's own uncertainty, as drawn."""
+ON_AXIS_DEG = 15.0
+"""Nearer than that to the leader's axis, ahead or astern, ranges say little about the direction."""
+ROW_HEIGHT = 4.1
+"""Of the panels of a follower's row [inch]."""
+STACK_WIDTH = 5.6
+MAP_WIDTH = 3.3
+"""Width of the panels of a follower's row [inch]: errors over time, map, difference."""
+FIX_WORDS = {
+    FixKind.TWO_POINTS: "two points",
+    FixKind.TANGENT: "tangent",
+    FixKind.ASTERN: "on the axis",
+    FixKind.FUSED: "weighted mean",
+    FixKind.GATED: "rejected",
+    FixKind.SINGULAR: "skipped",
+    FixKind.LOST: "lost",
+    FixKind.ONE_RANGE: "one range",
+}
+"""Names of the kinds of fix in tables and figures."""
+_TRACK_POINTS = 1500
+_DOTS = 1200
+
+
+def true_bearing(flight: Flight, follower: int) -> Floats:
+    """B of a follower's hydrophone from the leader's true pose, in [0, 2π), shape (n,), [rad]."""
+    steps = flight.step_index()
+    away = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
+    return np.asarray(np.mod(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0], 2 * np.pi))
+
+
+def without_wraps(angle_deg: Floats) -> Floats:
+    """A copy with NaN where an angle jumps between 0 and 360, so that no line crosses the panel; shape (n,)."""
+    broken = angle_deg.copy()
+    broken[1:][np.abs(np.diff(angle_deg)) > 180.0] = np.nan
+    return broken
+
+
+def bearing_part(time: Floats, bearing: Floats) -> Part:
+    """B over time, with the stretches on a darker ground where the follower is near the leader's axis.
+
+    Args:
+        time: shape (n,), [s].
+        bearing: shape (n,), [rad].
+    """
+    shaded = [(0.0, ON_AXIS_DEG), (180.0 - ON_AXIS_DEG, 180.0 + ON_AXIS_DEG), (360.0 - ON_AXIS_DEG, 360.0)]
+    angle = without_wraps(np.rad2deg(np.mod(bearing, 2 * np.pi)))
+    return Part(
+        lines=[Line(x=time, y=angle, colour=FOLLOWER, width=1.2)],
+        y_label="B [°]",
+        y_limits=(0.0, 360.0),
+        ticks=(0, 90, 180, 270, 360),
+        shaded=shaded,
+    )
+
+
+def own_sigma(covariance: Floats) -> Floats:
+    """Larger half axis of the filter's own 2σ ellipse; covariance of shape (n, 4, 4) gives shape (n,), [m]."""
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    largest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
+    return np.asarray(SIGMAS * np.sqrt(np.maximum(largest, 0.0)))
+
+
+def error_stack(flight: Flight, follower: int, errors: tuple[Floats, Floats], width: float = STACK_WIDTH) -> Figure:
+    """E_P with the filter's own 2σ, E_B, and the bearing B, over time, each on its own axis.
+
+    Args:
+        flight: as flown.
+        follower: its index.
+        errors: E_P [m] and E_B [rad] at filter steps k = 1 … n, shapes (n,).
+        width: [inch].
+    """
+    time = flight.trajectory.time[flight.step_index()]
+    position, bearing = errors
+    believed = own_sigma(flight.estimates[follower].covariance)
+    # a filter that knows nothing would leave a flat line of its errors
+    top = max(1.1 * float(position.max()), min(1.1 * float(believed.max()), 3.0 * float(position.max())), 1e-3)
+    parts = [
+        Part(
+            lines=[
+                Line(x=time, y=np.minimum(believed, 2 * top), colour=INK, width=0.7),
+                Line(x=time, y=position, colour=ESTIMATE),
+            ],
+            y_label="E_P, 2σ [m]",
+            y_limits=(0.0, top),
+        ),
+        Part(
+            lines=[Line(x=time, y=np.rad2deg(np.abs(bearing)), colour=ESTIMATE)],
+            y_label="E_B [°]",
+            y_limits=(0.0, None),
+        ),
+        bearing_part(time, true_bearing(flight, follower)),
+    ]
+    return stack(parts, x_label="time [s]", width=width, height=ROW_HEIGHT)
+
+
+def track_map(flight: Flight, followers: Sequence[int], width: float = MAP_WIDTH, height: float = ROW_HEIGHT) -> Figure:
+    """True routes of the leader and of some followers from above, and where these believed to be."""
+    steps = flight.step_index()
+    every = slice(None, None, max(1, steps.size // _TRACK_POINTS))
+    leader = flight.trajectory.position[steps[every], 0, :2]
+    lines = [Line(x=leader[:, 0], y=leader[:, 1], colour=LEADER, width=1.4)]
+    tracks = [(flight.hydrophone(i)[every, :2], flight.estimates[i].state[every, :2]) for i in followers]
+    lines += [Line(x=truth[:, 0], y=truth[:, 1], colour=FOLLOWER, width=1.8) for truth, _ in tracks]
+    lines += [Line(x=belief[:, 0], y=belief[:, 1], colour=ESTIMATE, width=0.7) for _, belief in tracks]
+    ends = [(leader, LEADER), *((truth, FOLLOWER) for truth, _ in tracks)]
+    lines += [Line(x=track[-1:, 0], y=track[-1:, 1], colour=colour, marker="o", size=4.5) for track, colour in ends]
+    return panel(lines, x_label="east [m]", y_label="north [m]", title="Routes", equal=True, width=width, height=height)
+
+
+def difference(flight: Flight, follower: int) -> Figure:
+    """Estimate less truth, east and north, a dot for each of many steps; the truth is the cross in the middle."""
+    away = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
+    some = away[:: max(1, len(away) // _DOTS)]
+    origin = np.zeros(1)
+    lines = [
+        Line(x=some[:, 0], y=some[:, 1], colour=ESTIMATE, marker="o", size=2.2, opacity=0.45),
+        Line(x=origin, y=origin, colour=FOLLOWER, marker="P", size=8.0),
+    ]
+    return panel(
+        lines, x_label="east [m]", y_label="north [m]", title="Estimate less truth", equal=True, width=MAP_WIDTH,
+        height=ROW_HEIGHT,
+    )  # fmt: skip
+
+
+def motion(flight: Flight) -> list[tuple[str, Figure]]:
+    """Depth, pitch and speed through the water of all vehicles over time, with a name each."""
+    truth = flight.trajectory
+    deepest = float(truth.depth.max())
+    quantities = (
+        ("Depth", truth.depth, "depth [m]", (1.05 * deepest, min(0.0, float(truth.depth.min())))),
+        ("Pitch", np.rad2deg(truth.pitch), "pitch, nose up [°]", (None, None)),
+        ("Speed", truth.forward_speed, "through the water [m/s]", (None, None)),
+    )
+    colours = [LEADER, *[FOLLOWER] * (len(truth.names) - 1)]
+    # the leader last, above the crowd
+    order = [*range(1, len(truth.names)), 0]
+    width = (FULL - 0.5) / 3
+    return [
+        (
+            title,
+            panel(
+                [Line(x=truth.time, y=values[:, v], colour=colours[v], width=0.9) for v in order],
+                x_label="time [s]", y_label=label, title=title, y_limits=limits, width=width,
+            ),
+        )
+        for title, values, label, limits in quantities
+    ]  # fmt: skip
+
+
+def ranges(flight: Flight, follower: int) -> Figure:
+    """Measured slant ranges over time, of the transmitters that the variant uses."""
+    heard = flight.measurements[follower]
+    time = np.asarray(flight.trajectory.time[0] + heard.message_step * heard.dt, dtype=np.float64)
+    used = range(transmitters_of(flight.scenario.navigation.variant))
+    lines = [Line(x=time, y=heard.ranges[:, j], colour=TRANSMITTERS[j], width=0.9) for j in reversed(used)]
+    return panel(lines, x_label="time [s]", y_label="slant range [m]", width=HALF)
+
+
+def fixes(flight: Flight, follower: int) -> Figure:
+    """A mark over time for every fix, in a row for each kind."""
+    found, dt = flight.estimates[follower], flight.measurements[follower].dt
+    kinds = sorted(set(found.fix_kind.tolist()))
+    at = np.asarray(flight.trajectory.time[0] + found.fix_step * dt, dtype=np.float64)
+    marks = [
+        Line(
+            x=at[found.fix_kind == kind],
+            y=np.full(int(np.sum(found.fix_kind == kind)), float(row)),
+            colour=MUTED if kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST) else SERIES[row % len(SERIES)],
+            marker="|",
+        )
+        for row, kind in enumerate(kinds)
+    ]
+    return timeline(marks, [FIX_WORDS[FixKind(kind)] for kind in kinds], width=HALF)
