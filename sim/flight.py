@@ -3,10 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from html import escape
 from typing import Protocol
 
 import numpy as np
 
+from laisn import metrics
 from laisn.arrays import Floats, Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
@@ -37,7 +39,7 @@ class Outcome(Enum):
     INTERRUPTED = "the mission was interrupted; everything up to that step is kept"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Flight:
     """One mission, whole. Follower i is vehicle i + 1 of the trajectory.
 
@@ -69,6 +71,25 @@ class Flight:
         """Index into the trajectory of filter steps k = 1 … n, shape (n,)."""
         n = self.measurements[0].speed.size
         return np.arange(1, n + 1, dtype=np.int64) * self.stride
+
+    def __repr__(self) -> str:
+        followers = len(self.scenario.followers)
+        return (
+            f"<Flight {self.scenario.name!r}: {self.trajectory.time[-1]:g} s, {followers} "
+            f"follower{'s' if followers > 1 else ''}, {self.scenario.navigation.variant}, {self.outcome.name.lower()}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """A line for each follower, for notebooks."""
+        rows = []
+        for i, name in enumerate(self.trajectory.names[1:]):
+            error = metrics.position_errors(self.estimates[i].state[:, :2], self.hydrophone(i)[:, :2])
+            found = (f"{error.mean():.2f} m", f"{error.max():.2f} m") if error.size else ("–", "–")
+            rows.append("".join(f"<td>{cell}</td>" for cell in (name, *found)))
+        heads = "<th>follower</th><th>mean E_P</th><th>largest E_P</th>"
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        about = escape(f"{self!r}"[1:-1])
+        return f"<table><caption>{about}</caption><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
 
     def hydrophone(self, follower: int) -> Floats:
         """True position of a follower's hydrophone at filter steps k = 1 … n, shape (n, 3), [m].

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from pydantic import ValidationError
 from rich.console import Console
 
 from experiments.campaign.progress import phases
+from experiments.flight.picture import video_of
 from experiments.flight.source import flight_of
 from experiments.flight.summary import position_and_bearing_errors
 from sim.film import render
@@ -31,7 +31,7 @@ class FilmOptions(NamedTuple):
 
 def _video(video: Video, options: FilmOptions) -> Video:
     """The scenario's film settings with the user's wishes; RenderError naming the option."""
-    wanted = video.model_dump()
+    wanted: dict[str, object] = {}
     if options.camera is not None:
         wanted["camera"] = options.camera
     if options.size is not None:
@@ -41,11 +41,7 @@ def _video(video: Video, options: FilmOptions) -> Video:
         wanted["width_px"], wanted["height_px"] = int(match[1]), int(match[2])
     if options.speed_up is not None:
         wanted["speed_up"] = options.speed_up
-    try:
-        return Video.model_validate(wanted)
-    except ValidationError as error:
-        faults = (f"{fault['loc'][0]}: {fault['msg']} (given: {fault['input']})" for fault in error.errors())
-        raise render.RenderError("; ".join(faults)) from None
+    return video_of(video, wanted)
 
 
 def film(source: str, assignments: Iterable[str], options: FilmOptions) -> Path:

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from experiments.terminal import literal, tell
 from laisn.failure import LaisnError
-from sim.scenario.file import override, validate
+from sim.scenario.file import values_of
 
 STATE_COLUMNS = ("x_m", "y_m", "vx_m_s", "vy_m_s")
 
@@ -39,26 +39,14 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
         ScenarioError: variant or overrides are at fault, or touch more than navigation.
     """
     from experiments.command.fly import show
+    from experiments.flight.fly import navigate_again
     from experiments.flight.summary import position_and_bearing_errors, summarise
-    from laisn.navigator import Navigator
-    from sim.flight import navigation_settings
     from sim.log import reader, writer
-    from sim.scenario.file import ScenarioError
-    from sim.sensing.observation import start_of
 
     _require_own_file(out, ".mcap", path)
     flown = reader.read(path)
-    given = [f"navigation.variant={variant}", *assignments]
-    outside = [a for a in given if not a.startswith("navigation.")]
-    if outside:
-        raise ScenarioError(f"--set {outside[0]}: a replay can change navigation only; what was measured is fixed")
-    table = override(flown.scenario.model_dump(mode="json", exclude_none=True), given)
-    scenario = validate(table, f"{path} {' '.join(f'--set {a}' for a in given)}")
-    estimates = tuple(
-        Navigator(navigation_settings(scenario, flown.trajectory, i), start_of(flown.trajectory, i)).run(measured)
-        for i, measured in enumerate(flown.measurements)
-    )
-    again = replace(flown, scenario=scenario, estimates=estimates)
+    changes = values_of([f"navigation.variant={variant}", *assignments])
+    again = navigate_again(flown, changes)
     console = Console()
     for title, flight in ((f"as flown, {flown.scenario.navigation.variant}", flown), (f"replayed, {variant}", again)):
         console.print(literal(title, "bold"))

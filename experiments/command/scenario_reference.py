@@ -14,7 +14,7 @@ _INTRODUCTION = """# Scenario reference
 Generated from `sim/scenario/settings.py` by
 `python -m experiments.command.scenario_reference`; a test holds the two together.
 
-A scenario is a TOML file. Only `name` and one `[[followers]]` table with a route are needed, all else has defaults;
+A scenario is a TOML file. Only one `[[followers]]` table with a route is needed, all else has defaults;
 `laisn scenarios T5` prints a complete one, `laisn check FILE` validates yours, and `--set KEY=VALUE` changes a key from
 the command line. Units stand in the names of the keys: `_m`, `_s`, `_deg`, `_n` (newton), `_px`.
 """

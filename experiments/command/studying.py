@@ -38,34 +38,6 @@ def _pairs(assignments: list[str] | None, option: str, *, several: bool) -> dict
     return found
 
 
-def _asked(source: str, given: dict[str, Any], parts: dict[str, dict[str, Any]]) -> "Study":
-    """The study of a file, or of a scenario, with the options of the command in place."""
-    from experiments.flight import library
-    from experiments.study import file
-    from sim.screen import plain, shortened
-
-    path = file.path_of(source)
-    table: dict[str, Any] = {}
-    if source not in library.names():
-        if not path.exists():
-            known = f"available: {', '.join(file.shipped())}, a TOML file, or a scenario with --vary"
-            raise file.StudyError(f"unknown study '{shortened(plain(source), 200)}'; {known}")
-        table = file.table_of(path)
-    if "scenario" not in table:
-        # a scenario, which the options make a study of
-        if not parts["vary"] and not parts["draw"]:
-            raise file.StudyError(f"{shortened(plain(source), 200)} is a scenario: say what to --vary, or give a study")
-        table, folder, name = {"scenario": source}, Path(), f"study-{library.name_of(Path(source))}"
-    else:
-        folder, name = path.parent, library.name_of(path)
-    for part, more in parts.items():
-        own = table.get(part, {})
-        if more and isinstance(own, dict):
-            table[part] = own | more
-    table |= {key: value for key, value in given.items() if value is not None}
-    return file.of_table(table, source, name, folder)
-
-
 def _dry(study: "Study", workers: int | None) -> None:
     import os
 
@@ -119,18 +91,22 @@ def study(
     cluster: ClusterOption = None,
 ) -> None:
     """Fly a study of your own: factors, draws and arms of a file; tables, intervals and a page."""
+    from experiments.study.file import study_of
     from experiments.study.study import run_study
     from laisn.failure import LaisnError
     from sim.screen import plain
 
     if film not in (None, "worst"):
         raise LaisnError(f"--film {film}: only the worst run can be asked for: --film worst")
-    parts = {
+    keys = {
         "vary": _pairs(vary, "vary", several=True),
         "draw": _pairs(draw, "draw", several=False),
         "set": _pairs(set_, "set", several=False),
+        "runs": runs,
+        "seas": seas,
+        "seed": seed,
     }
-    asked = _asked(source, {"runs": runs, "seas": seas, "seed": seed}, parts)
+    asked = study_of(source, keys)
     if dry_run:
         _dry(asked, workers)
         return

@@ -1,14 +1,17 @@
 """Fly one scenario with the navigator of this project."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from laisn.navigator import Navigator
-from sim.flight import Flight, Outcome, navigate
+from sim.flight import Flight, NavigatorFactory, Outcome, navigate, navigation_settings
 from sim.motion import DivergedError, simulate_motion
+from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
+from sim.sensing.observation import start_of
 from sim.trajectory import Trajectory
 
 
@@ -49,3 +52,27 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     with watch.phase("navigate_s"):
         flight = navigate(scenario, trajectory, Navigator, outcome)
     return flight, watch.seconds
+
+
+def navigate_again(flight: Flight, changes: Mapping[str, Any], navigator: NavigatorFactory | None = None) -> Flight:
+    """Navigate once more on the measurements of a flight.
+
+    Args:
+        flight: how it moved and what was measured is kept.
+        changes: values by dotted key, `navigation.variant` and others of its section.
+        navigator: makes the navigator of a follower; None: the one of this project.
+
+    Raises:
+        ScenarioError: changes are not valid, or touch more than navigation.
+    """
+    outside = [key for key in changes if not key.startswith("navigation.")]
+    if outside:
+        raise ScenarioError(f"{outside[0]}: a replay can change navigation only; what was measured is fixed")
+    table = assigned(flight.scenario.model_dump(mode="json", exclude_none=True), changes)
+    scenario = validate(table, ", ".join([flight.scenario.name, *(f"{k} = {v}" for k, v in changes.items())]))
+    make = navigator or Navigator
+    estimates = tuple(
+        make(navigation_settings(scenario, flight.trajectory, i), start_of(flight.trajectory, i)).run(measured)
+        for i, measured in enumerate(flight.measurements)
+    )
+    return replace(flight, scenario=scenario, estimates=estimates)

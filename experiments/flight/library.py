@@ -1,11 +1,11 @@
 """The built-in scenarios, and how a user's scenario is found."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from sim.scenario.file import ScenarioError, override, read, validate
+from sim.scenario.file import ScenarioError, assigned, override, read, validate
 from sim.scenario.settings import Scenario
 from sim.screen import plain, shortened
 
@@ -90,6 +90,27 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
     from sim.flyable import misfits
 
     return validate(*_read(source, assignments), further=misfits)
+
+
+def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any]) -> Scenario:
+    """A scenario for use from Python, checked as by `load_flyable`.
+
+    Args:
+        source: built-in name, TOML file, the table that such a file would hold, or a scenario.
+        changes: values by dotted key, such as `followers.0.depth_m`.
+
+    Raises:
+        ScenarioError: names key, value and limit of every fault.
+    """
+    from sim.flyable import misfits
+
+    if isinstance(source, Scenario):
+        table, name = source.model_dump(mode="json", exclude_none=True), f"scenario {source.name!r}"
+    elif isinstance(source, Mapping):
+        table, name = dict(source), "scenario"
+    else:
+        table, name = table_of(str(source)), str(source)
+    return validate(assigned(table, changes), name, further=misfits)
 
 
 def show() -> None:

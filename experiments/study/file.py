@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
-from experiments.flight.library import names
+from experiments.flight.library import name_of, names
 from experiments.study.draws import Draw, known
 from experiments.study.factors import Design, Factor
 from laisn.failure import LaisnError
@@ -221,3 +221,44 @@ def path_of(source: str) -> Path:
 def table_of(path: Path) -> dict[str, Any]:
     """The table of a study file; errors as of `sim.scenario.file.read`."""
     return read(path)
+
+
+_BY_KEY = ("vary", "draw", "set")
+"""Parts of a study whose keys are replaced one by one."""
+
+
+def _table_at(path: Path, source: str) -> dict[str, Any]:
+    if not path.exists():
+        known = f"available: {', '.join(shipped())}, a TOML file, or a scenario with --vary"
+        raise StudyError(f"unknown study '{shortened(plain(source), 200)}'; {known}")
+    return table_of(path)
+
+
+def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
+    """A study with some of its keys replaced.
+
+    Args:
+        source: a study file, one that ships, the table of one, or a scenario that `keys` make a study of.
+        keys: of a study file, what to put in their places; of `vary`, `draw` and `set` key by key. None: as it is.
+
+    Raises:
+        StudyError: there is no such study, nothing varies, or a line for each fault.
+    """
+    given = {key: value for key, value in keys.items() if value is not None}
+    folder, name, told = Path(), "study", "study"
+    if isinstance(source, Mapping):
+        table = dict(source)
+    else:
+        path, told = path_of(source), source
+        table = {} if source in names() else _table_at(path, source)
+        if "scenario" in table:
+            folder, name = path.parent, name_of(path)
+        else:
+            if not given.get("vary") and not given.get("draw"):
+                text = f"{shortened(plain(source), 200)} is a scenario: say what to --vary, or give a study"
+                raise StudyError(text)
+            table, name = {"scenario": source}, f"study-{name_of(Path(source))}"
+    for part in _BY_KEY:
+        if isinstance(own := table.get(part, {}), dict) and isinstance(more := given.get(part, {}), dict):
+            given[part] = own | more
+    return of_table(table | given, told, name, folder)

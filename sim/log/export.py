@@ -12,8 +12,10 @@ import pyarrow.parquet
 from google.protobuf.descriptor import FieldDescriptor
 
 from laisn.whole_files import replaced
-from sim.log.contents import Messages, contents
-from sim.log.file import LogError, faults
+from sim.log.clock import Clock
+from sim.log.contents import Contents, Messages, contents
+from sim.log.file import SCENARIO, LogError, faults
+from sim.scenario import file as scenario_file
 
 Format = Literal["parquet", "csv"]
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
@@ -49,10 +51,18 @@ def _value(message: Any, path: str) -> Any:
 
 
 def _schema(leaves: Sequence[tuple[str, Any]]) -> Any:
-    """Columns of a table: the log time, then the leaves."""
+    """Columns of a table: the times, then the leaves."""
     kinds = [pa.string() if leaf.enum_type is not None else _KINDS[leaf.cpp_type] for _, leaf in leaves]
-    names = [name for name, _ in leaves]
-    return pa.schema([("log_time_ns", pa.int64()), *zip(names, kinds, strict=True)])
+    times = ("time_s", pa.float64()), ("log_time_ns", pa.int64())
+    names = [f"{name}~2" if name in dict(times) else name for name, _ in leaves]
+    return pa.schema([*times, *zip(names, kinds, strict=True)])
+
+
+def _start_ns(log: Contents) -> int:
+    """When the mission began, in log time: the epoch of its scenario, or the first message of any other log."""
+    if SCENARIO in log.attachments:
+        return Clock(scenario_file.parse(log.attachments[SCENARIO].decode(), SCENARIO)["epoch"]).epoch_ns
+    return min((messages.time_ns[0] for messages in log.topics.values() if messages.time_ns), default=0)
 
 
 def _enum_name(leaf: Any, number: int) -> str:
@@ -60,13 +70,13 @@ def _enum_name(leaf: Any, number: int) -> str:
     return str(number) if known is None else str(known.name)
 
 
-def _batches(messages: Messages, leaves: Sequence[tuple[str, Any]], schema: Any) -> Iterator[Any]:
+def _batches(messages: Messages, leaves: Sequence[tuple[str, Any]], schema: Any, start_ns: int) -> Iterator[Any]:
     """Rows of a table, some thousands at a time: a message decoded takes ten times the room that its numbers take."""
     decoded = messages.decoded()
     for start in range(0, len(messages.time_ns), _ROWS):
         times = messages.time_ns[start : start + _ROWS]
         part = list(itertools.islice(decoded, len(times)))
-        columns: list[list[Any]] = [times]
+        columns: list[list[Any]] = [[(time_ns - start_ns) / 1e9 for time_ns in times], times]
         for name, leaf in leaves:
             values = [_value(message, name) for message in part]
             columns.append(values if leaf.enum_type is None else [_enum_name(leaf, value) for value in values])
@@ -101,6 +111,9 @@ def _whole(path: Path, batches: Iterator[Any]) -> Iterator[Any]:
 def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path]:
     """Write every protobuf channel with plain numbers or texts as a table; scenes, transforms and video are left out.
 
+    Every row begins with `time_s`, the mission's time (in a log without scenario since its first message), and
+    `log_time_ns`, that of the log since 1970; a channel's own field of such a name ends in "~2".
+
     Args:
         path: any MCAP log with protobuf channels.
         out: folder for the tables, made if need be; "/follower/estimate" becomes "follower_estimate.parquet". Unusual
@@ -117,6 +130,8 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
         raise LogError(f"unknown format {table_format!r}; available: {', '.join(get_args(Format))}")
     log = contents(path)
     names = _file_names(sorted(log.topics))
+    with faults(path):
+        start_ns = _start_ns(log)
     files = []
     for topic, name in names.items():
         messages = log.topics[topic]
@@ -132,7 +147,7 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
             with faults(path):
                 schema = _schema(leaves)
             with replaced(file) as part, _WRITERS[table_format](part, schema) as table:
-                for batch in _whole(path, _batches(messages, leaves, schema)):
+                for batch in _whole(path, _batches(messages, leaves, schema, start_ns)):
                     table.write_batch(batch)
         except OSError as error:
             raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error

@@ -65,17 +65,6 @@ def _ready(table: Mapping[str, Any], source: str) -> Any:
         raise ScenarioError(f"{source}: lists or tables nest more than {_DEEPEST} deep, a scenario's five") from None
 
 
-def _with_numbered_followers(table: dict[str, Any]) -> dict[str, Any]:
-    """The table; of several followers, those without a name are called follower-1 and so on, after their places."""
-    followers = table.get("followers")
-    if not isinstance(followers, list) or len(followers) < 2:
-        return table
-    numbered = [
-        {"name": f"follower-{i}", **item} if isinstance(item, dict) else item for i, item in enumerate(followers, 1)
-    ]
-    return {**table, "followers": numbered}
-
-
 def examined(
     table: dict[str, Any], further: Callable[[Scenario], Iterable[Misfit]] = _no_misfits
 ) -> tuple[Scenario | None, list[str]]:
@@ -87,10 +76,9 @@ def examined(
     scenario: Scenario | None = None
     lines: list[str] = []
     aside: set[Location] = set()
-    table = _with_numbered_followers(table)
     for _ in range(_ROUNDS):
         try:
-            scenario = Scenario.model_validate_json(json.dumps(table), strict=True, context=APART)
+            scenario = Scenario.model_validate_json(json.dumps(table), context=APART)
             break
         except ValidationError as error:
             faults = [f for f in told_apart(error) if not any(overlaps(f["loc"], place) for place in aside)]
@@ -205,6 +193,20 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
     return result
 
 
+def _assignment(text: str) -> tuple[str, Any]:
+    """Key and value of `key.path=value`."""
+    source = f"--set {shortened(plain(text), 200)}"
+    path, equals, value = text.partition("=")
+    if not equals or not path.strip():
+        raise ScenarioError(f"{source}: expected key=value, such as sensors.speed_bias_m_s=0.1")
+    return path, _ready({"value": _value(value.strip(), source)}, source)["value"]
+
+
+def values_of(assignments: Iterable[str]) -> dict[str, Any]:
+    """Values by dotted key of assignments `key.path=value`, as `override` takes them; errors as of that."""
+    return {path.strip(): value for path, value in map(_assignment, assignments)}
+
+
 def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
     """A copy of a table with `key.path=value` assignments applied; list items as `followers.0.depth_m=5`.
 
@@ -215,15 +217,11 @@ def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, 
     """
     result: dict[str, Any] = _ready(table, "scenario")
     for assignment in assignments:
-        source = f"--set {shortened(plain(assignment), 200)}"
-        path, equals, text = assignment.partition("=")
-        if not equals or not path.strip():
-            raise ScenarioError(f"{source}: expected key=value, such as sensors.speed_bias_m_s=0.1")
-        value = _ready({"value": _value(text.strip(), source)}, source)["value"]
+        path, value = _assignment(assignment)
         try:
             _put(result, path, value)
         except ScenarioError as error:
-            raise ScenarioError(f"{source}: {error}") from None
+            raise ScenarioError(f"--set {shortened(plain(assignment), 200)}: {error}") from None
     return result
 
 

@@ -2,11 +2,12 @@
 
 import math
 from collections import Counter
+from collections.abc import Iterator
 from datetime import datetime
 from itertools import pairwise
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationInfo, field_validator, model_validator
 
 from laisn.settings import GateRule, SideRule, Variant
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
@@ -25,9 +26,12 @@ Chance = Annotated[float, Field(ge=0, le=1)]
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
-Offset = tuple[Coordinate, Coordinate, Coordinate]
-TimedPoint = tuple[NonNegative, Coordinate, Coordinate]
-TimedDepth = tuple[NonNegative, NonNegative]
+LISTED = Strict(False)
+"""Lets a tuple be given as a list too, as a TOML file has it."""
+Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]
+TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
+TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
+SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
 
 MOST_POINTS = 100_000
 """Most points of a route or a profile: one a second for more than a day."""
@@ -54,6 +58,13 @@ class Section(BaseModel):
     """A table of the scenario file: unknown keys, NaN and infinity are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """What differs from the defaults; all else would fill screens."""
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            if value != field.get_default(call_default_factory=True):
+                yield name, value
 
 
 class Timing(Section):
@@ -83,13 +94,13 @@ class Vehicle(Section):
     """What leader and followers have in common."""
 
     route: Name | None = Field(None, description="a route of the library (L, T2 … T9)")
-    waypoints: tuple[TimedPoint, ...] = Field(
+    waypoints: Annotated[tuple[TimedPoint, ...], LISTED] = Field(
         (),
         max_length=MOST_POINTS,
         description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0",
     )
     depth_m: NonNegative = Field(LEADER_DEPTH, description="depth that the autopilot holds")
-    depth_profile: tuple[TimedDepth, ...] = Field(
+    depth_profile: Annotated[tuple[TimedDepth, ...], LISTED] = Field(
         (), max_length=MOST_POINTS, description="[[time_s, depth_m], …], linear between; replaces depth_m"
     )
     saw_tooth_amplitude_m: NonNegative = Field(0.0, description="half height of a saw-tooth about the depth")
@@ -211,7 +222,7 @@ class Sensors(Section):
 class Acoustics(Section):
     """True errors of the ranges (paper, Eq. 28), and what sound really does (not in the paper, off by default)."""
 
-    range_tau_m: tuple[NonNegative, NonNegative, NonNegative] = Field(
+    range_tau_m: Annotated[tuple[NonNegative, NonNegative, NonNegative], LISTED] = Field(
         (0.01, 0.01, 0.01), description="τ: uniform error of rear, front and middle transmitter"
     )
     range_scale_mean_m: Annotated[float, Field(ge=-100, le=100)] = Field(
@@ -226,7 +237,7 @@ class Acoustics(Section):
     sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(
         0.0, description="what the follower believes in addition"
     )
-    sound_speed_profile: tuple[tuple[NonNegative, SoundSpeed], ...] = Field(
+    sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED] = Field(
         (),
         max_length=MOST_POINTS,
         description="[[depth_m, speed_m_s], …], linear between; the true speed of sound instead of sound_speed_m_s",
@@ -287,7 +298,7 @@ class Navigation(Section):
         description="where one range alone arrived, move the estimate along its line of sight; unless it stands here "
         "as false, a replay of a vehicle's log does so",
     )
-    transmitters_m: Annotated[tuple[Offset, ...], Field(max_length=3)] = Field(
+    transmitters_m: Annotated[tuple[Offset, ...], LISTED, Field(max_length=3)] = Field(
         (),
         description="[[forward, port, up], …] of rear, front and perhaps middle transmitter from the leader's "
         "position, as the follower believes; replaces leader.baseline_m and leader.middle_offset_m",
@@ -320,7 +331,12 @@ class Video(Section):
 class Scenario(Section):
     """One mission, complete: with the same scenario and version the same bytes come out."""
 
-    name: Name
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Any) -> None:
+            """Take what a file may hold: tables as dictionaries, lists as lists."""
+
+    name: Name = Field("mission", description="of the results; unless it is given, a file's own")
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(1, description="key of all random numbers")
     run: Annotated[int, Field(ge=0, lt=2**31)] = Field(0, description="run of a campaign whose noise is flown")
     duration_s: Annotated[float, Field(gt=0, le=86400)] = 1000.0
@@ -336,7 +352,7 @@ class Scenario(Section):
     )
     timing: Timing = Timing()
     leader: Leader = Leader()
-    followers: Annotated[tuple[Follower, ...], Field(min_length=1, max_length=50)]
+    followers: Annotated[tuple[Follower, ...], LISTED, Field(min_length=1, max_length=50)]
     ocean: Ocean = Ocean()
     sensors: Sensors = Sensors()
     acoustics: Acoustics = Acoustics()
@@ -353,6 +369,17 @@ class Scenario(Section):
         if not aware:
             raise ValueError(f"{text!r} is no ISO 8601 time with zone, such as 2026-01-01T00:00:00+00:00")
         return text
+
+    @field_validator("followers")
+    @classmethod
+    def _numbered(cls, followers: tuple[Follower, ...]) -> tuple[Follower, ...]:
+        """Of several followers, those without a name are called follower-1 and so on, after their places."""
+        if len(followers) == 1:
+            return followers
+        return tuple(
+            follower if "name" in follower.model_fields_set else follower.model_copy(update={"name": f"follower-{i}"})
+            for i, follower in enumerate(followers, 1)
+        )
 
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Self:

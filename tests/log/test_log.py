@@ -212,7 +212,9 @@ def test_export(flight: Flight, written: Path, tmp_path: Path, table_format: Any
     name = f"follower_motion.{table_format}"
     assert {name, f"leader_pose.{table_format}", f"log.{table_format}"} <= set(files)
     table = (pyarrow.parquet.read_table if table_format == "parquet" else pyarrow.csv.read_csv)(files[name])
-    assert table.column_names == ["log_time_ns", "speed", "heading", "depth"]
+    assert table.column_names == ["time_s", "log_time_ns", "speed", "heading", "depth"]
+    # filter steps k = 1 … 300, at k Δt
+    np.testing.assert_array_equal(table["time_s"].to_numpy(), np.arange(1, 301) / 10)
     assert table["speed"].to_numpy().tobytes() == flight.measurements[0].speed.tobytes()
     assert table["log_time_ns"].to_numpy()[0] == Clock(flight.scenario.epoch).epoch_ns + 10**8
     with pytest.raises(LogError, match="unknown format 'xls'; available: parquet, csv"):

@@ -1,0 +1,43 @@
+"""Films and pictures of a flight with settings by name."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from experiments.flight.summary import position_and_bearing_errors
+from sim.film import render
+from sim.film.cameras import CAMERAS
+from sim.flight import Flight
+from sim.flyable import film_misfits
+from sim.scenario.settings import Video
+
+
+def video_of(video: Video, changes: Mapping[str, object]) -> Video:
+    """Settings of a film with some of them changed; RenderError naming each that is at fault."""
+    camera = changes.get("camera", video.camera)
+    if camera not in CAMERAS:
+        raise render.RenderError(f"unknown camera {camera!r}; available: {', '.join(CAMERAS)}")
+    try:
+        return Video.model_validate(video.model_dump() | dict(changes))
+    except ValidationError as error:
+        faults = (f"{fault['loc'][0]}: {fault['msg']} (given: {fault['input']})" for fault in error.errors())
+        raise render.RenderError("; ".join(faults)) from None
+
+
+def picture(
+    flight: Flight, path: str | Path, time_s: float | None, follower: int, changes: Mapping[str, object]
+) -> Path:
+    """Film a flight, or picture it at a time; arguments and errors as of `laisn_sim.render`."""
+    file, video = Path(path), video_of(flight.scenario.video, changes)
+    if not 0 <= follower < len(flight.scenario.followers):
+        raise render.RenderError(f"follower {follower}: there are followers 0 … {len(flight.scenario.followers) - 1}")
+    errors = position_and_bearing_errors(flight)
+    if time_s is not None:
+        render.still(flight, time_s, file, errors=errors, video=video, follower=follower)
+        return file
+    too_much = film_misfits(flight.scenario.duration_s, video)
+    if too_much:
+        raise render.RenderError(too_much[0].text)
+    render.render(flight, file, errors=errors, video=video, follower=follower)
+    return file

@@ -1,0 +1,253 @@
+"""LAISN-Sim from Python: fly missions, navigate again, film, read logs, and run studies.
+
+>>> import laisn_sim
+>>> flight = laisn_sim.fly("T5", {"duration_s": 60, "navigation.variant": "laisn-3-2"})
+>>> laisn_sim.errors(flight).to_pandas()
+
+Settings go by the names that they have in the files: `Scenario(followers=[{"route": "T5", "depth_m": 12}])` takes what
+a scenario file may hold, and `study("T5", vary={"followers.0.depth_m": [10, 15]})` what a study file may. Whatever a
+user can mend is raised as a `LaisnError`, which is a `ValueError`. Importing this module costs nothing; what a function
+needs is imported when it is called.
+
+`main` is the entry point of the `laisn` command.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+    from typing import Any
+
+    from experiments.flight.table import Table as Table
+    from experiments.study.folder import StudyFolder as StudyFolder
+    from laisn.failure import LaisnError as LaisnError
+    from laisn.navigator import Navigator as Navigator
+    from sim.flight import Flight as Flight
+    from sim.flight import NavigatorFactory
+    from sim.scenario.settings import Scenario as Scenario
+
+__all__ = [
+    "Flight",
+    "LaisnError",
+    "Navigator",
+    "Scenario",
+    "StudyFolder",
+    "Table",
+    "errors",
+    "fly",
+    "load",
+    "navigate",
+    "read_log",
+    "render",
+    "study",
+    "summary",
+    "write_log",
+]
+
+_ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
+_PACKAGES = ("models", "laisn", "sim", "experiments")
+_HOMES = {
+    "Flight": "sim.flight",
+    "LaisnError": "laisn.failure",
+    "Navigator": "laisn.navigator",
+    "StudyFolder": "experiments.study.folder",
+    "Scenario": "sim.scenario.settings",
+    "Table": "experiments.flight.table",
+}
+
+
+def main() -> None:
+    """Run the command with this project's packages, also where PYTHONPATH leads to others of the same names."""
+    try:
+        sys.path.insert(0, _ROOT)
+        from experiments.command.cli import main as command
+
+        command()
+    except KeyboardInterrupt:
+        # before a command began that would say what is kept
+        sys.stderr.write("laisn: interrupted\n")
+        sys.exit(130)
+
+
+def _require_own_packages() -> None:
+    """ImportError if Python would import somebody else's package of the same name, such as a folder `models`."""
+    from importlib.util import find_spec
+
+    for name in _PACKAGES:
+        spec = find_spec(name)
+        place = os.path.realpath(spec.origin) if spec is not None and spec.origin else "nothing"
+        if place != os.path.join(_ROOT, name, "__init__.py"):
+            raise ImportError(
+                f"`import {name}` finds {place} and not the package of laisn_sim in {_ROOT}: rename that one, or keep "
+                "it off sys.path (the folder of the script that runs stands first on it)"
+            )
+
+
+def __getattr__(name: str) -> object:
+    """The classes of this module, imported when they are first asked for."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'laisn_sim' has no attribute {name!r}; available: {', '.join(__all__)}")
+    from importlib import import_module
+
+    _require_own_packages()
+    found = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+def load(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:
+    """Load a mission and check that it can be flown, filmed and logged.
+
+    Args:
+        source: built-in name ("T5", "following-sea", …), TOML file, the table that such a file would hold, or a
+            scenario.
+        changes: values by dotted key, such as {"followers.0.depth_m": 12.0, "navigation.variant": "laisn-3-2"}.
+
+    Raises:
+        LaisnError: there is no such scenario, or it is not valid; the text names key, value and limit of every fault.
+    """
+    _require_own_packages()
+    from experiments.flight.library import loaded
+
+    return loaded(source, changes or {})
+
+
+def fly(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Flight:
+    """Fly a mission: its vehicles move, sense and navigate.
+
+    The same scenario gives the same flight, to the bit; {"run": 7} among the changes has the noise of run 7.
+
+    Args:
+        source: as of `load`.
+        changes: as of `load`.
+
+    Raises:
+        LaisnError: as of `load`.
+    """
+    scenario = load(source, changes)
+    from experiments.flight.fly import fly as flown
+
+    return flown(scenario)[0]
+
+
+def navigate(
+    flight: Flight, changes: Mapping[str, Any] | None = None, *, navigator: NavigatorFactory | None = None
+) -> Flight:
+    """Navigate once more on the very measurements of a flight; how it moved and what was measured stay as they were.
+
+    Args:
+        flight: as flown, or as read from a log.
+        changes: of its navigation, by dotted key: {"navigation.variant": "laisn-3-2"}.
+        navigator: makes the navigator of a follower from its settings and its start [x, y, vx, vy]; whatever has
+            `run(measurements) -> Estimates` will do. None: the one of the variant.
+
+    Raises:
+        LaisnError: the changes are not valid, or touch more than navigation.
+    """
+    _require_own_packages()
+    from experiments.flight.fly import navigate_again
+
+    return navigate_again(flight, changes or {}, navigator)
+
+
+def errors(flight: Flight) -> Table:
+    """Errors of a flight's estimates over time, a row for each follower and filter step.
+
+    Columns: `follower`, `time_s`; `e_p_m` and `e_b_deg`, the paper's errors of position and bearing; `east_m`,
+    `north_m`, `depth_m` of the hydrophone and the `estimate_east_m`, `estimate_north_m` of it; `bearing_deg` from the
+    leader's bow clockwise and `distance_m` from the leader; `captured`, whether the estimate is at the mirror image.
+    """
+    _require_own_packages()
+    from experiments.flight.tables import errors_table
+
+    return errors_table(flight)
+
+
+def summary(flight: Flight) -> dict[str, Any]:
+    """Mean, largest and σ of a flight's errors, of all followers and of each, as in `summary.json`."""
+    _require_own_packages()
+    from experiments.flight.summary import position_and_bearing_errors, summarise
+
+    return summarise(flight, position_and_bearing_errors(flight))
+
+
+def read_log(path: str | Path) -> Flight:
+    """Read the flight that a log holds, `flight.mcap` of a flight's folder, equal to the bit.
+
+    Raises:
+        LaisnError: it cannot be read, is damaged or holds no flight; the text says what is missing.
+    """
+    _require_own_packages()
+    from sim.log.reader import read
+
+    return read(path)
+
+
+def write_log(flight: Flight, path: str | Path) -> Path:
+    """Write a flight as an MCAP log, which `read_log`, `laisn replay`, Foxglove and Rerun read; gives its path.
+
+    Raises:
+        LaisnError: the file cannot be written.
+    """
+    _require_own_packages()
+    from experiments.flight.tables import log_flight
+
+    return log_flight(flight, path)
+
+
+def render(
+    flight: Flight, path: str | Path, *, time_s: float | None = None, follower: int = 0, **video: object
+) -> Path:
+    """Film a flight, or take a picture of it; gives the path of the file.
+
+    Args:
+        flight: as flown, or as read from a log.
+        path: ends in .mp4 for a film, in .png for a picture.
+        time_s: mission time of the picture [s]; None: film the whole mission.
+        follower: index of the follower to keep to.
+        video: settings of the film by their names in a scenario's [video]: camera, width_px, height_px, speed_up, …
+
+    Raises:
+        LaisnError: a setting is impossible, or nothing renders here (`laisn doctor` says why).
+    """
+    _require_own_packages()
+    from experiments.flight.picture import picture
+
+    return picture(flight, path, time_s, follower, video)
+
+
+def study(
+    source: str | Path | Mapping[str, Any],
+    *,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    force: bool = False,
+    **keys: Any,
+) -> StudyFolder:
+    """Fly a study, or what is missing of it, and write its tables and its page.
+
+    Args:
+        source: study file, one that ships ("depth"), the table that such a file would hold, or a scenario to vary.
+        out: folder of the results; None: out/NAME.
+        workers: local processes; None: one for each core.
+        cluster: address of a Dask scheduler (tcp://…) to fly on.
+        force: compute everything again.
+        keys: of a study file: `runs`, `seas`, `seed`, `vary`, `draw`, `set`, `arm`, `design`, `points`, `report`; they
+            replace what the source says, but `vary`, `draw` and `set` key by key.
+
+    Raises:
+        LaisnError: a line for each fault, before anything is flown; or a folder or cluster that cannot be used.
+    """
+    _require_own_packages()
+    from experiments.study.folder import run
+
+    return run(source, keys, out=out, workers=workers, cluster=cluster, force=force)
