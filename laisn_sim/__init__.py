@@ -40,6 +40,7 @@ __all__ = [
     "Table",
     "errors",
     "fly",
+    "hull",
     "load",
     "navigate",
     "read_log",
@@ -222,6 +223,17 @@ def render(
     from experiments.flight.picture import picture
 
     return picture(flight, path, time_s, follower, video)
+
+
+def hull(role: str) -> str:
+    """The MJCF of the project's own "leader" or "follower", to begin a hull of one's own with.
+
+    A scenario flies the file that it names: `{"route": "T5", "model": "mine.xml"}`.
+    """
+    _require_own_packages()
+    import models
+
+    return models.path(role).read_text(encoding="utf-8")
 
 
 def study(

@@ -70,6 +70,11 @@ def vehicle_names(scenario: Scenario) -> tuple[str, ...]:
     return ("leader", *(f.name for f in scenario.followers))
 
 
+def models_of(scenario: Scenario) -> tuple[str, ...]:
+    """Models of all vehicles as `VehicleSetup` takes them, the leader's first."""
+    return (scenario.leader.model or "leader", *(f.model or "follower" for f in scenario.followers))
+
+
 def routes_of(scenario: Scenario) -> tuple[Route, ...]:
     """Routes of all vehicles, the leader's first.
 
@@ -83,8 +88,9 @@ def routes_of(scenario: Scenario) -> tuple[Route, ...]:
 def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:
     """All vehicles at the start of their routes."""
     setups = []
-    for i, (vehicle, name, route) in enumerate(
-        zip((scenario.leader, *scenario.followers), vehicle_names(scenario), routes, strict=True)
+    vehicles = (scenario.leader, *scenario.followers)
+    for i, (vehicle, name, model, route) in enumerate(
+        zip(vehicles, vehicle_names(scenario), models_of(scenario), routes, strict=True)
     ):
         east, north = (float(c) for c in route.waypoint[0])
         first_leg = route.waypoint[1] - route.waypoint[0]
@@ -92,7 +98,7 @@ def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSet
         setups.append(
             VehicleSetup(
                 name=name,
-                model="leader" if i == 0 else "follower",
+                model=model,
                 position_m=(east, north, -float(route.depth.depth[0])),
                 heading_rad=float(np.arctan2(*first_leg)) if heading is None else heading,
                 speed_m_s=route.start_speed,

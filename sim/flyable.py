@@ -74,6 +74,16 @@ def _plan(vehicle: Vehicle, name: str) -> Plan:
     return plan(route_of(vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0}), name))
 
 
+def _hull_misfits(key: str, model: str | None, role: str) -> list[Misfit]:
+    """What a user's own hull lacks."""
+    if model is None:
+        return []
+    # most scenarios have none, and need no MuJoCo to be looked at
+    from sim.vehicle.own_hull import faults_of
+
+    return [Misfit((key,), f"{key}: {line}") for line in faults_of(model, role)]
+
+
 def misfits(scenario: Scenario) -> list[Misfit]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.misfits`."""
     found = [
@@ -81,6 +91,8 @@ def misfits(scenario: Scenario) -> list[Misfit]:
         *film_misfits(scenario.duration_s, scenario.video),
         *_tried(partial(ocean_of, scenario), "ocean.waves", "ocean.floor_depth_m"),
     ]
+    for i, (key, vehicle) in enumerate(scenario.vehicles()):
+        found += _hull_misfits(f"{key}.model", vehicle.model, "follower" if i else "leader")
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
         where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
         found += _tried(partial(_plan, vehicle, name), where)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sim.scenario.file import ScenarioError, assigned, override, read, validate
+from sim.scenario.own_hull import seen_from
 from sim.scenario.settings import Scenario
 from sim.screen import plain, shortened
 
@@ -56,7 +57,7 @@ def table_of(source: str) -> dict[str, Any]:
         if path.suffix != ".toml" and not _exists(path):
             known = f"available: {', '.join(names())}, or a TOML file"
             raise ScenarioError(f"unknown scenario '{shortened(plain(source), 200)}'; {known}")
-        table = read(path)
+        table = seen_from(read(path), path.parent)
         table.setdefault("name", name_of(path))
     return table
 

@@ -21,6 +21,7 @@ from laisn import metrics
 from laisn.failure import LaisnError
 from sim.flight import Flight
 from sim.log.reader import read
+from sim.screen import shortened
 
 MOST = len(SERIES)
 _OWN = {"name", "run"}
@@ -63,7 +64,10 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
         rows.append([words(name), *(number(value, 3) for value in values)])
     heads = ("flight", "mean E_P [m]", "largest [m]", "mean E_B [°]", "largest [°]", f"mean E_P less {names[0]} [m]")
     changed = differing(flights)
-    settings = [[words(key), *(words("–" if v is None else str(v)) for v in values)] for key, values in changed.items()]
+    settings = [
+        [words(key), *(words("–" if v is None else shortened(str(v), 120)) for v in values)]
+        for key, values in changed.items()
+    ]
     told: Block = Table(heads=("key", *names), rows=settings) if settings else Text(text="All settings are the same.")
     shown = Figures(panels=panels, legend=legend, caption="The first follower's errors.")
     return [

@@ -1,7 +1,7 @@
 """Study files: what a user asks, as TOML, read and checked key by key."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +13,7 @@ from experiments.study.factors import Design, Factor
 from laisn.failure import LaisnError
 from sim.scenario.faults import key_of
 from sim.scenario.file import read
+from sim.scenario.own_hull import beside, is_model_key
 from sim.scenario.settings import Name, Section
 from sim.screen import plain, screenful, shortened
 
@@ -122,14 +123,23 @@ def _told(error: ValidationError) -> list[str]:
     return lines
 
 
-def _arms(given: list[dict[str, Any]], lines: list[str]) -> tuple[Arm, ...]:
+def _beside(folder: Path, key: str, value: Any) -> Any:
+    """A value of a key; the file of a hull lies beside the study."""
+    return beside(value, folder) if is_model_key(key) else value
+
+
+def _settings(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    return {key: _beside(folder, key, value) for key, value in _flat(table, lambda _: False).items()}
+
+
+def _arms(given: list[dict[str, Any]], lines: list[str], folder: Path) -> tuple[Arm, ...]:
     arms = []
     for i, table in enumerate(given):
         name = table.get("name")
         if not isinstance(name, str) or not name.strip():
             lines.append(f"  arm[{i}].name: every arm needs a name of its own")
             continue
-        settings = _flat({k: v for k, v in table.items() if k != "name"}, lambda _: False)
+        settings = _settings({k: v for k, v in table.items() if k != "name"}, folder)
         arms.append(Arm(name=name, settings=settings))
     repeated = sorted({arm.name for arm in arms if sum(other.name == arm.name for other in arms) > 1})
     if repeated:
@@ -181,11 +191,12 @@ def _made(table: Mapping[str, Any], source: str, name: str, folder: Path) -> Stu
     scenario = file.scenario
     if scenario not in names() and not Path(scenario).is_absolute():
         scenario = str(folder / scenario)
+    factors = [replace(f, values=tuple(_beside(folder, f.key, v) for v in f.values)) for f in factors]
     study = Study(
         name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=file.runs,
         seas=file.seas, seed=file.seed, design=file.design, points=file.points,
-        settings=_flat(file.set, lambda _: False), factors=tuple(factors), draws=tuple(draws),
-        arms=_arms(file.arm, lines), report=file.report,
+        settings=_settings(file.set, folder), factors=tuple(factors), draws=tuple(draws),
+        arms=_arms(file.arm, lines, folder), report=file.report,
     )  # fmt: skip
     lines += _overlaps(study)
     if lines:

@@ -60,6 +60,7 @@ class Stage:
 
     Args:
         names: of the vehicles, the leader first.
+        hulls: their models, as `sim.assembly.models_of` gives them.
         ocean: the sea to show.
         size: width and height of the frames [px].
         samples: of each pixel for the anti-aliasing, 0 for none.
@@ -68,9 +69,11 @@ class Stage:
         RuntimeError: no graphics context can be made here.
     """
 
-    def __init__(self, names: tuple[str, ...], ocean: Ocean, size: tuple[int, int], samples: int) -> None:
+    def __init__(
+        self, names: tuple[str, ...], hulls: tuple[str, ...], ocean: Ocean, size: tuple[int, int], samples: int
+    ) -> None:
         self.width, self.height = size
-        self._model = seascape.build(names, ocean.floor_depth_m, *size, samples)
+        self._model = seascape.build(names, hulls, ocean.floor_depth_m, *size, samples)
         self._data = mujoco.MjData(self._model)
         self._vehicles = [resolve(self._model, name) for name in names]
         self._limit = np.array([self._model.actuator_ctrlrange[list(v.actuators), 1] for v in self._vehicles])

@@ -75,11 +75,14 @@ def _add_texture(spec: Any, name: str, pixels: bytes, size: int) -> None:
     texture.data = pixels
 
 
-def build(names: Sequence[str], floor_depth_m: float, width_px: int, height_px: int, samples: int) -> Any:
+def build(
+    names: Sequence[str], hulls: Sequence[str], floor_depth_m: float, width_px: int, height_px: int, samples: int
+) -> Any:
     """A model to look at: vehicles (the leader first), sea floor and surface.
 
     Args:
         names: of the vehicles, the leader first.
+        hulls: their models, as `sim.assembly.models_of` gives them.
         floor_depth_m: depth of the sea floor.
         width_px: of the frames, at most.
         height_px: of the frames, at most.
@@ -88,7 +91,6 @@ def build(names: Sequence[str], floor_depth_m: float, width_px: int, height_px: 
     Returns:
         The compiled MjModel.
     """
-    hulls = ["leader"] + ["follower"] * (len(names) - 1)
     spec = compose(
         [VehicleSetup(name=n, model=h, position_m=(0, 0, -5)) for n, h in zip(names, hulls, strict=True)], floor_depth_m
     )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Bytes, Floats
-from sim.assembly import ocean_of
+from sim.assembly import models_of, ocean_of
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.cameras import Director
 from sim.film.footage import Footage
@@ -93,7 +93,8 @@ class Studio:
 def open_stage(job: Job) -> Stage:
     """The stage for a job, in this process."""
     size = (job.video.width_px, job.video.height_px)
-    return Stage(job.flight.trajectory.names, ocean_of(job.flight.scenario), size, job.samples)
+    scenario = job.flight.scenario
+    return Stage(job.flight.trajectory.names, models_of(scenario), ocean_of(scenario), size, job.samples)
 
 
 def encoder(video: Video) -> Any:

@@ -15,8 +15,8 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
-import models
 from laisn.arrays import Floats
+from sim.vehicle.mjcf import spec_of
 
 
 def pose(position: Floats, quaternion: Floats) -> Any:
@@ -68,13 +68,9 @@ def _add(entity: Any, model: Any, geom: int) -> None:
         entity.triangles.append(_triangles(model, model.geom_dataid[geom], place, color))
 
 
-def hull(name: str) -> Any:
-    """Everything visible of the model `name` ("leader", "follower"), as a `SceneEntity` in the vehicle's body frame.
-
-    Raises:
-        ValueError: there is no such model.
-    """
-    model = mujoco.MjModel.from_xml_path(str(models.path(name)))
+def hull(model_of: str) -> Any:
+    """Everything visible of a model of `sim.vehicle.mjcf.spec_of`, as a `SceneEntity` in the vehicle's body frame."""
+    model = spec_of(model_of).compile()
     entity = SceneEntity()
     for geom in range(model.ngeom):
         _add(entity, model, geom)

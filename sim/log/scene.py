@@ -16,6 +16,7 @@ from google.protobuf.duration_pb2 import Duration
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
 from laisn.messages import Ranges
+from sim.assembly import models_of
 from sim.flight import Flight
 from sim.log.clock import timestamp
 from sim.log.hull import cylinder, hull, pose
@@ -82,7 +83,7 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
         index: points of the trajectory to draw at, a second apart, shape (n,).
     """
     names = flight.trajectory.names
-    hulls = [hull("leader" if v == 0 else "follower") for v in range(len(names))]
+    hulls = [hull(model) for model in models_of(flight.scenario)]
     trails = [_points(flight.trajectory.position[index, v]) for v in range(len(names))]
     # the last filter step at or before each point; the state of step k stands in row k − 1
     row = np.minimum(index // flight.stride, [[e.state.shape[0]] for e in flight.estimates]) - 1

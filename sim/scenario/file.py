@@ -1,5 +1,6 @@
 """Scenario files: TOML in and out, overrides, and messages that say what to mend."""
 
+import copy
 import json
 import stat
 import tomllib
@@ -11,6 +12,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from laisn.failure import LaisnError
+from sim.scenario import own_hull
 from sim.scenario.faults import Location, described, key_of, overlaps, told_apart, without
 from sim.scenario.settings import APART, Misfit, Scenario
 from sim.screen import ROWS, plain, screenful, shortened
@@ -74,7 +76,8 @@ def examined(
     only such count as concern nothing that was put aside.
     """
     scenario: Scenario | None = None
-    lines: list[str] = []
+    table = copy.deepcopy(table)
+    lines = own_hull.embed(table)
     aside: set[Location] = set()
     for _ in range(_ROUNDS):
         try:
@@ -227,4 +230,4 @@ def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, 
 
 def dumps(scenario: Scenario) -> str:
     """The whole scenario as TOML, every default written out; reading it back gives an equal scenario."""
-    return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
+    return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True), multiline_strings=True)

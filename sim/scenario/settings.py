@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationInfo, field_validator, model_validator
 
 from laisn.settings import GateRule, SideRule, Variant
+from sim.scenario.own_hull import LONGEST
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
+from sim.screen import shortened
 
 CONTROL_STEP_S = 0.1
 """Interval of the autopilot and of the recorded truth [s]."""
@@ -64,7 +66,7 @@ class Section(BaseModel):
         for name, field in type(self).model_fields.items():
             value = getattr(self, name)
             if value != field.get_default(call_default_factory=True):
-                yield name, value
+                yield name, shortened(value, 80) if isinstance(value, str) else value
 
 
 class Timing(Section):
@@ -98,6 +100,11 @@ class Vehicle(Section):
         (),
         max_length=MOST_POINTS,
         description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0",
+    )
+    model: Annotated[str, Field(max_length=LONGEST)] | None = Field(
+        None,
+        description="MJCF file of a hull of your own, named as seen from this file; its text once it is flown. "
+        "Without it the project's leader or follower",
     )
     depth_m: NonNegative = Field(LEADER_DEPTH, description="depth that the autopilot holds")
     depth_profile: Annotated[tuple[TimedDepth, ...], LISTED] = Field(

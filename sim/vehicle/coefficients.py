@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats
+from laisn.failure import LaisnError
 from sim.vehicle.mjcf import VehicleSetup
 
 MAX_STRIPS = 32
@@ -52,22 +53,22 @@ def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.voi
         Records of RECORD, shape (v,), read-only.
 
     Raises:
-        ValueError: a numeric is missing or of the wrong size, or the added mass is not symmetric positive semidefinite.
+        LaisnError: a numeric is missing or of the wrong size, or the added mass is not symmetric positive semidefinite.
     """
     records = np.zeros(len(names), RECORD)
     for record, name in zip(records, names, strict=True):
-        for numeric, (shape, unit) in NUMERICS.items():
-            value = _numeric(model, f"{name}/{numeric}", shape, unit)
+        for numeric, (shape, _) in NUMERICS.items():
+            value = _numeric(model, name, numeric)
             if numeric in ("strip_x", "strip_area"):
                 record[numeric][: value.size] = value
             else:
                 record[numeric] = value.reshape(shape)
-        record["n_strips"] = _numeric(model, f"{name}/strip_x", (MAX_STRIPS,), "m").size
-        if _numeric(model, f"{name}/strip_area", (MAX_STRIPS,), "m²").size != record["n_strips"]:
-            raise ValueError(f"{name}: strip_x and strip_area must have the same number of values")
+        record["n_strips"] = _numeric(model, name, "strip_x").size
+        if _numeric(model, name, "strip_area").size != record["n_strips"]:
+            raise LaisnError(f"{name}: strip_x and strip_area must have the same number of values")
         added = record["added_mass"]
         if not np.array_equal(added, added.T) or np.linalg.eigvalsh(added)[0] < 0:
-            raise ValueError(f"{name}: added_mass must be symmetric and positive semidefinite")
+            raise LaisnError(f"{name}: added_mass must be symmetric and positive semidefinite")
         record["gravity"] = -model.opt.gravity[2]
         record["density"] = density
     records.flags.writeable = False
@@ -92,16 +93,21 @@ def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt
     return true
 
 
-def _numeric(model: Any, name: str, shape: tuple[int, ...], unit: str) -> Floats:
-    i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
-    size = int(np.prod(shape))
-    strips = name.endswith(("/strip_x", "/strip_area"))
+def fault_of(name: str, given: int | None) -> str:
+    """What is wrong with a numeric of a vehicle that has so many values, None if it is not there; empty: nothing."""
+    shape, unit = NUMERICS[name]
+    size, strips = int(np.prod(shape)), name.startswith("strip_")
     expected = f"{'1 to ' if strips else ''}{size} value{'s' if size > 1 else ''} [{unit}]"
-    prefix, _, short = name.rpartition("/")
-    if i < 0:
-        raise ValueError(f"the MJCF of {prefix!r} lacks <numeric name={short!r}>, {expected}")
-    given = int(model.numeric_size[i])
-    if not (1 <= given <= size if strips else given == size):
-        raise ValueError(f"<numeric name={short!r}> of {prefix!r} has {given} values, expected {expected}")
-    start = model.numeric_adr[i]
+    if given is None:
+        return f"lacks <numeric name={name!r}>, {expected}"
+    fits = 1 <= given <= size if strips else given == size
+    return "" if fits else f"<numeric name={name!r}> has {given} values, expected {expected}"
+
+
+def _numeric(model: Any, vehicle: str, name: str) -> Floats:
+    i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, f"{vehicle}/{name}")
+    fault = fault_of(name, None if i < 0 else int(model.numeric_size[i]))
+    if fault:
+        raise LaisnError(f"the MJCF of {vehicle!r}: {fault}")
+    start, given = model.numeric_adr[i], model.numeric_size[i]
     return np.array(model.numeric_data[start : start + given], dtype=np.float64)

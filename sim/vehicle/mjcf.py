@@ -30,7 +30,7 @@ class VehicleSetup:
 
     name: str
     model: str
-    """MJCF of the vehicle, as `models.path` knows it: "leader", "follower"."""
+    """A model of the project as `models.path` knows it, "leader" or "follower", or the text of an MJCF file."""
     position_m: tuple[float, float, float]
     """Position (east, north, up) of the body origin in the world, at the start."""
     heading_rad: float = 0.0
@@ -59,7 +59,8 @@ class VehicleSetup:
     def __post_init__(self) -> None:
         if not self.name or "/" in self.name:
             raise LaisnError(f"vehicle name {self.name!r} must not be empty or contain '/'")
-        models.path(self.model)
+        if not self.model.lstrip().startswith("<"):
+            models.path(self.model)
         for name in ("heading_rad", "speed_m_s", "excess_buoyancy_n", "cg_offset_x_m", "cg_offset_z_m"):
             if not np.isfinite(getattr(self, name)):
                 raise LaisnError(f"{self.name}: {name}={getattr(self, name)} must be finite")
@@ -106,9 +107,20 @@ def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, 
     return spec
 
 
+def spec_of(model: str) -> mujoco.MjSpec:
+    """A vehicle's own MJCF, loaded afresh: of a model of the project, or of the text of a file.
+
+    Raises:
+        ValueError: there is no such model, or the text is not valid MJCF.
+    """
+    if model.lstrip().startswith("<"):
+        return mujoco.MjSpec.from_string(model)
+    return mujoco.MjSpec.from_file(str(models.path(model)))
+
+
 def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
-    """The vehicle's own MJCF, loaded afresh, with what the setup changes of it."""
-    spec = mujoco.MjSpec.from_file(str(models.path(setup.model)))
+    """The vehicle's own MJCF with what the setup changes of it."""
+    spec = spec_of(setup.model)
     for key in list(spec.keys):
         spec.delete(key)  # the keyframe of one vehicle alone does not fit the composed model
     for geom in [] if looks else list(spec.geoms):

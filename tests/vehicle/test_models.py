@@ -155,7 +155,7 @@ def test_setup_faults_are_named() -> None:
 def test_missing_numeric_is_named_with_size_and_unit() -> None:
     spec = compose(pair())
     spec.delete(spec.numeric("T2/linear_damping"))
-    with pytest.raises(ValueError, match=r"'T2' lacks <numeric name='linear_damping'>, 6 values \[N s/m, N m s\]"):
+    with pytest.raises(ValueError, match=r"'T2': lacks <numeric name='linear_damping'>, 6 values \[N s/m, N m s\]"):
         coefficients.read(spec.compile(), ["lead", "T2"], 1026.0)
 
 
@@ -163,7 +163,7 @@ def test_numeric_of_wrong_size_is_named_with_size_and_unit() -> None:
     spec = compose(pair())
     spec.numeric("lead/fin_area").data = np.array([0.1])
     spec.numeric("lead/fin_area").size = 1
-    with pytest.raises(ValueError, match=r"'fin_area'> of 'lead' has 1 values, expected 2 values \[m²\]"):
+    with pytest.raises(ValueError, match=r"'lead': <numeric name='fin_area'> has 1 values, expected 2 values \[m²\]"):
         coefficients.read(spec.compile(), ["lead", "T2"], 1026.0)
 
 

@@ -1,0 +1,93 @@
+"""Whether the MJCF of a user's own hull has all that a vehicle needs; what it lacks is named, all at once."""
+
+import re
+from typing import Any
+
+import mujoco
+
+from sim.vehicle import coefficients, thrusters
+from sim.vehicle.mjcf import THRUSTERS, VehicleSetup, compose, resolve
+
+_SITES = {
+    "depth_sensor": "where the pressure sensor sits",
+    "cg": "the centre of gravity",
+    **dict.fromkeys(THRUSTERS, "where that thruster pushes"),
+}
+_INSTRUMENTS = {
+    "leader": dict.fromkeys(("tx_rear", "tx_front", "tx_middle"), "a transmitter"),
+    "follower": {"hydrophone": "the hydrophone"},
+}
+_FILES = re.compile(r"<!DOCTYPE|<include\b|\b(?:file|file\w+|assetdir|meshdir|texturedir|plugin)\s*=", re.IGNORECASE)
+
+
+def _missing(spec: Any, role: str) -> list[str]:
+    """What is not there, or has the wrong size."""
+    lines = []
+    for name, what in (_SITES | _INSTRUMENTS[role]).items():
+        site = spec.site(name)
+        if site is None:
+            lines.append(f"lacks <site name={name!r}>, {what}")
+        elif site.parent.name != "hull":
+            lines.append(f"<site name={name!r}> must be fixed to the body 'hull'")
+    given = [actuator.name for actuator in spec.actuators]
+    lines += [f"lacks the actuator {name!r}, at the site of that name" for name in THRUSTERS if name not in given]
+    if not set(THRUSTERS) - set(given) and given != list(THRUSTERS):
+        lines.append(f"has the actuators {', '.join(given)}; expected {', '.join(THRUSTERS)}, in this order")
+    for name in coefficients.NUMERICS:
+        numeric = spec.numeric(name)
+        fault = coefficients.fault_of(name, None if numeric is None else int(numeric.size))
+        lines += [fault] if fault else []
+    return lines
+
+
+def _misbuilt(spec: Any) -> list[str]:
+    hull = spec.body("hull")
+    lines = []
+    if not hull.explicitinertial or not hull.mass > 0:
+        lines.append("the body 'hull' lacks <inertial pos= mass= diaginertia=>; geoms are looks and have no mass")
+    joints = [joint.type for joint in spec.joints]
+    if joints != [mujoco.mjtJoint.mjJNT_FREE]:
+        lines.append("the body 'hull' must have one <freejoint>, and there may be no other joint")
+    if len(spec.bodies) != 2:
+        lines.append("there may be no body beside 'hull'")
+    return lines
+
+
+def _compiled(text: str) -> list[str]:
+    """What keeps a hull that has all parts from swimming."""
+    try:
+        model = compose([VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]).compile()
+        coefficients.read(model, ["hull"], 1026.0)
+        thrusters.unit_wrenches(model, [resolve(model, "hull")])
+    except ValueError as error:
+        return [str(error).splitlines()[0]]
+    lines = []
+    if model.na != len(THRUSTERS):
+        lines.append('every actuator must have a state of its own: <general dyntype="filterexact" dynprm="0.3"/>')
+    if not model.actuator_ctrllimited.all():
+        lines.append("every actuator must have a ctrlrange, its least and its largest thrust [N]")
+    if model.body_simple[model.body("hull/hull").id]:
+        lines.append("the body 'hull' must have simple=\"false\", so that the added mass fits into its inertia matrix")
+    return lines
+
+
+def faults_of(text: str, role: str) -> list[str]:
+    """What the MJCF of a hull lacks to be a vehicle.
+
+    Args:
+        text: of the file.
+        role: "leader" or "follower", which carry other instruments.
+
+    Returns:
+        A line for each site, actuator and coefficient that is missing or wrong; empty if there is none.
+    """
+    outside = _FILES.search(text)
+    if outside:
+        return [f"names other files ({outside[0].strip()}): a hull is one file; looks are made of plain geoms"]
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+    except ValueError as error:
+        return [f"not valid MJCF: {str(error).splitlines()[0]}"]
+    if spec.body("hull") is None:
+        return ["has no body 'hull'"]
+    return _missing(spec, role) + _misbuilt(spec) or _compiled(text)

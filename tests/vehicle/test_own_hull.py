@@ -1,0 +1,132 @@
+"""Hulls of users: what a file lacks is named at once, what flies is the file, and the scenario holds it whole."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import laisn_sim
+import models
+from experiments.study.file import of_table
+from experiments.study.plan import plan_of
+from sim.log.hull import hull
+from sim.scenario.file import dumps
+from sim.vehicle.coefficients import NUMERICS
+from sim.vehicle.mjcf import THRUSTERS
+from sim.vehicle.own_hull import faults_of
+
+FOLLOWER, LEADER = (models.path(name).read_text(encoding="utf-8") for name in ("follower", "leader"))
+SITES = ("depth_sensor", "cg", *THRUSTERS)
+
+
+def without(kind: str, name: str, text: str = FOLLOWER) -> str:
+    """A hull without one of its sites, actuators or numerics."""
+    found = re.sub(rf'<{kind} name="{name}"[^>]*/>', "", text)
+    assert found != text
+    return found
+
+
+def test_the_projects_own_hulls_lack_nothing() -> None:
+    assert faults_of(FOLLOWER, "follower") == []
+    assert faults_of(LEADER, "leader") == []
+
+
+@pytest.mark.parametrize("name", NUMERICS)
+def test_a_missing_coefficient_is_named_with_its_unit(name: str) -> None:
+    (fault,) = faults_of(without("numeric", name), "follower")
+    assert fault.startswith(f"lacks <numeric name='{name}'>, ")
+    assert fault.endswith(f"[{NUMERICS[name][1]}]")
+
+
+@pytest.mark.parametrize(("role", "text", "name"), [
+    *(("follower", FOLLOWER, name) for name in (*SITES, "hydrophone")),
+    *(("leader", LEADER, name) for name in ("tx_rear", "tx_front", "tx_middle")),
+])  # fmt: skip
+def test_a_missing_site_is_named(role: str, text: str, name: str) -> None:
+    faults = faults_of(without("general", name, without("site", name, text)) if name in THRUSTERS
+                       else without("site", name, text), role)  # fmt: skip
+    assert faults[0].startswith(f"lacks <site name='{name}'>, ")
+    assert faults[1:] == ([f"lacks the actuator '{name}', at the site of that name"] if name in THRUSTERS else [])
+
+
+@pytest.mark.parametrize(("text", "told"), [
+    ("<mujoco><worldbody/></mujoco>", "has no body 'hull'"),
+    ("<mujoco><body></mujoco>", "not valid MJCF: "),
+    (FOLLOWER.replace('data="3 3 3 0 0 0"', 'data="3 3"'), "name='linear_damping_fade'> has 2 values, expected 6"),
+    (FOLLOWER.replace('simple="false"', "").replace('pos="0 0 -0.02" mass', 'pos="0 0 0" mass'), 'simple="false"'),
+    (FOLLOWER.replace("<freejoint name=\"free\"/>", "<joint name=\"a\"/>"), "must have one <freejoint>"),
+    (re.sub(r"<inertial[^>]*>", "", FOLLOWER), "lacks <inertial"),
+    (FOLLOWER.replace('<asset>', '<asset><texture name="t" type="2d" file="/etc/passwd"/>'), "names other files"),
+    (FOLLOWER.replace('<asset>', '<include file="other.xml"/><asset>'), "names other files"),
+    (FOLLOWER.replace('dyntype="filterexact" dynprm="0.3"', ""), "a state of its own"),
+    (FOLLOWER.replace("0 29.43764 0 0 0 0", "0.1 29.43764 0 0 0 0"), "added_mass must be symmetric"),
+    (FOLLOWER.replace('<camera name="chase"', '<body name="arm"/><camera name="chase"'), "no body beside 'hull'"),
+])  # fmt: skip
+def test_a_hull_that_cannot_swim_is_told_why(text: str, told: str) -> None:
+    assert text != FOLLOWER
+    faults = faults_of(text, "follower")
+    assert any(told in fault for fault in faults), faults
+
+
+def test_actuators_out_of_order_are_named() -> None:
+    line = '<general name="thruster_main" class="propeller" site="thruster_main"/>'
+    text = FOLLOWER.replace(line, "").replace("</actuator>", f"{line}</actuator>")
+    (fault,) = faults_of(text, "follower")
+    assert fault.startswith("has the actuators thruster_lateral_bow,")
+    assert fault.endswith("thruster_vertical_stern, in this order")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scenario and its hull, of twice the drag along its way."""
+    folder = tmp_path_factory.mktemp("own")
+    text = FOLLOWER.replace('data="0.2128 0.05596 0.266"', 'data="0.2128 0.11192 0.266"')
+    assert text != FOLLOWER
+    (folder / "mine.xml").write_text(text, encoding="utf-8")
+    (folder / "mine.toml").write_text('duration_s = 60\n[[followers]]\nroute = "T2"\nmodel = "mine.xml"\n')
+    return folder
+
+
+def test_the_hull_of_the_file_is_flown(folder: Path) -> None:
+    """At 1 m/s through still water the thrust is the drag, which is mostly that of the hull at no incidence."""
+    own, usual = (laisn_sim.fly(source, {"duration_s": 60}) for source in (folder / "mine.toml", "T2"))
+    thrusts = [flight.trajectory.thrust[-200:, 1, 0].mean() for flight in (own, usual)]
+    speed = usual.trajectory.forward_speed[-200:, 1]
+    more = 0.5 * 1026 * 0.2128 * 0.05596 * np.mean(speed**2)
+    assert thrusts[0] - thrusts[1] == pytest.approx(more, rel=0.02)
+    np.testing.assert_array_equal(own.trajectory.position[:, 0], usual.trajectory.position[:, 0])
+
+
+def test_a_scenario_is_whole_without_the_file(folder: Path, tmp_path: Path) -> None:
+    flight = laisn_sim.fly(folder / "mine.toml", {"duration_s": 10})
+    (tmp_path / "again.toml").write_text(dumps(flight.scenario), encoding="utf-8")
+    assert laisn_sim.load(tmp_path / "again.toml") == flight.scenario
+    again = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "a.mcap"))
+    assert again.scenario == flight.scenario
+    assert laisn_sim.fly(again.scenario).trajectory.position.tobytes() == flight.trajectory.position.tobytes()
+
+
+def test_faults_of_a_hull_come_with_those_of_the_scenario(folder: Path) -> None:
+    (folder / "bad.xml").write_text(without("site", "hydrophone"), encoding="utf-8")
+    with pytest.raises(laisn_sim.LaisnError) as told:
+        laisn_sim.load(folder / "mine.toml", {"followers.0.model": str(folder / "bad.xml"), "leader.depth_m": -1})
+    assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(told.value)
+    assert "leader.depth_m" in str(told.value)
+    with pytest.raises(laisn_sim.LaisnError, match=r"leader\.model: absent\.xml: cannot be read: No such file"):
+        laisn_sim.load("T5", {"leader.model": "absent.xml"})
+
+
+def test_a_study_finds_hulls_beside_its_file(folder: Path) -> None:
+    table = {"scenario": "T2", "set": {"duration_s": 60.0}, "vary": {"followers.0.model": ["mine.xml"]}}
+    (entry,) = plan_of(of_table(table, "s.toml", "s", folder)).entries
+    assert entry.scenario.followers[0].model == (folder / "mine.xml").read_text(encoding="utf-8")
+    arms = [{"name": "usual"}, {"name": "mine", "followers": {"0": {"model": "mine.xml"}}}]
+    plan = plan_of(of_table({"scenario": "T2", "arm": arms}, "s.toml", "s", folder))
+    assert [e.scenario.followers[0].model is None for e in plan.entries] == [True, False]
+
+
+def test_logs_draw_the_hull_of_the_file() -> None:
+    bare = re.sub(r"<geom [^>]*/>", "", FOLLOWER)
+    assert len(hull("follower").cylinders) > 3
+    assert len(hull(bare).cylinders) == 0
