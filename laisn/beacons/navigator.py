@@ -1,0 +1,197 @@
+"""One vehicle among beacons, online, step by step: odometry and ranges in, estimates out."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.beacons.belief import Belief, moments, new_belief, with_beacon
+from laisn.beacons.estimator import STARTERS, hear
+from laisn.beacons.odometry import advance
+from laisn.beacons.ranging import Ranging
+from laisn.beacons.settings import BeaconSettings
+from laisn.estimates import Estimates, FixKind
+from laisn.failure import LaisnError
+from laisn.messages import Measurements, OwnMotion, Reception
+
+FASTEST = 50.0
+"""A reading of the odometry beyond this is broken, not fast [m/s]."""
+FARTHEST = 1e5
+"""A range beyond this is broken, not far [m]."""
+MOST_BEACONS = 64
+"""More places than this are not those of beacons at rest."""
+
+
+class Update(NamedTuple):
+    """What a message changed."""
+
+    step: int
+    kind: FixKind
+    """`ONE_RANGE` if the heaviest component used a range, `GATED` if it used none, `LOST` if there was none."""
+    position: Floats
+    """Mean over the mixture, shape (2,), [m]."""
+    sigma: float
+    """Root of half the trace of its covariance [m]."""
+
+
+def _check(step: int, own: OwnMotion, reception: Reception | None, duration: float) -> None:
+    """LaisnError naming what is broken of a step's readings."""
+    if not np.all(np.isfinite(own)):
+        raise LaisnError(f"step {step}: own motion {own} is not finite")
+    if not -FASTEST <= own.speed <= FASTEST:
+        raise LaisnError(f"step {step}: the odometry reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
+    if not 0.0 < duration < np.inf:
+        raise LaisnError(f"step {step}: it takes {duration} s, expected a positive time")
+    if reception is None:
+        return
+    if reception.transmitters is None:
+        raise LaisnError(f"step {step}: the message does not place its transmitters; this navigator needs beacons")
+    for value in reception.ranges:
+        if value < 0.0 or value > FARTHEST:
+            raise LaisnError(f"step {step}: ranges {reception.ranges}, expected 0 … {FARTHEST:g} m, NaN for none")
+
+
+def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> Estimates:
+    """The record of a mission of its states and messages."""
+    m = len(updates)
+    return Estimates(
+        state=state,
+        covariance=covariance,
+        fix_step=np.array([u.step for u in updates], dtype=np.int64),
+        fix_position=np.array([u.position for u in updates]).reshape(m, 2),
+        fix_sigma=np.array([u.sigma for u in updates], dtype=np.float64),
+        fix_kind=np.array([u.kind for u in updates], dtype=np.int64),
+        innovation=np.full((m, 2), np.nan),
+        innovation_covariance=np.full((m, 2, 2), np.nan),
+    )
+
+
+class BeaconNavigator:
+    """The tightly coupled navigator of one vehicle among beacons at rest.
+
+    A reading of its own motion is the mean speed over the step that it ends, and the direction of the way in it.
+    """
+
+    def __init__(self, settings: BeaconSettings, start: Floats | None) -> None:
+        """Start at a known place, or anywhere.
+
+        Args:
+            settings: sensors, and what is known.
+            start: receiver's x, y [m] and velocity [m/s] at step 0, shape (4,); None, or settings that say so: unknown,
+                so that estimates are NaN until the first range. The heading is known either way.
+
+        Raises:
+            ValueError: the start is not four finite numbers.
+        """
+        known = None
+        self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
+        if start is not None and settings.known_start:
+            start = np.asarray(start, dtype=np.float64)
+            if start.shape != (4,) or not np.all(np.isfinite(start)):
+                raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
+            known = (float(start[0]), float(start[1]))
+            self._state, self._covariance = start.copy(), np.diag(np.repeat([settings.start_sigma**2, 0.0], 2))
+        self.settings = settings
+        self._belief: Belief = new_belief(settings, known)
+        self._beacons: dict[tuple[float, float], int] = {}
+        self._starter = 0 if known is None else -1
+        self._step = 0
+
+    @property
+    def state(self) -> Floats:
+        """x, y, vx, vy after the last step, shape (4,): mean over the mixture."""
+        return self._state.copy()
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of `state` over the mixture, shape (4, 4)."""
+        return self._covariance.copy()
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the probability density that the settings gave to all ranges so far: the larger, the likelier.
+
+        Of an unknown start's first ranges it counts only what those before them say.
+        """
+        return float(self._belief.evidence[0])
+
+    def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
+        """Advance by one filter step.
+
+        Args:
+            own: measured in the step.
+            reception: ranges and the places of their beacons, if any arrived; NaN for none.
+            duration: time that this step took, if it is another one than the settings' Δt [s].
+
+        Returns:
+            What the message changed, if there was one.
+
+        Raises:
+            LaisnError: a reading is not finite or absurd, or there are more places than of beacons at rest.
+            ArithmeticError: the estimate is not finite any more; the navigator is not to be used further.
+        """
+        self._step += 1
+        time = self.settings.dt if duration is None else duration
+        _check(self._step, own, reception, time)
+        advance(self._belief, self.settings.slip, own.speed, own.heading, time)
+        updates = [] if reception is None else [self._receive(own, reception)]
+        self._state, self._covariance = moments(self._belief, own.speed, own.heading)
+        if self._belief.alive[0] and not np.all(np.isfinite(self._covariance)):
+            raise ArithmeticError(f"step {self._step}: the covariance is not finite after {reception}")
+        return updates
+
+    def run(self, measurements: Measurements) -> Estimates:
+        """Estimates of a whole mission from the start, step by step; the same to the bit as `step` in a loop.
+
+        Raises:
+            ValueError: the navigator is under way.
+            LaisnError: as `step`.
+        """
+        if self._step:
+            raise ValueError(f"this navigator is at step {self._step} already; a mission needs a new one")
+        n = measurements.speed.size
+        state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
+        updates: list[Update] = []
+        durations = np.full(n, measurements.dt) if measurements.durations is None else measurements.durations
+        for i, (own, reception) in enumerate(measurements.steps()):
+            updates += self.step(own, reception, float(durations[i]))
+            state[i], covariance[i] = self._state, self._covariance
+        return _estimates(state, covariance, updates)
+
+    def _beacon(self, place: tuple[float, float]) -> int:
+        """Number of the beacon at a surveyed place; a new place is a new beacon."""
+        if place not in self._beacons:
+            if len(self._beacons) == MOST_BEACONS:
+                raise LaisnError(
+                    f"step {self._step}: ranges to more than {MOST_BEACONS} places; beacons must lie still"
+                )
+            self._beacons[place] = len(self._beacons)
+            self._belief = with_beacon(self._belief, self.settings)
+        return self._beacons[place]
+
+    def _hear(self, place: Floats, measured: float, depth: float) -> bool:
+        """Take one range; whether the heaviest component used it."""
+        told = self.settings
+        z = Ranging(
+            beacon=self._beacon((float(place[0]), float(place[1]))),
+            east=float(place[0]),
+            north=float(place[1]),
+            deeper=float(place[2] - (depth - told.hydrophone_height)),
+            range=measured,
+            variance=told.range_sigma**2,
+            accepted=float(np.log1p(-told.outlier_chance)),
+            wrong=float(np.log(told.outlier_chance / told.outlier_span)),
+        )
+        used = hear(self._belief, z, self._starter)
+        if self._starter >= 0:
+            self._starter = self._starter + 1 if self._starter + 1 < STARTERS else -1
+        return bool(used)
+
+    def _receive(self, own: OwnMotion, reception: Reception) -> Update:
+        places = np.empty((0, 3)) if reception.transmitters is None else reception.transmitters
+        heard = [i for i, place in enumerate(places) if np.isfinite(reception.ranges[i] + place.sum())]
+        used = [self._hear(places[i], float(reception.ranges[i]), own.depth) for i in heard]
+        kind = FixKind.ONE_RANGE if any(used) else (FixKind.GATED if heard else FixKind.LOST)
+        mean, covariance = moments(self._belief, own.speed, own.heading)
+        return Update(self._step, kind, mean[:2], float(np.sqrt(0.5 * np.trace(covariance[:2, :2]))))

@@ -1,0 +1,71 @@
+"""What the navigator among beacons takes its odometry and its ranges to be, as a data sheet would say it."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeaconSettings:
+    """Settings of the navigator among beacons: standard deviations of its sensors, without their signs.
+
+    The defaults are those of a wheeled vehicle with radio ranges, `MEDIA` has others. Raises ValueError naming the
+    field if a value is out of its range.
+    """
+
+    dt: float = 0.1
+    """Filter step Δt [s]; steps of other lengths may come between."""
+    hydrophone_height: float = 0.0
+    """Height of the receiver above the depth sensor when level [m]."""
+    known_start: bool = True
+    """The start is given. Otherwise the first ranges give it."""
+    start_sigma: float = 1.0
+    """Standard deviation of the position at the start, along each axis [m]."""
+    heading_sigma: float = float(np.deg2rad(5.0))
+    """Standard deviation of the heading's error at the start [rad]."""
+    gyro_bias_sigma: float = float(np.deg2rad(0.5))
+    """Standard deviation of the rate at which that error grows [rad/s]; 0 for a compass."""
+    speed_scale_sigma: float = 0.03
+    """Standard deviation of the logarithm of true over measured speed."""
+    slip: float = 0.05
+    """Motion that odometry does not see, in a second, along each axis [m/√s]."""
+    current_sigma: float = 0.0
+    """Standard deviation of a current that carries the vehicle, along each axis [m/s]; 0 for none."""
+    range_sigma: float = 0.5
+    """Random error of each range [m]; what is learnt of each beacon stays between half and four times this."""
+    range_scale_sigma: float = 0.1
+    """Standard deviation of the scale error that all ranges share: of radio. Sound under water has 0.003."""
+    range_offset_sigma: float = 0.1
+    """Standard deviation of each beacon's constant error of range [m]."""
+    survey_sigma: float = 0.1
+    """Standard deviation of each beacon's place, along each axis [m]."""
+    outlier_chance: float = 0.05
+    """Chance that a range is wrong altogether."""
+    outlier_span: float = 20.0
+    """Width of the span in which wrong ranges lie [m]."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.outlier_chance < 1.0:
+            raise ValueError(f"outlier_chance is {self.outlier_chance}, expected a number between 0 and 1")
+        positive = {"dt", "start_sigma", "range_sigma", "outlier_span"}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not isinstance(value, float) or item.name == "hydrophone_height":
+                continue
+            if not np.isfinite(value) or value < 0.0 or (item.name in positive and value == 0.0):
+                bound = "positive" if item.name in positive else "zero or more"
+                raise ValueError(f"{item.name} is {value}, expected a finite number, {bound}")
+
+
+MEDIA = {
+    "air": BeaconSettings(),
+    "water": BeaconSettings(
+        gyro_bias_sigma=float(np.deg2rad(0.02)),
+        slip=0.2,
+        current_sigma=0.1,
+        range_scale_sigma=0.003,
+        survey_sigma=1.0,
+        outlier_span=100.0,
+    ),
+}
+"""What ranges are measured through: radio on land, or sound under water, where a vehicle has a compass and drifts."""

@@ -1,0 +1,304 @@
+"""The navigator among beacons: its formulas against independent ones, and what it does where things go wrong."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from laisn.arrays import Floats
+from laisn.beacons.belief import GYRO, HEADING, ROOM, SCALE, SHARED, SPEED, Belief, X, Y, new_belief, with_beacon
+from laisn.beacons.mixture import split, tidy
+from laisn.beacons.navigator import BeaconNavigator
+from laisn.beacons.odometry import advance
+from laisn.beacons.ranging import Ranging, learn, look
+from laisn.beacons.settings import MEDIA, BeaconSettings
+from laisn.estimates import FixKind
+from laisn.failure import LaisnError
+from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
+from tests.beacons.round_trip import Errors, round_trip
+
+RANDOM = np.random.default_rng(5)
+ALL_ON = replace(BeaconSettings(), current_sigma=0.3)
+
+
+def ranging(place: tuple[float, float], measured: float, *, deeper: float = 0.0, sigma: float = 0.5) -> Ranging:
+    """A range to the first beacon."""
+    return Ranging(0, *place, deeper, measured, sigma**2, math.log(0.95), math.log(0.05 / 20.0))
+
+
+def belief(told: BeaconSettings = ALL_ON, place: tuple[float, float] = (3.0, -4.0)) -> Belief:
+    """A belief with one beacon and errors that are correlated with each other."""
+    made = with_beacon(new_belief(told, place), told)
+    n = made.fresh.size
+    made.state[0, 2:] = 0.02 * RANDOM.standard_normal(n - 2)
+    root = RANDOM.standard_normal((n, n)) * 0.05
+    made.covariance[0] += root @ root.T
+    return made
+
+
+def with_covariance(made: Belief, covariance: Floats) -> Belief:
+    made.covariance[0] = covariance
+    return made
+
+
+def expected_range(x: Floats, place: tuple[float, float], deeper: float) -> float:
+    own = SHARED
+    off = np.array([x[X] - place[0] - x[own + 1], x[Y] - place[1] - x[own + 2], deeper])
+    return float((1.0 + x[SCALE]) * np.linalg.norm(off) + x[own])
+
+
+def test_a_range_has_the_derivatives_of_finite_differences() -> None:
+    made, place = belief(), (40.0, 25.0)
+    n, x = made.fresh.size, made.state[0].copy()
+    with_covariance(made, np.eye(n) * 1e-12)
+    look(made, 0, ranging(place, 50.0, deeper=6.0))
+    rows = made.gain / 1e-12
+    for j in range(n):
+        step = np.zeros(n)
+        step[j] = 1e-6
+        slope = (expected_range(x + step, place, 6.0) - expected_range(x - step, place, 6.0)) / 2e-6
+        assert rows[j] == pytest.approx(slope, abs=1e-8)
+
+
+def test_a_range_has_the_mean_and_variance_of_many_draws() -> None:
+    """Second-order terms: two metres across at thirty bend a circle by centimetres."""
+    made, place = belief(), (20.0, 18.0)
+    root = 0.8 * RANDOM.standard_normal((made.fresh.size, made.fresh.size))
+    root[2:] *= 0.001
+    with_covariance(made, root @ root.T)
+    x = made.state[0] + RANDOM.standard_normal((400_000, made.fresh.size)) @ root.T
+    off = x[:, :2] - np.array(place) - x[:, SHARED + 1 : SHARED + 3]
+    drawn = (1.0 + x[:, SCALE]) * np.hypot(*off.T) + x[:, SHARED]
+    residual, variance, _ = look(made, 0, ranging(place, 0.0))
+    error = drawn.std() / math.sqrt(drawn.size)
+    assert -residual == pytest.approx(drawn.mean(), abs=5.0 * error)
+    first_order = -residual - expected_range(made.state[0], place, 0.0)
+    assert abs(first_order) > 10.0 * error, "the correction must matter here"
+    assert variance == pytest.approx(drawn.var(), rel=0.01)
+
+
+def moved(x: Floats, speed: float, heading: float, time: float) -> Floats:
+    """What a step of odometry does to a state, written down once more."""
+    y = x.copy()
+    y[HEADING] += time * x[GYRO]
+    way = math.exp(x[SPEED]) * speed * time
+    y[:2] += way * np.array([math.sin(heading - y[HEADING]), math.cos(heading - y[HEADING])]) + time * x[6:8]
+    return y
+
+
+def test_odometry_moves_mean_and_covariance_as_finite_differences_say() -> None:
+    made = belief()
+    n, x, before = made.fresh.size, made.state[0].copy(), made.covariance[0].copy()
+    step = 1e-6
+    rows = np.column_stack(
+        [(moved(x + step * e, 1.7, 0.8, 0.5) - moved(x - step * e, 1.7, 0.8, 0.5)) / (2 * step) for e in np.eye(n)]
+    )
+    advance(made, 0.0, 1.7, 0.8, 0.5)
+    np.testing.assert_allclose(made.state[0], moved(x, 1.7, 0.8, 0.5), atol=1e-12)
+    grown = made.covariance[0] - rows @ before @ rows.T
+    # what biases that wander add, and nothing else
+    assert np.all(np.abs(grown - np.diag(np.diag(grown))) < 1e-8)
+    assert np.all(np.diag(grown)[[SPEED, HEADING, GYRO]] > 0.0)
+    np.testing.assert_allclose(np.diag(grown)[[X, Y, SCALE]], 0.0, atol=1e-8)
+
+
+def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
+    """Ten thousand kilometres off, a circle is straight; filterpy has the same numbers to 1e-9 of them."""
+    made, place = belief(place=(0.0, -4.0)), (0.0, 1e7)
+    n = made.fresh.size
+    root = 0.1 * RANDOM.standard_normal((n, n))
+    root[SCALE] = 0.0
+    with_covariance(made, root @ root.T)
+    made.state[0, SCALE] = 0.0
+    other = KalmanFilter(dim_x=n, dim_z=1)
+    other.x, other.P, other.R = made.state[0][:, None].copy(), made.covariance[0].copy(), np.array([[0.25]])
+    row = np.zeros((1, n))
+    row[0, [Y, SHARED, SHARED + 2]] = -1.0, 1.0, 1.0
+    far = 1e7 - made.state[0, Y] + made.state[0, SHARED + 2] + made.state[0, SHARED]
+    z = ranging(place, far + 0.3)
+    other.update(np.array([[z.range - far]]) + row @ other.x, H=row)
+    used, _ = learn(made, 0, z)
+    assert used
+    np.testing.assert_allclose(made.state[0], other.x[:, 0], atol=1e-8)
+    np.testing.assert_allclose(made.covariance[0], other.P, atol=1e-9)
+
+
+def mixture_moments(b: Belief) -> tuple[Floats, Floats]:
+    k = b.alive[0]
+    weight, state = b.weight[:k] / b.weight[:k].sum(), b.state[:k]
+    mean = weight @ state
+    off = state - mean
+    return mean, np.einsum("k,kij->ij", weight, b.covariance[:k]) + np.einsum("k,ki,kj->ij", weight, off, off)
+
+
+def test_splits_keep_mean_and_covariance_until_a_circle_is_straight() -> None:
+    made = belief()
+    made.covariance[0, X, X] += 9.0
+    made.covariance[0, Y, Y] += 25.0
+    before, z = mixture_moments(made), ranging((10.0, 0.0), 30.0)
+    split(made, z)
+    assert 5 < made.alive[0] < ROOM - 1
+    for old, new in zip(before, mixture_moments(made), strict=True):
+        np.testing.assert_allclose(new, old, rtol=1e-9, atol=1e-9)
+    for k in range(made.alive[0]):
+        assert look(made, k, z)[2] <= 0.7 * 0.5
+
+
+def test_components_in_one_place_become_one_with_their_moments() -> None:
+    made = belief()
+    made.covariance[0, X, X] += 4.0
+    split(made, ranging((3.0, 1.0), 5.0, sigma=0.05))
+    before = mixture_moments(made)
+    # all within a third of their spread
+    made.covariance[:, X, X] += 400.0
+    made.covariance[:, Y, Y] += 400.0
+    tidy(made)
+    assert made.alive[0] == 1
+    mean, covariance = mixture_moments(made)
+    covariance[[X, Y], [X, Y]] -= 400.0
+    np.testing.assert_allclose(mean, before[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(covariance, before[1], rtol=1e-9, atol=1e-9)
+
+
+def test_without_noise_the_errors_of_all_sensors_are_found() -> None:
+    true = Errors(speed_scale=0.02, gyro_bias=math.radians(0.3), range_scale=0.07, noise=0.0)
+    told = BeaconSettings(slip=1e-3, range_sigma=0.02, survey_sigma=1e-4, range_offset_sigma=1e-4)
+    measured, truth = round_trip(true, seconds=600)
+    navigator = BeaconNavigator(told, np.array([*truth[0], 0.0, 0.0]))
+    found = navigator.run(measured)
+    x = navigator._belief.state[0]
+    assert x[SCALE] == pytest.approx(0.07, abs=1e-3)
+    assert x[SPEED] == pytest.approx(0.02, abs=2e-3)
+    assert x[GYRO] == pytest.approx(math.radians(0.3), abs=math.radians(0.01))
+    assert np.hypot(*(found.state[:, :2] - truth[1:]).T)[-1000:].max() < 0.05
+
+
+@pytest.mark.parametrize("medium", MEDIA)
+def test_a_covariance_can_be_believed_where_its_assumptions_hold(medium: str) -> None:
+    """Errors drawn from the settings: the mean of NEES over runs lies where χ² of two degrees has it."""
+    told = MEDIA[medium]
+    nees = []
+    for seed in range(12):
+        measured, truth = round_trip(Errors.drawn(told, seed), seconds=300, seed=seed, slip=told.slip)
+        start = truth[0] + told.start_sigma * np.random.default_rng(seed).standard_normal(2)
+        found = BeaconNavigator(told, np.array([*start, 0.0, 0.0])).run(measured)
+        off = found.state[::100, :2] - truth[1::100]
+        nees.append(
+            np.mean([e @ np.linalg.solve(p[:2, :2], e) for e, p in zip(off, found.covariance[::100], strict=True)])
+        )
+    # twelve runs whose errors are correlated over time count as some fifty draws of mean 2, σ 2
+    assert 1.2 < np.mean(nees) < 2.8
+
+
+def test_the_medium_shows_in_what_it_makes_of_the_ranges() -> None:
+    for medium, other in (("air", "water"), ("water", "air")):
+        true = Errors(range_scale=0.07 if medium == "air" else 0.001)
+        measured, truth = round_trip(true, seconds=600, slip=MEDIA[medium].slip)
+        start = np.array([*truth[0], 0.0, 0.0])
+        evidence = {}
+        for name in (medium, other):
+            navigator = BeaconNavigator(MEDIA[name], start)
+            navigator.run(measured)
+            evidence[name] = navigator.evidence
+        assert evidence[medium] > evidence[other] + 5.0
+
+
+def test_an_unknown_start_is_found_though_its_first_ranges_are_wrong() -> None:
+    measured, truth = round_trip(Errors(), seconds=300)
+    ranges = measured.ranges.copy()
+    ranges[:3] += np.array([[-35.0], [60.0], [-20.0]])
+    navigator = BeaconNavigator(BeaconSettings(known_start=False), None)
+    found = navigator.run(replace(measured, ranges=ranges))
+    assert np.isnan(found.state[0]).all()
+    off = np.hypot(*(found.state[:, :2] - truth[1:]).T)
+    assert off[600:].mean() < 0.5
+    assert np.all(found.fix_kind[:3] != FixKind.LOST)
+
+
+def test_echoes_are_left_out_and_a_vehicle_carried_away_is_found_again() -> None:
+    measured, truth = round_trip(Errors(), seconds=400)
+    start = np.array([*truth[0], 0.0, 0.0])
+    ranges = measured.ranges.copy()
+    wrong = np.arange(5, 400, 10)
+    ranges[wrong] += 12.0
+    found = BeaconNavigator(BeaconSettings(), start).run(replace(measured, ranges=ranges))
+    assert np.hypot(*(found.state[:, :2] - truth[1:]).T).mean() < 0.6
+    assert np.mean(found.fix_kind[wrong] == FixKind.GATED) > 0.95
+    # somebody lifts it at 200 s and sets it down 70 m away: odometry sees nothing of it
+    away = replace(
+        measured, ranges=np.vstack([measured.ranges[:200], round_trip(Errors(), 400, shift=70.0)[0].ranges[200:]])
+    )
+    found = BeaconNavigator(BeaconSettings(), start).run(away)
+    off = np.hypot(*(found.state[-500:, :2] - (truth[-500:] + np.array([70.0, 0.0]))).T)
+    assert off.mean() < 1.0
+
+
+@settings(max_examples=8, deadline=None)
+@given(turn=st.floats(-3.0, 3.0), east=st.floats(-1e3, 1e3), north=st.floats(-1e3, 1e3))
+def test_a_world_that_is_turned_and_moved_gives_the_same_estimates(turn: float, east: float, north: float) -> None:
+    measured, truth = round_trip(Errors(), seconds=60)
+    c, s = math.cos(turn), math.sin(turn)
+    rotation, shift = np.array([[c, s], [-s, c]]), np.array([east, north])
+    assert measured.transmitters is not None
+    places = measured.transmitters.copy()
+    places[..., :2] = places[..., :2] @ rotation.T + shift
+    other = replace(measured, heading=measured.heading + turn, transmitters=places)
+    first = BeaconNavigator(BeaconSettings(), np.array([*truth[0], 0.0, 0.0])).run(measured)
+    second = BeaconNavigator(BeaconSettings(), np.array([*(rotation @ truth[0] + shift), 0.0, 0.0])).run(other)
+    np.testing.assert_allclose(second.state[:, :2], first.state[:, :2] @ rotation.T + shift, atol=1e-6)
+    np.testing.assert_allclose(
+        second.covariance[:, :2, :2], rotation @ first.covariance[:, :2, :2] @ rotation.T, atol=1e-8
+    )
+
+
+def test_step_by_step_is_the_whole_mission_to_the_bit_and_stays_positive_definite() -> None:
+    measured, truth = round_trip(Errors(), seconds=600)
+    start = np.array([*truth[0], 0.0, 0.0])
+    whole = BeaconNavigator(ALL_ON, start).run(measured)
+    navigator = BeaconNavigator(ALL_ON, start)
+    for i, (own, reception) in enumerate(measured.steps()):
+        navigator.step(own, reception, measured.dt)
+        assert navigator.state.tolist() == whole.state[i].tolist()
+        assert navigator.covariance.tolist() == whole.covariance[i].tolist()
+    P = navigator._belief.covariance[0]
+    assert np.linalg.eigvalsh(P).min() > 0.0
+    assert np.array_equal(P, P.T)
+
+
+def reception(ranges: tuple[float, float, float] = (20.0, math.nan, math.nan), east: float = 0.0) -> Reception:
+    places = np.full((3, 3), math.nan)
+    places[0] = east, 5.0, 0.0
+    return Reception(LeaderMessage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), Ranges(*ranges), places)
+
+
+def test_absurd_readings_are_named() -> None:
+    fine, start = OwnMotion(1.0, 0.0, 0.0), np.zeros(4)
+    cases = [
+        (OwnMotion(math.nan, 0.0, 0.0), None, 0.1, "is not finite"),
+        (OwnMotion(80.0, 0.0, 0.0), None, 0.1, "the odometry reads 80 m/s"),
+        (fine, None, 0.0, "expected a positive time"),
+        (fine, reception((-3.0, math.nan, math.nan)), 0.1, "NaN for none"),
+        (fine, reception()._replace(transmitters=None), 0.1, "needs beacons"),
+    ]
+    for own, heard, time, words in cases:
+        with pytest.raises(LaisnError, match=words):
+            BeaconNavigator(BeaconSettings(), start).step(own, heard, time)
+    with pytest.raises(ValueError, match="expected four finite numbers"):
+        BeaconNavigator(BeaconSettings(), np.zeros(3))
+    with pytest.raises(ValueError, match="slip is -1"):
+        BeaconSettings(slip=-1.0)
+    with pytest.raises(ValueError, match="outlier_chance is 1"):
+        BeaconSettings(outlier_chance=1.0)
+    roaming = BeaconNavigator(BeaconSettings(), start)
+    for k in range(64):
+        roaming.step(fine, reception(east=float(k)))
+    with pytest.raises(LaisnError, match="more than 64 places; beacons must lie still"):
+        roaming.step(fine, reception(east=64.0))
+    used = BeaconNavigator(BeaconSettings(), start)
+    used.step(fine, reception((math.nan, math.nan, math.nan)))
+    with pytest.raises(ValueError, match="a mission needs a new one"):
+        used.run(round_trip(Errors(), seconds=1)[0])
