@@ -1,6 +1,6 @@
 """What Foxglove draws in three dimensions: hulls, trails and uncertainty at 1 Hz, rays and ranges at each ping."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -41,11 +41,32 @@ ACCEPTED = Color(r=0.15, g=0.80, b=0.25, a=1.0)
 REFUSED = Color(r=0.90, g=0.15, b=0.10, a=1.0)
 
 
-def _line(kind: Any, color: Any, points: bytes) -> Any:
-    """A line two pixels wide; `points` are serialised (`_points`)."""
-    line = LinePrimitive(type=kind, thickness=2.0, scale_invariant=True, color=color)
-    line.MergeFromString(points)
-    return line
+def _varint(number: int) -> bytes:
+    groups = bytearray()
+    while number > 0x7F:
+        groups.append(number & 0x7F | 0x80)
+        number >>= 7
+    return bytes([*groups, number])
+
+
+def _field(number: int, content: bytes) -> bytes:
+    """A message within a message, on the wire: its field's number, its length, its content."""
+    return _varint(number << 3 | 2) + _varint(len(content)) + content
+
+
+def _line(kind: Any, color: Any, points: bytes) -> bytes:
+    """A line two pixels wide, serialised as the field of an entity; `points` are serialised (`_points`).
+
+    A trail is some hundred points each second: taken apart and put together by protobuf, they would cost ten times as
+    much.
+    """
+    before = LinePrimitive(type=kind, thickness=2.0, scale_invariant=True).SerializeToString()
+    return _field(SceneEntity.LINES_FIELD_NUMBER, before + points + LinePrimitive(color=color).SerializeToString())
+
+
+def _update(entities: Iterable[bytes]) -> bytes:
+    """A SceneUpdate of serialised entities."""
+    return b"".join(_field(SceneUpdate.ENTITIES_FIELD_NUMBER, entity) for entity in entities)
 
 
 def _points(position: Floats) -> bytes:
@@ -93,15 +114,20 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
     ]
     believed = [_points(belief) for belief in beliefs]
     strip = LinePrimitive.LINE_STRIP
+    # fields stand in the order of their numbers: the time comes first, lines come last
+    still = []
+    for v, name in enumerate(names):
+        entity = SceneEntity(id=f"{name}/hull", frame_id=name, frame_locked=True)
+        entity.MergeFrom(hulls[v])
+        trail = SceneEntity(id=f"{name}/trail", frame_id="world")
+        still.append((entity.SerializeToString(), trail.SerializeToString()))
 
     def draw(i: int, time_ns: int) -> bytes:
         stamp = timestamp(time_ns)
-        update = SceneUpdate()
-        for v, name in enumerate(names):
-            entity = _entity(f"{name}/hull", name, stamp, frame_locked=True)
-            entity.MergeFrom(hulls[v])
-            trail = _entity(f"{name}/trail", "world", stamp, lines=[_line(strip, TRUTH, _trail(trails[v], i))])
-            update.entities.extend((entity, trail))
+        stamped = SceneEntity(timestamp=stamp).SerializeToString()
+        entities: list[bytes] = []
+        for trail, (entity, nameplate) in zip(trails, still, strict=True):
+            entities += (stamped + entity, stamped + nameplate + _line(strip, TRUTH, _trail(trail, i)))
         for f, name in enumerate(names[1:]):
             skipped = int(np.count_nonzero(row[f] < 0))
             if i < skipped:
@@ -110,9 +136,9 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
             covariance = flight.estimates[f].covariance[row[f, i], :2, :2]
             # a filter that left finite numbers has a trail but no ellipse
             ellipses = [_ellipse(x, y, z, covariance)] if np.isfinite(covariance).all() else []
-            line = _line(strip, BELIEF, _trail(believed[f], i - skipped))
-            update.entities.append(_entity(f"{name}/estimate", "world", stamp, spheres=ellipses, lines=[line]))
-        return bytes(update.SerializeToString())
+            place = _entity(f"{name}/estimate", "world", stamp, spheres=ellipses)
+            entities.append(place.SerializeToString() + _line(strip, BELIEF, _trail(believed[f], i - skipped)))
+        return _update(entities)
 
     return draw
 
@@ -137,7 +163,7 @@ def _ping(flight: Flight, follower: int, message: int, stamp: Any) -> Any:
             place = pose(np.array([source[0], source[1], hydrophone[2]]), LEVEL)
             entity.cylinders.append(cylinder(place, RANGE, radius=float(np.sqrt(squared)), length=DISC_M))
     if ends:
-        entity.lines.append(_line(LinePrimitive.LINE_LIST, RAY, _points(np.array(ends))))
+        entity.MergeFromString(_line(LinePrimitive.LINE_LIST, RAY, _points(np.array(ends))))
     for i in np.flatnonzero(estimated.fix_step == step):
         if np.isfinite(estimated.fix_position[i]).all():
             place = pose(np.array([*estimated.fix_position[i], -measured.depth[step - 1]]), LEVEL)
