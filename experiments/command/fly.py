@@ -15,7 +15,9 @@ from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import FILM, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
 from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
 from experiments.terminal import literal, tell
+from laisn.arrays import Floats
 from laisn.navigator import Navigator
+from laisn.parent import alongside
 from sim.flight import Flight, Outcome, navigate
 from sim.log.events import Event
 from sim.scenario.file import dumps
@@ -49,6 +51,30 @@ class Written(NamedTuple):
     """Fault of the program, if one cost the film."""
 
 
+def _film(
+    flight: Flight,
+    path: Path,
+    errors: list[tuple[Floats, Floats]],
+    update: Callable[[float], None],
+    write_log: Callable[..., Any],
+) -> tuple[str, Exception | None]:
+    """Render the film and put it into the log; why there is none, and the fault of the program that cost it."""
+    from sim.film import render
+
+    try:
+        frames = render.render(flight, path, errors=errors, video=flight.scenario.video, progress=update)
+    except render.RenderError as error:
+        return str(error), None
+    except OSError:
+        raise
+    except Exception as error:
+        # what was flown is whole without a film
+        return "a fault of the program", error
+    if flight.scenario.video.in_log:
+        write_log(video=frames)
+    return "", None
+
+
 def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
     """Fly a scenario and write its files.
 
@@ -61,7 +87,6 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
     Raises:
         OSError, LogError: the folder cannot be written.
     """
-    from experiments.pages.flight_report import flight_report
     from sim.log import writer
 
     watch = Stopwatch()
@@ -86,29 +111,24 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         summary = summarise(flight, errors)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, errors=errors, events=events)
-        # the log comes first: whatever happens to the film, what was flown is kept
-        with phase("log"):
-            write_log()
         film, no_film, fault = folder / FILM, "not asked for", None
-        if with_video:
-            from sim.film import render
 
-            no_film = ""
-            with phase("video") as update:
-                try:
-                    frames = render.render(flight, film, errors=errors, video=scenario.video, progress=update)
-                except render.RenderError as error:
-                    no_film = str(error)
-                except OSError:
-                    raise
-                except Exception as error:
-                    # what was flown is whole without a film
-                    no_film, fault = "a fault of the program", error
-                else:
-                    if scenario.video.in_log:
-                        write_log(video=frames)
-        with phase("report"):
+        def draw_report() -> None:
+            from experiments.pages.flight_report import flight_report
+
             flight_report(flight, errors, summary, folder / REPORT, None if no_film else film)
+
+        # the log comes first: whatever happens to the film, what was flown is kept
+        if with_video:
+            with phase("log"):
+                write_log()
+            with phase("video") as update:
+                no_film, fault = _film(flight, film, errors, update, write_log)
+            with phase("report"):
+                draw_report()
+        else:
+            with phase("report"), alongside(draw_report), phase("log"):
+                write_log()
     factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
     timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
     texts = {SUMMARY: summary_text, SCENARIO: dumps(scenario), TIMING: timing_text}

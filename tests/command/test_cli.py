@@ -306,6 +306,14 @@ def press_ctrl_c(*_: object, **__: object) -> None:
     signal.raise_signal(signal.SIGINT)
 
 
+def press_ctrl_c_after_the_log(flight: object, errors: object, summary: object, path: Path, film: object) -> None:
+    """A report, drawn in a process of its own, that would take a minute."""
+    while not path.with_name("flight.mcap").exists():
+        time.sleep(0.01)
+    os.kill(os.getppid(), signal.SIGINT)
+    time.sleep(60)
+
+
 @pytest.mark.parametrize(
     ("where", "kept"),
     [
@@ -325,7 +333,7 @@ def test_ctrl_c_in_any_phase_keeps_the_earlier_flight(
     before = files(folder)
     film = "--video" if where == "sim.film.render.render" else "--no-video"
     with monkeypatch.context() as patch:
-        patch.setattr(where, press_ctrl_c)
+        patch.setattr(where, press_ctrl_c_after_the_log if where.endswith("report") else press_ctrl_c)
         result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=100", film, "--out", str(folder)])
     assert result.exit_code == 130
     after = files(folder)
