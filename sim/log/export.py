@@ -10,10 +10,11 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 from google.protobuf.descriptor import FieldDescriptor
+from mcap.well_known import MessageEncoding
 
 from laisn.whole_files import replaced
 from sim.log.clock import Clock
-from sim.log.contents import Contents, Messages, contents
+from sim.log.contents import Contents, Messages, blocks, contents
 from sim.log.file import SCENARIO, LogError, faults
 from sim.scenario import file as scenario_file
 
@@ -44,12 +45,6 @@ def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield from _leaves(field.message_type, f"{name}.")
 
 
-def _value(message: Any, path: str) -> Any:
-    for part in path.split("."):
-        message = getattr(message, part)
-    return message
-
-
 def _schema(leaves: Sequence[tuple[str, Any]]) -> Any:
     """Columns of a table: the times, then the leaves."""
     kinds = [pa.string() if leaf.enum_type is not None else _KINDS[leaf.cpp_type] for _, leaf in leaves]
@@ -59,10 +54,10 @@ def _schema(leaves: Sequence[tuple[str, Any]]) -> Any:
 
 
 def _start_ns(log: Contents) -> int:
-    """When the mission began, in log time: the epoch of its scenario, or the first message of any other log."""
+    """When the mission began, in log time: the epoch of its scenario, or the first message read of any other log."""
     if SCENARIO in log.attachments:
         return Clock(scenario_file.parse(log.attachments[SCENARIO].decode(), SCENARIO)["epoch"]).epoch_ns
-    return min((messages.time_ns[0] for messages in log.topics.values() if messages.time_ns), default=0)
+    return min((int(messages.time_ns[0]) for messages in log.topics.values() if messages.time_ns.size), default=0)
 
 
 def _enum_name(leaf: Any, number: int) -> str:
@@ -70,16 +65,19 @@ def _enum_name(leaf: Any, number: int) -> str:
     return str(number) if known is None else str(known.name)
 
 
+def _values(messages: Messages, name: str, leaf: Any, part: slice) -> Any:
+    """The values of a leaf in some of the messages."""
+    if leaf.type == leaf.TYPE_STRING:
+        return messages.texts(name, part)
+    numbers = messages.numbers(name, part)
+    return numbers if leaf.enum_type is None else [_enum_name(leaf, number) for number in numbers.tolist()]
+
+
 def _batches(messages: Messages, leaves: Sequence[tuple[str, Any]], schema: Any, start_ns: int) -> Iterator[Any]:
-    """Rows of a table, some thousands at a time: a message decoded takes ten times the room that its numbers take."""
-    decoded = messages.decoded()
-    for start in range(0, len(messages.time_ns), _ROWS):
-        times = messages.time_ns[start : start + _ROWS]
-        part = list(itertools.islice(decoded, len(times)))
-        columns: list[list[Any]] = [[(time_ns - start_ns) / 1e9 for time_ns in times], times]
-        for name, leaf in leaves:
-            values = [_value(message, name) for message in part]
-            columns.append(values if leaf.enum_type is None else [_enum_name(leaf, value) for value in values])
+    """Rows of a table, some thousands at a time."""
+    for part in blocks(messages.time_ns.size, _ROWS):
+        time_ns = messages.time_ns[part]
+        columns = [(time_ns - start_ns) / 1e9, time_ns, *(_values(messages, *named, part) for named in leaves)]
         yield pa.record_batch([pa.array(c, type=t) for c, t in zip(columns, schema.types, strict=True)], schema=schema)
 
 
@@ -111,8 +109,8 @@ def _whole(path: Path, batches: Iterator[Any]) -> Iterator[Any]:
 def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path]:
     """Write every protobuf channel with plain numbers or texts as a table; scenes, transforms and video are left out.
 
-    Every row begins with `time_s`, the mission's time (in a log without scenario since its first message), and
-    `log_time_ns`, that of the log since 1970; a channel's own field of such a name ends in "~2".
+    Every row begins with `time_s`, the mission's time (in a log without scenario since the first message of any table),
+    and `log_time_ns`, that of the log since 1970; a channel's own field of such a name ends in "~2".
 
     Args:
         path: any MCAP log with protobuf channels.
@@ -128,18 +126,20 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
     """
     if table_format not in get_args(Format):
         raise LogError(f"unknown format {table_format!r}; available: {', '.join(get_args(Format))}")
-    log = contents(path)
-    names = _file_names(sorted(log.topics))
+    tables: dict[str, list[tuple[str, Any]]] = {}
+
+    def has_table(topic: str, messages: Messages) -> bool:
+        tables[topic] = list(_leaves(messages.descriptor)) if messages.encoding == MessageEncoding.Protobuf else []
+        return bool(tables[topic])
+
+    log = contents(path, has_table)
+    names = _file_names(sorted(tables))
     with faults(path):
         start_ns = _start_ns(log)
     files = []
     for topic, name in names.items():
-        messages = log.topics[topic]
-        if messages.encoding != "protobuf":
-            continue
-        with faults(path):
-            leaves = list(_leaves(messages.descriptor()))
-        if not leaves:
+        messages, leaves = log.topics.pop(topic, None), tables[topic]
+        if messages is None:
             continue
         file = out / f"{name}.{table_format}"
         try:
@@ -153,6 +153,6 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
             raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
         files.append(file)
     if not files:
-        channels = ", ".join(sorted(log.topics)) or "none"
+        channels = ", ".join(names) or "none"
         raise LogError(f"{path}: lacks protobuf channels with numbers or texts to export; available: {channels}")
     return files

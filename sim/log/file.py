@@ -1,4 +1,4 @@
-"""The MCAP file under a log: names, integrity, and its records."""
+"""The MCAP file under a log: names and integrity."""
 
 import os
 import struct
@@ -6,22 +6,17 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from mcap.opcode import Opcode
-from mcap.records import Chunk, Message
 
 from laisn.failure import LaisnError
 from sim.log.records import (
     HEAD,
     MAGIC,
-    Budget,
     DamagedError,
     attachment_crc,
     attachment_name,
-    inside,
-    is_intact,
-    parse,
     places,
     read_content,
 )
@@ -33,7 +28,8 @@ SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summa
 """Attachments of a log."""
 LARGEST_ATTACHMENT = 64 << 20
 """Larger ones are not looked at [bytes]."""
-_HOLDING = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA}
+_CHECKED = {Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER}
+"""Kinds of records that hold a checksum."""
 
 
 class LogError(LaisnError):
@@ -74,7 +70,7 @@ def end_of_log(stream: IO[bytes]) -> int | None:
     """Offset at which the first whole MCAP file in a stream ends, whatever follows it; None if there is no such end."""
     end = 0
     try:
-        for place in places(stream):
+        for place in places(stream, {Opcode.FOOTER}):
             end = place.start + place.length
     except EOFError:
         return None
@@ -120,55 +116,13 @@ def check(path: Path) -> None:
             raise _refusal(path, stream, size, "damaged: a checksum does not fit its bytes")
 
 
-def records(stream: IO[bytes], budget: Budget, left_out: list[str] | None = None) -> Iterator[Any]:
-    """Schemas, channels, messages, attachments and metadata of a file, those in chunks included.
-
-    Args:
-        stream: the file.
-        budget: what it may unfold to.
-        left_out: takes a line for every attachment that fails its checksum, which is left out then; None: it raises.
-
-    Raises:
-        DamagedError: a record fails its checksum or unfolds to more than is believable.
-        EOFError: the file ends before its footer.
-    """
-    for place in places(stream):
-        attached = place.opcode == Opcode.ATTACHMENT
-        if place.opcode not in _HOLDING or (attached and place.length > LARGEST_ATTACHMENT):
-            continue
-        content = read_content(stream, place)
-        if attached and left_out is not None and not is_intact(content):
-            left_out.append(f"attachment {attachment_name(content)} does not fit its checksum and is left out")
-            continue
-        record = parse(place.opcode, content)
-        if isinstance(record, Chunk):
-            yield from inside(record, budget)
-        elif record is not None:
-            yield record
-
-
-def whole_records(path: Path, budget: Budget, left_out: list[str]) -> Iterator[Any]:
-    """Records of a file whose end may be missing or damaged: up to the first record that is not whole."""
-    with path.open("rb") as stream:
-        found = records(stream, budget, left_out)
-        while True:
-            try:
-                record = next(found)
-            except OSError:
-                raise
-            except Exception:
-                # past the last whole record there may be anything
-                return
-            yield record
-
-
 def unprotected(path: Path) -> list[str]:
     """What in a file, as far as its records are whole, has no checksum; damage to it would go unnoticed."""
     attachments: list[str] = []
     others: list[str] = []
     chunks = bare_chunks = 0
     with path.open("rb") as stream, suppress(EOFError):
-        for place in places(stream):
+        for place in places(stream, _CHECKED):
             if place.opcode == Opcode.ATTACHMENT and place.length <= LARGEST_ATTACHMENT:
                 content = read_content(stream, place)
                 attachments += [] if attachment_crc(content) else [f"attachment {attachment_name(content)}"]
@@ -180,17 +134,3 @@ def unprotected(path: Path) -> list[str]:
             elif place.opcode == Opcode.FOOTER:
                 others += [] if any(read_content(stream, place)[16:]) else ["the summary"]
     return attachments + ([f"{bare_chunks} of {chunks} chunks"] if bare_chunks else []) + others
-
-
-def rescuable(path: Path) -> bool:
-    """Whether a partial log holds so much that recovering it makes sense: messages of more than one instant."""
-    first = None
-    try:
-        for record in whole_records(path, Budget(path.stat().st_size), []):
-            if isinstance(record, Message):
-                first = record.log_time if first is None else first
-                if record.log_time > first:
-                    return True
-    except OSError:
-        pass
-    return False

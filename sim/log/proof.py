@@ -56,7 +56,11 @@ class Digests:
 
     def add_message(self, topic: str, time_ns: int, data: bytes) -> None:
         """Take in the next message of a channel that was taken in."""
-        self._running[topic].update(_MESSAGE.pack(time_ns, len(data)) + data)
+        self.add_framed(topic, _MESSAGE.pack(time_ns, len(data)) + data)
+
+    def add_framed(self, topic: str, messages: bytes | memoryview) -> None:
+        """Take in the next messages of a channel, each after its time [ns] and its length, of eight bytes."""
+        self._running[topic].update(messages)
 
     def current(self) -> dict[str, str]:
         """The digests as they stand, by name, in hexadecimal."""

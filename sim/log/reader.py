@@ -39,7 +39,7 @@ POSE = tuple(f"pose.position.{axis}" for axis in "xyz") + tuple(f"pose.orientati
 
 def _steps(path: Path, topic: str, messages: Messages, steps_ns: Ints) -> Ints:
     """Filter step at which each message is available: the first at or after its time."""
-    step = np.searchsorted(steps_ns, np.array(messages.time_ns, dtype=np.int64)).astype(np.int64) + 1
+    step = np.searchsorted(steps_ns, messages.time_ns).astype(np.int64) + 1
     if step.size and step[-1] > steps_ns.size:
         raise LogError(f"{path}: {topic} goes on after the last filter step")
     return step
@@ -49,8 +49,8 @@ def _measurements(path: Path, log: Contents, follower: str) -> tuple[Measurement
     """Measurements of a follower in a flight, and the times of the filter steps, shape (n,), [ns]."""
     motion, reception = channels_of(path, log, follower)
     with faults(path):
-        time_ns = np.array(motion.time_ns, dtype=np.int64)
-        speed, heading, depth = motion.columns(OWN_MOTION.fields).T.copy()
+        time_ns = motion.time_ns
+        speed, heading, depth = motion.columns(OWN_MOTION.fields).T
         measurements = Measurements(
             dt=float(log.metadata["laisn"]["filter_step_s"]),
             speed=speed,
@@ -79,7 +79,7 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
         LogError: the log is damaged, lacks a channel or a field, or has too long a gap.
     """
     path = Path(path)
-    log = contents(path, lambda topic: topic.endswith(("/motion", "/reception")))
+    log = contents(path, lambda topic, _: topic.endswith(("/motion", "/reception")))
     whole = prove(path, log)
     if whole is not None and "laisn" in log.metadata:
         cut = () if whole else ("the log was cut off at its end; it is read as far as it is proved",)
@@ -99,7 +99,7 @@ def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Esti
     topic = f"/{follower}/innovation"
     fixed = require(path, log, topic, ("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE, "kind"))
     with faults(path):
-        if filtered.time_ns != steps_ns.tolist():
+        if not np.array_equal(filtered.time_ns, steps_ns):
             raise LogError(f"{path}: /{follower}/filter and /{follower}/motion are not at the same times")
         values = filtered.columns((*STATE_NAMES, *COVARIANCE))
         fixes = fixed.columns(("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE))
@@ -109,7 +109,7 @@ def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Esti
             fix_step=_steps(path, topic, fixed, steps_ns),
             fix_position=fixes[:, :2].copy(),
             fix_sigma=fixes[:, 2].copy(),
-            fix_kind=fixed.integers("kind"),
+            fix_kind=fixed.numbers("kind"),
             innovation=fixes[:, 3:5].copy(),
             innovation_covariance=fixes[:, 5:].reshape(-1, 2, 2).copy(),
         )
@@ -125,7 +125,8 @@ def _trajectory(path: Path, log: Contents) -> Trajectory:
         state = require(path, log, f"/{vehicle}/state", names)
         poses.append(pose.columns(POSE))
         states.append(state.columns(names))
-        if not pose.time_ns == state.time_ns == log.topics[f"/{table['names'][0]}/pose"].time_ns:
+        leaders = log.topics[f"/{table['names'][0]}/pose"].time_ns
+        if not (np.array_equal(pose.time_ns, leaders) and np.array_equal(state.time_ns, leaders)):
             raise LogError(f"{path}: the channels of {vehicle} are not at the times of the leader's")
     whole_pose, whole_state = np.stack(poses, axis=1), np.stack(states, axis=1)
     ends = np.cumsum([1, *(len(group) for group in groups)])
@@ -161,7 +162,7 @@ def _check_facts(path: Path, flight: Flight, facts: Mapping[str, str]) -> None:
         raise LogError(f"{path}: it holds {', '.join(flight.trajectory.names)}; its scenario has {', '.join(vehicles)}")
 
 
-def _check_times(path: Path, flight: Flight, times: Sequence[Sequence[int]]) -> None:
+def _check_times(path: Path, flight: Flight, times: Sequence[Ints]) -> None:
     """The flight must begin where the mission does, have no gap, and end where its outcome says.
 
     Args:
@@ -172,7 +173,7 @@ def _check_times(path: Path, flight: Flight, times: Sequence[Sequence[int]]) -> 
     scenario, truth = flight.scenario, flight.trajectory
     clock, points = Clock(scenario.epoch), truth.time.size
     grid = clock.ns(CONTROL_STEP_S * np.arange(points))
-    if times[0] != grid.tolist() or not np.array_equal(clock.ns(truth.time), grid):
+    if not (np.array_equal(times[0], grid) and np.array_equal(clock.ns(truth.time), grid)):
         raise LogError(f"{path}: the truth does not come every {CONTROL_STEP_S:g} s from the start of the mission")
     n = (points - 1) // flight.stride
     if flight.outcome is Outcome.COMPLETED and n != scenario.filter_steps:
@@ -181,7 +182,7 @@ def _check_times(path: Path, flight: Flight, times: Sequence[Sequence[int]]) -> 
             f"this log has {n}"
         )
     for name, steps_ns, m, e in zip(truth.names[1:], times[1:], flight.measurements, flight.estimates, strict=True):
-        if steps_ns != clock.ns(m.dt * np.arange(1, n + 1)).tolist():
+        if not np.array_equal(steps_ns, clock.ns(m.dt * np.arange(1, n + 1))):
             raise LogError(f"{path}: the filter steps of {name} are not those of a flight of {n * m.dt:g} s")
         if not np.array_equal(np.unique(e.fix_step), m.message_step):
             raise LogError(f"{path}: {name} has receptions without a fix, or fixes without a reception")
@@ -194,7 +195,7 @@ def read(path: Path | str) -> Flight:
         LogError: the log is damaged, or was not written by the simulator; the text names what is missing.
     """
     path = Path(path)
-    log = contents(path, is_core)
+    log = contents(path, lambda topic, _: is_core(topic))
     whole = prove(path, log)
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
     missing += [] if "laisn" in log.metadata else ["metadata laisn"]
@@ -222,7 +223,7 @@ def read(path: Path | str) -> Flight:
             estimates=tuple(estimates),
             outcome=Outcome[log.metadata["laisn"]["outcome"]] if whole else Outcome.INTERRUPTED,
         )
-        times = log.topics[f"/{trajectory.names[0]}/pose"].time_ns, *(steps_ns.tolist() for _, steps_ns in measured)
+        times = log.topics[f"/{trajectory.names[0]}/pose"].time_ns, *(steps_ns for _, steps_ns in measured)
         _check_times(path, flight, times)
         _check_facts(path, flight, log.metadata["laisn"])
         return flight

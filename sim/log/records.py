@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from io import BytesIO
 from typing import IO, Any, NamedTuple
 
@@ -10,23 +10,23 @@ import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
 """Opcode and length of a record."""
-MESSAGE_HEAD = struct.Struct("<HIQQ")
-"""Channel, sequence number, log time and publish time."""
 ATTACHMENT_HEAD = struct.Struct("<QQI")
 """Log time, time of creation, and length of the name."""
 
-ALLOWANCE = 32 << 20
-RATIO = 64
-"""A file or chunk of n bytes may unfold to ALLOWANCE + RATIO · n bytes; flights unfold to some 5 n."""
+_BLOCK = 1 << 14
+"""Of a file, looked through for records at once [bytes]."""
+ALLOWANCE, CHUNK_ALLOWANCE, RATIO = 64 << 20, 32 << 20, 16
+"""A file of n bytes may unfold to ALLOWANCE + RATIO · n bytes, a chunk to CHUNK_ALLOWANCE + RATIO · n; with the costs
+below, flights unfold to some 6 n, and the smallest messages of a vehicle to 8 n."""
 READ_SHARE = 16
 """What is unfolded and then dropped costs time, but no memory: a sixteenth of what is kept."""
-MESSAGE_COST, KEPT_COST = 50, 100
-"""What a message costs besides its bytes when it is read, and when it is kept [bytes]."""
+RECORD_COST, KEPT_COST, PARSED_COST = 50, 100, 2000
+"""What a record costs besides its bytes: any, a message that is kept, one that is no message [bytes]."""
 
 _PARSERS: dict[int, Callable[[ReadDataStream], Any]] = {
     Opcode.SCHEMA: Schema.read,
@@ -65,21 +65,26 @@ class Budget:
             )
 
 
-def places(stream: IO[bytes]) -> Iterator[Place]:
-    """Positions of the records, from the first to the footer; EOFError where one runs past the end of the file."""
-    size, start = stream.seek(0, 2), len(MAGIC)
-    opcode = 0
+def places(stream: IO[bytes], kinds: Collection[int] = range(256)) -> Iterator[Place]:
+    """Positions of the records of some kinds, from the first to the footer.
+
+    Raises EOFError where a record runs past the end of the file.
+    """
+    size, at, opcode = stream.seek(0, 2), len(MAGIC), 0
+    block, begin = b"", 0
     while opcode != Opcode.FOOTER:
-        stream.seek(start)
-        head = stream.read(HEAD.size)
-        if len(head) < HEAD.size:
+        if at + HEAD.size > begin + len(block):
+            stream.seek(at)
+            block, begin = stream.read(_BLOCK), at
+        if at + HEAD.size > size:
             raise EOFError("the file ends before its footer")
-        opcode, length = HEAD.unpack(head)
-        start += HEAD.size
-        if length > size - start:
+        opcode, length = HEAD.unpack_from(block, at - begin)
+        at += HEAD.size
+        if length > size - at:
             raise EOFError("a record goes on behind the end of the file")
-        yield Place(opcode, start, length)
-        start += length
+        if opcode in kinds:
+            yield Place(opcode, at, length)
+        at += length
 
 
 def read_content(stream: IO[bytes], place: Place, most: int | None = None) -> bytes:
@@ -105,13 +110,10 @@ def attachment_name(content: bytes) -> str:
 
 
 def parse(opcode: int, content: bytes) -> Any:
-    """A record, or None if it is of a kind that holds no data of its own.
+    """A record that is no message, or None if it is of a kind that holds no data of its own.
 
     Raises DamagedError if it is an attachment that does not fit its checksum.
     """
-    if opcode == Opcode.MESSAGE:
-        channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(content)
-        return Message(channel, log_time, content[MESSAGE_HEAD.size :], publish_time, sequence)
     parser = _PARSERS.get(opcode)
     if parser is None:
         return None
@@ -126,7 +128,7 @@ def unfolded(chunk: Chunk) -> bytes:
     Raises:
         DamagedError: they are not as many as it says, do not fit its checksum, or are more than is believable.
     """
-    size, most = chunk.uncompressed_size, ALLOWANCE + RATIO * len(chunk.data)
+    size, most = chunk.uncompressed_size, CHUNK_ALLOWANCE + RATIO * len(chunk.data)
     if size > most:
         raise DamagedError(f"a chunk of {len(chunk.data)} bytes would unfold to {size}; at most {most} are believable")
     if chunk.compression == "zstd":
@@ -143,23 +145,3 @@ def unfolded(chunk: Chunk) -> bytes:
     if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
         raise DamagedError("a chunk does not fit its checksum")
     return data
-
-
-def inside(chunk: Chunk, budget: Budget) -> Iterator[Any]:
-    """The schemas, channels and messages of a chunk; errors as of `unfolded`."""
-    data = unfolded(chunk)
-    budget.charge(len(data) // READ_SHARE)
-    start, end = 0, len(data)
-    while start < end:
-        if start + HEAD.size > end:
-            raise DamagedError("a chunk ends within a record")
-        opcode, length = HEAD.unpack_from(data, start)
-        start += HEAD.size
-        if length > end - start:
-            raise DamagedError("a record goes on behind the end of its chunk")
-        if opcode == Opcode.MESSAGE:
-            budget.charge(MESSAGE_COST)
-        record = parse(opcode, data[start : start + length])
-        if record is not None:
-            yield record
-        start += length

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 
 from laisn.whole_files import replaced
 from sim.flight import Outcome
 from sim.log import reader
+from sim.log.batches import rescuable, whole_records
 from sim.log.contents import collect
 from sim.log.file import (
     SCENARIO,
@@ -20,13 +21,12 @@ from sim.log.file import (
     check,
     end_of_log,
     faults,
-    rescuable,
     unprotected,
-    whole_records,
 )
 from sim.log.proof import PROOF, ProvingWriter, is_core, proofs
 from sim.log.records import Budget
 from sim.log.wholeness import proved_times, strangers
+from sim.log.wire import Batch
 
 _RECOVERY = "recovery"
 """Name of the metadata that a recovered log bears."""
@@ -68,11 +68,11 @@ def _survey(path: Path) -> _Rescue:
     def followed() -> Iterator[Any]:
         nonlocal last_ns
         for record in whole_records(path, budget, remarks):
-            if isinstance(record, Message):
-                last_ns = max(last_ns, record.log_time)
+            if isinstance(record, Batch):
+                last_ns = max(last_ns, int(record.log_time.max(initial=0)))
             yield record
 
-    log = collect(path, followed(), budget, is_core)
+    log = collect(path, followed(), budget, lambda topic, _: is_core(topic))
     bare = unprotected(path)
     if not any(name.startswith(PROOF) for name in log.metadata):
         remarks += [f"{what} is not protected: it has no checksum, damage to it cannot be seen" for what in bare]
@@ -114,10 +114,12 @@ def _copy(source: Path, stream: IO[bytes], rescue: _Rescue, before_ns: int) -> N
             channels[record.id] = writer.register_channel(
                 record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
             )
-        elif isinstance(record, Message) and record.log_time < before_ns:
-            while proved and proved[0] <= record.log_time:
-                writer.prove(proved.pop(0))
-            writer.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time)
+        elif isinstance(record, Batch):
+            for channel, log_time, publish_time, data in record.each():
+                if log_time < before_ns:
+                    while proved and proved[0] <= log_time:
+                        writer.prove(proved.pop(0))
+                    writer.add_message(channels[channel], log_time, data, publish_time)
     if rescue.remarks:
         writer.add_metadata(f"{_RECOVERY} {recoveries}", {str(i): text for i, text in enumerate(rescue.remarks)})
     if flight:

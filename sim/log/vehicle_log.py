@@ -37,7 +37,7 @@ def _count(number: int, what: str) -> str:
 
 def optional_columns(messages: Messages, names: Sequence[str]) -> Floats:
     """Numbers by the names of their fields, NaN for fields that are not there, shape (n, len(names))."""
-    there = [name for name in names if has_field(messages.descriptor(), name)]
+    there = [name for name in names if has_field(messages.descriptor, name)]
     values = np.full((len(messages.time_ns), len(names)), np.nan)
     if there:
         values[:, [names.index(name) for name in there]] = messages.columns(there)
@@ -51,14 +51,14 @@ def channels_of(path: Path, log: Contents, follower: str) -> tuple[Messages, Mes
     return motion, require(path, log, f"/{follower}/reception", needed)
 
 
-def _gaps(path: Path, topic: str, time_ns: Ints, dt: float, longest_gap_s: float) -> list[str]:
+def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, dt_ns: int, longest_gap_s: float) -> list[str]:
     """What to say of gaps; LogError if one is too long."""
-    lengths, begin = np.diff(time_ns) / 1e9, (time_ns[:-1] - time_ns[0]) / 1e9
-    found = np.flatnonzero(lengths > _GAP * dt)
-    named = found[np.argsort(-lengths[found], kind="stable")][:_NAMED]
-    places = ", ".join(f"{lengths[i]:.3g} s at {begin[i]:.3f} s" for i in named)
+    found = np.flatnonzero(spacing > _GAP * dt_ns)
+    named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
+    begin = time_ns[named] - time_ns[0]
+    places = ", ".join(f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True))
     more = f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
-    if lengths.max() > max(longest_gap_s, _GAP * dt):
+    if spacing.max() / 1e9 > max(longest_gap_s, _GAP * dt_ns / 1e9):
         raise LogError(
             f"{path}: {topic} has {_count(found.size, 'gap')} ({places}{more}); gaps of up to {longest_gap_s:g} s are "
             "bridged. Cut the log there, or allow longer ones: --longest-gap SECONDS"
@@ -79,22 +79,33 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
     are not finite numbers; of several in one step, all but the last; and receptions before the first step or after the
     last one. Ranges that are infinite, zero or negative count as not received.
 
+    Args:
+        path: for messages.
+        log: what was read; its topics are gone afterwards.
+        follower: its name.
+        longest_gap_s: between own measurements [s].
+
     Raises:
         LogError: a channel or a field is missing, there are fewer than two own measurements, or a gap is too long.
     """
     topic, heard = f"/{follower}/motion", f"/{follower}/reception"
     motion, reception = channels_of(path, log, follower)
     with faults(path):
-        time_ns, own = np.array(motion.time_ns, dtype=np.int64), motion.columns(OWN_MOTION.fields)
-        heard_ns = np.array(reception.time_ns, dtype=np.int64)
+        time_ns, own, heard_ns = motion.time_ns, motion.columns(OWN_MOTION.fields), reception.time_ns
         message, ranges = optional_columns(reception, LEADER_MESSAGE), optional_columns(reception, RANGES)
         absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
         ranges[absurd] = np.nan
         places = optional_columns(reception, TRANSMITTERS).reshape(-1, 3, 3)
         places[~np.all(np.isfinite(places), axis=2)] = np.nan
+    # hours of messages would fill the memory beside their numbers
+    log.topics.clear()
+    del motion, reception
     finite = np.all(np.isfinite(own), axis=1)
-    last = _last_of_equals(time_ns[finite])
-    time_ns, own = time_ns[finite][last], own[finite][last]
+    if not finite.all():
+        time_ns, own = time_ns[finite], own[finite]
+    last = _last_of_equals(time_ns)
+    if not last.all():
+        time_ns, own = time_ns[last], own[last]
     if time_ns.size < 2:
         raise LogError(
             f"{path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to know the "
@@ -102,20 +113,21 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
         )
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))
-    dt = dt_ns / 1e9
-    remarks = _gaps(path, topic, time_ns, dt, longest_gap_s)
+    remarks = _gaps(path, topic, time_ns, spacing, dt_ns, longest_gap_s)
+    durations = None if np.all(spacing == dt_ns) else np.append(dt_ns, spacing) / 1e9
+    del spacing
 
     step = np.searchsorted(time_ns, heard_ns).astype(np.int64) + 1
     within = (heard_ns > time_ns[0] - dt_ns) & (step <= time_ns.size)
-    usable = within & np.all(np.isfinite(message[:, _POSE]), axis=1)
-    kept = np.flatnonzero(usable)
+    heeded = within & np.all(np.isfinite(message[:, _POSE]), axis=1)
+    kept = np.flatnonzero(heeded)
     kept = kept[_last_of_equals(step[kept])]
     left_out = (
         (~finite, topic, "not finite"),
         (~last, topic, "at the very time of another"),
         (~within, heard, "before the first or after the last filter step"),
-        (within & ~usable, heard, "without a finite pose of the leader"),
-        (~_last_of_equals(step[usable]), heard, "followed by another in the same filter step"),
+        (within & ~heeded, heard, "without a finite pose of the leader"),
+        (~_last_of_equals(step[heeded]), heard, "followed by another in the same filter step"),
     )
     for which, where, why in left_out:
         number = int(np.count_nonzero(which))
@@ -123,14 +135,14 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
     if absurd.any():
         remarks.append(f"{_count(int(absurd.sum()), 'range')} of {heard} taken as not received: no positive number")
     measurements = Measurements(
-        dt=dt,
-        speed=own[:, 0].copy(),
-        heading=own[:, 1].copy(),
-        depth=own[:, 2].copy(),
+        dt=dt_ns / 1e9,
+        speed=own[:, 0],
+        heading=own[:, 1],
+        depth=own[:, 2],
         message_step=step[kept],
         message=message[kept],
         ranges=ranges[kept],
-        durations=None if np.all(spacing == dt_ns) else np.append(dt_ns, spacing) / 1e9,
+        durations=durations,
         transmitters=None if np.all(np.isnan(places)) else places[kept],
     )
     return Recording(measurements, tuple(remarks))

@@ -3,7 +3,8 @@
 from bisect import bisect_left
 from pathlib import Path
 
-from sim.log.contents import Contents
+from sim.log import wire
+from sim.log.contents import Contents, blocks
 from sim.log.file import LogError, faults
 from sim.log.proof import Digests, is_core, proofs
 
@@ -18,9 +19,10 @@ def _digests(log: Contents, until_ns: int | None = None) -> Digests:
     for topic, messages in log.topics.items():
         if is_core(topic):
             digests.add_channel(topic, messages.encoding, messages.schema)
-            for time_ns, data in zip(messages.time_ns, messages.data, strict=True):
-                if until_ns is None or time_ns < until_ns:
-                    digests.add_message(topic, time_ns, data)
+            proved = messages if until_ns is None else messages.before(until_ns)
+            for part in blocks(proved.time_ns.size):
+                framed = wire.framed(proved.time_ns[part], proved.data, *proved.bounds(part))
+                digests.add_framed(topic, framed.data)
     return digests
 
 
@@ -44,11 +46,11 @@ def prove(path: Path, log: Contents) -> bool | None:
     """
     with faults(path):
         known = proofs(log.metadata.items())
-    core = [messages for topic, messages in log.topics.items() if is_core(topic) and messages.time_ns]
+    core = [messages for topic, messages in log.topics.items() if is_core(topic) and messages.time_ns.size]
     if not known or not core:
         return None
-    last, missing_s = known[-1], (min(messages.time_ns[0] for messages in core) - known[0].until_ns) / 1e9
-    end = max(messages.time_ns[-1] for messages in core)
+    last, missing_s = known[-1], (min(int(m.time_ns[0]) for m in core) - known[0].until_ns) / 1e9
+    end = max(int(messages.time_ns[-1]) for messages in core)
     names = last.differing(_digests(log))
     if last.outcome and not names:
         return True
@@ -76,7 +78,7 @@ def proved_times(path: Path, log: Contents) -> list[int]:
     """Up to where messages since 1970 are proved, in order of time [ns]; empty for a log that is no flight's."""
     with faults(path):
         known = proofs(log.metadata.items())
-    end = max((messages.time_ns[-1] for topic, messages in log.topics.items() if messages.time_ns), default=0)
+    end = max((int(messages.time_ns[-1]) for messages in log.topics.values() if messages.time_ns.size), default=0)
     reached = [proof for proof in known if proof.until_ns <= end + 1]
     # digests go on: where one fits, all earlier ones do
     fits = bisect_left(reached, True, key=lambda proof: bool(proof.differing(_digests(log, proof.until_ns))))

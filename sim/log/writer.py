@@ -18,10 +18,11 @@ from mcap.well_known import MessageEncoding
 from mcap_protobuf.schema import register_schema
 
 from sim.flight import Flight
+from sim.log.batches import rescuable
 from sim.log.channels import Channel, Errors, channels
 from sim.log.clock import Clock, timestamp
 from sim.log.events import Event
-from sim.log.file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path, rescuable
+from sim.log.file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
 from sim.log.proof import ProvingWriter
 from sim.scenario import file as scenario_file
 

@@ -26,7 +26,7 @@ from sim.log.export import export
 from sim.log.file import LogError
 from sim.log.info import info
 from sim.log.reader import read, read_measurements
-from sim.log.records import HEAD, MESSAGE_HEAD, places
+from sim.log.records import HEAD, places
 from sim.log.recovery import recover
 from sim.log.schema import OWN_MOTION
 
@@ -244,7 +244,7 @@ def test_many_empty_messages_do_not_fill_the_memory(tmp_path: Path) -> None:
     data = plain_log(tmp_path / "a.mcap", fill, **bare, **options).read_bytes()
     with BytesIO(data) as stream:
         end = next(place for place in places(stream) if place.opcode == Opcode.DATA_END).start - HEAD.size
-    empty = HEAD.pack(Opcode.MESSAGE, MESSAGE_HEAD.size) + MESSAGE_HEAD.pack(1, 0, 0, 0)
+    empty = HEAD.pack(Opcode.MESSAGE, 22) + (1).to_bytes(2, "little") + bytes(20)
     many, chunk = 600_000 * empty, RecordBuilder()
     Chunk("zstd", zstandard.compress(many), 0, 0, zlib.crc32(many), len(many)).write(chunk)
     (tmp_path / "a.mcap").write_bytes(data[:end] + chunk.end() + data[end:])

@@ -135,4 +135,4 @@ def test_layout_names_channels_and_fields_that_exist(written: Path) -> None:
     paths = [path["value"].removesuffix(".@rad2deg") for p in panels.values() for path in p.get("paths", [])]
     assert paths
     for topic, _, name in (path.partition(".") for path in paths):
-        assert name in there.topics[topic].descriptor().fields_by_name
+        assert name in there.topics[topic].descriptor.fields_by_name
