@@ -161,5 +161,5 @@ class Filter:
         """Speed update from log and compass, R = J diag(σV², σθ²) Jᵀ (paper, Section 2.1)."""
         sine, cosine = np.sin(heading), np.cos(heading)
         jacobian = np.array([[sine, speed * cosine], [cosine, -speed * sine]])
-        noise = jacobian @ np.diag([sigma_speed**2, sigma_heading**2]) @ jacobian.T
+        noise = (jacobian * (sigma_speed**2, sigma_heading**2)) @ jacobian.T
         self._kalman.update(np.array([speed * sine, speed * cosine]), R=noise, H=_H_VELOCITY)

@@ -92,7 +92,7 @@ class Navigator:
                 infinite, or the duration is not positive.
         """
         self._step += 1
-        if not np.all(np.isfinite(own)):
+        if not all(map(math.isfinite, own)):
             raise LaisnError(f"step {self._step}: own motion {own} is not finite")
         if reception is not None:
             if not np.all(np.isfinite(reception.message[:6])):
