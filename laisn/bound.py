@@ -7,13 +7,15 @@ to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H. All derivatives ar
 """
 
 from dataclasses import dataclass, fields
+from itertools import pairwise
 
 import numpy as np
 
 from laisn.arrays import Floats, Ints
 
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
-_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
+_LINE, _SHARES = np.polynomial.hermite_e.hermegauss(5)
+_NODES = np.stack(np.meshgrid(_LINE, _LINE), axis=2).reshape(-1, 2)
+_WEIGHTS = np.outer(_SHARES, _SHARES).ravel() / _SHARES.sum() ** 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,53 +89,51 @@ def _states(noise: TrueNoise, transmitters: int) -> tuple[Floats, dict[str, int]
     return np.square(sigmas), first
 
 
-def _range_rows(away: Floats, arms: Floats, first: dict[str, int], size: int) -> tuple[Floats, Floats]:
-    """Ranges [m] and their derivatives, shapes (t,) and (t, size), of a follower `away` from the leader."""
-    apart = np.column_stack([away - arms[:, :2], arms[:, 2]])
-    distance = np.sqrt(np.sum(apart**2, axis=1))
-    rows = np.zeros((distance.size, size))
-    rows[:, :2] = apart[:, :2] / distance[:, None]
-    rows[:, 4] = distance / distance.max()
+def _range_rows(away: Floats, arms: Floats, first: dict[str, int], size: int) -> Floats:
+    """Derivatives of the ranges, shape (q, t, size), of followers `away` from the leader, shape (q, 2), [m]."""
+    flat = away[:, None, :] - arms[:, :2]
+    distance = np.sqrt(np.sum(flat**2, axis=2) + arms[:, 2] ** 2)
+    rows = np.zeros((*distance.shape, size))
+    rows[..., :2] = flat / distance[..., None]
+    rows[..., 4] = distance / distance.max(axis=1, keepdims=True)
     if "leader_heading_bias" in first:
         # a compass that reads too much puts the true arms further anticlockwise
         turning = np.column_stack([-arms[:, 1], arms[:, 0]])
-        rows[:, first["leader_heading_bias"]] = -np.sum(rows[:, :2] * turning, axis=1)
-    return distance, rows
+        rows[..., first["leader_heading_bias"]] = -np.sum(rows[..., :2] * turning, axis=2)
+    return rows
 
 
 def _information(away: Floats, arms: Floats, noise: TrueNoise, first: dict[str, int], size: int) -> Floats:
-    """Fisher information of the ranges of one message, shape (size, size)."""
+    """Fisher information of the ranges of one message at each place, shape (q, size, size)."""
     received = np.flatnonzero(np.isfinite(arms[:, 2]))
     if not received.size:
-        return np.zeros((size, size))
-    distance, rows = _range_rows(away, arms[received], first, size)
+        return np.zeros((len(away), size, size))
+    rows = _range_rows(away, arms[received], first, size)
     if "range_offset" in first:
         for j, i in enumerate(received):
             if i > 0:
-                rows[j, first["range_offset"] + i - 1] = 1.0
-    share = distance / distance.max()
-    covariance = noise.range_sigma**2 * np.eye(received.size) + noise.range_scale_sigma**2 * np.outer(share, share)
+                rows[:, j, first["range_offset"] + i - 1] = 1.0
+    share = rows[..., 4]
+    covariance = noise.range_sigma**2 * np.eye(received.size)
+    covariance = covariance + noise.range_scale_sigma**2 * share[..., :, None] * share[..., None, :]
     if noise.leader_heading_sigma > 0.0:
-        _, turned = _range_rows(away, arms[received], {"leader_heading_bias": 5}, max(size, 6))
-        covariance += noise.leader_heading_sigma**2 * np.outer(turned[:, 5], turned[:, 5])
-    return rows.T @ np.linalg.solve(covariance, rows)
+        turned = _range_rows(away, arms[received], {"leader_heading_bias": 5}, max(size, 6))[..., 5]
+        covariance += noise.leader_heading_sigma**2 * turned[..., :, None] * turned[..., None, :]
+    return np.asarray(rows.swapaxes(1, 2) @ np.linalg.solve(covariance, rows))
 
 
 def _expected_information(
     away: Floats, spread: Floats, arms: Floats, noise: TrueNoise, first: dict[str, int], size: int
 ) -> Floats:
-    """Mean of the information over positions N(away, spread), by Gauss–Hermite quadrature.
+    """Mean of the information over positions N(away, spread), by Gauss–Hermite quadrature, shape (size, size).
 
     On the axis of two transmitters the information about the lateral position is zero at the truth alone, and not
     where an estimator with an error looks.
     """
     values, vectors = np.linalg.eigh(spread)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    total = np.zeros((size, size))
-    for u, wu in zip(_NODES, _WEIGHTS, strict=True):
-        for v, wv in zip(_NODES, _WEIGHTS, strict=True):
-            total += wu * wv * _information(away + root @ np.array([u, v]), arms, noise, first, size)
-    return total
+    found = _information(away + _NODES @ root.T, arms, noise, first, size)
+    return np.asarray(np.einsum("q,qij->ij", _WEIGHTS, found))
 
 
 def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | None = None) -> Floats:
@@ -151,32 +151,35 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
     mean = averaged if averaged is not None else transmitters < 3
     covariance: Floats = np.diag(variances)
     bound = np.empty((n, 2, 2))
-    arrival = dict(zip(geometry.message_step.tolist(), range(geometry.message_step.size), strict=True))
-    way = np.stack([np.sin(geometry.heading), np.cos(geometry.heading)], axis=1)
-    per_step = geometry.dt**2 * (
-        noise.speed_sigma**2 * way[:, :, None] * way[:, None, :]
-        + (geometry.speed * noise.heading_sigma)[:, None, None] ** 2
-        * (np.eye(2) - way[:, :, None] * way[:, None, :])
-    )  # fmt: skip
-    step = np.eye(size)
-    for k in range(n):
-        dx, dy = geometry.speed[k] * geometry.dt * way[k]
+    ahead = geometry.dt * np.stack([np.sin(geometry.heading), np.cos(geometry.heading)], axis=1)
+    along = ahead[:, :, None] * ahead[:, None, :]
+    across = geometry.dt**2 * np.eye(2) - along
+    random = noise.speed_sigma**2 * along + ((geometry.speed * noise.heading_sigma) ** 2)[:, None, None] * across
+    for i, (begin, end) in enumerate(pairwise([0, *geometry.message_step.tolist(), n])):
+        if begin == end:
+            break
+        part, step = slice(begin, end), np.eye(size)
+        way = np.cumsum(geometry.speed[part, None] * ahead[part], axis=0)
         # the true way is the measured one turned anticlockwise by the compass bias, less the log's bias
-        step[:2, 2] = -geometry.dt * way[k]
-        step[:2, 3] = -dy, dx
+        rows = np.repeat(step[None, :2], end - begin, axis=0)
+        rows[:, :, 2] = -np.cumsum(ahead[part], axis=0)
+        rows[:, 0, 3], rows[:, 1, 3] = -way[:, 1], way[:, 0]
         if "current" in first:
-            step[0, first["current"]] = step[1, first["current"] + 1] = geometry.dt
+            time = geometry.dt * np.arange(1, end - begin + 1)
+            rows[:, 0, first["current"]] = rows[:, 1, first["current"] + 1] = time
+        grown = np.cumsum(random[part], axis=0)
+        bound[part] = rows @ covariance @ rows.swapaxes(1, 2) + grown
+        step[:2] = rows[-1]
         covariance = step @ covariance @ step.T
-        covariance[:2, :2] += per_step[k]
-        i = arrival.get(k + 1)
-        if i is not None:
+        covariance[:2, :2] += grown[-1]
+        if i < geometry.message_step.size:
             away, arms = geometry.from_leader[i], geometry.arms[i]
             if mean:
                 gained = _expected_information(away, covariance[:2, :2], arms, noise, first, size)
             else:
-                gained = _information(away, arms, noise, first, size)
+                gained = _information(away[None], arms, noise, first, size)[0]
             # (P⁻¹ + I)⁻¹ without the inverse of P, which a known start makes singular
             found = np.linalg.solve(np.eye(size) + covariance @ gained, covariance)
             covariance = np.asarray(0.5 * (found + found.T), dtype=np.float64)
-        bound[k] = covariance[:2, :2]
+            bound[end - 1] = covariance[:2, :2]
     return bound

@@ -46,6 +46,11 @@ def formula(function: Function) -> Function:
     return cast(Function, update_wrapper(made, function))
 
 
+def compiled_run(function: Function) -> Function:
+    """Compile a long loop over one run, with the arithmetic of `compiled`; threads run side by side."""
+    return _kept(function, nogil=True)
+
+
 def compiled_lanes(function: Function) -> Function:
     """Compile a pass over lanes: fused multiply-adds are allowed, NaN keeps its meaning, threads run side by side."""
     return _kept(function, fastmath={"contract", "nsz"}, nogil=True)

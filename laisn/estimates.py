@@ -1,7 +1,10 @@
 """What a navigator concludes: the kinds of fix, and the record of a mission."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
+from typing import Any, Self
+
+import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.records import own_arrays, require_shapes
@@ -19,20 +22,25 @@ class FixKind(IntEnum):
     FUSED = 3
     """Weighted mean of several pairs (LAISN-3(2))."""
     GATED = 4
-    """Rejected by the gross-error gate."""
+    """Rejected as a gross error: by the gate, or because no range was believed."""
     SINGULAR = 5
     """The filter was already exact (S singular): the update was skipped."""
     LOST = 6
     """Ranges were missing, so that no fix could be made."""
     ONE_RANGE = 7
     """One range alone: the prediction was moved along its line of sight, onto the circle."""
+    RANGES = 8
+    """No point was made: all ranges that were received were used themselves (tightly coupled)."""
+    PARTLY = 9
+    """The same, but some ranges looked like echoes and were left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Estimates:
     """The estimates of one follower in one mission: n steps (k = 1 … n) and f fixes.
 
-    A message gives one fix; with LAISN-3(1) one of each pair that was received.
+    A message gives one fix; with LAISN-3(1) one of each pair that was received. Raises ValueError naming an array of
+    another shape.
     """
 
     state: Floats
@@ -52,9 +60,10 @@ class Estimates:
     innovation_covariance: Floats
     """S of the position update, shape (f, 2, 2), [m²]; of one range alone, its variance times the unit matrix."""
 
-    def __post_init__(self) -> None:
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shape that each array must have."""
         n, f = self.state.shape[0], self.fix_step.size
-        expected = {
+        return {
             "state": (n, 4),
             "covariance": (n, 4, 4),
             "fix_step": (f,),
@@ -64,5 +73,20 @@ class Estimates:
             "innovation": (f, 2),
             "innovation_covariance": (f, 2, 2),
         }
-        require_shapes(self, expected)
+
+    @property
+    def unknown(self) -> int:
+        """Steps before the first estimate: 0 where the start is known."""
+        missing = np.isnan(self.state[:, 0])
+        return missing.size if missing.all() else int(np.argmin(missing))
+
+    def part(self, first: int, last: int) -> Self:
+        """The estimates of steps `first` + 1 … `last`, which become 1 … `last` − `first`, and their fixes."""
+        kept = (self.fix_step > first) & (self.fix_step <= last)
+        parts: dict[str, Any] = {f.name: getattr(self, f.name)[kept] for f in fields(self)[2:]}
+        parts["fix_step"] = parts["fix_step"] - first
+        return replace(self, state=self.state[first:last], covariance=self.covariance[first:last], **parts)
+
+    def __post_init__(self) -> None:
+        require_shapes(self, self.shapes())
         own_arrays(self)

@@ -6,6 +6,8 @@ from typing import Literal, get_args
 import numpy as np
 
 Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main"]
+AnyVariant = Literal[Variant, "tight"]
+"""What a mission may be navigated by: a LAISN, or the tightly coupled navigator of `laisn.tight`."""
 GateRule = Literal["off", "v-max", "v-measured"]
 SideRule = Literal["behind", "predicted"]
 

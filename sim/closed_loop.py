@@ -6,15 +6,12 @@ the mission is over, for noise is addressed by step. Navigating on the finished 
 estimates that steered it.
 """
 
-from collections.abc import Callable
-from typing import Protocol
-
 import numpy as np
 
 from laisn import POSITION, VELOCITY
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
-from laisn.settings import NavigationSettings, transmitters_of
+from laisn.navigating import AnyNavigator, NavigatorFactory
 from sim.fleet import TrajectorySince
 from sim.flight import navigation_settings
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -26,25 +23,10 @@ _PATIENCE_S = 10.0
 """A message that is not in after this time never will be: one that came in the same step was kept instead."""
 
 
-class OnlineNavigator(Protocol):
-    """Whatever turns measurements into estimates step by step."""
-
-    @property
-    def state(self) -> Floats:
-        """x, y, vx, vy after the last step, shape (4,)."""
-
-    def step(self, own: OwnMotion, reception: Reception | None = None) -> object:
-        """Advance by one filter step."""
-
-
-OnlineFactory = Callable[[NavigationSettings, Floats], OnlineNavigator]
-"""Makes the navigator of one follower from its settings and its known start [x, y, vx, vy]."""
-
-
 class Pilot:
     """One follower's senses, its navigator, and where it takes itself to be."""
 
-    def __init__(self, scenario: Scenario, follower: int, navigator: OnlineFactory) -> None:
+    def __init__(self, scenario: Scenario, follower: int, navigator: NavigatorFactory) -> None:
         self._scenario, self._vehicles, self._make = scenario, (0, follower + 1), navigator
         self._errors, self._hearing = errors_of(scenario), Hearing.of(scenario)
         self._seed, self._run, self._follower = scenario.seed, scenario.run, follower
@@ -56,7 +38,7 @@ class Pilot:
             or scenario.sensors.leader_attitude_feels_acceleration
         )
         self._awaited: list[int] = []
-        self._navigator: OnlineNavigator | None = None
+        self._navigator: AnyNavigator | None = None
 
     def believe(self, tick: int, flown: TrajectorySince) -> Floats:
         """Position at an instant of the trajectory's grid, shape (2,), [m]; NaN before the first filter step.
@@ -104,7 +86,7 @@ class Pilot:
             seed=self._seed,
             run=self._run,
             follower=self._follower,
-            transmitters=transmitters_of(self._scenario.navigation.variant),
+            transmitters=self._scenario.navigation.transmitters,
         )
         return Reception(LeaderMessage(*heard.message[-1].tolist()), Ranges(*heard.ranges[-1].tolist()))
 
@@ -112,7 +94,7 @@ class Pilot:
 class Feedback:
     """Positions that a fleet's vehicles believe to be their own; those that steer by the truth give none."""
 
-    def __init__(self, scenario: Scenario, navigator: OnlineFactory) -> None:
+    def __init__(self, scenario: Scenario, navigator: NavigatorFactory) -> None:
         """Set up a pilot for each follower with `steers_by = "estimate"`."""
         steering = [i for i, follower in enumerate(scenario.followers) if follower.steers_by == "estimate"]
         self._pilots = {i + 1: Pilot(scenario, i, navigator) for i in steering}

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from sim.flight import Flight
 
@@ -42,19 +41,9 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
             ranges=m.ranges[kept],
         )
 
-    def believed(e: Estimates) -> Estimates:
-        kept = (e.fix_step > first) & (e.fix_step <= last)
-        fixes = ("fix_position", "fix_sigma", "fix_kind", "innovation", "innovation_covariance")
-        return Estimates(
-            state=e.state[first:last],
-            covariance=e.covariance[first:last],
-            fix_step=e.fix_step[kept] - first,
-            **{name: getattr(e, name)[kept] for name in fixes},
-        )
-
     return replace(
         flight,
         trajectory=replace(truth, **{name: getattr(truth, name)[points] for name in timed}),
         measurements=tuple(heard(m) for m in flight.measurements),
-        estimates=tuple(believed(e) for e in flight.estimates),
+        estimates=tuple(e.part(first, last) for e in flight.estimates),
     )

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 
 from laisn.failure import LaisnError
+from laisn.navigating import NavigatorFactory
 from sim import point_fleet
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
-from sim.closed_loop import Feedback, OnlineFactory
+from sim.closed_loop import Feedback
 from sim.fleet import FleetError, simulate_fleet
 from sim.point_fleet import Sites
 from sim.scenario.settings import Scenario
@@ -21,7 +22,7 @@ class DivergedError(LaisnError):
         self.trajectory = trajectory
 
 
-def _feedback(scenario: Scenario, navigator: OnlineFactory | None) -> Feedback | None:
+def _feedback(scenario: Scenario, navigator: NavigatorFactory | None) -> Feedback | None:
     steering = [i for i, follower in enumerate(scenario.followers) if follower.steers_by == "estimate"]
     if steering and navigator is None:
         raise LaisnError(
@@ -34,7 +35,7 @@ def _feedback(scenario: Scenario, navigator: OnlineFactory | None) -> Feedback |
 def simulate_motion(
     scenario: Scenario,
     progress: Callable[[float], None] | None = None,
-    navigator: OnlineFactory | None = None,
+    navigator: NavigatorFactory | None = None,
 ) -> Trajectory:
     """Fly a scenario's vehicles along their routes.
 

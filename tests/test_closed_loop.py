@@ -1,5 +1,7 @@
 """Followers that steer by their own estimates."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,9 @@ from experiments.flight.library import ROUTES, load
 from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
 from laisn.navigator import Navigator
+from laisn.navigators import new_navigator
 from laisn.settings import NavigationSettings
+from laisn.tight.navigator import TightNavigator
 from sim.closed_loop import Pilot
 from sim.flight import navigate
 from sim.motion import simulate_motion
@@ -26,11 +30,11 @@ def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Sce
     )
 
 
-def steered(scenario: Scenario) -> tuple[Trajectory, Floats]:
+def steered(scenario: Scenario, navigator: Any = Navigator) -> tuple[Trajectory, Floats]:
     """The motion, and the states on which it was steered, shape (n, 4)."""
     states: list[Floats] = []
 
-    class Overheard(Navigator):
+    class Overheard(navigator):  # type: ignore[misc]
         def step(self, own: OwnMotion, reception: Reception | None = None) -> list:  # type: ignore[type-arg]
             records = super().step(own, reception)
             states.append(self.state.copy())
@@ -151,3 +155,10 @@ def test_the_record_counts_who_is_lost() -> None:
     assert (found["lost-runs laisn-2 T2"].value, found["lost-runs laisn-2 T3"].value) == (1, 0)
     assert (found["lost-runs laisn-3-1"].value, found["missions"].value) == (4, 40)
     assert format(found["lost laisn-2"], ".0% i") == "10 % (3 to 24 %)"
+
+
+def test_who_navigates_by_ranges_themselves_steers_by_what_it_would_estimate_afterwards() -> None:
+    scenario = mission("navigation.variant=tight", "acoustics.loss_chance=0.2")
+    trajectory, states = steered(scenario, TightNavigator)
+    flight = navigate(scenario, trajectory, new_navigator)
+    np.testing.assert_array_equal(states, flight.estimates[0].state)

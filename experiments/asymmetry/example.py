@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.asymmetry.conditions import Condition, scenario
 from experiments.flight.anatomy import Anatomy, dissect
-from laisn.navigator import Navigator
+from laisn.navigators import new_navigator
 from sim.flight import Flight, navigate
 from sim.motion import simulate_motion
 
@@ -37,7 +37,7 @@ def fly_example(condition: Condition, duration: float) -> Example:
     """Fly a condition with one follower, and take its range errors apart."""
     one = scenario(condition, ROUTE, OFFSET_M, duration)
     trajectory = simulate_motion(one)
-    flight = navigate(one, trajectory, Navigator)
+    flight = navigate(one, trajectory, new_navigator)
     everything = one.model_copy(
         update={
             "acoustics": one.acoustics.model_copy(update=EVERYTHING),
@@ -51,6 +51,6 @@ def fly_example(condition: Condition, duration: float) -> Example:
     return Example(
         condition=condition,
         flight=flight,
-        anatomy=dissect(navigate(everything, trajectory, Navigator)),
+        anatomy=dissect(navigate(everything, trajectory, new_navigator)),
         telling=int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))]),
     )

@@ -10,7 +10,7 @@ from experiments.asymmetry.remedies import AHRS
 from experiments.flight.anatomy import Cause, dissect
 from experiments.flight.summary import position_and_bearing_errors
 from laisn.arrays import Floats
-from laisn.navigator import Navigator
+from laisn.navigators import new_navigator
 from sim.excerpt import excerpt
 from sim.film import graphics
 from sim.film.annotations import Annotations, OtherEstimate, RayErrors
@@ -56,7 +56,7 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     """What the film shows: the stretch about the telling message, and the estimate of the other follower's mind."""
     level = example.flight
     # truth and all other noise are the same: random numbers belong to their sensor
-    aware = navigate(_attitude_aware(level.scenario), level.trajectory, Navigator)
+    aware = navigate(_attitude_aware(level.scenario), level.trajectory, new_navigator)
     time = level.trajectory.time
     told = float(time[example.telling])
     start, end = max(float(time[0]), told - BEFORE_S), min(float(time[-1]), told + AFTER_S)

@@ -11,7 +11,7 @@ from laisn import lanes
 from laisn.arrays import Bools
 from laisn.estimates import FixKind
 from laisn.settings import GateRule
-from sim.flight import navigation_settings
+from sim.flight import laisn_settings
 from sim.motion import simulate_motion
 from sim.sensing.echo import Path, locked_path
 from sim.sensing.hearing import Hearing
@@ -73,7 +73,7 @@ def fly_gates(plan: Plan) -> list[GateRow]:
                     ),
                 }
             )
-            truth, errors, told = observe(both, Hearing.of(one)), errors_of(one), navigation_settings(one, both, 0)
+            truth, errors, told = observe(both, Hearing.of(one)), errors_of(one), laisn_settings(one, both, 0)
             first, used = first_run(CALM, route, _OFFSET_M), told.transmitters
             runs = range(first, first + _RUNS)
             heard = [measure(truth, errors, seed=SEED, run=run, transmitters=used) for run in runs]

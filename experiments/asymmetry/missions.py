@@ -10,7 +10,7 @@ from experiments.asymmetry.remedies import AHRS
 from experiments.flight.library import ROUTES
 from laisn.arrays import Floats
 from laisn.settings import NavigationSettings, Variant
-from sim.flight import navigation_settings
+from sim.flight import laisn_settings
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.ahrs import apparent_tilt, measured_attitude, random_error
 from sim.sensing.hearing import Hearing
@@ -126,7 +126,7 @@ def sense(both: Trajectory, condition: Condition, route: str, offset: float, dur
         real=real,
         level=observe(leveled(both), Hearing.of(one)),
         ahrs=replace(real, sent_attitude=steadied[sent]),
-        settings=navigation_settings(one, both, 0),
+        settings=laisn_settings(one, both, 0),
         facts={
             "pitch_rms_deg": float(np.sqrt(np.mean(pitch**2))),
             "pitch_max_deg": float(np.abs(pitch).max()),

@@ -16,7 +16,7 @@ from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
 from laisn.arrays import Floats
 from laisn.settings import Variant
-from sim.flight import navigation_settings
+from sim.flight import laisn_settings
 from sim.motion import simulate_motion
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
@@ -98,7 +98,7 @@ def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2"
         for interval in INTERVALS_S:
             one = scenario(CALM, route, offset, plan.duration_s)
             one = one.model_copy(update={"timing": one.timing.model_copy(update={"message_interval_s": interval})})
-            errors, settings = errors_of(one), navigation_settings(one, level, 0)
+            errors, settings = errors_of(one), laisn_settings(one, level, 0)
             first = first_run(CALM, route, offset)
             truths = [observe(tilted(level, np.deg2rad(degrees)), Hearing.of(one)) for degrees in PITCH_DEG]
             for variant in variants:

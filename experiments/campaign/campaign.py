@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.campaign import missions
+from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.cells import PERCENTILES, Cell, CellResult
 from experiments.campaign.failures import CampaignError
 from experiments.campaign.montecarlo import histories, simulate_many
@@ -26,6 +27,7 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from sim.scenario.settings import Scenario
+from sim.sensing.hearing import Hearing
 from sim.trajectory import Trajectory
 
 _BATCH_STEPS = 20_000_000
@@ -67,7 +69,18 @@ class CellPlan:
         return self.runs * self.scenario.filter_steps
 
 
-def _row(plan: CellPlan, result: CellResult) -> Record:
+def _over_bound(plan: CellPlan, result: CellResult, mission: missions.Mission) -> Record:
+    """RMS error of a cell beside the least possible; None for LAISN, which is nowhere near it."""
+    if plan.content.navigation.variant != "tight":
+        return {"bound_rms_m": None, "rms_over_bound": None}
+    trajectory, _ = mission.seen(plan.content, plan.follower)
+    least = least_rms(geometry_of(trajectory, Hearing.of(plan.content), plan.follower), noise_of(plan.content))
+    bound = float(np.sqrt(np.mean(least**2)))
+    rms = float(np.hypot(result.errors.e_p_mean_m, result.errors.e_p_std_m))
+    return {"bound_rms_m": bound, "rms_over_bound": rms / bound if bound > 0.0 else None}
+
+
+def _row(plan: CellPlan, result: CellResult, bound: Record) -> Record:
     """What is stored of a cell; plans of other names may share it."""
     row: Record = {
         "key": plan.key,
@@ -82,6 +95,7 @@ def _row(plan: CellPlan, result: CellResult) -> Record:
     for name, values in (("e_p_p{}_m", result.e_p_percentiles_m), ("e_b_p{}_deg", result.e_b_percentiles_deg)):
         row |= {name.format(p): float(value) for p, value in zip(PERCENTILES, values, strict=True)}
     row |= {"nees": result.nees, "nis": result.nis, "captured_runs": result.captured, "worst_run": result.worst_run}
+    row |= bound
     row |= {f"fixes_{kind}": count for kind, count in result.fixes.items()}
     if result.table is not None:
         free = ~result.table.captured
@@ -132,7 +146,7 @@ def compute(
     cells = [Cell.of(plan.content, plan.follower, plan.runs, mission=mission) for plan in plans]
     results = simulate_many(cells, threads=threads, keep_runs=True)
     return [
-        (plan.key, _row(plan, result), _steps(cell) if plan.keep_steps else None)
+        (plan.key, _row(plan, result, _over_bound(plan, result, mission)), _steps(cell) if plan.keep_steps else None)
         for plan, cell, result in zip(plans, cells, results, strict=True)
     ]
 

@@ -14,6 +14,7 @@ from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.metrics import Summary
+from laisn.navigating import AnySettings
 from laisn.records import own_arrays
 from laisn.settings import NavigationSettings
 from sim.flight import navigation_settings
@@ -31,7 +32,7 @@ class Cell:
 
     truth: MissionTruth
     errors: SensorErrors = field(default_factory=SensorErrors)
-    settings: NavigationSettings = field(default_factory=NavigationSettings)
+    settings: AnySettings = field(default_factory=NavigationSettings)
     seed: int = 1
     runs: range = range(60)
     """Numbers of the runs, in steps of one."""

@@ -132,7 +132,8 @@ def render(
 def replay(
     log: Annotated[Path, typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels")],
     variant: Annotated[
-        str | None, typer.Option(help="laisn-2 (default), laisn-3-1, laisn-3-2 or another; any other word lists them")
+        str | None,
+        typer.Option(help="laisn-2 (default), laisn-3-1, laisn-3-2, tight or another; any other word lists them"),
     ] = None,
     set_: SetOption = None,
     scenario: Annotated[

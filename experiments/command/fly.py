@@ -16,7 +16,7 @@ from experiments.flight.folder import FILM, LOG, REPORT, SCENARIO, SUMMARY, TIMI
 from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
 from experiments.terminal import literal, tell
 from laisn.arrays import Floats
-from laisn.navigator import Navigator
+from laisn.navigators import new_navigator
 from laisn.parent import alongside
 from sim.flight import Flight, Outcome, navigate
 from sim.log.events import Event
@@ -27,12 +27,26 @@ from sim.scenario.settings import Scenario
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     """Print a short table of errors, and how the flight ended if it did not end well."""
     steered = any(follower.steers_by == "estimate" for follower in flight.scenario.followers)
-    heads = ("follower", "E_P max", "mean", "σ", "E_B max", "mean", "σ", *(["off its place"] if steered else []))
+    heads = (
+        "follower",
+        "E_P max",
+        "mean",
+        "σ",
+        "E_B max",
+        "mean",
+        "σ",
+        "NEES",
+        "× bound",
+        *(["off its place"] if steered else []),
+    )
     table = Table(*heads, box=None, pad_edge=False)
     for name, row in summary["followers"].items():
         metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
         degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
-        table.add_row(literal(name), *metres, *degrees, *([f"{row['off_place_rms_m']:.2f} m"] if steered else []))
+        consistent = ("–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound"))
+        table.add_row(
+            literal(name), *metres, *degrees, *consistent, *([f"{row['off_place_rms_m']:.2f} m"] if steered else [])
+        )
     console.print(table)
     if flight.outcome is not Outcome.COMPLETED:
         tell(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, "red")
@@ -104,7 +118,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         with phase("simulate") as update:
             trajectory, outcome = motion_and_outcome(scenario, update)
         with phase("navigate"):
-            flight = navigate(scenario, trajectory, Navigator, outcome)
+            flight = navigate(scenario, trajectory, new_navigator, outcome)
         errors = position_and_bearing_errors(flight)
         strays = stray_events(flight)
         events = sorted([*capture_events(flight), *strays], key=lambda event: event.time_s)

@@ -29,7 +29,7 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
 
     Args:
         path: log of a flight.
-        variant: which LAISN.
+        variant: which LAISN, or "tight".
         assignments: overrides of the scenario's navigation, `navigation.key=value`.
         out: log for the new estimates; None: none.
 
@@ -82,7 +82,8 @@ def replay_measurements(
     from experiments.campaign.store import write_csv
     from experiments.flight.library import load_flyable
     from laisn.estimates import FixKind
-    from laisn.navigator import Navigator
+    from laisn.navigators import new_navigator
+    from laisn.settings import NavigationSettings
     from sim.flight import navigation_settings
     from sim.log import reader
     from sim.motion import simulate_motion
@@ -102,8 +103,10 @@ def replay_measurements(
     for i, name in enumerate(begin.names[1:]):
         measured, found = reader.read_recording(path, name, longest_gap_s)
         remarks += found
-        settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt, use_single_range=single)
-        estimates = Navigator(settings, start_of(begin, i)).run(measured)
+        settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
+        if isinstance(settings, NavigationSettings):
+            settings = replace(settings, use_single_range=single)
+        estimates = new_navigator(settings, start_of(begin, i)).run(measured)
         kinds = [FixKind(kind) for kind in estimates.fix_kind.tolist()]
         counts = ", ".join(f"{kinds.count(k)} {k.name.lower().replace('_', ' ')}" for k in FixKind if k in kinds)
         last = estimates.state[-1]

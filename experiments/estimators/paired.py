@@ -122,7 +122,8 @@ def compare(
     for block in _blocks(case, route, interval, runs, seed):
         heard = lanes.run(block, truth.start, NavigationSettings()).state[:, :2]
         for i, measurements in enumerate(block):
-            where, spread = run_mission(given, measurements, truth.start)
+            states, spread, _ = run_mission(given, measurements, truth.start)
+            where = states[:, :2]
             for name, found in (("laisn", heard[:, :, i]), ("tight", where)):
                 steps = metrics.captured_steps(found, truth.hydrophone, truth.leader_position, truth.leader_heading)
                 captured[name] += metrics.longest_capture(steps) >= message_steps

@@ -6,8 +6,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from laisn.navigator import Navigator
-from sim.flight import Flight, NavigatorFactory, Outcome, navigate, navigation_settings
+from laisn.navigating import NavigatorFactory
+from laisn.navigators import new_navigator
+from sim.flight import Flight, Outcome, navigate, navigation_settings
 from sim.motion import DivergedError, simulate_motion
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
@@ -35,7 +36,7 @@ def motion_and_outcome(
 ) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario; if it leaves finite numbers, what was flown before, and an outcome that says so."""
     try:
-        return simulate_motion(scenario, progress, Navigator), Outcome.COMPLETED
+        return simulate_motion(scenario, progress, new_navigator), Outcome.COMPLETED
     except DivergedError as error:
         return error.trajectory, Outcome.DIVERGED
 
@@ -50,7 +51,7 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     with watch.phase("simulate_s"):
         trajectory, outcome = motion_and_outcome(scenario, progress)
     with watch.phase("navigate_s"):
-        flight = navigate(scenario, trajectory, Navigator, outcome)
+        flight = navigate(scenario, trajectory, new_navigator, outcome)
     return flight, watch.seconds
 
 
@@ -70,7 +71,7 @@ def navigate_again(flight: Flight, changes: Mapping[str, Any], navigator: Naviga
         raise ScenarioError(f"{outside[0]}: a replay can change navigation only; what was measured is fixed")
     table = assigned(flight.scenario.model_dump(mode="json", exclude_none=True), changes)
     scenario = validate(table, ", ".join([flight.scenario.name, *(f"{k} = {v}" for k, v in changes.items())]))
-    make = navigator or Navigator
+    make = navigator or new_navigator
     estimates = tuple(
         make(navigation_settings(scenario, flight.trajectory, i), start_of(flight.trajectory, i)).run(measured)
         for i, measured in enumerate(flight.measurements)

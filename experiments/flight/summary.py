@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from experiments.campaign.version import versions
+from experiments.flight.bound import flight_bound
 from laisn import metrics
 from laisn.arrays import Floats
 from sim.assembly import routes_of
@@ -71,8 +72,27 @@ def off_place_rms(flight: Flight) -> list[float]:
     ]
 
 
+def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float | None]:
+    """How far a follower's errors are what its covariance says, and what was possible.
+
+    `nees` is the mean of eᵀ P⁻¹ e over the steps (2 if P is right), and `rms_over_bound` the RMS of E_P over that of
+    the Cramér–Rao bound, both from the first estimate on; None where the covariance is singular, or the bound 0.
+    """
+    truth, estimates = flight.hydrophone(follower)[:, :2], flight.estimates[follower]
+    squares = np.sum((estimates.state[:, :2] - truth) ** 2, axis=1)
+    normalised, known = metrics.nees(estimates, truth), np.isfinite(squares)
+    least = float(np.mean(bound[known] ** 2)) if known.any() else 0.0
+    told = np.isfinite(normalised)
+    return {
+        "nees": float(normalised[told].mean()) if told.any() else None,
+        "bound_rms_m": least**0.5,
+        "rms_over_bound": float(np.mean(squares[known]) / least) ** 0.5 if least > 0.0 else None,
+    }
+
+
 def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, Any]:
     """What `summary.json` holds: the same for the same scenario and version, whatever the machine."""
+    errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(errors, flight.estimates, strict=True)]
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
     names, astray = flight.trajectory.names[1:], off_place_rms(flight)
     return {
@@ -85,6 +105,7 @@ def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, 
         **asdict(pooled),
         "followers": {
             name: asdict(metrics.summarise(*errors[i]))
+            | consistency(flight, i, flight_bound(flight, i))
             | {"off_place_rms_m": astray[i], "fixes": metrics.fix_counts(flight.estimates[i])}
             for i, name in enumerate(names)
         },

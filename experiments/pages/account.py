@@ -23,15 +23,17 @@ _FIXES = {
     FixKind.TANGENT: "lay where the circles touch",
     FixKind.ASTERN: "were put on the leader's axis",
     FixKind.FUSED: "were weighted means",
-    FixKind.GATED: "were rejected by the gate",
+    FixKind.GATED: "were rejected",
     FixKind.SINGULAR: "were skipped",
     FixKind.LOST: "failed because ranges were lost",
     FixKind.ONE_RANGE: "used one range alone",
+    FixKind.RANGES: "used all ranges themselves",
+    FixKind.PARTLY: "left out ranges that looked like echoes",
 }
 
 
 class Seen(NamedTuple):
-    """What became of one follower's estimate at filter steps k = 1 … n; arrays of shape (n,)."""
+    """What became of one follower's estimate at the n filter steps at which it had one; arrays of shape (n,)."""
 
     time: Floats
     """[s]."""
@@ -64,15 +66,17 @@ def seen(flight: Flight, follower: int) -> Seen:
     belief = found.state[:, :2]
     side, believed_side = (np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, belief))
     clear = np.minimum(np.abs(side), np.abs(believed_side)) >= SIDE_M
-    square = nees(found, truth)
+    square, error = nees(found, truth), np.hypot(*(belief - truth).T)
+    # who does not know its start has no estimate before the first messages
+    known = np.isfinite(error)
     return Seen(
-        time=flight.trajectory.time[steps],
-        error=np.hypot(*(belief - truth).T),
-        bearing=true_bearing(flight, follower),
-        distance=np.hypot(*(truth - leader).T),
-        wrong_side=clear & (side * believed_side < 0),
+        time=flight.trajectory.time[steps][known],
+        error=error[known],
+        bearing=true_bearing(flight, follower)[known],
+        distance=np.hypot(*(truth - leader).T)[known],
+        wrong_side=(clear & (side * believed_side < 0))[known],
         # a filter that is certain is wrong wherever it is off at all
-        outside=np.where(np.isnan(square), np.any(belief != truth, axis=1), square > SIGMAS**2),
+        outside=np.where(np.isnan(square), np.any(belief != truth, axis=1), square > SIGMAS**2)[known],
         kind=found.fix_kind.astype(np.float64),
     )
 
@@ -186,7 +190,7 @@ def sentences(flight: Flight) -> list[str]:
     Several followers are spoken of together. A flight whose estimates left finite numbers is not spoken of.
     """
     followers = range(len(flight.estimates))
-    if not all(np.isfinite(flight.estimates[i].state).all() for i in followers):
+    if not all(np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates):
         return []
     all_seen = {flight.trajectory.names[i + 1]: seen(flight, i) for i in followers}
     together = Seen(*(np.concatenate(parts) for parts in zip(*all_seen.values(), strict=True)))

@@ -10,7 +10,6 @@ from experiments.pages.figures import Line, panel, svg
 from experiments.pages.page import Block, Figures, Notice, Section, Table, Text, number, words
 from experiments.pages.style import FULL, HALF, SERIES, WIDTH
 from laisn.arrays import Floats
-from laisn.settings import transmitters_of
 from sim.flight import Flight
 
 TRANSMITTERS = ("rear", "front", "middle")
@@ -93,7 +92,7 @@ def section(flight: Flight) -> Section:
         )
     ]
     drawn, panels, tables = set(), [], []
-    width, used = FULL if len(names) == 1 else HALF, transmitters_of(flight.scenario.navigation.variant)
+    width, used = FULL if len(names) == 1 else HALF, flight.scenario.navigation.transmitters
     for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
         anatomy = dissect(flight, i)
         if not np.isfinite(anatomy.error).any():

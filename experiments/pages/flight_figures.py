@@ -9,7 +9,6 @@ from experiments.pages.figures import Line, Part, panel, stack, timeline
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, SERIES, TRANSMITTERS
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
-from laisn.settings import transmitters_of
 from sim.flight import Flight
 
 SIGMAS = 2.0
@@ -30,6 +29,8 @@ FIX_WORDS = {
     FixKind.SINGULAR: "skipped",
     FixKind.LOST: "lost",
     FixKind.ONE_RANGE: "one range",
+    FixKind.RANGES: "all ranges",
+    FixKind.PARTLY: "but for echoes",
 }
 """Names of the kinds of fix in tables and figures."""
 _TRACK_POINTS = 1500
@@ -88,7 +89,8 @@ def error_stack(flight: Flight, follower: int, errors: tuple[Floats, Floats], wi
     position, bearing = errors
     believed = own_sigma(flight.estimates[follower].covariance)
     # a filter that knows nothing would leave a flat line of its errors
-    top = max(1.1 * float(position.max()), min(1.1 * float(believed.max()), 3.0 * float(position.max())), 1e-3)
+    largest, widest = (float(np.nanmax(values, initial=0.0)) for values in (position, believed))
+    top = max(1.1 * largest, min(1.1 * widest, 3.0 * largest), 1e-3)
     parts = [
         Part(
             lines=[
@@ -166,7 +168,7 @@ def ranges(flight: Flight, follower: int) -> Figure:
     """Measured slant ranges over time, of the transmitters that the variant uses."""
     heard = flight.measurements[follower]
     time = np.asarray(flight.trajectory.time[0] + heard.message_step * heard.dt, dtype=np.float64)
-    used = range(transmitters_of(flight.scenario.navigation.variant))
+    used = range(flight.scenario.navigation.transmitters)
     lines = [Line(x=time, y=heard.ranges[:, j], colour=TRANSMITTERS[j], width=0.9) for j in reversed(used)]
     return panel(lines, x_label="time [s]", y_label="slant range [m]", width=HALF)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.pages import account, anatomy_page, flight_figures
+from experiments.pages import account, anatomy_page, bound_panel, flight_figures
 from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
 from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words, write
@@ -14,7 +14,6 @@ from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, TRANS
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
-from laisn.settings import transmitters_of
 from sim.flight import Flight, Outcome
 from sim.scenario.file import dumps
 
@@ -87,7 +86,7 @@ def _motion(flight: Flight) -> Section:
 
 
 def _ranges(flight: Flight) -> Section:
-    used = transmitters_of(flight.scenario.navigation.variant)
+    used = flight.scenario.navigation.transmitters
     names = ("rear", "front", "middle")[:used]
     rows = [
         Figures(
@@ -136,7 +135,7 @@ def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
         notices.append(Notice(tone="failure", text=f"After {flown}: {flight.outcome.value}."))
     for i, (position, _) in enumerate(errors):
         name = flight.trajectory.names[i + 1]
-        if not np.all(np.isfinite(position)):
+        if not np.all(np.isfinite(position[flight.estimates[i].unknown :])):
             notices.append(Notice(tone="failure", text=f"{name}: the estimate left finite numbers."))
             continue
         steps = flight.step_index()
@@ -195,7 +194,7 @@ def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], pa
     """
     scenario, followers = flight.scenario, flight.trajectory.names[1:]
     films = [Film(path=film, caption="The mission as filmed.")] if film else []
-    transmitters = transmitters_of(scenario.navigation.variant)
+    transmitters = scenario.navigation.transmitters
     routes = [Section(title="Routes", blocks=[_routes(flight)])] if len(followers) > 1 else []
     page = Page(
         title=f"Flight {scenario.name}",
@@ -209,6 +208,7 @@ def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], pa
             ),
             *routes,
             _errors(flight, errors),
+            bound_panel.section(flight, errors, len(_drawn(flight))),
             _ranges(flight),
             anatomy_page.section(flight),
             _motion(flight),

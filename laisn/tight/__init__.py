@@ -4,5 +4,5 @@ Takes `Measurements`, as a whole or step by step (`navigator`); gives `TightEsti
 covariance that can be believed, biases, and both sides of the leader's axis while two transmitters leave them open.
 Everything between is compiled (`estimator`), the same code whether one follower navigates online or a campaign runs.
 
-Imports: laisn.arrays laisn.compiled laisn.elementary laisn.failure laisn.geometry laisn.messages laisn.records
+Imports: laisn.arrays laisn.compiled laisn.elementary laisn.estimates laisn.failure laisn.geometry laisn.messages
 """

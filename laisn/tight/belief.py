@@ -6,13 +6,12 @@ import numpy as np
 
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
+from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.settings import TightSettings
 from laisn.tight.states import COMPASS, LOG, SCALE, X, Y
 
-KEPT = 4
-"""Hypotheses that are kept from message to message."""
-ROOM = 2 * KEPT
+ROOM = 2 * HYPOTHESES
 """Hypotheses that there is room for while they are split."""
 
 MOST_STATES = 10

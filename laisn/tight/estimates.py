@@ -1,64 +1,65 @@
 """What the tightly coupled navigator concludes: estimates with covariances that can be believed, and its hypotheses."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import ClassVar
 
 from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays
-from laisn.tight.belief import KEPT
-from laisn.tight.model import ABSENT, Model
+from laisn.estimates import Estimates, FixKind
+
+HYPOTHESES = 4
+"""Hypotheses that are kept from message to message."""
 
 
-def state_names(model: Model) -> tuple[str, ...]:
-    """Names of the states in their order, with units."""
-    names = ["x_m", "y_m", "log_bias_m_s", "compass_bias_rad", "range_scale_m"]
-    if model.leader != ABSENT:
-        names.append("leader_compass_bias_rad")
-    if model.current != ABSENT:
-        names += ["current_east_m_s", "current_north_m_s"]
-    if model.offset != ABSENT:
-        names += [f"offset_{i}_m" for i in range(2, model.transmitters + 1)]
-    return tuple(names)
+def kind_of(received: int, used: int, begun: bool = True) -> FixKind:
+    """What became of a message of which so many ranges were received, and used; `begun`: there is an estimate."""
+    if received == 0 or not begun:
+        return FixKind.LOST
+    if used == 0:
+        return FixKind.GATED
+    if used < received:
+        return FixKind.PARTLY
+    return FixKind.ONE_RANGE if used == 1 else FixKind.RANGES
 
 
 @dataclass(frozen=True, kw_only=True)
-class TightEstimates:
-    """The estimates of one follower in one mission: n steps (k = 1 … n), m messages, s states, h hypotheses at most.
+class TightEstimates(Estimates):
+    """The estimates of one follower in one mission, and what they rest on at each of its f messages.
 
-    Raises ValueError naming the array whose shape disagrees.
+    A message is a fix here: its position is the mean over the mixture, its σ the root of half the trace of their
+    covariance; there is no innovation of a position, so that those are NaN. Raises ValueError naming an array of
+    another shape.
     """
 
-    state: Floats
-    """Mean over the mixture after step k, shape (n, 4): x, y [m], vx, vy [m/s]."""
-    covariance: Floats
-    """Covariance of `state`, shape (n, 4, 4)."""
-    message_step: Ints
-    """Step k of each message, shape (m,)."""
-    used: Ints
-    """How many of its ranges the heaviest hypothesis used, shape (m,)."""
-    nis: Floats
-    """Squared residuals of the ranges used, in units of S, shape (m,): `used` on average if S is right; NaN if none."""
-    names: tuple[str, ...]
-    """Names of the s states, with units."""
-    full_state: Floats
-    """Mean over the mixture after each message, shape (m, s)."""
-    full_sigma: Floats
-    """Standard deviations of `full_state`, shape (m, s)."""
-    weight: Floats
-    """Weight of each hypothesis after each message, heaviest first, shape (m, h); 0 for none."""
-    hypothesis: Floats
-    """Position of each hypothesis, shape (m, h, 2), [m]; NaN for none."""
-    hypothesis_covariance: Floats
-    """Covariance of each hypothesis's position, shape (m, h, 2, 2), [m²]; NaN for none."""
+    names: ClassVar[tuple[str, ...]] = (
+        "x_m", "y_m", "log_bias_m_s", "compass_bias_rad", "range_scale_m", "leader_compass_bias_rad",
+        "current_east_m_s", "current_north_m_s", "offset_2_m", "offset_3_m",
+    )  # fmt: skip
+    """Of all states that there can be, with units."""
 
-    def __post_init__(self) -> None:
-        n, m, s = self.state.shape[0], self.message_step.size, len(self.names)
-        expected = {
-            "state": (n, 4), "covariance": (n, 4, 4), "message_step": (m,), "used": (m,), "nis": (m,),
-            "full_state": (m, s), "full_sigma": (m, s), "weight": (m, KEPT), "hypothesis": (m, KEPT, 2),
-            "hypothesis_covariance": (m, KEPT, 2, 2),
-        }  # fmt: skip
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if item.name in expected and value.shape != expected[item.name]:
-                raise ValueError(f"TightEstimates.{item.name} has shape {value.shape}, expected {expected[item.name]}")
-        own_arrays(self)
+    used: Ints
+    """How many of its ranges the heaviest hypothesis used, shape (f,)."""
+    nis: Floats
+    """Their squared residuals in units of S, shape (f,): `used` on average, if S is right; NaN if none was used."""
+    full_state: Floats
+    """Mean over the mixture after each message, shape (f, 10), in the order of `names`; NaN for what is no state."""
+    full_sigma: Floats
+    """Its standard deviations, shape (f, 10)."""
+    weight: Floats
+    """Of each hypothesis after each message, heaviest first, shape (f, HYPOTHESES); 0 for none."""
+    hypothesis: Floats
+    """Position of each, shape (f, HYPOTHESES, 2), [m]; NaN for none."""
+    hypothesis_covariance: Floats
+    """Its covariance, shape (f, HYPOTHESES, 2, 2), [m²]; NaN for none."""
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shape that each array must have."""
+        f, s, h = self.fix_step.size, len(self.names), HYPOTHESES
+        return super().shapes() | {
+            "used": (f,),
+            "nis": (f,),
+            "full_state": (f, s),
+            "full_sigma": (f, s),
+            "weight": (f, h),
+            "hypothesis": (f, h, 2),
+            "hypothesis_covariance": (f, h, 2, 2),
+        }

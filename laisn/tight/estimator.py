@@ -121,7 +121,8 @@ def _learn_leader(b: Belief, m: Model) -> None:
 
 
 @compiled
-def _count_received(m: Model, heard: Heard) -> int:
+def count_received(m: Model, heard: Heard) -> int:
+    """How many ranges of transmitters that are used there are."""
     count = 0
     for i in range(m.transmitters):
         if heard.ranges[i] == heard.ranges[i]:
@@ -170,7 +171,7 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
         The most ranges that a hypothesis used; −1 if a covariance was not positive definite, after which the belief is
         not to be used any more.
     """
-    received = _count_received(m, heard)
+    received = count_received(m, heard)
     if received == 0:
         return 0
     if b.alive == 0:

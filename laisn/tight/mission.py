@@ -1,21 +1,51 @@
 """A whole mission in one compiled loop: what campaigns run, and what `TightNavigator.run` must equal."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled
+from laisn.compiled import compiled, compiled_run
+from laisn.failure import LaisnError
 from laisn.messages import Measurements
 from laisn.tight.belief import Belief, new_belief
-from laisn.tight.estimator import place_arms, receive
+from laisn.tight.estimator import count_received, place_arms, receive
 from laisn.tight.model import Model, model_of
 from laisn.tight.own_motion import advance, moments, position
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import TightSettings
+from laisn.tight.sides import heaviest, hypothesis_weight
+
+
+class Found(NamedTuple):
+    """What comes of a mission of n steps and m messages."""
+
+    state: Floats
+    """Mean x, y [m], vx, vy [m/s] after each step, shape (n, 4)."""
+    covariance: Floats
+    """Of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out, and velocities with it."""
+    outcome: Floats
+    """Of each message: ranges received, ranges that the heaviest hypothesis used, and their squared residuals in units
+    of S (NaN if none was used), shape (m, 3); of shape (0, 3), it is left out."""
 
 
 @compiled
+def _note(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
+    """Note what became of a message."""
+    outcome[0] = count_received(m, heard)
+    outcome[1] = used if b.alive else 0
+    outcome[2] = np.nan
+    if used > 0 and b.alive > 0:
+        top = 0
+        for h in range(1, b.alive):
+            if hypothesis_weight(b, m, h) > hypothesis_weight(b, m, top):
+                top = h
+        outcome[2] = b.squared[heaviest(b, m, top)]
+
+
+@compiled_run
 def filter_mission(
-    b: Belief, m: Model, heard: Heard, own: Floats, message_step: Ints, messages: Floats, where: Floats, spread: Floats
+    b: Belief, m: Model, heard: Heard, own: Floats, message_step: Ints, messages: Floats, found: Found
 ) -> int:
     """Estimate a whole mission.
 
@@ -26,8 +56,7 @@ def filter_mission(
         own: speed [m/s], heading [rad] and depth [m] after each step, shape (n, 3).
         message_step: shape (m,), from 1.
         messages: columns of `LeaderMessage` from timestamp to roll, then the three ranges; shape (m, 11).
-        where: mean position after each step, shape (n, 2), [m]; overwritten.
-        spread: its covariance xx, xy, yy, shape (n, 3), [m²]; overwritten, unless its shape is (0, 3).
+        found: overwritten.
 
     Returns:
         The step at which a covariance was not positive definite; 0 if none was.
@@ -40,37 +69,46 @@ def filter_mission(
             heard.time, heard.east, heard.north, heard.heading, heard.speed = row[0], row[1], row[2], row[3], row[4]
             heard.ranges[:] = row[8:11]
             place_arms(heard, m, row[6], row[7], row[5] - (own[k, 2] - m.hydrophone_height))
-            if receive(b, m, heard) < 0:
+            used = receive(b, m, heard)
+            if used < 0:
                 return k + 1
+            if found.outcome.shape[0] > 0:
+                _note(b, m, heard, used, found.outcome[i])
             i += 1
-        where[k, 0], where[k, 1] = position(b)
-        if spread.shape[0] > 0:
+        if found.covariance.shape[0] > 0:
             moments(b, m)
-            spread[k, 0], spread[k, 1] = b.now_covariance[0, 0], b.now_covariance[0, 1]
-            spread[k, 2] = b.now_covariance[1, 1]
+            found.state[k] = b.now
+            found.covariance[k, 0], found.covariance[k, 1] = b.now_covariance[0, 0], b.now_covariance[0, 1]
+            found.covariance[k, 2] = b.now_covariance[1, 1]
+        else:
+            found.state[k, 0], found.state[k, 1] = position(b)
     return 0
 
 
-def run_mission(settings: TightSettings, measurements: Measurements, start: Floats | None) -> tuple[Floats, Floats]:
-    """Position and its covariance after each step of a mission, without the rest that a navigator tells.
+def run_mission(settings: TightSettings, measurements: Measurements, start: Floats | None) -> Found:
+    """States and covariances of a mission, to the bit those of `TightNavigator`, without the rest that it tells.
 
     Args:
         settings: of the navigator.
         measurements: of the mission, n steps.
-        start: x, y at step 0, shape (2,) or more, [m]; None if unknown.
+        start: x, y at step 0, shape (2,) or more, [m]; None, or settings that say so: unknown.
 
     Returns:
-        Positions, shape (n, 2), [m], and covariances xx, xy, yy, shape (n, 3), [m²]; NaN before a start is found.
+        What was found; NaN before a start is.
 
     Raises:
         ArithmeticError: a covariance is not positive definite.
+        LaisnError: steps differ in length, or transmitters are on no leader's hull; `TightNavigator` takes these.
     """
+    if measurements.durations is not None or measurements.transmitters is not None or settings.transmitter_offsets:
+        raise LaisnError("campaigns know steps of equal length, and transmitters on the leader's hull only")
     model, n = model_of(settings), measurements.speed.size
-    where, spread = np.empty((n, 2)), np.empty((n, 3))
+    found = Found(np.empty((n, 4)), np.empty((n, 3)), np.empty((len(measurements.message), 3)))
     own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
     messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
-    belief = new_belief(settings, model, None if start is None else (float(start[0]), float(start[1])))
-    failed = filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, where, spread)
+    known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
+    belief = new_belief(settings, model, known)
+    failed = filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, found)
     if failed:
         raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
-    return where, spread
+    return found

@@ -4,7 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from laisn.arrays import Ints
 from laisn.tight.settings import TightSettings
+from laisn.tight.states import COMPASS, LOG, SCALE, X, Y
 
 ABSENT = -1
 """Index of a state that is switched off."""
@@ -95,3 +97,15 @@ def model_of(settings: TightSettings) -> Model:
         log_accepted=float(np.log1p(-settings.outlier_chance)),
         log_rejected=float(np.log(settings.outlier_chance / settings.outlier_span)),
     )
+
+
+def canonical(model: Model) -> Ints:
+    """Where each state of a model stands among all that there can be (`TightEstimates.names`), shape (size,)."""
+    places = [X, Y, LOG, COMPASS, SCALE]
+    if model.leader != ABSENT:
+        places.append(5)
+    if model.current != ABSENT:
+        places += [6, 7]
+    if model.offset != ABSENT:
+        places += [8, 9][: model.transmitters - 1]
+    return np.array(places, dtype=np.int64)

@@ -1,16 +1,18 @@
 """One follower, online, step by step: messages in, estimates out."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from laisn.geometry import place_on_body
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.tight.belief import KEPT, Belief, new_belief
-from laisn.tight.estimates import TightEstimates, state_names
+from laisn.tight.belief import Belief, new_belief
+from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
 from laisn.tight.estimator import place_arms, receive
-from laisn.tight.model import model_of
+from laisn.tight.model import canonical, model_of
 from laisn.tight.own_motion import advance, moments
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import TightSettings
@@ -29,14 +31,16 @@ class Update(NamedTuple):
     """What a message changed."""
 
     step: int
+    received: int
+    """Ranges that were received from transmitters that are used."""
     used: int
     """Ranges that the heaviest hypothesis used."""
     nis: float
     """Squared residuals of the ranges used, in units of S; NaN if none was used."""
     full_state: Floats
-    """Mean over the mixture, shape (s,)."""
+    """Mean over the mixture, shape (10,), in the order of `TightEstimates.names`; NaN for what is no state."""
     full_sigma: Floats
-    """Standard deviations of `full_state`, shape (s,)."""
+    """Standard deviations of `full_state`, shape (10,)."""
     weight: Floats
     """Weights of the hypotheses, heaviest first, shape (h,)."""
     hypothesis: Floats
@@ -54,8 +58,9 @@ def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
     if reception is None:
         return
     message, ranges = reception.message, reception.ranges
-    if reception.transmitters is not None:
-        raise LaisnError(f"step {step}: the message places its transmitters; this navigator knows them on a hull only")
+    places = reception.transmitters
+    if places is not None and not np.nanmax(np.abs(places), initial=0.0) <= 1e3 * FARTHEST:
+        raise LaisnError(f"step {step}: a transmitter is farther than {1e3 * FARTHEST:g} m; NaN stands for none")
     if not np.all(np.isfinite(message[:6])):
         raise LaisnError(f"step {step}: leader message {message} is not finite")
     if max(abs(message.east), abs(message.north), abs(message.depth)) > 1e3 * FARTHEST:
@@ -63,6 +68,35 @@ def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
     for value in ranges:
         if value < 0.0 or value > FARTHEST:
             raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
+
+
+def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> TightEstimates:
+    """The record of a mission of its states and messages."""
+    m, s, h = len(updates), len(TightEstimates.names), HYPOTHESES
+    weight, where, spread = np.zeros((m, h)), np.full((m, h, 2), np.nan), np.full((m, h, 2, 2), np.nan)
+    for i, update in enumerate(updates):
+        sides = slice(update.weight.size)
+        weight[i, sides], where[i, sides] = update.weight, update.hypothesis
+        spread[i, sides] = update.hypothesis_covariance
+    full_state = np.array([u.full_state for u in updates]).reshape(m, s)
+    full_sigma = np.array([u.full_sigma for u in updates]).reshape(m, s)
+    return TightEstimates(
+        state=state,
+        covariance=covariance,
+        fix_step=np.array([u.step for u in updates], dtype=np.int64),
+        fix_position=full_state[:, :2],
+        fix_sigma=np.sqrt(0.5 * np.sum(full_sigma[:, :2] ** 2, axis=1)),
+        fix_kind=np.array([kind_of(u.received, u.used, bool(u.weight.size)) for u in updates], dtype=np.int64),
+        innovation=np.full((m, 2), np.nan),
+        innovation_covariance=np.full((m, 2, 2), np.nan),
+        used=np.array([u.used for u in updates], dtype=np.int64),
+        nis=np.array([u.nis for u in updates], dtype=np.float64),
+        full_state=full_state,
+        full_sigma=full_sigma,
+        weight=weight,
+        hypothesis=where,
+        hypothesis_covariance=spread,
+    )
 
 
 class TightNavigator:
@@ -73,8 +107,9 @@ class TightNavigator:
 
         Args:
             settings: sensors, and what is assumed.
-            start: hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,); None: unknown, so that estimates are
-                NaN until the first message with two ranges, and both sides of the leader are possible then.
+            start: hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,); None, or settings that say so:
+                unknown, so that estimates are NaN until the first message with two ranges, and both sides of the leader
+                are possible then.
 
         Raises:
             ValueError: the start is not four finite numbers.
@@ -82,8 +117,9 @@ class TightNavigator:
         self.settings = settings
         self._model = model_of(settings)
         self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
+        self._places = canonical(self._model)
         known = None
-        if start is not None:
+        if start is not None and settings.known_start:
             start = np.asarray(start, dtype=np.float64)
             if start.shape != (4,) or not np.all(np.isfinite(start)):
                 raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
@@ -103,23 +139,27 @@ class TightNavigator:
         """Covariance of `state` over the mixture, shape (4, 4)."""
         return self._covariance.copy()
 
-    def step(self, own: OwnMotion, reception: Reception | None = None) -> list[Update]:
+    def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
         """Advance by one filter step.
 
         Args:
             own: measured at the end of the step.
             reception: message and ranges, if one arrived in the step.
+            duration: time that this step took, if it is another one than the settings' Δt [s].
 
         Returns:
             What the message changed, if there was one.
 
         Raises:
-            LaisnError: a reading is not finite or absurd; a missing range is NaN.
+            LaisnError: a reading is not finite or absurd, or a duration not positive; a missing range is NaN.
             ArithmeticError: the covariance is not positive definite any more; the navigator is not to be used further.
         """
         self._step += 1
         _check(self._step, own, reception)
-        advance(self._belief, self._model, own.speed, own.heading)
+        if duration is not None and not 0.0 < duration < np.inf:
+            raise LaisnError(f"step {self._step}: it takes {duration} s, expected a positive time")
+        model = self._model if duration is None else self._model._replace(dt=duration)
+        advance(self._belief, model, own.speed, own.heading)
         updates = [] if reception is None else [self._receive(own, reception)]
         moments(self._belief, self._model)
         self._state, self._covariance = self._belief.now.copy(), self._belief.now_covariance.copy()
@@ -130,61 +170,67 @@ class TightNavigator:
 
         Raises:
             ValueError: the measurements have another filter step than the settings, or the navigator is under way.
-            LaisnError: their steps differ in length; and as `step`.
+            LaisnError: as `step`.
         """
         if self._step:
             raise ValueError(f"this navigator is at step {self._step} already; a mission needs a new one")
         if abs(measurements.dt - self.settings.dt) > 1e-9:
             raise ValueError(f"measurements every {measurements.dt:g} s, but the filter steps {self.settings.dt:g} s")
-        if measurements.durations is not None:
-            raise LaisnError("the filter steps are not equally long; this navigator needs equal ones")
         n = measurements.speed.size
         state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
         updates: list[Update] = []
+        durations = [None] * n if measurements.durations is None else measurements.durations.tolist()
         for i, (own, reception) in enumerate(measurements.steps()):
-            updates += self.step(own, reception)
+            updates += self.step(own, reception, durations[i])
             state[i], covariance[i] = self._state, self._covariance
-        m, names = len(updates), state_names(self._model)
-        weight, where = np.zeros((m, KEPT)), np.full((m, KEPT, 2), np.nan)
-        spread = np.full((m, KEPT, 2, 2), np.nan)
-        for i, update in enumerate(updates):
-            h = update.weight.size
-            weight[i, :h], where[i, :h], spread[i, :h] = update.weight, update.hypothesis, update.hypothesis_covariance
-        return TightEstimates(
-            state=state,
-            covariance=covariance,
-            message_step=np.array([u.step for u in updates], dtype=np.int64),
-            used=np.array([u.used for u in updates], dtype=np.int64),
-            nis=np.array([u.nis for u in updates], dtype=np.float64),
-            names=names,
-            full_state=np.array([u.full_state for u in updates]).reshape(m, len(names)),
-            full_sigma=np.array([u.full_sigma for u in updates]).reshape(m, len(names)),
-            weight=weight,
-            hypothesis=where,
-            hypothesis_covariance=spread,
-        )
+        return _estimates(state, covariance, updates)
+
+    def _place_anywhere(self, own: OwnMotion, reception: Reception) -> bool:
+        """Place transmitters that are on no hull, or elsewhere on it; False if there are none."""
+        message, settings, told = reception.message, self.settings, reception.transmitters
+        if told is None and not settings.transmitter_offsets:
+            return False
+        if told is None:
+            offsets = np.full((3, 3), np.nan)
+            offsets[: len(settings.transmitter_offsets)] = settings.transmitter_offsets
+            known = settings.use_attitude and not np.isnan(message.pitch + message.roll)
+            tilt = (message.pitch, message.roll) if known else (0.0, 0.0)
+            told = place_on_body((message.east, message.north, message.depth), (message.heading, *tilt), offsets)
+        elif not settings.assume.exact_leader:
+            raise LaisnError(
+                f"step {self._step}: the message places its transmitters, whom no compass of a leader turns; set "
+                "assume.exact_leader"
+            )
+        hydrophone = own.depth - settings.hydrophone_height
+        self._heard.arms[:] = told - np.array([message.east, message.north, hydrophone])
+        self._heard.ranges[np.any(np.isnan(told), axis=1)] = np.nan
+        return True
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
         message, settings = reception.message, self.settings
         heard = self._heard
         heard.time, heard.east, heard.north = message.timestamp, message.east, message.north
         heard.heading, heard.speed, heard.ranges = message.heading, message.speed, reception.ranges
-        deeper = message.depth - (own.depth - settings.hydrophone_height)
-        place_arms(heard, self._model, message.pitch, message.roll, deeper)
+        if not self._place_anywhere(own, reception):
+            deeper = message.depth - (own.depth - settings.hydrophone_height)
+            place_arms(heard, self._model, message.pitch, message.roll, deeper)
+        received = int(np.count_nonzero(np.isfinite(heard.ranges[: settings.transmitters])))
         used = receive(self._belief, self._model, heard)
         if used < 0:
             raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
-        return self._update(used)
+        return self._update(received, used)
 
-    def _update(self, used: int) -> Update:
+    def _update(self, received: int, used: int) -> Update:
         b, modes = self._belief, self._model.modes
         components, n = int(b.alive) * modes, self._model.size
+        full_state, full_sigma = np.full((2, len(TightEstimates.names)), np.nan)
+        if not components:
+            return Update(self._step, received, 0, np.nan, full_state, full_sigma, *_NOTHING)
         weight, states = b.weight[:components], b.state[:components, :n]
         mean = weight @ states
         variance = np.diagonal(b.covariance[:components, :n, :n], axis1=1, axis2=2)
-        variance = weight @ (variance + (states - mean) ** 2)
-        if not components:
-            return Update(self._step, 0, np.nan, np.full(n, np.nan), np.full(n, np.nan), *_NOTHING)
+        full_state[self._places] = mean
+        full_sigma[self._places] = np.sqrt(weight @ (variance + (states - mean) ** 2))
         sides = sorted(range(int(b.alive)), key=lambda h: -hypothesis_weight(b, self._model, h))
         top = heaviest(b, self._model, sides[0])
         where, spread = [], []
@@ -197,10 +243,11 @@ class TightNavigator:
             spread.append(np.einsum("k,kij->ij", share, b.covariance[part, :2, :2] + off[:, :, None] * off[:, None, :]))
         return Update(
             step=self._step,
+            received=received,
             used=used,
             nis=float(b.squared[top]) if used else float("nan"),
-            full_state=mean,
-            full_sigma=np.sqrt(variance),
+            full_state=full_state,
+            full_sigma=full_sigma,
             weight=np.array([hypothesis_weight(b, self._model, h) for h in sides]),
             hypothesis=np.array(where),
             hypothesis_covariance=np.array(spread),

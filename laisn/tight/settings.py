@@ -5,6 +5,8 @@ from typing import Self
 
 import numpy as np
 
+Offset = tuple[float, float, float]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Assume:
@@ -36,10 +38,17 @@ class TightSettings:
     """L, distance between rear and front transmitter [m]."""
     middle_offset: float = 0.1
     """H_T, sideways offset of the middle transmitter, to port [m]."""
+    transmitter_offsets: tuple[Offset, ...] = ()
+    """Offsets (forward, port, up) of rear, front and perhaps middle transmitter from the leader's position [m].
+
+    They replace `baseline` and `middle_offset`, and may be as long as a harbour. Empty: on the leader's hull.
+    """
     hydrophone_height: float = 0.0
     """Height of the follower's hydrophone above its depth sensor when level [m]."""
     use_attitude: bool = False
     """Place the transmitters by the pitch and roll that the leader broadcasts, if it does."""
+    known_start: bool = True
+    """The start is given. Otherwise the first message with two ranges or more makes the first estimate."""
     start_sigma: float = 0.01
     """Standard deviation of the position at the start, along each axis [m]."""
     speed_sigma: float = 0.2
@@ -78,6 +87,11 @@ class TightSettings:
     def __post_init__(self) -> None:
         if self.transmitters not in (2, 3):
             raise ValueError(f"transmitters is {self.transmitters}, expected 2 or 3")
+        if self.transmitter_offsets and len(self.transmitter_offsets) < self.transmitters:
+            raise ValueError(
+                f"transmitter_offsets has {len(self.transmitter_offsets)} places, expected one for each of "
+                f"{self.transmitters} transmitters"
+            )
         if not 0.0 < self.outlier_chance < 1.0:
             raise ValueError(f"outlier_chance is {self.outlier_chance}, expected a number between 0 and 1")
         positive = {"dt", "baseline", "start_sigma", "range_sigma", "outlier_span"}

@@ -7,7 +7,8 @@ nearly linear. Halves that the data do not support lose their weight; halves tha
 import math
 
 from laisn.compiled import compiled
-from laisn.tight.belief import KEPT, ROOM, Belief
+from laisn.tight.belief import ROOM, Belief
+from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.gaussian import blend, half_moments
 from laisn.tight.model import ABSENT, Model
 from laisn.tight.ranging import Heard
@@ -198,6 +199,6 @@ def tidy(b: Belief, m: Model) -> None:
             else:
                 h += 1
         g += 1
-    while b.alive > KEPT:
+    while b.alive > HYPOTHESES:
         _remove(b, m, _lightest(b, m))
     normalise(b, m)

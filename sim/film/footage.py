@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
+from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
 from sim.geometry import attitude
 
@@ -16,8 +18,20 @@ _AFTERGLOW_S = 0.45
 """Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
 _TRAIL_POINT_S = 0.04
 """Spacing of the points of a trail, in seconds of film."""
+_LEAST_WEIGHT = 0.01
+"""Hypotheses of less weight are not shown."""
 _SPIN_RAD_S_N = 1.6
 """Turning rate of a drawn propeller, in film time, for one √N of thrust; slow enough for the eye."""
+
+
+class Side(NamedTuple):
+    """One of the places where a follower believes that it may be."""
+
+    weight: float
+    centre: Floats
+    """Shape (3,), [m]; at the true depth."""
+    covariance: Floats
+    """Horizontal covariance, shape (2, 2), [m²]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +64,8 @@ class Moment:
     """Estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar."""
     covariance: Floats
     """Covariance of the estimated position, shape (f, 2, 2), [m²]."""
+    sides: tuple[tuple[Side, ...], ...]
+    """Where else the follower may be, as it believes, per follower; its one estimate if it believes in one place."""
     ray: Floats
     """Strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)."""
     ranges: Floats
@@ -128,6 +144,7 @@ class Footage:
             transmitter=sites[self._transmitters],
             hydrophone=hydrophone,
             estimate=np.stack([self._estimate(f, time, float(hydrophone[f, 2])) for f in followers]),
+            sides=tuple(self._sides(f, max(k, 1), time, float(hydrophone[f, 2])) for f in followers),
             covariance=np.stack([self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]),
             ray=np.stack(ray),
             ranges=np.stack(ranges),
@@ -144,6 +161,21 @@ class Footage:
         x, y, vx, vy = state[k - 1]
         late = time - self.start - k * self._dt
         return np.array([x + vx * late, y + vy * late, z])
+
+    def _sides(self, follower: int, k: int, time: float, z: float) -> tuple[Side, ...]:
+        """Hypotheses after the last message before step k, moved as the estimate has moved since."""
+        estimates, now = self.flight.estimates[follower], self._estimate(follower, time, z)
+        one = (Side(1.0, now, estimates.covariance[k - 1, :2, :2]),)
+        made = int(np.searchsorted(estimates.fix_step, k, side="right")) - 1
+        if not isinstance(estimates, TightEstimates) or made < 0:
+            return one
+        believed = np.flatnonzero(estimates.weight[made] > _LEAST_WEIGHT)
+        if believed.size < 2:
+            return one
+        moved = now - [*estimates.full_state[made, :2], z]
+        places = np.column_stack([estimates.hypothesis[made], np.full(len(estimates.weight[made]), z)]) + moved
+        spread = estimates.hypothesis_covariance[made]
+        return tuple(Side(float(estimates.weight[made, h]), places[h], spread[h]) for h in believed.tolist())
 
     def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, int, FixKind | None]:
         heard = self.flight.measurements[follower]

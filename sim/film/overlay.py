@@ -205,7 +205,9 @@ class Overlay:
     def _ellipses(self, moment: Moment, view: View, box: Box) -> None:
         """The filters' uncertainty about their estimates, where it is large enough to be seen."""
         height = box[3]
-        for centre, covariance in zip(moment.estimate, moment.covariance, strict=True):
+        for weight, centre, covariance in (side for sides in moment.sides for side in sides):
+            if not np.all(np.isfinite(covariance)):
+                continue
             variance, axes = np.linalg.eigh(covariance)
             radii = SIGMAS * np.sqrt(np.maximum(variance, 0.0))
             _, (ahead,) = view.project(centre, box[2], height)
@@ -215,7 +217,7 @@ class Overlay:
             flat = (np.column_stack([np.cos(_ELLIPSE), np.sin(_ELLIPSE)]) * radii) @ axes.T
             ring = centre + np.column_stack([flat, np.zeros(len(flat))])
             for pixels, _, _ in self._pieces(view, box, ring, len(ring)):
-                self.canvas.line(pixels, (*ESTIMATE, 0.9), 1.5)
+                self.canvas.line(pixels, (*ESTIMATE, 0.3 + 0.6 * weight), 1.5)
 
     def _markers(self, moment: Moment, view: View, box: Box) -> None:
         c, dark = self.canvas, (0.0, 0.05, 0.08, 0.9)

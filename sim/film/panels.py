@@ -28,10 +28,12 @@ FIX_WORDS = {
     FixKind.TANGENT: "circles touch",
     FixKind.ASTERN: "on the axis, astern",
     FixKind.FUSED: "weighted mean",
-    FixKind.GATED: "rejected by the gate",
+    FixKind.GATED: "rejected",
     FixKind.SINGULAR: "already exact",
     FixKind.LOST: "ranges missing",
     FixKind.ONE_RANGE: "one range alone",
+    FixKind.RANGES: "ranges themselves",
+    FixKind.PARTLY: "ranges, but for echoes",
 }
 
 

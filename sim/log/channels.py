@@ -17,6 +17,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from laisn.arrays import Floats, Ints
+from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
 from sim.geometry import attitude
 from sim.geometry.geodesy import geodetic
@@ -27,6 +28,7 @@ from sim.log.schema import (
     ERROR,
     FILTER_STATE,
     FIX,
+    MIXTURE,
     OWN_MOTION,
     RECEPTION,
     STAMP,
@@ -149,6 +151,20 @@ def _vehicle(flight: Flight, clock: Clock, v: int) -> list[Channel]:
     ]
 
 
+def _mixture(topic: str, e: TightEstimates, time_ns: Ints) -> Channel:
+    """Biases and hypotheses of the tightly coupled navigator after each message."""
+
+    def belief(part: slice) -> Floats:
+        spread = e.hypothesis_covariance[part]
+        pairs = np.stack([spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]], axis=2)
+        m = len(spread)
+        numbers = (e.nis[part], e.full_state[part], e.full_sigma[part], e.weight[part])
+        places = (e.hypothesis[part].reshape(m, -1), pairs.reshape(m, -1))
+        return np.column_stack([*numbers, *places, e.used[part].view(np.float64)])
+
+    return _scalars(topic, MIXTURE, time_ns, belief)
+
+
 def _follower(flight: Flight, clock: Clock, f: int) -> list[Channel]:
     m, e, scenario = flight.measurements[f], flight.estimates[f], flight.scenario
     name, n = flight.trajectory.names[f + 1], m.speed.size
@@ -165,7 +181,9 @@ def _follower(flight: Flight, clock: Clock, f: int) -> list[Channel]:
         numbers = (e.fix_position, e.fix_sigma, e.innovation, e.innovation_covariance.reshape(-1, 4))
         return np.column_stack([*(x[part] for x in numbers), e.fix_kind[part].view(np.float64)])
 
+    mixture = [_mixture(f"/{name}/mixture", e, time_ns[e.fix_step - 1])] if isinstance(e, TightEstimates) else []
     return [
+        *mixture,
         _scalars(
             f"/{name}/motion",
             OWN_MOTION,

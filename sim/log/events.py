@@ -14,9 +14,11 @@ FIX_LINES: dict[FixKind, tuple[Level, str]] = {
     FixKind.FUSED: ("debug", "fix: weighted mean of pairs"),
     FixKind.ASTERN: ("info", "fix: no two clear intersections, snapped onto the leader's axis"),
     FixKind.SINGULAR: ("info", "fix skipped: the filter was already exact"),
-    FixKind.GATED: ("warning", "fix rejected by the gross-error gate"),
+    FixKind.GATED: ("warning", "fix rejected as a gross error"),
     FixKind.ONE_RANGE: ("info", "fix: one range alone, the estimate moved along its line of sight"),
     FixKind.LOST: ("warning", "no fix: ranges are missing"),
+    FixKind.RANGES: ("debug", "ranges used as they are"),
+    FixKind.PARTLY: ("info", "ranges used but for those that looked like echoes"),
 }
 """Level and text for every kind of fix."""
 

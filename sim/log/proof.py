@@ -18,6 +18,8 @@ from mcap.writer import CompressionType, Writer
 
 CORE = ("/pose", "/state", "/motion", "/reception", "/filter", "/innovation")
 """How the topics end that make up a flight; everything else in its log is drawn from them."""
+MIXTURE = "/mixture"
+"""How the topic ends that is there too if the flight was navigated by ranges themselves."""
 PROOF = "proof "
 """How the names of these metadata records begin."""
 _MESSAGE = struct.Struct("<QQ")
@@ -26,7 +28,7 @@ _DIGEST_BYTES = 16
 
 def is_core(topic: str) -> bool:
     """Whether a channel belongs to the flight."""
-    return topic.endswith(CORE)
+    return topic.endswith((*CORE, MIXTURE))
 
 
 class Digests:

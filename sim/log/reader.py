@@ -3,6 +3,7 @@
 import itertools
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -10,23 +11,31 @@ import numpy as np
 from laisn.arrays import Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
+from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight, Outcome
 from sim.log.clock import Clock
 from sim.log.contents import Contents, Messages, contents, require
 from sim.log.file import SCENARIO, VEHICLES, LogError, faults, unprotected
 from sim.log.proof import CORE, is_core
+from sim.log.proof import MIXTURE as MIXTURE_TOPIC
 from sim.log.schema import (
     ANGULAR_VELOCITY,
     COVARIANCE,
+    HYPOTHESIS,
+    HYPOTHESIS_COVARIANCE,
     INNOVATION,
     INNOVATION_COVARIANCE,
     LEADER_MESSAGE,
+    MIXTURE,
     OWN_MOTION,
     RANGES,
     STATE_NAMES,
+    STATE_SIGMAS,
+    STATES,
     THRUST,
     VELOCITY,
     WATER_VELOCITY,
+    WEIGHTS,
 )
 from sim.log.vehicle_log import LONGEST_GAP_S, Recording, channels_of, optional_columns, recording
 from sim.log.wholeness import prove
@@ -103,7 +112,7 @@ def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Esti
             raise LogError(f"{path}: /{follower}/filter and /{follower}/motion are not at the same times")
         values = filtered.columns((*STATE_NAMES, *COVARIANCE))
         fixes = fixed.columns(("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE))
-        return Estimates(
+        estimates = Estimates(
             state=values[:, :4].copy(),
             covariance=values[:, 4:].reshape(-1, 4, 4).copy(),
             fix_step=_steps(path, topic, fixed, steps_ns),
@@ -113,6 +122,29 @@ def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Esti
             innovation=fixes[:, 3:5].copy(),
             innovation_covariance=fixes[:, 5:].reshape(-1, 2, 2).copy(),
         )
+        mixture = f"/{follower}{MIXTURE_TOPIC}"
+        return _tight(path, log, mixture, estimates) if mixture in log.topics else estimates
+
+
+def _tight(path: Path, log: Contents, topic: str, estimates: Estimates) -> TightEstimates:
+    """Estimates with the mixture that they rest on."""
+    found = require(path, log, topic, (*MIXTURE.fields, *MIXTURE.integers))
+    if not np.array_equal(found.time_ns, log.topics[topic.replace(MIXTURE_TOPIC, "/innovation")].time_ns):
+        raise LogError(f"{path}: {topic} is not at the times of the fixes")
+    nis, full_state, full_sigma, weight, where, spread = (
+        found.columns(names) for names in (("nis",), STATES, STATE_SIGMAS, WEIGHTS, HYPOTHESIS, HYPOTHESIS_COVARIANCE)
+    )
+    m, h = weight.shape
+    return TightEstimates(
+        **{f.name: getattr(estimates, f.name) for f in fields(Estimates)},
+        used=found.numbers("used"),
+        nis=nis[:, 0],
+        full_state=full_state,
+        full_sigma=full_sigma,
+        weight=weight,
+        hypothesis=where.reshape(m, h, 2),
+        hypothesis_covariance=spread.reshape(m, h, 3)[:, :, [0, 1, 1, 2]].reshape(m, h, 2, 2),
+    )
 
 
 def _trajectory(path: Path, log: Contents) -> Trajectory:

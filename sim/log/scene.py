@@ -14,8 +14,9 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.duration_pb2 import Duration
 
 from laisn.arrays import Floats, Ints
-from laisn.estimates import FixKind
+from laisn.estimates import Estimates, FixKind
 from laisn.messages import Ranges
+from laisn.tight.estimates import TightEstimates
 from sim.assembly import models_of
 from sim.flight import Flight
 from sim.log.clock import timestamp
@@ -93,6 +94,18 @@ def _ellipse(x: float, y: float, z: float, covariance: Floats) -> Any:
     return SpherePrimitive(pose=place, size=Vector3(x=major, y=minor, z=DISC_M), color=UNCERTAINTY)
 
 
+def _other_sides(estimates: Estimates, row: int, z: float) -> list[Any]:
+    """Ellipses of all hypotheses after the last message, if there are several."""
+    made = int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
+    if not isinstance(estimates, TightEstimates) or made < 0:
+        return []
+    believed = np.flatnonzero(estimates.weight[made] > 0.0)
+    places, spread = estimates.hypothesis[made], estimates.hypothesis_covariance[made]
+    if believed.size < 2:
+        return []
+    return [_ellipse(float(places[h, 0]), float(places[h, 1]), z, spread[h]) for h in believed.tolist()]
+
+
 def _entity(name: str, frame: str, stamp: Any, **parts: Any) -> Any:
     return SceneEntity(id=name, frame_id=frame, timestamp=stamp, **parts)
 
@@ -136,6 +149,7 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
             covariance = flight.estimates[f].covariance[row[f, i], :2, :2]
             # a filter that left finite numbers has a trail but no ellipse
             ellipses = [_ellipse(x, y, z, covariance)] if np.isfinite(covariance).all() else []
+            ellipses += _other_sides(flight.estimates[f], int(row[f, i]), z)
             place = _entity(f"{name}/estimate", "world", stamp, spheres=ellipses)
             entities.append(place.SerializeToString() + _line(strip, BELIEF, _trail(believed[f], i - skipped)))
         return _update(entities)

@@ -14,6 +14,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, ti
 from laisn.arrays import Bytes, Ints
 from laisn.messages import LeaderMessage, Ranges
 from laisn.messages import OwnMotion as OwnMotionTuple
+from laisn.tight.estimates import HYPOTHESES, TightEstimates
 
 STATE_NAMES = ("x", "y", "vx", "vy")
 """Order of the filter's state."""
@@ -167,5 +168,17 @@ PLACED_RECEPTION = ScalarSchema("PlacedReception", (*LEADER_MESSAGE, *RANGES, *T
 """A reception that says where the transmitters are; of beacons and buoys, in logs that others write."""
 FILTER_STATE = ScalarSchema("FilterState", (*STATE_NAMES, *COVARIANCE))
 FIX = ScalarSchema("Fix", ("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE), integers=("kind",))
+_SIDES = range(1, HYPOTHESES + 1)
+STATES = TightEstimates.names
+STATE_SIGMAS = _prefixed("sigma", STATES)
+WEIGHTS = tuple(f"weight_{h}" for h in _SIDES)
+HYPOTHESIS = tuple(f"{axis}_{h}" for h in _SIDES for axis in "xy")
+HYPOTHESIS_COVARIANCE = tuple(f"covariance_{h}_{pair}" for h in _SIDES for pair in ("x_x", "x_y", "y_y"))
+MIXTURE = ScalarSchema(
+    "Mixture",
+    ("nis", *STATES, *STATE_SIGMAS, *WEIGHTS, *HYPOTHESIS, *HYPOTHESIS_COVARIANCE),
+    integers=("used",),
+)
+"""What the tightly coupled navigator believes after a message: all states, and hypotheses by weight."""
 ERROR = ScalarSchema("Error", ("position_error", "bearing_error"))
-SCALAR_SCHEMAS = (VEHICLE_STATE, OWN_MOTION, RECEPTION, FILTER_STATE, FIX, ERROR)
+SCALAR_SCHEMAS = (VEHICLE_STATE, OWN_MOTION, RECEPTION, FILTER_STATE, FIX, MIXTURE, ERROR)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Self
 
-from laisn.settings import transmitters_of
 from sim.scenario.settings import Scenario
 from sim.sensing.echo import Path, possible_paths
 
@@ -43,7 +42,7 @@ class Hearing:
         return cls(
             filter_step_s=scenario.timing.filter_step_s,
             message_every=scenario.message_every,
-            transmitters=transmitters_of(scenario.navigation.variant),
+            transmitters=scenario.navigation.transmitters,
             broadcast_attitude=scenario.leader.broadcast_attitude,
             leader_attitude_feels_acceleration=sensors.leader_attitude_feels_acceleration,
             leader_gyro_time_constant_s=sensors.leader_gyro_time_constant_s,

@@ -139,7 +139,7 @@ def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
     points = [((0.0, 1480.0), (20.0, 1510.0)), ((0.0, 9.0),), (0.02, 0.02, 0.02), ((0.0, 0.0, 0.0), (50.0, 50.0, 9.0))]
     words = ["regular", "thrust", "physics", "laisn-3-2", "v-measured", "predicted", "2027-01-01T00:00:00+00:00", "top"]
     others = {
-        bool: [not was], int: [3, 320, 240, 24], float: [0.2, 2.5, 0.05, 40.0, 1490.0, 1020.0], tuple: points,
+        bool: [not was], int: [3, 2, 320, 240, 24], float: [0.2, 2.5, 0.05, 40.0, 1490.0, 1020.0], tuple: points,
         str: [*words, "kinematic", "L"], type(None): ["T4", 0.3],
     }[type(was)]  # fmt: skip
     for other in others:

@@ -13,7 +13,7 @@ from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.tight.belief import new_belief
 from laisn.tight.estimates import TightEstimates
-from laisn.tight.mission import filter_mission, run_mission
+from laisn.tight.mission import Found, filter_mission, run_mission
 from laisn.tight.model import model_of
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.ranging import new_heard
@@ -137,10 +137,10 @@ def test_the_world_has_no_north_and_no_origin(
     mission, shift = Mission(steps=600), np.array([east, north])
     setting = TightSettings(assume=EVERYTHING if everything else Assume(), transmitters=transmitters)
     measurements = mission.measured(np.random.default_rng(seed), log=0.2, compass=0.1)
-    here, _ = run_mission(setting, measurements, mission.start)
+    here = run_mission(setting, measurements, mission.start)
     there_start = np.concatenate([rotated(mission.start[None, :2], angle)[0] + shift, np.zeros(2)])
-    there, _ = run_mission(setting, turned(measurements, angle, shift), there_start)
-    np.testing.assert_allclose(there, rotated(here, angle) + shift, atol=1e-5)
+    there = run_mission(setting, turned(measurements, angle, shift), there_start)
+    np.testing.assert_allclose(there.state[:, :2], rotated(here.state[:, :2], angle) + shift, atol=1e-5)
 
 
 @pytest.mark.parametrize("transmitters", [2, 3])
@@ -155,9 +155,11 @@ def test_online_steps_a_run_and_a_compiled_loop_agree_to_the_bit(assume: Assume,
         online.step(own, reception)
         assert online.state.tobytes() == result.state[i].tobytes()
         assert online.covariance.tobytes() == result.covariance[i].tobytes()
-    where, spread = run_mission(setting, measurements, mission.start)
-    assert where.tobytes() == result.state[:, :2].tobytes()
-    assert spread[:, 1].tobytes() == result.covariance[:, 0, 1].tobytes()
+    found = run_mission(setting, measurements, mission.start)
+    assert found.state.tobytes() == result.state.tobytes()
+    assert found.covariance[:, 1].tobytes() == result.covariance[:, 0, 1].tobytes()
+    assert found.outcome[:, 1].tolist() == result.used.tolist()
+    assert found.outcome[:, 2].tobytes() == result.nis.tobytes()
 
 
 def test_errors_are_as_large_as_the_covariance_says_and_as_small_as_the_bound() -> None:
@@ -170,8 +172,8 @@ def test_errors_are_as_large_as_the_covariance_says_and_as_small_as_the_bound() 
         measurements = mission.measured(
             rng, log=rng.normal(0, 0.3), compass=rng.normal(0, np.deg2rad(8.0)), scale=rng.normal(0, 0.2)
         )
-        where, spread = run_mission(setting, measurements, mission.start)
-        x, y = (where - mission.follower[1:]).T
+        where, spread, _ = run_mission(setting, measurements, mission.start)
+        x, y = (where[:, :2] - mission.follower[1:]).T
         xx, xy, yy = spread.T
         squared[run] = x**2 + y**2
         normalised[run] = (x * x * yy - 2 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
@@ -197,10 +199,10 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     measurements = mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
     own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
     messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
-    where, spread = np.empty((10_000, 2)), np.empty((0, 3))
+    found = Found(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
-        assert filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, where, spread) == 0
+        assert filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, found) == 0
         for k in range(int(belief.alive) * model.modes):
             covariance = belief.covariance[k, : model.size, : model.size]
             np.testing.assert_array_equal(covariance, covariance.T)
@@ -364,7 +366,7 @@ def test_a_belief_that_is_lost_finds_back(seed: int) -> None:
     mission = Mission(steps=2000)
     measurements = mission.measured(np.random.default_rng(seed))
     wrong = mission.start + np.array([8.0, -5.0, 0.0, 0.0])
-    where, spread = run_mission(TightSettings(), measurements, wrong)
-    off = where[1000:] - mission.follower[1001:]
+    where, spread, _ = run_mission(TightSettings(), measurements, wrong)
+    off = where[1000:, :2] - mission.follower[1001:]
     assert np.hypot(*off.T).max() < 2.0
     assert spread[1000:, [0, 2]].max() < 1.0

@@ -171,7 +171,7 @@ def test_poses_transforms_and_errors_are_the_flight(flight: Flight, written: Pat
 def test_log_lines_tell_kinds_events_and_outcome(flight: Flight, written: Path) -> None:
     lines = messages(written, "/log")
     kinds = flight.estimates[0].fix_kind
-    assert sum("gross-error gate" in line.message for line in lines) == np.count_nonzero(kinds == FixKind.GATED)
+    assert sum("gross error" in line.message for line in lines) == np.count_nonzero(kinds == FixKind.GATED)
     assert sum("ranges are missing" in line.message for line in lines) == np.count_nonzero(kinds == FixKind.LOST)
     capture = next(line for line in lines if line.message == "mirror capture")
     assert (capture.timestamp.ToNanoseconds() - lines[0].timestamp.ToNanoseconds(), capture.name) == (

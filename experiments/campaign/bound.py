@@ -1,0 +1,79 @@
+"""The Cramér–Rao bound of a mission: the least error that any estimator of the same ranges can have."""
+
+import numpy as np
+
+from laisn.arrays import Bools, Floats
+from laisn.bound import Geometry, TrueNoise, position_bound
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.acoustics import propagate
+from sim.sensing.hearing import Hearing
+from sim.sensing.observation import own_motion
+from sim.trajectory import Trajectory
+
+_ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
+"""Standard deviation of |N(0, 1)|, as which compasses err (paper, Eq. 27)."""
+_UNIFORM = 1.0 / float(np.sqrt(12.0))
+
+
+def noise_of(scenario: Scenario) -> TrueNoise:
+    """What is truly random in a scenario; of biases, what `navigation.assume` says is known before the mission.
+
+    Leader's compass, current and transmitters' offsets are unknown only where the scenario has such errors, or has them
+    estimated: a bound on those who know less would be too high.
+    """
+    sensors, acoustics, assume = scenario.sensors, scenario.acoustics, scenario.navigation.assume
+    tight = scenario.navigation.variant == "tight"
+    turned = sensors.leader_heading_bias_deg > 0.0 or (tight and not assume.exact_leader)
+    moving = scenario.ocean.current_speed_m_s != 0.0 or (tight and assume.current)
+    late = tight and assume.offsets
+    return TrueNoise(
+        speed_sigma=sensors.speed_sigma_m_s,
+        heading_sigma=float(np.deg2rad(sensors.heading_sigma_deg)) * _ABOUT_MEAN,
+        range_sigma=float(np.sqrt(np.mean(np.square(acoustics.range_tau_m)))) * _UNIFORM,
+        range_scale_sigma=acoustics.range_scale_sigma_m,
+        leader_heading_sigma=float(np.deg2rad(sensors.leader_heading_sigma_deg)) * _ABOUT_MEAN,
+        speed_bias=assume.speed_bias_sigma_m_s,
+        heading_bias=float(np.deg2rad(assume.heading_bias_sigma_deg)),
+        range_scale_bias=assume.range_scale_bias_sigma_m,
+        leader_heading_bias=float(np.deg2rad(assume.leader_heading_bias_sigma_deg)) if turned else 0.0,
+        current=assume.current_sigma_m_s if moving else 0.0,
+        range_offset=assume.offset_sigma_m if late else 0.0,
+    )
+
+
+def geometry_of(trajectory: Trajectory, hearing: Hearing, follower: int = 0, received: Bools | None = None) -> Geometry:
+    """The true geometry of a mission as one follower's sensors meet it.
+
+    Args:
+        trajectory: of the mission.
+        hearing: of its scenario.
+        follower: its index, 0 for the first.
+        received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
+    """
+    dt, stride = hearing.filter_step_s, round(hearing.filter_step_s / CONTROL_STEP_S)
+    first, n = round(float(trajectory.time[0]) / dt), (trajectory.time.size - 1) // stride
+    own = own_motion(trajectory, follower)[stride : n * stride + 1 : stride]
+    sound = propagate(trajectory, hearing, follower)
+    arrived, sent = (sound.message_step - first), (sound.emission_step - first) * stride
+    hydrophone = trajectory.site_position[
+        arrived * stride, trajectory.site(f"{trajectory.names[follower + 1]}/hydrophone")
+    ]
+    leader, used = trajectory.position[sent, 0, :2], hearing.transmitters
+    arms = sound.transmitter[:, :used].copy()
+    arms[..., :2] -= leader[:, None]
+    arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]
+    if received is not None:
+        arms[~received[:, :used]] = np.nan
+    return Geometry(
+        dt=dt,
+        speed=own[:, 0],
+        heading=own[:, 1],
+        message_step=arrived,
+        from_leader=hydrophone[:, :2] - leader,
+        arms=arms,
+    )
+
+
+def least_rms(geometry: Geometry, noise: TrueNoise) -> Floats:
+    """Least RMS of the position error after each step, shape (n,), [m]."""
+    return np.asarray(np.sqrt(np.trace(position_bound(geometry, noise), axis1=1, axis2=2)))

@@ -1,0 +1,78 @@
+"""How good an estimate could be, and how good it takes itself to be: a section of the report of a flight."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from experiments.flight.bound import flight_bound
+from experiments.pages import figures
+from experiments.pages.figures import Line
+from experiments.pages.page import Block, Cell, Figures, Section, Table, number, words
+from experiments.pages.style import ESTIMATE, HALF, INK, MUTED, SERIES
+from laisn.arrays import Floats
+from laisn.tight.estimates import TightEstimates
+from sim.flight import Flight
+
+_LEAST_WEIGHT = 1e-3
+"""A second hypothesis that never weighs more than this is not worth a panel."""
+_IN_DEGREES = {"compass_bias_rad": "compass_bias_deg", "leader_compass_bias_rad": "leader_compass_bias_deg"}
+
+
+def _error_panel(flight: Flight, follower: int, error: Floats) -> str:
+    """E_P of a follower, what its covariance says of it, and the bound."""
+    time, covariance = flight.trajectory.time[flight.step_index()], flight.estimates[follower].covariance
+    believed = np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1])
+    lines = [
+        Line(x=time, y=error, colour=ESTIMATE),
+        Line(x=time, y=believed, colour=INK),
+        Line(x=time, y=flight_bound(flight, follower), colour=MUTED, width=1.6),
+    ]
+    name = flight.trajectory.names[follower + 1]
+    figure = figures.panel(lines, x_label="time [s]", y_label="position error [m]", title=name, width=HALF)
+    return figures.svg(figure, f"bound{follower}", f"Error of {name} beside the least possible")
+
+
+def _weight_panel(flight: Flight, follower: int) -> list[str]:
+    """Weights of the hypotheses of a follower, if there ever were several."""
+    estimates = flight.estimates[follower]
+    if not isinstance(estimates, TightEstimates) or np.all(estimates.weight[:, 1:] < _LEAST_WEIGHT):
+        return []
+    time = np.asarray(estimates.fix_step * flight.measurements[follower].dt, dtype=np.float64)
+    lines = [Line(x=time, y=estimates.weight[:, h], colour=SERIES[h]) for h in range(estimates.weight.shape[1])]
+    name = flight.trajectory.names[follower + 1]
+    figure = figures.panel(lines, x_label="time [s]", y_label="weight", title=f"{name}: hypotheses", width=HALF)
+    return [figures.svg(figure, f"weights{follower}", f"Weights of the hypotheses of {name}, the heaviest first")]
+
+
+def _found(flight: Flight, followers: Sequence[int]) -> list[Block]:
+    """What the followers believe of biases, current and offsets at the end, if they estimate them."""
+    rows: list[list[Cell]] = []
+    for i in followers:
+        estimates = flight.estimates[i]
+        if not isinstance(estimates, TightEstimates) or not estimates.fix_step.size:
+            continue
+        for name, value, sigma in zip(
+            estimates.names[2:], estimates.full_state[-1, 2:], estimates.full_sigma[-1, 2:], strict=True
+        ):
+            if np.isfinite(value):
+                per = 180.0 / np.pi if name in _IN_DEGREES else 1.0
+                label = _IN_DEGREES.get(name, name)
+                cells = [words(flight.trajectory.names[i + 1]), words(label)]
+                rows.append([*cells, number(per * float(value)), number(per * float(sigma))])
+    if not rows:
+        return []
+    heads = ["follower", "state", "estimate", "σ"]
+    return [Table(heads=heads, rows=rows, caption="What the navigator believes of its sensors after the last message.")]
+
+
+def section(flight: Flight, errors: Sequence[tuple[Floats, Floats]], drawn: int) -> Section:
+    """Error, believed error and least possible error of the first `drawn` followers over time."""
+    panels = [_error_panel(flight, i, errors[i][0]) for i in range(drawn)]
+    panels += [panel for i in range(drawn) for panel in _weight_panel(flight, i)]
+    figure = Figures(
+        panels=panels,
+        caption="E_P, the root of the trace of the estimate's own covariance, and the Cramér–Rao bound: the least RMS "
+        "that any estimator of these ranges can have, with constant biases.",
+        legend=[(ESTIMATE.variable, "E_P"), (INK.variable, "what the covariance says"), (MUTED.variable, "bound")],
+    )
+    return Section(title="What was possible", blocks=[figure, *_found(flight, range(drawn))])

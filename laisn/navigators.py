@@ -1,0 +1,17 @@
+"""The navigator of a follower by its settings: LAISN's family, or the tightly coupled one."""
+
+from laisn.arrays import Floats
+from laisn.navigating import AnyNavigator, AnySettings
+from laisn.navigator import Navigator
+from laisn.tight.navigator import TightNavigator
+from laisn.tight.settings import TightSettings
+
+
+def new_navigator(settings: AnySettings, start: Floats) -> AnyNavigator:
+    """The navigator that these settings are of, at its start [x, y, vx, vy].
+
+    Raises:
+        ValueError: the start is not four finite numbers.
+        NotImplementedError: naming a choice that no formula knows.
+    """
+    return TightNavigator(settings, start) if isinstance(settings, TightSettings) else Navigator(settings, start)

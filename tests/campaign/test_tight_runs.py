@@ -1,0 +1,115 @@
+"""Campaigns of the tightly coupled navigator: the bits of single flights, and the metrics of its histories."""
+
+import numpy as np
+import pytest
+
+from experiments.campaign.bound import geometry_of, least_rms, noise_of
+from experiments.campaign.campaign import CellPlan, compute
+from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import histories, simulate, simulate_many
+from experiments.flight.fly import fly
+from experiments.flight.library import load
+from laisn import metrics
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from laisn.tight.estimates import TightEstimates
+from sim.motion import simulate_motion
+from sim.scenario.settings import Scenario
+from sim.sensing.hearing import Hearing
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load(
+        "T5",
+        ["navigation.variant=tight", "navigation.assume.transmitters=2", "duration_s=30", "motion=kinematic",
+         "acoustics.loss_chance=0.2", "acoustics.surface_echo_chance=0.1"],
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cell(scenario: Scenario) -> Cell:
+    return Cell.of(scenario, runs=range(3, 70))
+
+
+@pytest.fixture(scope="module")
+def states(cell: Cell) -> Floats:
+    return histories(cell)
+
+
+def test_a_run_of_a_cell_is_that_flight(scenario: Scenario, states: Floats) -> None:
+    for run in (3, 66):
+        flight, _ = fly(scenario.model_copy(update={"run": run}))
+        assert states[:, :, run - 3].tobytes() == flight.estimates[0].state.tobytes()
+
+
+def test_metrics_are_those_of_the_histories(scenario: Scenario, cell: Cell, states: Floats) -> None:
+    result = simulate(cell, keep_runs=True)
+    truth = cell.truth
+    error = np.stack([metrics.position_errors(states[:, :2, i], truth.hydrophone) for i in range(67)])
+    bearing = np.stack([metrics.bearing_errors(states[:, :2, i], truth.hydrophone, truth.leader_position)
+                        for i in range(67)])  # fmt: skip
+    told = metrics.summarise(error, bearing)
+    assert result.errors.e_p_mean_m == pytest.approx(told.e_p_mean_m)
+    assert result.errors.e_p_max_m == pytest.approx(told.e_p_max_m)
+    assert result.errors.e_b_std_deg == pytest.approx(told.e_b_std_deg)
+    assert result.worst_run == 3 + int(np.argmax(error.max(axis=1)))
+    assert result.e_p_percentiles_m[2] == pytest.approx(np.percentile(error, 95), rel=0.01)
+    assert result.table is not None
+    np.testing.assert_allclose(result.table.e_p_mean_m, error.mean(axis=1))
+
+
+def test_messages_are_counted_as_single_flights_tell_of_them(scenario: Scenario) -> None:
+    cell, kinds = Cell.of(scenario, runs=range(3)), {"nees": [], "nis": [], "used": []}
+    counts: dict[str, int] = {}
+    for run in range(3):
+        flight, _ = fly(scenario.model_copy(update={"run": run}))
+        estimates = flight.estimates[0]
+        assert isinstance(estimates, TightEstimates)
+        kinds["nees"].append(metrics.nees(estimates, flight.hydrophone(0)[:, :2]))
+        kinds["nis"].append(estimates.nis[estimates.used > 0])
+        kinds["used"].append(estimates.used)
+        for kind, number in metrics.fix_counts(estimates).items():
+            counts[kind] = counts.get(kind, 0) + number
+    result = simulate(cell)
+    assert result.fixes == counts
+    assert {"lost", "ranges", "partly"} <= {kind for kind, number in counts.items() if number}
+    assert result.nees == pytest.approx(np.mean(kinds["nees"]))
+    nis, used = np.concatenate(kinds["nis"]), np.concatenate(kinds["used"])
+    assert result.nis == pytest.approx(2.0 * nis.sum() / used.sum())
+
+
+def test_neither_threads_nor_blocks_change_a_bit(scenario: Scenario) -> None:
+    cells = [Cell.of(scenario, runs=runs) for runs in (70, 5)]
+    alone = [simulate(cell, keep_runs=True) for cell in cells]
+    together = list(simulate_many(cells, threads=3, keep_runs=True))
+    for one, other in zip(alone, together, strict=True):
+        assert one.table is not None
+        assert other.table is not None
+        assert one.table.e_p_mean_m.tobytes() == other.table.e_p_mean_m.tobytes()
+        assert one.nees == other.nees
+    small = together[1].table
+    assert small is not None
+    assert alone[0].table is not None
+    assert small.e_p_mean_m.tobytes() == alone[0].table.e_p_mean_m[:5].tobytes()
+
+
+def test_its_row_tells_the_ratio_to_the_bound(scenario: Scenario) -> None:
+    trajectory = simulate_motion(scenario)
+    ((_, row, steps),) = compute(trajectory, [CellPlan(scenario=scenario, runs=4, keep_steps=True)])
+    assert steps is not None
+    least = least_rms(geometry_of(trajectory, Hearing.of(scenario)), noise_of(scenario))
+    assert row["bound_rms_m"] == pytest.approx(np.sqrt(np.mean(least**2)))
+    rms = np.hypot(row["e_p_mean_m"], row["e_p_std_m"])
+    assert row["rms_over_bound"] == pytest.approx(rms / row["bound_rms_m"])
+    assert 0.5 < row["rms_over_bound"] < 3.0
+    laisn = load("T5", ["duration_s=30", "motion=kinematic"])
+    ((_, other, _),) = compute(trajectory, [CellPlan(scenario=laisn, runs=4)])
+    assert other["bound_rms_m"] is None
+
+
+def test_an_unknown_start_is_for_single_flights() -> None:
+    scenario = load("T5", ["navigation.variant=tight", "navigation.assume.known_start=false", "duration_s=5",
+                           "motion=kinematic"])  # fmt: skip
+    with pytest.raises(LaisnError, match="known_start = false is for single flights"):
+        simulate(Cell.of(scenario, runs=1))
