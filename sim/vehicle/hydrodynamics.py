@@ -100,8 +100,8 @@ def immersion(c: Any, position: Vector, axis: Vector, time: float, waves: Floats
         The share immersed in [0, 1], and Σ (dry share · x) of the strips [m].
     """
     reach = 0.0
-    for i in range(waves.shape[0]):
-        reach += abs(waves[i, AMPLITUDE])
+    for i in range(waves.shape[1]):
+        reach += abs(waves[AMPLITUDE, i])
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
     if position[2] + abs(axis[2]) * ends + c.hull_radius <= -reach:
         return 1.0, 0.0

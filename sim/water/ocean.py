@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled, inlined
-from laisn.elementary import sin_cos
+from laisn.compiled import compiled
+from laisn.elementary import exp, sin_cos
 from laisn.failure import LaisnError
 from sim.geometry.vectors import Matrix, Vector
 from sim.water.waves import FLOOR_DEPTH_M, Waves
@@ -22,11 +22,11 @@ Water = tuple[Floats, Floats]
 """An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
 
 current: velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor [m]; shape (5,).
-waves: one row for each component, shape (n, 11), columns as named below.
+waves: one column for each component, shape (11, n), rows as named below.
 """
 
 AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
-"""Columns of a wave: amplitude [m]; wave number east and north [1/m]; ω and ω at a fixed place [rad/s]; phase [rad]."""
+"""Rows of the waves: amplitude [m]; wave number east and north [1/m]; ω and ω at a fixed place [rad/s]; phase [rad]."""
 K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
 """What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the velocity scale
 a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the floor."""
@@ -82,12 +82,12 @@ class Ocean:
         orbital = w.amplitude_m * w.omega_rad_s / -np.expm1(twice_depth)
         given = [w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad]
         derived = [k, w.wavenumber_1_m / k[:, None], orbital, np.exp(twice_depth)]
-        return current, np.column_stack([*given, *derived])
+        return current, np.ascontiguousarray(np.column_stack([*given, *derived]).T)
 
     @property
     def wave_parameters(self) -> Floats:
         """Amplitude, kx, ky, ω, ω at a fixed place and phase of the waves, units as in `water`, shape (n, 6)."""
-        return self.water[1][:, : PHASE + 1]
+        return self.water[1][: PHASE + 1].T
 
     def elevation(self, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
         """Height of the surface above z = 0; x and y broadcast to the shape of the answer, [m], [s]."""
@@ -109,23 +109,35 @@ class Ocean:
 def elevation_at(x: float, y: float, time: float, waves: Floats) -> float:
     """Height of the surface above z = 0 at one place [m]; `waves` of a `Water`."""
     height = 0.0
-    for i in range(waves.shape[0]):
-        w = waves[i]
-        height += w[AMPLITUDE] * sin_cos(w[KX] * x + w[KY] * y - w[FIXED_OMEGA] * time + w[PHASE])[1]
+    for i in range(waves.shape[1]):
+        phase = waves[KX, i] * x + waves[KY, i] * y - waves[FIXED_OMEGA, i] * time + waves[PHASE, i]
+        height += waves[AMPLITUDE, i] * sin_cos(phase)[1]
     return height
 
 
-@inlined
-def _orbit(w: Floats, x: float, y: float, below: float, time: float) -> tuple[float, float, float, float]:
-    """How a component moves the water at a depth −`below` within the sea: level speed times the cosine and the sine
-    of its phase, upward speed times the cosine and the sine, [m/s].
+@compiled
+def _orbits(waves: Floats, x: float, y: float, below: float, time: float) -> Floats:
+    """How each component moves the water at a depth −`below` within the sea, [m/s].
+
+    Sums over components cannot be vectorised without changing their order; this, which costs most, can.
+
+    Returns:
+        Level speed times the cosine and the sine of its phase, upward speed times the cosine and the sine, shape
+        (4, n).
     """
-    sin, cos = sin_cos(w[KX] * x + w[KY] * y - w[FIXED_OMEGA] * time + w[PHASE])
-    # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
-    decay = np.exp(max(w[K] * below, _LEAST_EXPONENT))
-    mirrored = w[MIRROR] / decay
-    level, upward = w[ORBITAL] * (decay + mirrored), w[ORBITAL] * (decay - mirrored)
-    return level * cos, level * sin, upward * cos, upward * sin
+    out = np.empty((4, waves.shape[1]))
+    for i in range(waves.shape[1]):
+        phase = waves[KX, i] * x + waves[KY, i] * y - waves[FIXED_OMEGA, i] * time + waves[PHASE, i]
+        sin, cos = sin_cos(phase)
+        # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
+        decay = exp(max(waves[K, i] * below, _LEAST_EXPONENT))
+        mirrored = waves[MIRROR, i] / decay
+        level, upward = waves[ORBITAL, i] * (decay + mirrored), waves[ORBITAL, i] * (decay - mirrored)
+        out[0, i] = level * cos
+        out[1, i] = level * sin
+        out[2, i] = upward * cos
+        out[3, i] = upward * sin
+    return out
 
 
 @compiled
@@ -135,12 +147,13 @@ def velocity_at(position: Vector, time: float, water: Water) -> Vector:
     current, waves = water
     ux, uy, uz = current[0] + current[2] * z, current[1] + current[3] * z, 0.0
     below = max(min(z, 0.0), -current[4])
-    for i in range(waves.shape[0]):
-        w = waves[i]
-        level, _, _, upward = _orbit(w, x, y, below, time)
-        ux += level * w[EAST]
-        uy += level * w[NORTH]
-        uz += upward
+    if waves.shape[1] == 0:
+        return ux, uy, uz
+    orbits = _orbits(waves, x, y, below, time)
+    for i in range(waves.shape[1]):
+        ux += orbits[0, i] * waves[EAST, i]
+        uy += orbits[0, i] * waves[NORTH, i]
+        uz += orbits[3, i]
     return ux, uy, uz
 
 
@@ -176,11 +189,14 @@ def flow(
     # where waves do not change with height any more, neither does climbing count, nor what of an axis points up
     varies = 1.0 if z == below else 0.0
     vz, az = varies * vz, varies * az
-    for i in range(waves.shape[0]):
-        w = waves[i]
-        omega, k, ex, ey = w[OMEGA], w[K], w[EAST], w[NORTH]
-        c_cos, c_sin, s_cos, s_sin = _orbit(w, x, y, below, time)
-        along, rate, rise = ax * ex + ay * ey, w[KX] * vx + w[KY] * vy - w[FIXED_OMEGA], k * vz
+    # most seas are calm, and need no room for what they don't have
+    components = waves.shape[1]
+    orbits = _orbits(waves, x, y, below, time) if components > 0 else waves
+    for i in range(components):
+        omega, k, ex, ey = waves[OMEGA, i], waves[K, i], waves[EAST, i], waves[NORTH, i]
+        c_cos, c_sin, s_cos, s_sin = orbits[0, i], orbits[1, i], orbits[2, i], orbits[3, i]
+        along, rise = ax * ex + ay * ey, k * vz
+        rate = waves[KX, i] * vx + waves[KY, i] * vy - waves[FIXED_OMEGA, i]
 
         ux += c_cos * ex
         uy += c_cos * ey

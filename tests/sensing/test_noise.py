@@ -9,7 +9,7 @@ from scipy import stats
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
-from laisn.elementary import half_turn_angle, log, sin_cos
+from laisn.elementary import exp, half_turn_angle, log, sin_cos
 from sim.sensing import noise
 from sim.sensing.noise import Stream, normals, uniforms
 
@@ -39,6 +39,14 @@ def _functions(x: Floats, y: Floats) -> Floats:
     return out
 
 
+@compiled
+def _exponentials(x: Floats) -> Floats:
+    out = np.empty(x.size)
+    for i in range(x.size):
+        out[i] = exp(x[i])
+    return out
+
+
 @pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS)
 def test_philox_gives_the_published_answers(counter: str, key: str, answer: str) -> None:
     numbers = np.array([int(word, 16) for word in f"{counter} {key}".split()], dtype=np.uint64)
@@ -59,6 +67,12 @@ def test_elementary_functions_agree_with_the_library() -> None:
 def test_logarithm_keeps_its_relative_accuracy_near_one() -> None:
     x = 1.0 + np.linspace(-1e-3, 1e-3, 2001)
     assert _functions(x, x)[:, 0] == pytest.approx(np.log(x), rel=1e-14, abs=1e-300)
+
+
+def test_exponential_keeps_its_relative_accuracy_over_its_whole_range() -> None:
+    x = np.concatenate([np.linspace(-708.0, 709.0, 40_001), np.linspace(-1.0, 1.0, 40_001), [0.0, 0.5 * math.log(2.0)]])
+    np.testing.assert_allclose(_exponentials(x), np.exp(x), rtol=4e-16)
+    assert _exponentials(np.zeros(1))[0] == 1.0
 
 
 def test_angle_of_axes_and_of_nothing() -> None:
