@@ -1,7 +1,7 @@
 """Elementary functions that vectorise over lanes and give the same bits wherever they are compiled.
 
-The C library's exponential, logarithm and sine cost five times as much in a loop and stop it from being vectorised. Every
-multiplication that is followed by an addition is an explicit fused one, so that a compiler's freedom to contract
+The C library's exponential, logarithm and sine cost five times as much in a loop and stop it from being vectorised.
+Every multiplication that is followed by an addition is an explicit fused one, so that a compiler's freedom to contract
 expressions changes nothing: a single flight and a campaign get identical numbers. Coefficients are those of the series
 in any handbook (Abramowitz & Stegun 4.1.27, 4.2.1, 4.3.65, 4.3.66), long enough for double precision on the reduced
 argument; absolute errors are below 1e-14 for the magnitudes that occur here.

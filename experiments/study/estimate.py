@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import betaincinv
 from scipy.stats import t as student
 
 from experiments.campaign.store import Record
@@ -20,19 +21,45 @@ Place = tuple[int, str, str]
 """Point, arm and follower."""
 
 
+def _quantile(number: int) -> float:
+    """Student's t of a mean of so many values."""
+    return float(student.ppf((1 + CONFIDENCE) / 2, number - 1))
+
+
 def over_seas(means: Floats) -> Interval:
     """Mean over seas, shape (S,): BCa bootstrap of at least `FEWEST_RUNS`, else Student's t, which needs two.
+
+    Limits are NaN where all seas have the same: nothing is known of how they scatter.
 
     Each sea's mean holds the scatter of its runs already, so that runs are not drawn again (Davison & Hinkley,
     Bootstrap Methods and their Application, 1997, section 3.8).
     """
-    if means.size >= FEWEST_RUNS and np.ptp(means) > 0:
-        return bootstrap_mean(means)
     mean = float(means.mean())
-    if means.size < 2:
+    if means.size < 2 or np.ptp(means) == 0:
         return Interval(mean, math.nan, math.nan)
-    half = float(student.ppf((1 + CONFIDENCE) / 2, means.size - 1)) * float(means.std(ddof=1)) / math.sqrt(means.size)
+    if means.size >= FEWEST_RUNS:
+        return bootstrap_mean(means)
+    half = _quantile(means.size) * float(means.std(ddof=1)) / math.sqrt(means.size)
     return Interval(mean, mean - half, mean + half)
+
+
+def share_over_seas(seas: Sequence[Floats]) -> Interval:
+    """Share of runs with an outcome that is 0 or 1, every sea counting alike, shape (R,) for each.
+
+    Limits of Clopper and Pearson for as many independent runs as would scatter like the means of the seas (Korn &
+    Graubard, Survey Methodology 24, 1998). Where no run has the outcome, or all have, a sea counts as one run.
+    """
+    means = np.array([values.mean() for values in seas])
+    count, runs, share = means.size, sum(values.size for values in seas), float(means.mean())
+    scatter = float(means.var(ddof=1)) / count
+    alike = float(count)
+    if 0.0 < share < 1.0:
+        most = share * (1.0 - share) * (_quantile(runs) / _quantile(count)) ** 2
+        alike = min(most / scatter, float(runs)) if scatter > 0 else float(runs)
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low = 0.0 if share == 0.0 else float(betaincinv(share * alike, (1.0 - share) * alike + 1.0, tail))
+    high = 1.0 if share == 1.0 else float(betaincinv(share * alike + 1.0, (1.0 - share) * alike, 1.0 - tail))
+    return Interval(share, low, high)
 
 
 def over_runs(seas: Sequence[Floats], *, shares: bool = False, paired: bool = False) -> Interval:
@@ -44,7 +71,11 @@ def over_runs(seas: Sequence[Floats], *, shares: bool = False, paired: bool = Fa
         paired: they are differences.
     """
     if len(seas) > 1:
-        return over_seas(np.array([values.mean() for values in seas]))
+        if shares and not paired:
+            return share_over_seas(seas)
+        means = np.array([values.mean() for values in seas])
+        # seas that all differ by nothing do not make a difference impossible
+        return difference_of_shares(means) if shares and np.ptp(means) == 0 else over_seas(means)
     (values,) = seas
     if shares:
         return difference_of_shares(values) if paired else proportion(int(values.sum()), values.size)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from experiments.campaign import missions
 from experiments.flight.library import load
@@ -41,6 +42,41 @@ def test_shares_have_the_limits_of_clopper_and_pearson():
     found = over_runs([np.zeros(60)], shares=True)
     assert found.high == pytest.approx(1 - 0.025 ** (1 / 60), rel=1e-9)
     assert found.low == 0.0
+
+
+def test_an_outcome_that_no_run_of_several_seas_has_is_not_impossible():
+    """A sea counts as one run: 0 of 12 leaves up to 1 − 0.025^(1/12)."""
+    found = over_runs([np.zeros(12)] * 12, shares=True)
+    assert (found.value, found.low) == (0.0, 0.0)
+    assert found.high == pytest.approx(1 - 0.025 ** (1 / 12), rel=1e-9)
+    assert over_runs([np.ones(5)] * 12, shares=True).low == pytest.approx(0.025 ** (1 / 12), rel=1e-9)
+    apart = over_runs([np.zeros(12)] * 12, shares=True, paired=True)
+    assert apart.low < 0.0 < apart.high
+
+
+def test_seas_of_one_run_each_have_the_limits_of_clopper_and_pearson():
+    """Of S such seas, the means scatter like those of S − 1 runs: between scipy's limits for 4 and 5 of 19."""
+    share = over_runs([np.array([float(i < 5)]) for i in range(20)], shares=True)
+    low, high = (binomtest(k, 19).proportion_ci(method="exact") for k in (4, 5))
+    assert low.low < share.low < high.low
+    assert low.high < share.high < high.high
+
+
+def test_shares_of_seas_that_differ_cover_as_often_as_they_promise():
+    """Every sea has a chance of its own, so that its runs are not independent of one another."""
+    random = np.random.default_rng(5)
+    hits = 0
+    for _ in range(400):
+        chances = random.beta(0.3, 2.7, 15)
+        found = over_runs([(random.random(20) < chance).astype(float) for chance in chances], shares=True)
+        hits += found.low <= 0.1 <= found.high
+    assert hits / 400 > 0.93
+
+
+def test_seas_that_are_all_alike_do_not_bound_their_mean():
+    found = over_seas(np.full(30, 2.0))
+    assert found.value == 2.0
+    assert math.isnan(found.low)
 
 
 def results():
