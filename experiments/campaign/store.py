@@ -46,6 +46,13 @@ def write_table(path: Path, columns: Mapping[str, Any]) -> None:
         part.write_bytes(_parquet(columns, {}))
 
 
+def read_table(path: Path) -> list[Record]:
+    """The rows of a Parquet file."""
+    # in this thread: one of Arrow's own that still reads when the process ends would abort it
+    rows: list[Record] = pq.ParquetFile(path).read(use_threads=False).to_pylist()
+    return rows
+
+
 def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
     """Rows as columns; a row that lacks a column has None there."""
     names = dict.fromkeys(name for row in rows for name in row)

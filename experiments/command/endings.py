@@ -38,6 +38,10 @@ def _obey(number: int, _: FrameType | None) -> None:
     raise _told[-1]
 
 
+def _leave(number: int, _: FrameType | None) -> None:
+    os._exit(128 + number)
+
+
 def obey_signals() -> None:
     """Let SIGTERM and SIGHUP end the command like Ctrl-C, unless whoever started it ignores them."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -103,8 +107,8 @@ def run(app: typer.Typer) -> None:
         app()
     except SystemExit as ending:
         if signal.getsignal(signal.SIGINT) is _obey:
-            # what is left is Python's own end, which has nothing to say about a Ctrl-C
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            # what is left is Python's own end, which has nothing to say about a Ctrl-C, and no other code for it
+            signal.signal(signal.SIGINT, _leave)
         if output is None:
             raise
         sys.stdout.flush()

@@ -4,9 +4,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
+from experiments.campaign.store import read_table
 from experiments.pages import figures
 from experiments.pages.figures import Line
 from experiments.pages.style import FRAME, SERIES, Colour
@@ -31,7 +31,7 @@ def _group(row: dict[str, float]) -> int:
 
 def means(folder: Path) -> list[tuple[int, float, float]]:
     """Group, published and own mean E_P [m] of every published row of a reproduction in `folder`."""
-    rows = pq.read_table(folder / "tables.parquet").to_pylist()
+    rows = read_table(folder / "tables.parquet")
     kept = [row for row in rows if row["published_e_p_mean_m"] is not None]
     return [(_group(row), row["published_e_p_mean_m"], row["ours_e_p_mean_m"]) for row in kept]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
+from experiments.campaign.store import read_table
 from experiments.flight.folder import LOG
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.intervals import Interval
@@ -85,7 +85,7 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
     Raises:
         LaisnError: there is no such metric of single runs.
     """
-    tables = [pq.read_table(folder / RUNS).to_pylist() for folder in folders]
+    tables = [read_table(folder / RUNS) for folder in folders]
     for folder, table in zip(folders, tables, strict=True):
         if metric not in table[0]:
             raise LaisnError(f"{folder}: its runs have no {metric!r}")
@@ -95,7 +95,7 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
     keys = [k for k in shared if k not in drawn]
     values: list[dict[tuple[str, ...], dict[tuple[int, int], float]]] = []
     for folder, table in zip(folders, tables, strict=True):
-        seeds = {row["sea"]: row["seed"] for row in pq.read_table(folder / RESULTS).to_pylist()}
+        seeds = {row["sea"]: row["seed"] for row in read_table(folder / RESULTS)}
         own: dict[tuple[str, ...], dict[tuple[int, int], float]] = {}
         for row in table:
             place = tuple(f"{key} = {row[key]}" for key in keys)

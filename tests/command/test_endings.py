@@ -163,6 +163,22 @@ def test_what_a_library_makes_of_a_signal_is_no_fault_of_ours(monkeypatch: pytes
     assert result.stderr == "laisn: interrupted; finished files are kept, none is half-written\n"
 
 
+LATE = """
+import atexit, os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))
+sys.argv = ["laisn", "--version"]
+from laisn_sim import main
+main()
+"""
+
+
+def test_ctrl_c_at_the_very_end_has_the_code_of_any_other() -> None:
+    done = subprocess.run([sys.executable, "-c", LATE], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "")
+    assert done.stdout.startswith("laisn-sim ")
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
 def test_a_full_disk_behind_standard_output_hides_no_result(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
