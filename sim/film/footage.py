@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -112,6 +113,7 @@ class Footage:
         main = truth.thrust[..., 0]
         rate = _SPIN_RAD_S_N * np.sign(main) * np.sqrt(np.abs(main))
         self._spin = np.cumsum(rate, axis=0) * truth.dt / speed_up
+        self._believed: dict[int, Floats] = {}
         self._trail_every = max(1, round(_TRAIL_POINT_S * speed_up / truth.dt))
 
     def at(self, time: float) -> Moment:
@@ -190,28 +192,50 @@ class Footage:
         kind = FixKind(int(fixes.fix_kind[made])) if made >= 0 else None
         return np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)), ranges, last, kind
 
-    def _trail_grid(self, time: float, film_seconds: float) -> Ints:
-        """Grid indices of a trail; they stay put while time goes on, or the trail would seem to crawl."""
-        every = self._trail_every
-        now = int((time - self.start) / self.flight.trajectory.dt)
-        first = max(0, int(now - film_seconds * self.speed_up / self.flight.trajectory.dt))
-        return np.arange(-(-first // every) * every, now + 1, every, dtype=np.int64)
+    def _trail_part(self, time: float, film_seconds: float) -> slice:
+        """Points of a trail on their grid; they stay put while time goes on, or the trail would seem to crawl."""
+        every, dt = self._trail_every, self.flight.trajectory.dt
+        now = int((time - self.start) / dt)
+        first = max(0, int(now - film_seconds * self.speed_up / dt))
+        return slice(-(-first // every), now // every + 1)
+
+    @cached_property
+    def _trail_grid(self) -> Floats:
+        """Instants of the points of all trails, shape (g,), [s]."""
+        return self.flight.trajectory.time[:: self._trail_every]
+
+    def _places(self, vehicle: int, times: Floats) -> Floats:
+        """Where a trail runs: the leader's body origin, or a follower's hydrophone; shape (n, 3), [m]."""
+        truth = self.flight.trajectory
+        if vehicle:
+            return truth.site_at(f"{truth.names[vehicle]}/hydrophone", times)
+        return np.asarray(truth.at(times)[0][:, 0])
+
+    @cached_property
+    def _trails(self) -> list[Floats]:
+        """All points of each vehicle's trail, shapes (g, 3), [m]."""
+        return [self._places(v, self._trail_grid) for v in range(len(self.flight.trajectory.names))]
+
+    def _estimates(self, follower: int) -> Floats:
+        """All points of the trail of a follower's estimate, at the true depth, shape (g, 3), [m]."""
+        if follower not in self._believed:
+            points = zip(self._trail_grid.tolist(), self._trails[follower + 1][:, 2].tolist(), strict=True)
+            self._believed[follower] = np.array([self._estimate(follower, t, z) for t, z in points])
+        return self._believed[follower]
 
     def trail(self, vehicle: int, time: float, film_seconds: float) -> Floats:
         """Positions of a vehicle in the last `film_seconds` of film, oldest first, shape (p, 3), [m].
 
         They are those of the leader's body origin, but of a follower's hydrophone, for that is what it estimates.
         """
-        truth, times = self.flight.trajectory, self.trail_times(time, film_seconds)
-        if vehicle:
-            return truth.site_at(f"{truth.names[vehicle]}/hydrophone", times)
-        return np.asarray(truth.at(times)[0][:, 0])
+        past = self._trails[vehicle][self._trail_part(time, film_seconds)]
+        return np.vstack([past, self._places(vehicle, np.array([time]))])
 
     def estimate_trail(self, follower: int, time: float, film_seconds: float) -> Floats:
         """Estimated positions in the last `film_seconds` of film, at the true depth, shape (p, 3), [m]."""
-        truth, times = self.flight.trajectory, self.trail_times(time, film_seconds)
-        depth = truth.site_at(f"{truth.names[follower + 1]}/hydrophone", times)[:, 2]
-        return np.array([self._estimate(follower, float(t), float(z)) for t, z in zip(times, depth, strict=True)])
+        past = self._estimates(follower)[self._trail_part(time, film_seconds)]
+        depth = float(self._places(follower + 1, np.array([time]))[0, 2])
+        return np.vstack([past, self._estimate(follower, time, depth)])
 
     def on_plane(self, follower: int, positions: Floats, times: Floats) -> Floats:
         """Positions known at filter steps, at other times and at the hydrophone's depth; shapes (n, 2) to (p, 3), [m].
@@ -225,4 +249,4 @@ class Footage:
 
     def trail_times(self, time: float, film_seconds: float) -> Floats:
         """Instants of the points of a trail, oldest first, shape (p,), [s]."""
-        return np.append(self.flight.trajectory.time[self._trail_grid(time, film_seconds)], time)
+        return np.append(self._trail_grid[self._trail_part(time, film_seconds)], time)

@@ -89,7 +89,7 @@ def plate(canvas: Canvas, words: str, colour: Colour, at: tuple[float, float]) -
     gap, (left, top), (width, height) = _GAP * canvas.scale, at, canvas.extent(words, -_SIZE)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [width + 2 * gap, height + 2 * gap]
     canvas.shape(corners + np.array(at), _GROUND)
-    canvas.text((left + gap, top + gap + height / 2), words, colour, -_SIZE, "lm")
+    canvas.text((left + gap, top + gap + height / 2), words, colour, -_SIZE, "lm", moves=True)
 
 
 def draw(labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas) -> None:

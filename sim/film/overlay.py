@@ -6,11 +6,11 @@ from laisn.arrays import Floats
 from sim.film import labels
 from sim.film.annotations import Annotations
 from sim.film.cameras import Shot, View
-from sim.film.canvas import Canvas, Colour
-from sim.film.curve import Curve
+from sim.film.canvas import Canvas, Colour, Stroke
+from sim.film.dashboard import Dashboard
 from sim.film.footage import Footage, Moment
 from sim.film.labels import Label
-from sim.film.panels import LEADER, NUMBERS, SIGMAS, TRUTH, Map, Place, caption, card, colour_bar, numbers, scale_bar
+from sim.film.panels import LEADER, SIGMAS, TRUTH, card, scale_bar
 from sim.film.scene import ESTIMATE, TRANSMITTER_COLOURS, Box
 
 _TRAIL_FILM_S = 5.0
@@ -45,39 +45,11 @@ class Overlay:
         self._follower = follower
         self.canvas = Canvas(*size)
         self._film_s = film_s
+        self._heard = range(footage.flight.scenario.navigation.transmitters)
         self._panels = size[0] >= _SMALL[0] and size[1] >= _SMALL[1]
-        s = self.canvas.scale
-        left, width, height, gap = 16 * s, 292 * s, 92 * s, 6 * s
-        upper, lower = ((left, (22 + NUMBERS) * s + n * (height + gap), width, height) for n in range(2))
-        dt, start, truth = footage.flight.measurements[0].dt, footage.start, footage.flight.hydrophone(follower)[:, :2]
-        others = [(o.colour, np.linalg.norm(o.position - truth, axis=1)) for o in annotations.others]
-        errors = [*others, (ESTIMATE, footage.position_error[follower])]
-        self._curves = [Curve("position error E_P [m]", dt, errors, lower, start=start)]
-        if annotations.level_axis:
-            pitch = np.degrees(footage.flight.trajectory.pitch[footage.flight.step_index(), 0])
-            self._curves.append(Curve("leader's pitch [°]", dt, [(LEADER, pitch)], upper, start=start))
-        else:
-            self._curves = [Curve("position error E_P [m]", dt, errors, upper, start=start)]
-            bearing = np.degrees(np.abs(footage.bearing_error[follower]))
-            self._curves.append(Curve("bearing error E_B [°]", dt, [(ESTIMATE, bearing)], lower, start=start))
-        side = 232 * s
-        corner = (size[0] - side - 16 * s, 16 * s, side, side)
-        self._map = Map(footage, follower, corner, annotations.others)
-        self._bar = (corner[0], 22 * s + side, side, 72 * s)
-        self._scale = (left, size[1] - 58 * s, 240 * s, 36 * s)
-        middle = left + width + gap
-        self._caption = (middle, 16 * s, corner[0] - gap - middle, 60 * s)
-        panels: list[Place] = [(left, 16 * s, width, NUMBERS * s), upper, lower, corner]
-        panels += [self._bar] if annotations.rays else []
-        panels += [self._caption] if annotations.caption else []
-        self._taken = panels if self._panels else []
-        below = max(top + height for x, top, _, height in panels if x >= corner[0])
-        columns: list[Place] = [
-            (0.0, 0.0, left + width, lower[1] + height),
-            (corner[0], 0.0, size[0] - corner[0], below),
-        ]
-        self._covered = [*columns, *panels[3:]] if self._panels else []
-        """Where no lines are drawn, for between panels snippets of them would remain."""
+        self._dashboard = Dashboard(footage, follower, self.canvas, annotations) if self._panels else None
+        self._covered = self._dashboard.covered if self._dashboard else []
+        self._taken = [*self._dashboard.places, self._dashboard.scale] if self._dashboard else []
 
     def inset_boxes(self, shot: Shot) -> tuple[Box, ...]:
         """Places of a shot's insets along the lower edge, from one side on: left, top, width, height [px]."""
@@ -108,21 +80,12 @@ class Overlay:
             self._in_view(moment, view, box, 60.0)
             words = names[vehicle] + (", from above" if view.plane_m else "")
             labels.plate(c, words, LEADER if vehicle == 0 else TRUTH, (left + 5 * c.scale, top + 4 * c.scale))
-            self._scale_bar(view, box, (left + 10 * c.scale, top + height - 26 * c.scale), 0.35)
-        if self._panels:
-            numbers(c, self._footage, moment, self._follower, self._ray_colours(moment, self._follower))
-            for curve in self._curves:
-                curve.draw(c, moment.time - self._footage.start)
-            self._map.draw(c, moment, self._others(moment))
-            if self._added.rays:
-                colour_bar(c, self._added.rays, self._bar)
-            if self._added.caption:
-                others = [("◆", o.colour, o.label) for o in self._added.others]
-                legend = [("●", TRUTH, "truth"), ("◆", ESTIMATE, self._added.label), *others]
-                caption(c, self._added.caption, legend, self._caption)
+            self._scale_bar(view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35)
+        if self._dashboard:
+            self._dashboard.draw(c, moment, self._ray_colours(moment, self._follower), self._others(moment))
             words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
-            self._scale_bar(shot.view, (0, 0, c.width, c.height), self._scale[:2], 0.12, words)
-        labels.draw(self._labels(moment, shot.view), [*boxes, *self._taken, self._scale], c)
+            self._scale_bar(shot.view, (0, 0, c.width, c.height), self._dashboard.scale[:2], 0.12, words)
+        labels.draw(self._labels(moment, shot.view), [*boxes, *self._taken], c)
         self._footer(moment)
         shown = min(1.0, 4.0 * (1.0 - moment.film_time / min(_TITLE_FILM_S, 0.2 * self._film_s)))
         if title and shown > 0 and self._panels and not self._added.caption:
@@ -151,21 +114,21 @@ class Overlay:
         return [self._footage.on_plane(self._follower, o.position, now)[0] for o in self._added.others]
 
     def _in_view(self, moment: Moment, view: View, box: Box, sight: float) -> None:
-        self._trails(moment, view, box)
+        strokes = self._trails(moment, view, box)
         for f in range(len(moment.hydrophone)):
             colours = self._ray_colours(moment, f)
-            for i in range(3):
+            for i in self._heard:
                 if moment.ray[f, i] > 0.03:
                     ends = np.array([moment.transmitter[i], moment.hydrophone[f]])
                     strength = float(moment.ray[f, i]) * (1.0 if f == self._follower else 0.4)
-                    self._ray(view, box, ends, colours[i], strength, sight)
-        self._ellipses(moment, view, box)
+                    strokes += self._ray(view, box, ends, colours[i], strength, sight)
+        self.canvas.strokes([*strokes, *self._ellipses(moment, view, box)])
         self._markers(moment, view, box)
 
     def _pieces(self, view: View, box: Box, points: Floats, pieces: int) -> list[tuple[Floats, float, float]]:
-        """A polyline in about so many pieces: pixels within the box, mean distance ahead [m], mean place in [0, 1]."""
+        """A polyline in about so many pieces: pixels within the box, and of its middle distance ahead [m] and place."""
         left, top, width, height = box
-        whole = width == self.canvas.width
+        whole, corner = width == self.canvas.width, np.array([left, top])
         kept = []
         for pixels, ahead, place in view.line(points, width, height):
             step = max(1, -(-(len(pixels) - 1) // pieces))
@@ -173,18 +136,22 @@ class Overlay:
                 part = slice(first, first + step + 1)
                 drawn = pixels[part] if whole else _clipped(pixels[part], width, height)
                 if len(drawn) > 1:
-                    kept.append((drawn + np.array([left, top]), float(ahead[part].mean()), float(place[part].mean())))
+                    last = min(first + step, len(pixels) - 1)
+                    depth, along = (float(values[first] + values[last]) / 2 for values in (ahead, place))
+                    kept.append((drawn + corner, depth, along))
         return kept
 
-    def _ray(self, view: View, box: Box, ends: Floats, colour: Colour, strength: float, sight: float) -> None:
+    def _ray(self, view: View, box: Box, ends: Floats, colour: Colour, strength: float, sight: float) -> list[Stroke]:
         pieces = _RAY_PIECES if box[2] == self.canvas.width else 1
         points = np.linspace(ends[0], ends[1], pieces + 1)
+        strokes = []
         for pixels, ahead, _ in self._pieces(view, box, points, pieces):
             clear = min(max(1.0 - ahead / (1.3 * sight), 0.3), 1.0)
-            self.canvas.line(pixels, (*colour, 0.16 * strength * clear), 7.0)
-            self.canvas.line(pixels, (*colour, 0.85 * strength * clear), 1.8)
+            strokes.append(Stroke(pixels, (*colour, 0.16 * strength * clear), 7.0))
+            strokes.append(Stroke(pixels, (*colour, 0.85 * strength * clear), 1.8))
+        return strokes
 
-    def _trails(self, moment: Moment, view: View, box: Box) -> None:
+    def _trails(self, moment: Moment, view: View, box: Box) -> list[Stroke]:
         footage, time = self._footage, moment.time
         trails = [
             (footage.trail(v, time, _TRAIL_FILM_S), LEADER if v == 0 else TRUTH) for v in range(len(moment.position))
@@ -192,9 +159,11 @@ class Overlay:
         times = footage.trail_times(time, _TRAIL_FILM_S)
         trails.extend((footage.on_plane(self._follower, o.position, times), o.colour) for o in self._added.others)
         trails.append((footage.estimate_trail(self._follower, time, _TRAIL_FILM_S), ESTIMATE))
-        for points, colour in trails:
-            for pixels, _, place in self._pieces(view, box, points, _TRAIL_PIECES):
-                self.canvas.line(pixels, (*colour, 0.75 * place**0.8), 2.0)
+        return [
+            Stroke(pixels, (*colour, 0.75 * place**0.8), 2.0)
+            for points, colour in trails
+            for pixels, _, place in self._pieces(view, box, points, _TRAIL_PIECES)
+        ]
 
     def _place(self, view: View, box: Box, point: Floats) -> Floats | None:
         left, top, width, height = box
@@ -202,9 +171,9 @@ class Overlay:
         inside = ahead[0] > 0.15 and 0 <= pixels[0, 0] < width and 0 <= pixels[0, 1] < height
         return pixels[0] + [left, top] if inside else None
 
-    def _ellipses(self, moment: Moment, view: View, box: Box) -> None:
+    def _ellipses(self, moment: Moment, view: View, box: Box) -> list[Stroke]:
         """The filters' uncertainty about their estimates, where it is large enough to be seen."""
-        height = box[3]
+        height, strokes = box[3], []
         for weight, centre, covariance in (side for sides in moment.sides for side in sides):
             if not np.all(np.isfinite(covariance)):
                 continue
@@ -217,15 +186,17 @@ class Overlay:
             flat = (np.column_stack([np.cos(_ELLIPSE), np.sin(_ELLIPSE)]) * radii) @ axes.T
             ring = centre + np.column_stack([flat, np.zeros(len(flat))])
             for pixels, _, _ in self._pieces(view, box, ring, len(ring)):
-                self.canvas.line(pixels, (*ESTIMATE, 0.3 + 0.6 * weight), 1.5)
+                strokes.append(Stroke(pixels, (*ESTIMATE, 0.3 + 0.6 * weight), 1.5))
+        return strokes
 
     def _markers(self, moment: Moment, view: View, box: Box) -> None:
         c, dark = self.canvas, (0.0, 0.05, 0.08, 0.9)
         if self._added.level_axis:
             for pixels, _, _ in self._pieces(view, box, self._level_axis(moment), 1):
                 c.line(pixels, (1.0, 1.0, 1.0, 0.75), 1.3, (7, 5))
-        for i, colour in enumerate(self._ray_colours(moment, self._follower)):
-            place = self._place(view, box, moment.transmitter[i])
+        colours = self._ray_colours(moment, self._follower)
+        for i in self._heard:
+            place, colour = self._place(view, box, moment.transmitter[i]), colours[i]
             if place is not None:
                 c.dot(place, 2.6, colour, dark)
         pairs = [(self._follower, other, o.colour) for other, o in zip(self._others(moment), self._added.others,

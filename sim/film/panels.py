@@ -1,4 +1,4 @@
-"""Panels of the overlay: numbers, map, scales, title card and caption."""
+"""Panels of the overlay: map, scales, title card and caption."""
 
 from collections.abc import Sequence
 
@@ -7,15 +7,13 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.film.annotations import OtherEstimate, RayErrors, diverging
-from sim.film.canvas import DIM, PALE, Canvas, Colour
+from sim.film.canvas import DIM, PALE, Canvas, Colour, Stroke
 from sim.film.footage import Footage, Moment
 from sim.film.scene import ESTIMATE
 
 Place = tuple[float, float, float, float]
 """Left, top, width, height [px]."""
 
-NUMBERS = 258.0
-"""Height of the panel of numbers, at 720 rows [px]."""
 SIGMAS = 2.0
 """Half axes of the ellipse of uncertainty in standard deviations."""
 
@@ -37,69 +35,6 @@ FIX_WORDS = {
 }
 
 
-def _clock(seconds: float) -> str:
-    whole = int(seconds + 1e-9)
-    hours = f"{whole // 3600}:" if whole >= 3600 else ""
-    return f"{hours}{whole % 3600 // 60:02d}:{whole % 60:02d}"
-
-
-def _both(short: float, long: float) -> str:
-    """Half axes of an ellipse [m] in words, in millimetres while they are small."""
-    if long < 0.0005:
-        return "below 1 mm"
-    return f"±{1e3 * short:.0f} by ±{1e3 * long:.0f} mm" if long < 0.9995 else f"±{short:.2f} by ±{long:.2f} m"
-
-
-def numbers(canvas: Canvas, footage: Footage, moment: Moment, follower: int, rays: Sequence[Colour]) -> None:
-    """Time, motion of leader and follower, ranges in the colours of their rays, fix and errors, at the top left."""
-    s, names = canvas.scale, footage.flight.trajectory.names
-    left, top, width = 16 * s, 16 * s, 292 * s
-    canvas.panel(left, top, width, NUMBERS * s)
-    x, y = left + 12 * s, top + 10 * s
-    canvas.text((x, y), _clock(moment.time), size=-26)
-    canvas.text((left + width - 12 * s, y + 11 * s), f"of {_clock(footage.end)}", DIM, 13, "ra")
-    y += 42 * s
-    columns = (left + 186 * s, left + width - 12 * s)
-    for column, v, colour in zip(columns, (0, follower + 1), (LEADER, TRUTH), strict=True):
-        canvas.text((column, y), names[v][:12], colour, -12, "ra")
-    rows = (
-        ("depth", "m", -moment.position[:, 2], "{:.1f}"),
-        ("pitch", "°", np.round(np.degrees(moment.pitch), 1) + 0.0, "{:+.1f}"),
-        ("heading", "°", np.round(np.degrees(moment.heading)) % 360, "{:.0f}"),
-        ("speed", "m/s", moment.speed, "{:.1f}"),
-    )
-    for label, unit, values, form in rows:
-        y += 19 * s
-        canvas.text((x, y), f"{label} [{unit}]", DIM, 13)
-        for column, v in zip(columns, (0, follower + 1), strict=True):
-            canvas.text((column, y), form.format(values[v]), PALE, 13, "ra")
-    y += 24 * s
-    # what the colours of the rays mean
-    for i, name in enumerate(("rear", "front", "middle")):
-        canvas.text((left + (150 + 65 * i) * s, y), name, rays[i], 11, "ra")
-    y += 15 * s
-    canvas.text((x, y), "ranges [m]", DIM, 13)
-    for i in range(3):
-        value = moment.ranges[follower, i]
-        words = "–" if np.isnan(value) else f"{value:.2f}"
-        canvas.text((left + (150 + 65 * i) * s, y), words, rays[i], 13, "ra")
-    y += 19 * s
-    kind = moment.fix_kind[follower]
-    canvas.text((x, y), "fix", DIM, 13)
-    canvas.text((left + width - 12 * s, y), "–" if kind is None else FIX_WORDS[kind], PALE, 13, "ra")
-    y += 24 * s
-    position, bearing = moment.position_error[follower], np.degrees(moment.bearing_error[follower])
-    first = "–" if np.isnan(position) else f"{position:.2f} m"
-    second = "–" if np.isnan(bearing) else f"{abs(bearing):.1f}°"
-    canvas.text((x, y), f"E_P  {first}", ESTIMATE, -16)
-    canvas.text((left + width - 12 * s, y), f"E_B  {second}", ESTIMATE, -16, "ra")
-    y += 22 * s
-    canvas.text((x, y), f"filter's own {SIGMAS:g}σ", DIM, 13)
-    if not np.isnan(position):
-        short, long = SIGMAS * np.sqrt(np.maximum(np.linalg.eigvalsh(moment.covariance[follower]), 0.0))
-        canvas.text((left + width - 12 * s, y), _both(short, long), ESTIMATE, 13, "ra")
-
-
 class Map:
     """The tracks from above, drawn up to now, north up.
 
@@ -111,7 +46,7 @@ class Map:
     """
 
     def __init__(self, footage: Footage, follower: int, place: Place, others: Sequence[OtherEstimate] = ()) -> None:
-        self._place, self._follower = place, follower
+        self.place, self._follower = place, follower
         flight = footage.flight
         every = max(1, flight.trajectory.time.size // 500)
         self._time = flight.trajectory.time[::every]
@@ -125,31 +60,39 @@ class Map:
         self._centre = (low + high) / 2
         self._reach = 0.55 * float(max((high - low).max(), 20.0))
 
+    def ground(self, canvas: Canvas) -> None:
+        """Panel, scale and north: all that stays as it is throughout the film."""
+        s, (left, top, width, height) = canvas.scale, self.place
+        canvas.panel(left, top, width, height)
+        scale_bar(canvas, (left + 12 * s, top + 14 * s), width / 2 / self._reach, 0.4 * width)
+        canvas.text((left + width - 10 * s, top + 8 * s), "N ↑", PALE, -12, "ra")
+
     def draw(self, canvas: Canvas, moment: Moment, others: Sequence[Floats] = ()) -> None:
         """Tracks to the moment, and where everything is; other estimates are at `others`, each of shape (3,), [m]."""
-        s = canvas.scale
-        left, top, width, height = self._place
-        canvas.panel(left, top, width, height)
+        left, top, width, height = self.place
         scale = width / 2 / self._reach
 
         def pixels(points: Floats) -> Floats:
             shifted = np.clip((points - self._centre) * scale, -width / 2, width / 2)
             return np.asarray(shifted * [1.0, -1.0] + [left + width / 2, top + height / 2])
 
-        past = self._time <= moment.time
+        past = int(np.searchsorted(self._time, moment.time, side="right"))
+        strokes: list[Stroke] = []
         for v in range(self._tracks.shape[1]):
             colour = LEADER if v == 0 else TRUTH
-            track = pixels(np.vstack([self._tracks[past, v], moment.position[v, :2]]))
-            canvas.line(track, (*colour, 0.85 if v in (0, self._follower + 1) else 0.4), 1.6)
-        past = self._believed_time <= moment.time
+            track = pixels(np.vstack([self._tracks[:past, v], moment.position[v, :2]]))
+            strokes.append(Stroke(track, (*colour, 0.85 if v in (0, self._follower + 1) else 0.4), 1.6))
+        past = int(np.searchsorted(self._believed_time, moment.time, side="right"))
+        ends = []
         for (colour, track), now in zip(self._believed, [*others, moment.estimate[self._follower]], strict=True):
-            thought = pixels(np.vstack([track[past], now[:2]]))
-            canvas.line(thought, (*colour, 0.8), 1.1)
-            canvas.diamond(thought[-1], 4.5, colour)
-        for v in range(self._tracks.shape[1]):
-            canvas.dot(pixels(moment.position[[v], :2])[0], 3.4, LEADER if v == 0 else TRUTH)
-        scale_bar(canvas, (left + 12 * s, top + 14 * s), scale, 0.4 * width)
-        canvas.text((left + width - 10 * s, top + 8 * s), "N ↑", PALE, -12, "ra")
+            thought = pixels(np.vstack([track[:past], now[:2]]))
+            strokes.append(Stroke(thought, (*colour, 0.8), 1.1))
+            ends.append((thought[-1], colour))
+        canvas.strokes(strokes)
+        for end, colour in ends:
+            canvas.diamond(end, 4.5, colour)
+        for v, at in enumerate(pixels(moment.position[:, :2])):
+            canvas.dot(at, 3.4, LEADER if v == 0 else TRUTH)
 
 
 def scale_bar(canvas: Canvas, at: tuple[float, float], pixels_per_m: float, longest: float, words: str = "") -> None:
@@ -164,7 +107,7 @@ def scale_bar(canvas: Canvas, at: tuple[float, float], pixels_per_m: float, long
 
 def colour_bar(canvas: Canvas, rays: RayErrors, place: Place) -> None:
     """What the colours of the rays mean."""
-    s = canvas.scale
+    s = canvas.text_scale
     left, top, width, height = place
     canvas.panel(left, top, width, height)
     canvas.text((left + 12 * s, top + 8 * s), f"{rays.label} [m]", PALE, 12)
@@ -187,7 +130,7 @@ def colour_bar(canvas: Canvas, rays: RayErrors, place: Place) -> None:
 
 def card(canvas: Canvas, footage: Footage, opacity: float) -> None:
     """The title: scenario, vehicles, navigation and seed, in the middle of the frame."""
-    s, scenario = canvas.scale, footage.flight.scenario
+    s, scenario = canvas.text_scale, footage.flight.scenario
     width, height = 620 * s, 210 * s
     left, top = (canvas.width - width) / 2, 0.30 * canvas.height
     canvas.panel(left, top, width, height, 0.92 * opacity)

@@ -87,6 +87,7 @@ class Stage:
         self._gl.make_current()
         self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._read_one_mipmap()
         self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = True
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # see `_add_backdrop`
@@ -124,7 +125,8 @@ class Stage:
         mujoco.mj_camlight(self._model, self._data)
         self._render(moment, shot.view, (0, 0, self.width, self.height))
         self._fog(*_INSET_FOG)
-        self._sea.show_surface(True)
+        # insets look at a hull from above, or from close by
+        self._sea.show_surface(False)
         for (view, _), box in zip(shot.insets, insets, strict=True):
             if not self._sea.covers(view.target, 0.8 * _INSET_FOG[1]):
                 self._sea.show(view.target, _INSET_FOG[1], moment.time, moment.film_time, self._context)
@@ -165,6 +167,16 @@ class Stage:
         GL.glFogf(GL.GL_FOG_START, start)
         GL.glFogf(GL.GL_FOG_END, end)
         self._sight = end
+
+    def _read_one_mipmap(self) -> None:
+        """Take a pixel of a texture from the nearest of its sizes alone: on a processor, two cost as much again."""
+        from OpenGL import GL
+
+        flat = mujoco.mjtTexture.mjTEXTURE_2D.value
+        for texture, kind in zip(self._context.texture, self._model.tex_type, strict=False):
+            if kind == flat:
+                GL.glBindTexture(GL.GL_TEXTURE_2D, int(texture))
+                GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST)
 
     def _render(self, moment: Moment, view: View, box: Box) -> None:
         left, top, width, height = box
