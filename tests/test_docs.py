@@ -131,6 +131,8 @@ def run_line(words: list[str]) -> None:
 def test_commands_and_code_work(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
+    # examples read its data
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
     namespace: dict[str, object] = {}
     for language, text in blocks(document):
         if language == "toml":

@@ -38,7 +38,7 @@ def every_command(
     """Options of the command itself."""
 
 
-log_app = typer.Typer(help="Look into logs, export and mend them.", no_args_is_help=True)
+log_app = typer.Typer(help="Look into logs, export and mend them, and make them of data sets.", no_args_is_help=True)
 app.add_typer(log_app, name="log")
 
 ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
@@ -149,9 +149,12 @@ def replay(
     ] = 10.0,
 ) -> None:
     """Navigate once more on the measurements of a log, with another variant or other settings."""
-    from experiments.command import replaying
+    from experiments.command import datasets, replaying
+    from sim.datasets.log import is_data_set
 
-    if scenario is None:
+    if scenario is None and is_data_set(log):
+        datasets.replay_data_set(log, variant or "laisn-2", set_ or (), out, longest_gap)
+    elif scenario is None:
         replaying.replay(log, variant or "laisn-2", set_ or (), out)
     else:
         chosen = [f"navigation.variant={variant}"] if variant else []
@@ -266,6 +269,21 @@ def log_export(
 
     for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
         _say(file)
+
+
+@log_app.command("import")
+@plain_errors
+def log_import(
+    source: Annotated[Path, typer.Argument(metavar="FILE", help="a factor graph (.pyfg), or NAME.mat or NAME_DR.txt")],
+    out: Annotated[Path, typer.Option(help="the log to write (.mcap)")],
+    beacons: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME", help="keep the ranges to these beacons (default: to all)")
+    ] = None,
+) -> None:
+    """Make a log of a data set: odometry and ranges to beacons, to replay navigation on."""
+    from experiments.command import datasets
+
+    datasets.import_data_set(source, out, beacons)
 
 
 @log_app.command("recover")

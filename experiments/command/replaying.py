@@ -14,7 +14,7 @@ from sim.scenario.file import values_of
 STATE_COLUMNS = ("x_m", "y_m", "vx_m_s", "vy_m_s")
 
 
-def _require_own_file(out: Path | None, suffix: str, source: Path) -> None:
+def require_own_file(out: Path | None, suffix: str, source: Path) -> None:
     """LaisnError if what is to be written is named as something else, or would replace the log that is read."""
     if out is None:
         return
@@ -43,7 +43,7 @@ def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | Non
     from experiments.flight.summary import position_and_bearing_errors, summarise
     from sim.log import reader, writer
 
-    _require_own_file(out, ".mcap", path)
+    require_own_file(out, ".mcap", path)
     flown = reader.read(path)
     changes = values_of([f"navigation.variant={variant}", *assignments])
     again = navigate_again(flown, changes)
@@ -89,7 +89,7 @@ def replay_measurements(
     from sim.motion import simulate_motion
     from sim.sensing.observation import start_of
 
-    _require_own_file(out, ".csv", path)
+    require_own_file(out, ".csv", path)
     scenario = load_flyable(source, assignments)
     # the starts alone are wanted of the routes
     begin = simulate_motion(

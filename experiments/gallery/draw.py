@@ -23,6 +23,7 @@ from experiments.pages import figures
 from experiments.pages.figures import Line
 from experiments.pages.flight_figures import error_stack
 from experiments.pages.style import COLOURS, INK, SERIES, Colour
+from experiments.real_ranges import gallery as real_ranges
 from experiments.reproduction import gallery as gallery_reproduction
 from experiments.route_keeping import study as route_keeping
 from sim.film import render
@@ -115,7 +116,8 @@ def main() -> None:
     )
     flown = {name: fly(load(name, ()))[0] for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}}
     save(errors(flown["T5"]), "errors")
-    for name, (figure, legend) in (gallery_physics.all_figures() | {"closed-loop": closed_loop.picture()}).items():
+    others = {"closed-loop": closed_loop.picture(), "real-ranges": real_ranges.picture()}
+    for name, (figure, legend) in (gallery_physics.all_figures() | others).items():
         save(figure, name, legend)
     for name, (scenario, time, camera) in STILLS.items():
         photograph(name, flown[scenario], time, camera)

@@ -13,6 +13,7 @@ from experiments.closed_loop import study as closed_loop
 from experiments.findings import FILE
 from experiments.gallery import flights
 from experiments.gallery.documents import RECORDS
+from experiments.real_ranges import study as real_ranges
 from experiments.reproduction.study import reproduce
 from experiments.route_keeping import study as route_keeping
 
@@ -23,6 +24,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
     "closed-loop": closed_loop.run,
     "asymmetry": asymmetry.run,
+    "real-ranges": real_ranges.run,
 }
 """How each is flown into a folder."""
 

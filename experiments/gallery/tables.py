@@ -25,6 +25,18 @@ TRACKED = {
     "pitch-sigma": ".2f", "roll-max": ".1f",
 }  # fmt: skip
 """Columns of the table of tracking, and their formats."""
+AMONG_BEACONS = {
+    "dead-reckoning": "odometry alone",
+    "laisn-2": "LAISN-2, one range at a time",
+    "hull": "tight, as on a leader's hull",
+    "tight": "tight, among beacons",
+    "unknown-start": "the same, unknown start, after a minute",
+    "steady-gyro": "the same without the gyro's drift",
+    "known-scale": "the same, believing the ranges' scale",
+    "exact-speed": "the same without a scale of speed",
+    "exact-beacons": "the same without beacons' own errors",
+}
+"""Rows of the table of real ranges: navigators of the record, and words."""
 
 
 def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -79,6 +91,21 @@ def tracking(records: Records) -> str:
     return markdown(heads, rows)
 
 
+def real_ranges(records: Records) -> str:
+    """Errors among the beacons of both drives, navigator by navigator."""
+    found, rows = records["real-ranges"], []
+    for navigator, words in AMONG_BEACONS.items():
+        cells = [words]
+        for name in ("Plaza1", "Plaza2"):
+            cells.append(f"{found[f'pairs {navigator} {name}']:.2f} ({found[f'worst-pair {navigator} {name}']:.2f})")
+            cells.append(f"{found[f'all {navigator} {name}']:.2f}")
+        rows.append(cells)
+    heads = [
+        f"{name}: {of}" for name in ("Plaza 1", "Plaza 2") for of in ("two beacons, median (worst pair)", "all four")
+    ]
+    return markdown(["mean error [m]", *heads], rows)
+
+
 def changes(records: Records) -> str:
     """Numbers that documents printed before, beside those of today; the earlier ones name study, finding and format."""
     rows = []
@@ -93,6 +120,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "closed-loop": closed_loop,
     "tracking": tracking,
+    "real-ranges": real_ranges,
     "changes": changes,
 }
 """Tables by their names in documents."""

@@ -1,0 +1,187 @@
+"""Factor graphs in the text format of PyFactorGraph (`.pyfg`): planar poses, odometry, ranges, landmarks, priors.
+
+A line is a kind and its fields. A pose is called by a letter for its robot and a number, a landmark by L and a number;
+headings are anticlockwise from east. Noise is given as the upper triangle of a covariance.
+
+    VERTEX_SE2 time pose x y heading            VERTEX_XY landmark x y
+    VERTEX_SE2:PRIOR time pose x y heading …    VERTEX_XY:PRIOR time landmark x y …
+    EDGE_SE2 time pose pose ahead port turn …   EDGE_RANGE time one other range variance
+"""
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from sim.datasets.range_data import RangeData
+
+LARGEST_BYTES = 500_000_000
+"""Larger files are refused [bytes]."""
+_WORDS = {
+    "VERTEX_SE2": (1, 1, 3, 0), "VERTEX_XY": (0, 1, 2, 0), "VERTEX_SE2:PRIOR": (1, 1, 3, 6),
+    "VERTEX_XY:PRIOR": (1, 1, 2, 3), "EDGE_SE2": (1, 2, 3, 6), "EDGE_RANGE": (1, 2, 1, 1), "EDGE_SE2_XY": (1, 2, 2, 3),
+}  # fmt: skip
+"""How many times, names, measured numbers and numbers of noise a line of each kind has."""
+_POSE = re.compile(r"([A-KM-Za-km-z])(\d+)")
+
+
+class _Line(NamedTuple):
+    """A line of the file."""
+
+    number: int
+    time: float
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    noise: tuple[float, ...]
+
+
+def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
+    """Lines by their kind; LaisnError naming the first that cannot be understood."""
+    lines: dict[str, list[_Line]] = {kind: [] for kind in _WORDS}
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        kind = words[0]
+        if "SE3" in kind or "XYZ" in kind:
+            raise LaisnError(f"{source}, line {number}: {kind} belongs to a graph in space; only planar ones are read")
+        if kind not in _WORDS:
+            raise LaisnError(f"{source}, line {number}: {kind[:40]!r} is no kind of line; known: {', '.join(_WORDS)}")
+        times, names, values, noise = _WORDS[kind]
+        expected = 1 + times + names + values + noise
+        if len(words) != expected:
+            raise LaisnError(f"{source}, line {number}: {kind} with {len(words)} words, expected {expected}")
+        try:
+            given = [float(word) for word in (*words[1 : 1 + times], *words[1 + times + names :])]
+        except ValueError as error:
+            raise LaisnError(f"{source}, line {number}: {kind}: {error}") from None
+        if not np.all(np.isfinite(given)):
+            raise LaisnError(f"{source}, line {number}: {kind} holds a number that is not finite")
+        called = tuple(words[1 + times : 1 + times + names])
+        numbers = given[times:]
+        lines[kind].append(
+            _Line(number, given[0] if times else 0.0, called, tuple(numbers[:values]), tuple(numbers[values:]))
+        )
+    return lines
+
+
+def _compass(heading: float) -> float:
+    """Clockwise from north, of a heading anticlockwise from east [rad]."""
+    return 0.5 * np.pi - heading
+
+
+def _robot(lines: dict[str, list[_Line]], source: str) -> tuple[str, list[str]]:
+    """The robot with the most poses, and what to say of others."""
+    poses = Counter(m[1] for line in lines["VERTEX_SE2"] if (m := _POSE.fullmatch(line.names[0])))
+    if not poses:
+        raise LaisnError(
+            f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number such as A0"
+        )
+    robot = max(poses, key=lambda letter: (poses[letter], -ord(letter)))
+    others = sorted(set(poses) - {robot})
+    return robot, [f"of several robots {robot} is taken; left out: {', '.join(others)}"] if others else []
+
+
+def _times(poses: list[_Line], source: str) -> tuple[Floats, list[str]]:
+    """Times of poses [s]; where all have the same, a second apart."""
+    time = np.array([line.time for line in poses])
+    if np.ptp(time) > 0.0:
+        return time, []
+    return np.arange(time.size, dtype=np.float64), [f"{source} has no times: poses are taken to be a second apart"]
+
+
+def _odometry(lines: dict[str, list[_Line]], order: dict[str, int], source: str) -> tuple[Floats, list[str]]:
+    """Steps from each pose to the next, and what to say of other edges."""
+    steps = np.full((len(order) - 1, 3), np.nan)
+    closures = 0
+    for line in lines["EDGE_SE2"]:
+        first, second = (order.get(name) for name in line.names)
+        if first is not None and second == first + 1:
+            steps[first] = line.values
+        else:
+            closures += 1
+    gaps = np.flatnonzero(np.isnan(steps[:, 0]))
+    if gaps.size:
+        names = list(order)
+        raise LaisnError(
+            f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor in "
+            f"{gaps.size - 1} other places of {len(steps)}"
+        )
+    return steps, [f"edges left out that are no steps of odometry: {closures}"] if closures else []
+
+
+def _ranges(
+    lines: dict[str, list[_Line]], order: dict[str, int], time: Floats, beacons: dict[str, int]
+) -> tuple[Floats, list[float], list[str]]:
+    """Rows of time, beacon and range, in order of time; their variances; and what to say of others.
+
+    The time of a range is that in its line if it lies between the poses beside its own, and otherwise its pose's.
+    """
+    rows, variances, left_out = [], [], 0
+    for line in lines["EDGE_RANGE"]:
+        pose, beacon = line.names if line.names[0] in order else line.names[::-1]
+        if pose not in order or beacon not in beacons:
+            left_out += 1
+            continue
+        k = order[pose]
+        low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
+        rows.append((line.time if low < line.time < high else time[k], beacons[beacon], line.values[0]))
+        variances.append(line.noise[0])
+    table = np.array(sorted(rows), dtype=np.float64).reshape(-1, 3)
+    return (
+        table,
+        variances,
+        [f"ranges left out that are not to a beacon of known place: {left_out}"] if left_out else [],
+    )
+
+
+def read_factor_graph(path: Path) -> RangeData:
+    """The odometry and ranges of one robot in a planar factor graph.
+
+    Places of landmarks are those of their priors, or else of their vertices; vertices of poses are the true path. The
+    start is that of the first pose's prior, or else of its vertex.
+
+    Raises:
+        LaisnError: the file cannot be read, is no planar graph, or lacks odometry or ranges; the text names the line.
+    """
+    source = str(path)
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise LaisnError(f"{path}: larger than {LARGEST_BYTES} bytes")
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise LaisnError(f"{path}: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise LaisnError(f"{path}: no text, so no factor graph") from None
+    lines = _parsed(text, source)
+    robot, remarks = _robot(lines, source)
+    poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot)]
+    poses.sort(key=lambda line: int(line.names[0][1:]))
+    order = {line.names[0]: k for k, line in enumerate(poses)}
+    if len(order) < len(poses):
+        raise LaisnError(f"{source}: {len(poses) - len(order)} poses have the name of another one")
+    time, untimed = _times(poses, source)
+    odometry, closures = _odometry(lines, order, source)
+    places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
+    beacons = {name: i for i, name in enumerate(places)}
+    table, variances, left_out = _ranges(lines, order, time, beacons)
+    begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
+    truth = np.column_stack([time, [line.values[:2] for line in poses]])
+    return RangeData(
+        source=source,
+        start=np.array([begin[0], begin[1], _compass(begin[2])]),
+        time=time,
+        odometry=odometry,
+        beacons=tuple(beacons),
+        places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
+        range_time=table[:, 0].copy(),
+        range_beacon=table[:, 1].astype(np.int64),
+        ranges=table[:, 2].copy(),
+        range_sigma=float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else None,
+        truth=truth,
+        remarks=(*remarks, *untimed, *closures, *left_out),
+    )

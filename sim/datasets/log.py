@@ -1,0 +1,166 @@
+"""A data set as a log: a leader that lies still, its beacons for transmitters, and a vehicle that hears them."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from mcap.well_known import MessageEncoding
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
+
+from laisn.arrays import Floats
+from laisn.messages import Measurements, Ranges
+from sim.datasets.range_data import RangeData
+from sim.log.clock import timestamp
+from sim.log.contents import Contents, contents
+from sim.log.file import LogError, faults, partial_path
+from sim.log.reader import read_recording
+from sim.log.schema import OWN_MOTION, PLACED_RECEPTION
+
+VEHICLE = "vehicle"
+"""Name of the vehicle in the log."""
+_RECORD = "data set"
+"""Metadata record by which such a log is known."""
+_SLOTS = Ranges._fields
+_APART = 1e-6
+"""Between ranges of one instant that one reception cannot hold [s]."""
+
+
+class Replayable(NamedTuple):
+    """A data set read back from its log."""
+
+    measurements: Measurements
+    start: Floats
+    """x, y [m] and velocity [m/s] at step 0, shape (4,)."""
+    range_sigma: float | None
+    """Random error of a range as the data set states it [m]."""
+    truth: Floats
+    """Time since the start [s], east and north [m], shape (t, 3)."""
+    remarks: tuple[str, ...]
+
+
+def _slots(data: RangeData) -> tuple[Floats, list[str]]:
+    """When each range is heard [s], and of which transmitter it is.
+
+    Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front and middle in turn,
+    and what finds no free one is heard a microsecond later.
+    """
+    times, slots = np.empty(data.ranges.size), []
+    own, taken, last = len(data.beacons) <= len(_SLOTS), set[str](), -1.0
+    for i, (at, beacon) in enumerate(zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)):
+        taken = taken if at <= last else set()
+        slot = _SLOTS[beacon] if own else next((s for s in _SLOTS if s not in taken), _SLOTS[0])
+        last = max(at, last)
+        if slot in taken:
+            last, taken = last + _APART, set()
+        taken.add(slot)
+        times[i] = last
+        slots.append(slot)
+    return times, slots
+
+
+def _receptions(data: RangeData, slots: list[str]) -> list[tuple[float, dict[str, float]]]:
+    """Times [s] and fields of receptions: what was heard at one time is one."""
+    east, north = data.places.mean(axis=0).tolist()
+    empty = dict.fromkeys((f"range_{slot}" for slot in _SLOTS), float("nan"))
+    empty |= {f"{slot}_{axis}": float("nan") for slot in _SLOTS for axis in ("east", "north", "depth")}
+    found: dict[float, dict[str, float]] = {}
+    heard = zip(
+        data.range_time.tolist(), data.places[data.range_beacon].tolist(), data.ranges.tolist(), slots, strict=True
+    )
+    for at, place, measured, slot in heard:
+        leader = {"leader_timestamp": at, "leader_east": east, "leader_north": north}
+        found.setdefault(at, empty | leader).update(
+            {f"range_{slot}": measured, f"{slot}_east": place[0], f"{slot}_north": place[1], f"{slot}_depth": 0.0}
+        )
+    return list(found.items())
+
+
+def _messages(data: RangeData) -> list[tuple[float, str, Any]]:
+    """Time [s], channel and message of everything, in order of time."""
+    times, slots = _slots(data)
+    data = replace(data, range_time=times)
+    legs, motion = data.legs(), OWN_MOTION.message_class
+    rows: list[tuple[float, str, Any]] = [
+        # ends a step that begins at rest, so that the next one begins at the start
+        (float(data.time[0]), "motion", motion(speed=0.0, heading=float(legs.heading[0]), depth=0.0))
+    ]
+    for end, speed, heading in zip(*(column.tolist() for column in legs), strict=True):
+        rows.append((end, "motion", motion(speed=speed, heading=heading, depth=0.0)))
+    rows += [(at, "reception", PLACED_RECEPTION.message_class(**row)) for at, row in _receptions(data, slots)]
+    for at, east, north in data.truth.tolist():
+        pose = PoseInFrame(frame_id="world")
+        pose.pose.position.x, pose.pose.position.y, pose.pose.orientation.w = east, north, 1.0
+        rows.append((at, "pose", pose))
+    return sorted(rows, key=lambda row: row[0])
+
+
+def _write_messages(writer: Any, messages: list[tuple[float, str, Any]]) -> None:
+    channels: dict[str, int] = {}
+    for at, channel, message in messages:
+        if channel not in channels:
+            schema = register_schema(writer, type(message))
+            channels[channel] = writer.register_channel(f"/{VEHICLE}/{channel}", MessageEncoding.Protobuf, schema)
+        time_ns = round(at * 1e9)
+        message.timestamp.CopyFrom(timestamp(time_ns))
+        writer.add_message(channels[channel], time_ns, message.SerializeToString(), time_ns)
+
+
+def write_data_set(data: RangeData, path: Path) -> None:
+    """Write a data set as a log that `laisn replay` navigates on; the same data give the same bytes.
+
+    Raises:
+        LogError: the file cannot be written.
+    """
+    facts = {
+        "source": Path(data.source).name,
+        "beacons": ",".join(data.beacons),
+        "start_east": repr(float(data.start[0])),
+        "start_north": repr(float(data.start[1])),
+        "range_sigma": "" if data.range_sigma is None else repr(data.range_sigma),
+    }
+    partial = partial_path(path)
+    with faults(path):
+        with partial.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            writer.add_metadata(_RECORD, facts)
+            _write_messages(writer, _messages(data))
+            writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
+        os.replace(partial, path)
+
+
+def _own_log(path: Path) -> Contents:
+    return contents(path, lambda topic, _: topic in (f"/{VEHICLE}/pose", f"/{VEHICLE}/motion"))
+
+
+def is_data_set(path: Path) -> bool:
+    """Whether a log is of a data set; LogError if it cannot be read."""
+    return _RECORD in contents(path, lambda topic, _: False).metadata
+
+
+def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
+    """Measurements and truth of a log that `write_data_set` wrote.
+
+    Raises:
+        LogError: the log is damaged or of something else, or has too long a gap.
+    """
+    log = _own_log(path)
+    if _RECORD not in log.metadata:
+        raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")
+    measured, remarks = read_recording(path, VEHICLE, longest_gap_s)
+    with faults(path):
+        facts = log.metadata[_RECORD]
+        begin_ns = log.topics[f"/{VEHICLE}/motion"].time_ns[0]
+        truth = np.empty((0, 3))
+        if f"/{VEHICLE}/pose" in log.topics:
+            poses = log.topics[f"/{VEHICLE}/pose"]
+            # the first step of Δt ends where the data set begins
+            since = (poses.time_ns - begin_ns) / 1e9 + measured.dt
+            truth = np.column_stack([since, poses.columns(("pose.position.x", "pose.position.y"))])
+        start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
+        sigma = float(facts["range_sigma"]) if facts["range_sigma"] else None
+    return Replayable(measured, start, sigma, truth, remarks)

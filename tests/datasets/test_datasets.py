@@ -1,0 +1,285 @@
+"""Data sets of others: what is read from their files, and what becomes of it in a log."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.io import loadmat
+from typer.testing import CliRunner
+
+from experiments.command.cli import app
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from sim.datasets.log import is_data_set, read_data_set_log, write_data_set
+from sim.datasets.range_data import RangeData
+from sim.datasets.source import read_data_set
+from sim.log.file import LogError
+
+PLAZA = Path(__file__).resolve().parents[1] / "data" / "plaza"
+NOISE = "0.01 0 0 0.01 0 0.0001"
+GRAPH = f"""\
+VERTEX_SE2 10.0 A0 1.0 2.0 0.0
+VERTEX_SE2 11.0 A1 3.0 2.0 1.5707963267948966
+VERTEX_SE2 13.0 A2 3.0 6.0 1.5707963267948966
+VERTEX_SE2 10.0 B0 0.0 0.0 0.0
+
+# a comment
+VERTEX_XY L0 20.0 0.0
+VERTEX_XY L1 0.0 30.0
+VERTEX_SE2:PRIOR 10.0 A0 1.5 2.5 0.1 {NOISE}
+VERTEX_XY:PRIOR 10.0 L1 0.5 30.5 0.01 0 0.01
+EDGE_SE2 11.0 A0 A1 2.0 0.0 1.5707963267948966 {NOISE}
+EDGE_SE2 13.0 A1 A2 4.0 0.5 0.0 {NOISE}
+EDGE_SE2 13.0 A0 A2 4.0 2.0 1.57 {NOISE}
+EDGE_SE2_XY 11.0 A1 L0 3.0 4.0 0.01 0 0.01
+EDGE_RANGE 12.5 A2 L1 24.0 0.25
+EDGE_RANGE 11.2 L0 A1 17.0 0.09
+EDGE_RANGE 99.0 A2 L0 18.0 0.16
+EDGE_RANGE 10.5 A0 B0 2.0 0.01
+EDGE_RANGE 10.5 A0 L7 2.0 0.01
+"""
+
+
+def graph(folder: Path, text: str = GRAPH) -> Path:
+    path = folder / "graph.pyfg"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_factor_graph_is_read_as_it_is_written(tmp_path: Path) -> None:
+    data = read_data_set(graph(tmp_path))
+    # the prior is the start; anticlockwise from east becomes clockwise from north
+    np.testing.assert_allclose(data.start, [1.5, 2.5, math.pi / 2 - 0.1])
+    assert data.time.tolist() == [10.0, 11.0, 13.0]
+    np.testing.assert_allclose(data.odometry, [[2.0, 0.0, math.pi / 2], [4.0, 0.5, 0.0]])
+    assert data.beacons == ("L0", "L1")
+    assert data.places.tolist() == [[20.0, 0.0], [0.5, 30.5]]
+    # a time that is not near its pose's says nothing
+    assert data.range_time.tolist() == [11.2, 12.5, 13.0]
+    assert data.range_beacon.tolist() == [0, 1, 0]
+    assert data.ranges.tolist() == [17.0, 24.0, 18.0]
+    assert data.range_sigma == pytest.approx(0.4)
+    assert data.truth.tolist() == [[10.0, 1.0, 2.0], [11.0, 3.0, 2.0], [13.0, 3.0, 6.0]]
+    assert data.remarks == (
+        "of several robots A is taken; left out: B",
+        "edges left out that are no steps of odometry: 1",
+        "ranges left out that are not to a beacon of known place: 2",
+    )
+
+
+def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
+    text = GRAPH.replace("VERTEX_SE2 11.0", "VERTEX_SE2 10.0").replace("VERTEX_SE2 13.0", "VERTEX_SE2 10.0")
+    data = read_data_set(graph(tmp_path, text))
+    assert data.time.tolist() == [0.0, 1.0, 2.0]
+    assert "poses are taken to be a second apart" in data.remarks[1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("VERTEX_XY L0 20.0", "VERTEX_XYZ L0 20.0", "line 7: VERTEX_XYZ belongs to a graph in space"),
+        ("VERTEX_SE2 10.0 A0", "VERTEX_SE3:QUAT 10.0 A0", "line 1: VERTEX_SE3:QUAT belongs to a graph in space"),
+        ("EDGE_RANGE 12.5", "EDGE_SONAR 12.5", "line 15: 'EDGE_SONAR' is no kind of line; known: VERTEX_SE2, "),
+        ("24.0 0.25", "24.0", "line 15: EDGE_RANGE with 5 words, expected 6"),
+        ("24.0 0.25", "far 0.25", "line 15: EDGE_RANGE: could not convert string to float: 'far'"),
+        ("24.0 0.25", "nan 0.25", "line 15: EDGE_RANGE holds a number that is not finite"),
+        ("EDGE_SE2 13.0 A1 A2 4.0", "EDGE_SE2 13.0 A2 A1 4.0", "no odometry .* from A1 to A2"),
+        ("VERTEX_SE2 13.0 A2", "VERTEX_SE2 10.5 A2", "from 11.000000 s to 10.500000 s between poses 1 and 2"),
+        ("VERTEX_SE2 11.0 A1", "VERTEX_SE2 11.0 A0", "1 poses have the name of another one"),
+        ("VERTEX_SE2", "VERTEX_XY:PRIOR", "expected 8"),
+    ],
+)
+def test_faults_of_a_graph_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
+    assert old in GRAPH
+    with pytest.raises(LaisnError, match=words):
+        read_data_set(graph(tmp_path, GRAPH.replace(old, new)))
+
+
+def test_faults_of_files_are_named(tmp_path: Path) -> None:
+    (tmp_path / "broken.mat").write_bytes(b"no matrix")
+    (tmp_path / "binary.pyfg").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "empty.pyfg").write_text("")
+    (tmp_path / "lonely_DR.txt").write_text("1 2 3\n2 3 4\n")
+    for name, words in (
+        ("missing.pyfg", "No such file"),
+        ("graph.json", r"should end in \.pyfg"),
+        ("broken.mat", "no MATLAB file"),
+        ("binary.pyfg", "no text, so no factor graph"),
+        ("empty.pyfg", "no planar pose"),
+        ("notes.txt", "name the table of odometry, such as Plaza1_DR.txt"),
+        ("lonely_DR.txt", "lacks TD, TL; it has DR"),
+    ):
+        with pytest.raises(LaisnError, match=words):
+            read_data_set(tmp_path / name)
+
+
+@pytest.mark.parametrize("suffix", ["txt", "csv"])
+def test_tables_in_text_are_those_of_the_matlab_file(tmp_path: Path, suffix: str) -> None:
+    for name, table in loadmat(PLAZA / "Plaza2.mat").items():
+        if not name.startswith("_"):
+            np.savetxt(tmp_path / f"Plaza2_{name}.{suffix}", table, "%.17g", "," if suffix == "csv" else " ")
+    text, matlab = read_data_set(tmp_path / f"Plaza2_DR.{suffix}"), read_data_set(PLAZA / "Plaza2.mat")
+    for name in ("start", "time", "odometry", "places", "range_time", "range_beacon", "ranges", "truth"):
+        assert getattr(text, name).tolist() == getattr(matlab, name).tolist()
+
+
+@pytest.mark.parametrize("name", ["Plaza1", "Plaza2"])
+def test_dead_reckoning_on_the_log_is_that_of_the_data_set(tmp_path: Path, name: str) -> None:
+    """What the tables of odometry add up to from the first row of the published path by odometry on."""
+    tables = loadmat(PLAZA / f"{name}.mat")
+    place, facing = complex(*tables["DRp"][0, 1:3]), tables["DRp"][0, 3]
+    for _, way, turn in tables["DR"]:
+        place, facing = place + way * np.exp(1j * facing), facing + turn
+    data = read_data_set(PLAZA / f"{name}.mat")
+    write_data_set(data, tmp_path / "a.mcap")
+    measured = read_data_set_log(tmp_path / "a.mcap").measurements
+    assert measured.durations is not None
+    way = np.column_stack([np.sin(measured.heading), np.cos(measured.heading)]).T @ (
+        measured.speed * measured.durations
+    )
+    np.testing.assert_allclose(data.start[:2] + way, [place.real, place.imag], atol=1e-5)
+    assert measured.time[-1] - measured.dt == pytest.approx(tables["DR"][-1, 0] - tables["DRp"][0, 0], abs=1e-6)
+
+
+def straight(**changes: object) -> RangeData:
+    """Three steps north-east with ranges of one instant to five beacons."""
+    base = RangeData(
+        source="made",
+        start=np.array([0.0, 0.0, math.pi / 4]),
+        time=np.array([0.0, 1.0, 2.0, 3.0]),
+        odometry=np.tile([1.0, 0.0, 0.0], (3, 1)),
+        beacons=tuple("abcde"),
+        places=np.arange(10.0).reshape(5, 2),
+        range_time=np.array([1.5, 1.5, 1.5, 1.5, 1.5, 2.0]),
+        range_beacon=np.array([0, 1, 2, 3, 4, 0]),
+        ranges=np.array([10.0, 11.0, 12.0, 13.0, 14.0, 15.0]),
+        range_sigma=0.3,
+        truth=np.empty((0, 3)),
+    )
+    return replace(base, **changes)  # type: ignore[arg-type]
+
+
+def heard(path: Path) -> set[tuple[float, float]]:
+    """Ranges and the east of their beacons in a log."""
+    measured = read_data_set_log(path).measurements
+    assert measured.transmitters is not None
+    return {
+        (float(z), float(place[0]))
+        for ranges, places in zip(measured.ranges, measured.transmitters, strict=True)
+        for z, place in zip(ranges, places, strict=True)
+        if np.isfinite(z)
+    }
+
+
+def test_no_range_is_lost_where_many_come_at_once(tmp_path: Path) -> None:
+    write_data_set(straight(), tmp_path / "a.mcap")
+    assert heard(tmp_path / "a.mcap") == {(10 + k, 2 * k) for k in range(5)} | {(15, 0)}
+    twice = straight(range_beacon=np.array([0, 0, 1, 1, 1, 0])).among(["a", "b"])
+    write_data_set(twice, tmp_path / "b.mcap")
+    assert heard(tmp_path / "b.mcap") == {(10, 0), (11, 0), (12, 2), (13, 2), (14, 2), (15, 0)}
+    assert not [remark for remark in read_data_set_log(tmp_path / "b.mcap").remarks if "left out" in remark]
+
+
+def test_two_beacons_are_the_ends_of_a_leader_at_rest(tmp_path: Path) -> None:
+    write_data_set(straight().among(["d", "a"]), tmp_path / "a.mcap")
+    recorded = read_data_set_log(tmp_path / "a.mcap")
+    m = recorded.measurements
+    np.testing.assert_array_equal(m.ranges, [[13.0, 10.0, np.nan], [np.nan, 15.0, np.nan]])
+    assert m.transmitters is not None
+    assert m.transmitters[0, :2].tolist() == [[6.0, 7.0, 0.0], [0.0, 1.0, 0.0]]
+    assert m.message[0].tolist()[:6] == [1.5, 3.0, 4.0, 0.0, 0.0, 0.0]
+    # the range at 1.5 s has a step of its own, the first step ends where the data begin
+    assert m.durations is not None
+    assert np.diff(m.time).tolist() == pytest.approx([1.0, 0.5, 0.5, 1.0])
+    assert m.message_step.tolist() == [3, 4]
+    assert m.speed.tolist() == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0])
+    assert recorded.range_sigma == 0.3
+    assert recorded.start.tolist() == [0.0, 0.0, 0.0, 0.0]
+
+
+STEP = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+
+
+@given(st.lists(STEP, min_size=2, max_size=12), st.lists(st.floats(0.01, 1.99), min_size=1, max_size=5), STEP)
+def test_legs_end_where_poses_composed_one_after_the_other_do(
+    steps: list[tuple[float, float, float]], times: list[float], start: tuple[float, float, float]
+) -> None:
+    """Forwards, backwards and sideways, whatever ranges cut in between; poses are complex numbers here."""
+    data = straight(
+        start=np.array(start),
+        time=np.arange(len(steps) + 1.0),
+        odometry=np.array(steps),
+        range_time=np.sort(times),
+        range_beacon=np.zeros(len(times), dtype=np.int64),
+        ranges=np.full(len(times), 5.0),
+    )
+    place, facing = complex(start[0], start[1]), np.exp(1j * (math.pi / 2 - start[2]))
+    for ahead, port, turn in steps:
+        place, facing = place + facing * complex(ahead, port), facing * np.exp(1j * turn)
+    legs = data.legs()
+    spent: Floats = np.diff(np.concatenate([[0.0], legs.end]))
+    way = np.column_stack([np.sin(legs.heading), np.cos(legs.heading)]).T @ (spent * legs.speed)
+    np.testing.assert_allclose(way + start[:2], [place.real, place.imag], atol=1e-9)
+    assert legs.end[-1] == len(steps)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"time": np.array([0.0, 1.0, 1.0, 3.0])}, "from 1.000000 s to 1.000000 s between poses 1 and 2"),
+        ({"time": np.array([-5.0, 1.0, 2.0, 3.0])}, "times from -5 s to 3 s"),
+        ({"ranges": np.full(6, np.inf)}, "ranges holds a number that is not finite"),
+        ({"ranges": np.empty(0), "range_time": np.empty(0), "range_beacon": np.empty(0)}, "holds no range"),
+        ({"time": np.array([0.0, 1.0]), "odometry": np.ones((1, 3))}, "2 poses; odometry needs three"),
+    ],
+)
+def test_data_that_make_no_mission_are_refused(changes: dict[str, object], words: str) -> None:
+    with pytest.raises(LaisnError, match=words):
+        straight(**changes)
+
+
+def run(*words: object) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": "200"})
+    assert result.exit_code in (0, 2), result.output
+    return str(result.output)
+
+
+def test_the_command_imports_and_replays(tmp_path: Path) -> None:
+    log = tmp_path / "a.mcap"
+    said = run("log", "import", PLAZA / "Plaza2.mat", "--out", log, "--beacons", "1,6")
+    assert "beacon 6 at -37.58 m east, 69.23 m north: 432 ranges" in said
+    assert is_data_set(log)
+    said = run("replay", log, "--variant", "tight", "--out", tmp_path / "e.csv")
+    assert "mean error [m]" in said
+    assert "tight, in air" in said
+    lines = (tmp_path / "e.csv").read_text().splitlines()
+    assert lines[0] == "follower,time_s,x_m,y_m,vx_m_s,vy_m_s"
+    assert len(lines) == 1 + read_data_set_log(log).measurements.speed.size
+    assert "laisn-2" in run("replay", log)
+
+
+def test_the_command_names_what_it_cannot_do(tmp_path: Path) -> None:
+    log = tmp_path / "a.mcap"
+    assert "no beacon 9; available: 1, 6, 0, 5" in run(
+        "log", "import", PLAZA / "Plaza2.mat", "--out", log, "--beacons", "9"
+    )
+    assert "should end in .mcap" in run("log", "import", PLAZA / "Plaza2.mat", "--out", tmp_path / "a.log")
+    write_data_set(straight(), log)
+    tight = ("replay", log, "--variant", "tight", "--set")
+    assert "beacons.slip: Extra inputs are not permitted; known: medium, " in run(*tight, "beacons.slip=1")
+    assert "Input should be 'auto', 'air' or 'water'" in run(*tight, "beacons.medium=mud")
+    assert "the variant tight takes beacons.…" in run(*tight, "navigation.threshold_m=1")
+    assert "knows navigation.… (LAISN) and beacons.… (tight)" in run(*tight, "sensors.speed_bias_m_s=1")
+    assert "is for the variant tight" in run("replay", log, "--set", "beacons.medium=air")
+    with pytest.raises(LogError, match="no log of a data set"):
+        foreign(tmp_path)
+
+
+def foreign(folder: Path) -> None:
+    from tests.log.test_log_replay import cruise, one_ping, write_rows
+
+    read_data_set_log(write_rows(folder / "b.mcap", cruise(0.1 * np.arange(30)), [one_ping(1.0)]))
