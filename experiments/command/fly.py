@@ -12,7 +12,7 @@ from rich.table import Table
 
 from experiments.campaign.progress import phases
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
-from experiments.flight.folder import FILM, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
+from experiments.flight.folder import FILM, LAYOUT, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
 from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
 from experiments.terminal import literal, tell
 from laisn.arrays import Floats
@@ -102,6 +102,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         OSError, LogError: the folder cannot be written.
     """
     from sim.log import writer
+    from sim.log.layout import layout
 
     watch = Stopwatch()
     with phases(console) as shown:
@@ -145,7 +146,8 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
                 write_log()
     factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
     timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
-    texts = {SUMMARY: summary_text, SCENARIO: dumps(scenario), TIMING: timing_text}
+    names = flight.trajectory.names
+    texts = {SUMMARY: summary_text, SCENARIO: dumps(scenario), TIMING: timing_text, LAYOUT: layout(names)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return Written(flight, summary, strays, no_film, fault)

@@ -11,8 +11,8 @@ from laisn.whole_files import held, new_folder, remove_abandoned
 from sim.log.file import partial_path
 
 LOG, FILM, REPORT = "flight.mcap", "flight.mp4", "report.html"
-SUMMARY, SCENARIO, TIMING = "summary.json", "scenario.toml", "timing.json"
-FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING)
+SUMMARY, SCENARIO, TIMING, LAYOUT = "summary.json", "scenario.toml", "timing.json", "foxglove.json"
+FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)
 """What a flight may leave in its folder; other files there are the user's."""
 
 _UNFINISHED = "unfinished-"

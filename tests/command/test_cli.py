@@ -29,7 +29,7 @@ from sim.fleet import FleetError
 from sim.log import reader
 
 SHORT = ["--set", "duration_s=20", "--no-video"]
-WITHOUT_FILM = {"flight.mcap", "report.html", "summary.json", "timing.json", "scenario.toml"}
+WITHOUT_FILM = {"flight.mcap", "report.html", "summary.json", "timing.json", "scenario.toml", "foxglove.json"}
 
 
 def laisn(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:

@@ -1,20 +1,21 @@
 """What the log draws: hulls, ellipses and rays where geometry puts them, and a layout that finds its channels."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from synthetic import messages, short_flight, write_log
+from synthetic import make_flight, messages, short_flight, write_log
 
 import models
+from sim.film import panels, scene
 from sim.flight import Flight
 from sim.geometry.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
 from sim.log.contents import contents
 from sim.log.hull import hull
-
-LAYOUT = Path(__file__).resolve().parents[2] / "experiments" / "data" / "foxglove_layout.json"
+from sim.log.layout import ESTIMATE, FOLLOWER, LEADER, layout
 
 
 @pytest.fixture(scope="module")
@@ -118,21 +119,30 @@ def test_the_map_agrees_with_the_ellipsoid() -> None:
     np.testing.assert_allclose(np.column_stack([east, north]), places[:, :2], atol=0.2)
 
 
-def test_layout_names_channels_and_fields_that_exist(written: Path) -> None:
-    import json
-
-    layout = json.loads(LAYOUT.read_text())
-    there = contents(written)
-    panels = layout["configById"]
+@pytest.mark.parametrize("followers", [1, 3])
+def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(followers: int, tmp_path: Path) -> None:
+    flight = make_flight(5.0, followers)
+    names = flight.trajectory.names
+    there = contents(write_log(flight, tmp_path))
+    whole = json.loads(layout(names))
+    panels = whole["configById"]
 
     def leaves(node: Any) -> set[str]:
         return {node} if isinstance(node, str) else leaves(node["first"]) | leaves(node["second"])
 
-    assert leaves(layout["layout"]) == set(panels)
+    assert leaves(whole["layout"]) == set(panels)
+    assert panels["3D!scene"]["followTf"] == "leader"
     topics = {t for p in panels.values() for t in [*p.get("topics", {}), *p.get("topicColors", {})]}
     assert topics | {panels["RosOut!log"]["topicToRender"]} <= set(there.topics)
+    assert {f"/{name}/estimate" for name in names[1:]} <= topics
     assert panels["Image!camera"]["imageMode"]["imageTopic"] == "/camera"
     paths = [path["value"].removesuffix(".@rad2deg") for p in panels.values() for path in p.get("paths", [])]
-    assert paths
+    # E_P, E_B and three ranges of each follower, and the pitch of each vehicle
+    assert len(paths) == len(set(paths)) == 5 * followers + followers + 1
     for topic, _, name in (path.partition(".") for path in paths):
         assert name in there.topics[topic].descriptor.fields_by_name
+
+
+def test_the_layout_has_the_colours_of_the_film() -> None:
+    for written, (r, g, b) in ((LEADER, panels.LEADER), (FOLLOWER, panels.TRUTH), (ESTIMATE, scene.ESTIMATE)):
+        np.testing.assert_allclose([int(written[i : i + 2], 16) for i in (1, 3, 5)], 255 * np.array([r, g, b]), atol=1)
