@@ -1,9 +1,9 @@
 """The least error that any estimator of these ranges can have: posterior Cramér–Rao bound of a mission.
 
-The recursion of Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46 (1998), Eqs. 16 and 21, for a motion
-that its log and compass give but for noise and constant biases: the information about the state is carried from message
-to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H. All derivatives are taken at the truth. The state is that of
-`laisn.tight`: position, biases of log and compass, common scale error of ranges, and what else is unknown.
+The recursion of Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46 (1998), for a motion that its log and
+compass give but for noise and constant biases: the information about the state is carried from message to message by
+J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H. All derivatives are taken at the truth. The state is that of `laisn.tight`: position,
+biases of log and compass, common scale error of ranges, and what else is unknown.
 """
 
 from dataclasses import dataclass, fields

@@ -56,8 +56,8 @@ def half_moments(z: float) -> tuple[float, float, float]:
 
     Returns:
         Its mass Φ(z); by how much its mean is larger, λ = φ(z)/Φ(z); and by how much its variance is smaller, λ(λ + z).
-        An empty half keeps its moments. Johnson, Kotz & Balakrishnan, Continuous Univariate Distributions 1,
-        Section 13.10.1.
+        An empty half keeps its moments. Johnson, Kotz & Balakrishnan, Continuous Univariate Distributions 1
+        (truncated normal).
     """
     mass = 0.5 * math.erfc(-z * _SQRT_HALF)
     if mass < _NEGLIGIBLE:

@@ -47,7 +47,7 @@ def new_heard() -> Heard:
 def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance: float) -> int:
     """Residuals of the ranges for component k, with rows of derivatives and covariances; all into `b.work`.
 
-    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001, Section 10.3.2: ½ tr(H P) in the mean and
+    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001 (second-order EKF): ½ tr(H P) in the mean and
     ½ tr(H_i P H_j P) in the covariance, over position and leader's compass.
 
     Args:

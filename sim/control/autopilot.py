@@ -2,7 +2,7 @@
 
 Every loop gives the vehicle the dynamics of a well damped second (speed: first) order system, from its own inertia and
 drag: PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
-Control, 2nd ed. 2021, Section 15.3). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 ×
+Control, 2nd ed. 2021). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 ×
 lag of the thrusters), where the lag costs the loop little damping. All others follow from it:
 
     heading, pitch    ω, relative damping 1; integral ω/10
