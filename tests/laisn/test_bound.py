@@ -103,3 +103,110 @@ def test_more_is_known_with_more_and_less_with_more_unknowns() -> None:
 def test_noise_that_cannot_be_is_refused() -> None:
     with pytest.raises(ValueError, match=r"speed_sigma is -1\.0, expected a finite number, zero or more"):
         TrueNoise(speed_sigma=-1.0)
+
+
+def batch(geometry: Geometry, noise: TrueNoise) -> Floats:
+    """The same bound without recursion: least squares of a whole mission in its unknowns, derivatives by differences.
+
+    Unknown are the start, the constants, and every random error of log, compass, leader's heading and ψ.
+    """
+    n, m = geometry.speed.size, geometry.message_step.size
+    transmitters = geometry.arms.shape[1]
+    sizes = {
+        "start": 2, "speed_bias": 1, "heading_bias": 1, "range_scale_bias": 1, "leader_heading_bias": 1, "current": 2,
+        "range_offset": transmitters - 1, "speed_sigma": n, "heading_sigma": n, "range_scale_sigma": m,
+        "leader_heading_sigma": m,
+    }  # fmt: skip
+    ends = np.cumsum(list(sizes.values()))
+    place = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+    sigma = np.concatenate([np.full(size, getattr(noise, name)) for name, size in sizes.items()])
+
+    def mission(unknown: Floats) -> tuple[Floats, list[Floats]]:
+        """How far the follower is from where it truly is after each step, and the ranges of each message."""
+        u = {name: unknown[where] for name, where in place.items()}
+        speed = geometry.speed - u["speed_bias"] + u["speed_sigma"]
+        heading = geometry.heading - u["heading_bias"] + u["heading_sigma"]
+        way = np.column_stack([speed * np.sin(heading), speed * np.cos(heading)]) + u["current"]
+        true = geometry.speed[:, None] * np.column_stack([np.sin(geometry.heading), np.cos(geometry.heading)])
+        astray = u["start"] + geometry.dt * np.cumsum(way - true, axis=0)
+        ranges = []
+        for i, k in enumerate(geometry.message_step):
+            turn = float(u["leader_heading_bias"][0] + u["leader_heading_sigma"][i])
+            rotate = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+            arms = geometry.arms[i]
+            apart = np.column_stack([geometry.from_leader[i] + astray[k - 1] - arms[:, :2] @ rotate.T, arms[:, 2]])
+            rho = np.linalg.norm(apart, axis=1)
+            shared = (u["range_scale_bias"] + u["range_scale_sigma"][i]) * rho / np.fmax.reduce(rho)
+            z = rho + shared + np.concatenate([[0.0], u["range_offset"]])
+            ranges.append(z[np.isfinite(z)])
+        return astray, ranges
+
+    step = 1e-6
+    plus, minus = ([mission(s * step * e) for e in np.eye(sigma.size)] for s in (1.0, -1.0))
+    moved = np.stack([(a - b) / (2 * step) for (a, _), (b, _) in zip(plus, minus, strict=True)], axis=-1)
+    bound = np.empty((n, 2, 2))
+    for k in range(n):
+        heard = [i for i, at in enumerate(geometry.message_step) if at <= k + 1]
+        rows = [
+            np.stack([(a[i] - b[i]) / (2 * step) for (_, a), (_, b) in zip(plus, minus, strict=True)], axis=-1)
+            for i in heard
+        ]
+        # in units of the prior deviations, so that what is known is no unknown
+        scaled = np.concatenate([np.zeros((0, sigma.size)), *rows]) * sigma
+        covariance = np.linalg.inv(np.eye(sigma.size) + scaled.T @ scaled / noise.range_sigma**2)
+        bound[k] = (moved[k] * sigma) @ covariance @ (moved[k] * sigma).T
+    return bound
+
+
+EVERYTHING = TrueNoise(
+    speed_sigma=0.3, heading_sigma=0.1, range_sigma=0.02, range_scale_sigma=0.07, leader_heading_sigma=0.02, start=1.5,
+    speed_bias=0.2, heading_bias=0.15, range_scale_bias=0.3, leader_heading_bias=0.05, current=0.1, range_offset=0.04,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "known", [(), ("leader_heading_bias",), ("current",), ("range_offset",), ("leader_heading_sigma", "current")]
+)
+@pytest.mark.parametrize("transmitters", [2, 3])
+def test_the_recursion_is_least_squares_of_the_whole_mission(known: tuple[str, ...], transmitters: int) -> None:
+    """A bending way, transmitters at depths of their own, some pings lost; whatever is known or unknown."""
+    rng = np.random.default_rng(transmitters)
+    n, at = 14, np.array([2, 5, 9, 12, 14])
+    arms = rng.normal(size=(at.size, 3, 3)) * [2.0, 2.0, 4.0]
+    arms[1, 1], arms[3, 0], arms[4] = np.nan, np.nan, np.nan
+    geometry = Geometry(
+        dt=0.5,
+        speed=rng.uniform(0.5, 2.0, n),
+        heading=np.linspace(0.3, 2.9, n),
+        message_step=at,
+        from_leader=rng.normal(size=(at.size, 2)) * 3.0 + [-9.0, 6.0],
+        arms=arms[:, :transmitters],
+    )
+    noise = replace(EVERYTHING, **dict.fromkeys(known, 0.0))
+    found = position_bound(geometry, noise, averaged=False)
+    np.testing.assert_allclose(found, batch(geometry, noise), rtol=1e-6, atol=1e-9)
+
+
+def test_the_average_is_over_the_positions_that_the_bound_itself_allows() -> None:
+    """One range to one transmitter 30 m away, errors of 2 and 1 m at right angles: the mean of h hᵀ by a fine grid."""
+    noise = replace(KNOWN, speed_sigma=0.0, heading_bias=0.2, range_sigma=0.5, start=1.0)
+    # a way of 10 m to the north turns the compass's bias into 2 m to either side
+    geometry = Geometry(
+        dt=1.0,
+        speed=np.full(10, 1.0),
+        heading=np.zeros(10),
+        message_step=np.array([10]),
+        from_leader=np.array([[18.0, -24.0]]),
+        arms=np.array([[[0.0, 0.0, 0.0]]]),
+    )
+    prior = np.diag([1.0 + 2.0**2, 1.0])
+    grid = np.linspace(-7.0, 7.0, 401)
+    weight = np.exp(-0.5 * grid**2)
+    weight /= weight.sum()
+    east, north = 18.0 + np.sqrt(5.0) * grid[:, None], -24.0 + grid[None, :]
+    h = np.stack([east + 0.0 * north, north + 0.0 * east]) / np.hypot(east, north)
+    mean = np.einsum("aij,bij,i,j->ab", h, h, weight, weight)
+    expected = np.linalg.inv(np.linalg.inv(prior) + mean / 0.25)
+    np.testing.assert_allclose(position_bound(geometry, noise)[-1], expected, rtol=1e-5)
+    at_truth = position_bound(geometry, noise, averaged=False)[-1]
+    assert np.abs(at_truth / expected - 1.0).max() > 1e-3

@@ -1,31 +1,32 @@
 """Mutants: faults put into the code on purpose, one at a time, each of which some test should notice.
 
 `make mutants MUTANTS=60` draws 60 of each package; `python -m tests.mutants laisn/fix.py` tries all of one file. Work
-is done on copies, which share a cache of their own of compiled code: what a mutant can reach is compiled anew.
+is done on copies, by processes that share a cache of compiled code: what a mutant can reach is compiled anew.
 Survivors are faults that no test sees, or change nothing that anybody could see: those are argued in argued.toml.
 """
 
 import argparse
+import multiprocessing
 import os
+import platform
 import random
 import re
 import tempfile
 import tomllib
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import ProcessPoolExecutor
+from datetime import date
 from pathlib import Path
-from queue import SimpleQueue
-from time import monotonic
 from typing import NamedTuple
 
 from scipy.stats import binomtest
 
+from experiments.campaign.version import code_version
+from experiments.findings import Finding, Findings, plain
 from experiments.gallery import house
 from experiments.gallery.house import ROOT
 from tests.mutants.cover import covering
 from tests.mutants.faults import Mutant, mutants_of
-from tests.mutants.trial import Copy
+from tests.mutants.trial import attempt, control
 
 PACKAGES = {
     "laisn": r"laisn/.+",
@@ -68,41 +69,36 @@ def summary(package: str, tried: list[Tried], of: int) -> str:
     return f"{text}; {sum(bool(t.why) for t in tried)} of those left change nothing, as is argued"
 
 
-@contextmanager
-def borrowed(copies: "SimpleQueue[Copy]") -> Iterator[Copy]:
-    """A copy that nobody else uses meanwhile."""
-    copy = copies.get()
-    try:
-        yield copy
-    finally:
-        copies.put(copy)
-
-
-def attempt(copies: "SimpleQueue[Copy]", mutant: Mutant, took: Mapping[str, float]) -> Tried:
-    """Try a mutant, and print it if it survives; one whose tests take far longer than they `took` runs for ever."""
-    with borrowed(copies) as copy:
-        noticed = copy.notices(mutant, 60.0 + 5.0 * sum(took[test] for test in covering(mutant.file)))
-    was, becomes = mutant.change()
-    why = "" if noticed else argued().get((mutant.file, was, becomes), "")
+def told(mutant: Mutant, noticed: bool) -> Tried:
+    """Print a mutant if it survived, else a dot."""
+    tried = Tried(mutant, noticed, "" if noticed else argued().get((mutant.file, *mutant.change()), ""))
     if noticed:
         print(".", end="", flush=True)
     else:
-        print(f"\n{mutant.file}:{mutant.line}\n  - {was}\n  + {becomes}\n  {why or 'SURVIVES'}", flush=True)
-    return Tried(mutant, noticed, why)
+        was, becomes = mutant.change()
+        print(f"\n{mutant.file}:{mutant.line}\n  - {was}\n  + {becomes}\n  {tried.why or 'SURVIVES'}", flush=True)
+    return tried
 
 
-def control(copies: "SimpleQueue[Copy]", test: str) -> float:
-    """How long a test file takes without any mutant, code compiled anew [s].
-
-    Raises:
-        SystemExit: it fails.
-    """
-    with borrowed(copies) as copy:
-        began = monotonic()
-        said = copy.control(test)
-    if said:
-        raise SystemExit(f"{said}\n{test} fails without any mutant")
-    return monotonic() - began
+def record(found: dict[str, tuple[list[Tried], int]], seed: int, command: str) -> Findings:
+    """What a draw came to, for the documents; it names the code that it tried, and does not age with it."""
+    findings: dict[str, Finding] = {"seed": plain(seed, "of the draw"), "date": plain(str(date.today()), "when")}
+    for package, (tried, of) in found.items():
+        noticed, counted = sum(t.noticed for t in tried), len(tried) - sum(bool(t.why) for t in tried)
+        limits = binomtest(noticed, counted).proportion_ci(method="wilson")
+        findings |= {
+            f"noticed {package}": Finding(
+                value=round(noticed / counted, 4), low=round(limits.low, 4), high=round(limits.high, 4),
+                what="share of the mutants drawn that a test notices, less those that change nothing; Wilson, 95 %",
+            ),
+            f"drawn {package}": plain(len(tried), f"mutants tried, of {of}"),
+            f"nothing {package}": plain(sum(bool(t.why) for t in tried), "of these that change nothing, as is argued"),
+            f"survived {package}": plain(counted - noticed, "of these that no test notices"),
+        }  # fmt: skip
+    return Findings(
+        study="mutants", command=command, modules=(), version=f"{code_version()}, Python {platform.python_version()}",
+        findings=findings,
+    )  # fmt: skip
 
 
 def main() -> None:
@@ -111,23 +107,30 @@ def main() -> None:
     parser.add_argument(
         "where", nargs="*", help=f"sources, such as laisn/fix.py, or packages; default: {' '.join(PACKAGES)}"
     )
-    parser.add_argument("--count", type=int, help="how many to draw of each package (default: all, which takes days)")
+    parser.add_argument("--count", type=int, help="how many to draw of each package (default: all, which takes a day)")
     parser.add_argument("--seed", type=int, default=1, help="of the draw")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="how many to try at a time")
+    parser.add_argument("--record", type=Path, help="write what it came to into this file")
     given = parser.parse_args()
     patterns = {place: PACKAGES.get(place, re.escape(place)) for place in given.where} or PACKAGES
     chosen = {name: drawn(pattern, given.count, given.seed) for name, pattern in patterns.items()}
     tests = sorted({test for mutants, _ in chosen.values() for m in mutants for test in covering(m.file)})
-    with tempfile.TemporaryDirectory(prefix="mutants-") as folder, ThreadPoolExecutor(given.jobs) as pool:
-        copies: SimpleQueue[Copy] = SimpleQueue()
-        kept = Path(folder) / "kept"
-        kept.mkdir()
-        for job in range(given.jobs):
-            copies.put(Copy(Path(folder) / str(job), kept))
-        took = dict(zip(tests, pool.map(lambda test: control(copies, test), tests), strict=True))
-        for package, (mutants, of) in chosen.items():
-            tried = list(pool.map(lambda mutant: attempt(copies, mutant, took), mutants))
-            print(f"\n{summary(package, tried, of)}", flush=True)
+    # one thread in each process, which forks
+    os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+    with tempfile.TemporaryDirectory(prefix="mutants-") as name:
+        folder = Path(name)
+        (folder / "kept").mkdir()
+        with ProcessPoolExecutor(given.jobs, multiprocessing.get_context("spawn")) as pool:
+            times = pool.map(control, [folder] * len(tests), tests)
+            took = dict(zip(tests, times, strict=True))
+            found = {}
+            for package, (mutants, of) in chosen.items():
+                results = pool.map(attempt, [folder] * len(mutants), mutants, [took] * len(mutants))
+                found[package] = [told(*one) for one in zip(mutants, results, strict=True)], of
+                print(f"\n{summary(package, *found[package])}", flush=True)
+    if given.record:
+        command = f'make mutants MUTANTS={given.count} MUTANTS_ARGS="--seed {given.seed}"'
+        record(found, given.seed, command).write(given.record)
 
 
 if __name__ == "__main__":

@@ -77,13 +77,15 @@ class Mutant(NamedTuple):
 
 
 def unread(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Places of annotations: no fault there can be seen when the code runs."""
+    """Places where no fault can be seen when the code runs: annotations, and zip's guard against unequal lengths."""
     found: list[ast.expr | None] = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.FunctionDef):
             found.append(node.returns)
         if isinstance(node, ast.arg | ast.AnnAssign):
             found.append(node.annotation)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "zip":
+            found += [keyword.value for keyword in node.keywords]
     return [((n.lineno, n.col_offset), (n.end_lineno or 0, n.end_col_offset or 0)) for n in found if n is not None]
 
 
@@ -92,7 +94,9 @@ def mutants_of(file: str) -> Iterator[Mutant]:
     source = (ROOT / file).read_text(encoding="utf-8")
     nodes, hidden = list(ast_nodes(get_ast(source))), unread(source)
     for name, operator in OPERATORS.items():
-        places = (place for node in nodes for place in operator().mutation_positions(node))
-        for occurrence, (start, end) in enumerate(places):
-            if not any(first <= start and end <= last for first, last in hidden):
+        places = ((node, place) for node in nodes for place in operator().mutation_positions(node))
+        for occurrence, (node, (start, end)) in enumerate(places):
+            # the star between the parameters of a function multiplies nothing
+            star = node.type == "operator" and node.parent.type in ("parameters", "lambdef")
+            if not star and not any(first <= start and end <= last for first, last in hidden):
                 yield Mutant(file, source, start[0], name, occurrence)

@@ -1,16 +1,107 @@
 """A copy of the working tree in which tests meet faults."""
 
+import io
 import os
+import resource
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterable
+from contextlib import redirect_stderr, redirect_stdout
+from functools import cache
+from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from experiments.gallery import house
 from experiments.gallery.house import ROOT
 from tests.mutants.cover import covering
 from tests.mutants.faults import Mutant
+
+_OURS = ("models", "laisn", "sim", "experiments", "tests", "laisn_sim")
+_PRELOADED = (
+    "hypothesis", "numba", "scipy.integrate", "scipy.optimize", "scipy.spatial.transform", "scipy.stats",
+    "filterpy.kalman", "mujoco", "pyarrow.parquet", "pydantic", "matplotlib.backends.backend_svg", "matplotlib.figure",
+    "mcap.reader", "mcap.writer", "jinja2", "typer.testing", "rich.progress", "joblib",
+)  # fmt: skip
+"""Packages that many tests import: a process that has them begins a trial two seconds earlier."""
+_WAITS = 10.0
+"""How many times its processor time a trial may take: tests sleep, and the machine may have other work."""
+
+
+class Done(NamedTuple):
+    """How a run of tests ended."""
+
+    passed: bool
+    said: str
+    seconds: float
+    """Processor time."""
+
+
+def preload() -> None:
+    """Import what tests import besides this project, and wake the compiler."""
+    for name in _PRELOADED:
+        import_module(name)
+    numba = import_module("numba")
+    numba.njit(lambda x: x + 1.0)(1.0)
+
+
+def _run_here(tests: Iterable[str], tree: Path, cache: Path, told: int) -> None:
+    """Be the process that runs tests on a tree; ends with it."""
+    for name in [name for name in sys.modules if name.partition(".")[0] in _OURS]:
+        del sys.modules[name]
+    sys.path[:] = [str(tree), *(path for path in sys.path if path not in ("", str(ROOT)))]
+    os.chdir(tree)
+    os.environ |= {"PYTHONPATH": os.pathsep.join(sys.path[:1] + os.environ.get("PYTHONPATH", "").split(os.pathsep)[1:]),
+                   "XDG_CACHE_HOME": str(cache)}  # fmt: skip
+    said, code = io.StringIO(), 1
+    try:
+        import pytest
+
+        with redirect_stdout(said), redirect_stderr(said):
+            command = ["-x", "-p", "no:cacheprovider", "--tb=short", "--hypothesis-profile", "mutants", *tests]
+            code = int(pytest.main(command))
+    finally:
+        os.write(told, said.getvalue()[-4000:].encode())
+        os._exit(code)
+
+
+def run(tests: Iterable[str], tree: Path, cache: Path, limit: float | None = None) -> Done:
+    """Run tests on a tree in a process forked off this one, which has imported nothing of the project's that matters.
+
+    Args:
+        tests: files, in the order in which they are run, until one fails.
+        tree: the working tree.
+        cache: XDG_CACHE_HOME.
+        limit: processor time [s] after which they count as failed.
+    """
+    reads, told = os.pipe()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    child = os.fork()
+    if child == 0:
+        os.setsid()
+        os.close(reads)
+        if limit is not None:
+            resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 2))
+        _run_here(tests, tree, cache, told)
+    os.close(told)
+    ends = None if limit is None else time.monotonic() + _WAITS * limit
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG if ends is not None else 0)
+        if ended:
+            break
+        if ends is not None and time.monotonic() > ends:
+            os.killpg(child, signal.SIGKILL)
+            ends = None
+        else:
+            time.sleep(0.02)
+    with os.fdopen(reads, "rb") as pipe:
+        said = pipe.read().decode(errors="replace")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Done(os.waitstatus_to_exitcode(status) == 0, said, spent)
 
 
 class Copy:
@@ -41,31 +132,55 @@ class Copy:
         self._written += 1
         os.utime(self._tree / file, (self._written, self._written))
 
-    def _run(self, tests: Iterable[str], cache: Path, limit: float | None = None) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", "--tb=short", *tests]
-        environment = os.environ | {"PYTHONPATH": str(self._tree), "XDG_CACHE_HOME": str(cache)}
-        return subprocess.run(
-            [*command, "--hypothesis-profile", "mutants"],
-            cwd=self._tree, env=environment, capture_output=True, text=True, timeout=limit,
-        )  # fmt: skip
+    def control(self, test: str) -> Done:
+        """Run a test file without any mutant; code that it compiles is kept."""
+        return run([test], self._tree, self._kept)
 
-    def control(self, test: str) -> str:
-        """What a test file says that fails without any mutant, else nothing; code that it compiles is kept."""
-        done = self._run([test], self._kept)
-        return done.stdout if done.returncode else ""
+    def notices(self, mutant: Mutant, took: dict[str, float]) -> bool:
+        """Whether a test fails, or they take far longer than the processor time that each test file `took` [s].
 
-    def notices(self, mutant: Mutant, limit: float) -> bool:
-        """Whether a test fails, or they do not end within a limit [s]."""
-        tests, whole = covering(mutant.file), (self._tree / mutant.file).read_text(encoding="utf-8")
+        The quickest are run first.
+        """
+        tests = sorted(covering(mutant.file), key=took.__getitem__)
+        whole = (self._tree / mutant.file).read_text(encoding="utf-8")
         if not tests:
             return False
         # files of a cache are replaced, never written to: links will do
         shutil.copytree(self._kept, self._trial, copy_function=os.link)
         self._write(mutant.file, mutant.text())
         try:
-            return self._run(tests, self._trial, limit).returncode != 0
-        except subprocess.TimeoutExpired:
-            return True
+            return not run(tests, self._tree, self._trial, 30.0 + 3.0 * sum(took[test] for test in tests)).passed
         finally:
             self._write(mutant.file, whole)
             shutil.rmtree(self._trial)
+
+
+@cache
+def _own_copy(folder: Path) -> Copy:
+    """The copy of this process, made on first use."""
+    preload()
+    return Copy(folder / str(os.getpid()), folder / "kept")
+
+
+def attempt(folder: Path, mutant: Mutant, took: dict[str, float]) -> bool:
+    """Whether a test notices a mutant.
+
+    Args:
+        folder: of all copies.
+        mutant: to be tried.
+        took: processor time of each test file without any mutant [s].
+    """
+    return _own_copy(folder).notices(mutant, took)
+
+
+def control(folder: Path, test: str) -> float:
+    """Processor time that a test file takes without any mutant [s]; compiled code is kept.
+
+    Raises:
+        ValueError: it fails.
+    """
+    for _ in range(2):
+        done = _own_copy(folder).control(test)
+        if not done.passed:
+            raise ValueError(f"{done.said}\n{test} fails without any mutant")
+    return done.seconds
