@@ -124,7 +124,8 @@ def summarise(position: Floats, bearing: Floats) -> Summary:
 def nees(estimates: Estimates, truth: Floats) -> Floats:
     """Normalised squared error eᵀ P⁻¹ e of the position, shape (n,); 2 on average if P is right.
 
-    NaN where the covariance is singular. Bar-Shalom, Li & Kirubarajan 2001 (filter consistency). `truth` has shape (n, 2).
+    NaN where the covariance is singular (Bar-Shalom, Li & Kirubarajan 2001, on the consistency of filters). `truth` has
+    shape (n, 2).
     """
     error = estimates.state[:, POSITION] - truth
     return _normalised(np.column_stack([error, estimates.covariance[:, POSITION, POSITION].reshape(-1, 4)]))

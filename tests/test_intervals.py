@@ -172,3 +172,18 @@ def test_beyond_and_short_need_the_whole_interval() -> None:
     interval = Interval(0.9, 0.85, 0.95)
     assert (interval.beyond(0.85), interval.beyond(0.86)) == (True, False)
     assert (interval.short(0.96), interval.short(0.95)) == (True, False)
+
+
+@pytest.mark.parametrize("runs", [700, 1280])
+def test_many_runs_are_drawn_in_blocks_to_the_same_end(runs: int) -> None:
+    """Twice 1.96 standard errors, and for skewed values moved by what BCa limits of a mean are, to second order."""
+    rng = np.random.default_rng(runs)
+    values = rng.gamma(1.0, size=runs)
+    counted = rng.random(runs) < 0.8
+    found = bootstrap_mean(values, counted)
+    some = values[counted]
+    error = some.std() / np.sqrt(some.size)
+    assert found.value == pytest.approx(some.mean(), rel=1e-12)
+    assert found.high - found.low == pytest.approx(2 * 1.96 * error, rel=0.1)
+    shift = (2 * 1.96**2 + 1) * float(np.mean(((some - some.mean()) / some.std()) ** 3)) / 6 / np.sqrt(some.size)
+    assert (found.high + found.low) / 2 - found.value == pytest.approx(shift * error, abs=0.06 * error)

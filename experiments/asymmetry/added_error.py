@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from experiments.asymmetry.missions import Row
-from experiments.asymmetry.remedies import EXACT, LEVEL, LEVEL_BROADCAST, READINGS, REAL, REMEDIES, STEADIED, Arm
-from experiments.asymmetry.verdict import Verdict, judge_captures, judge_errors
-from experiments.intervals import CONFIDENCE, Interval, proportion, share_removed
+from experiments.asymmetry.remedies import CROOKED, LEVEL, LEVEL_BROADCAST, READINGS, REAL, REMEDIES, Arm
+from experiments.asymmetry.verdict import Judgement, judge_captures, judge_errors
+from experiments.intervals import CONFIDENCE, Interval, mean_over_missions, proportion, share_removed
 from laisn.arrays import Bools, Floats
 
 JUDGED_FROM_M = 0.1
@@ -17,8 +17,8 @@ from the motion alone, before anybody navigates; what came out of a mission has 
 CAPTURES_WANTED = 0.9
 """Share of the captures that pitch adds which any remedy should remove: a run is captured or not, so that 99 % of them
 would take thousands of runs to tell."""
-SETTLED = (EXACT, STEADIED, READINGS)
-"""Remedies for which open questions about captures, too, are worth the time of more runs."""
+LEFT_OPEN = (CROOKED,)
+"""Remedies whose captures hang on what each run draws once: thousands of runs would hardly tell, and are not flown."""
 JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
 """Remedies, and what each is held against."""
 Mission = tuple[str, str, float, str]
@@ -62,12 +62,12 @@ class ComparedMission:
         _, left, free = self._compared(arm, LEVEL)
         return float(left[free].mean()) if free.any() else float("nan")
 
-    def verdict(self, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Verdict:
+    def judge_errors(self, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Judgement:
         """Whether the remedy removes the share that it should of the error in runs that nobody captures."""
         part, left, free = self._compared(arm, base)
         return judge_errors(part, left, free, arm.wanted, looks)
 
-    def capture_verdict(self, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Verdict:
+    def judge_captures(self, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Judgement:
         """Whether the remedy removes the share that it should of the captures that pitch adds."""
         real, level, remedy, other = np.array(self._of_all("captured_run", arm, base), dtype=np.float64)
         return judge_captures(real - level, remedy - other, CAPTURES_WANTED, looks)
@@ -105,18 +105,24 @@ def paired(rows: Iterable[Row]) -> dict[Mission, ComparedMission]:
     }
 
 
-def undecided(mission: ComparedMission, looks: Sequence[int]) -> list[str]:
-    """Keys of the arms, in the order of flying, that must be flown on to settle what is open on a mission."""
+def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> list[str]:
+    """Keys of the arms, in the order of flying, that must be flown on to settle what is open on a mission.
+
+    Args:
+        mission: in all its arms.
+        looks: numbers of runs after which to judge.
+        flown: number of runs of the arms that were flown on so far; what was left behind with fewer stays as it is.
+    """
     if not mission.judged:
         return []
     wanted: set[str] = set()
     for arm, base in JUDGEMENTS:
         if not {arm.key, base.key} <= mission.arms.keys():
             continue
-        open_ = mission.verdict(arm, looks, base) is Verdict.OPEN
-        if base is LEVEL and arm in SETTLED:
-            open_ |= mission.capture_verdict(arm, looks, base) is Verdict.OPEN
-        if open_:
+        judged = [mission.judge_errors(arm, looks, base)]
+        if base is LEVEL and arm not in LEFT_OPEN:
+            judged.append(mission.judge_captures(arm, looks, base))
+        if any(one.promising and one.runs == flown for one in judged):
             wanted |= {LEVEL.key, REAL.key, arm.key, base.key}
     return [key for key in mission.arms if key in wanted]
 
@@ -127,8 +133,8 @@ def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Row]:
     return [
         replace(
             row,
-            error_verdict=mission.verdict(remedies[key], looks).value,
-            capture_verdict=mission.capture_verdict(remedies[key], looks).value,
+            error_verdict=mission.judge_errors(remedies[key], looks).verdict.value,
+            capture_verdict=mission.judge_captures(remedies[key], looks).verdict.value,
         )
         if key in remedies
         else row
@@ -163,6 +169,16 @@ def removed_in_all(missions: Sequence[ComparedMission], arm: Arm, confidence: fl
     level = [e.errors(LEVEL) for e in missions]
     pairs = [(e.errors(REAL) - own, e.errors(arm) - own) for e, own in zip(missions, level, strict=True)]
     return share_removed(pairs, confidence)
+
+
+def mean_error(missions: Sequence[ComparedMission], arm: Arm) -> Interval:
+    """Mean error of an arm over missions, captured runs included [m]."""
+    return mean_over_missions([e.errors(arm) for e in missions])
+
+
+def mean_added(missions: Sequence[ComparedMission], arm: Arm, base: Arm = LEVEL) -> Interval:
+    """What an arm adds to the mean error of another over missions, captured runs included [m]."""
+    return mean_over_missions([e.errors(arm) - e.errors(base) for e in missions])
 
 
 def captures_in_all(missions: Sequence[ComparedMission], arm: Arm) -> Interval:

@@ -84,8 +84,8 @@ def _extended(row: Row, result: CellResult) -> Row:
 def fly_condition(condition: Condition, offset: float, plan: Plan) -> list[Row]:
     """Fly one condition with followers on all routes at a depth offset, and navigate each in every arm and variant.
 
-    Arms whose verdict the first runs leave open are flown on, up to the last look of the plan. Fleets of this size are
-    quickest: the price of a step grows faster than the number of vehicles.
+    Arms whose verdict is open after a look are flown on to the next, unless even the last would hardly settle it.
+    Fleets of this size are quickest: the price of a step grows faster than the number of vehicles.
     """
     trajectory = simulate_motion(fleet(condition, plan.routes, (offset,), plan.duration_s))
     rows = []
@@ -117,7 +117,7 @@ def fly_condition(condition: Condition, offset: float, plan: Plan) -> list[Row]:
         }
         for look, further in zip(plan.looks, plan.looks[1:], strict=False):
             for (*_, variant), mission in paired(flown.values()).items():
-                for key in undecided(mission, plan.looks):
+                for key in undecided(mission, plan.looks, look):
                     more = fly(ARM[key], variant, look, further)
                     flown[key, variant] = _extended(flown[key, variant], more)
         for mission in paired(flown.values()).values():

@@ -6,9 +6,9 @@ import numpy as np
 
 from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
 from experiments.asymmetry.missions import Plan, pair
-from experiments.intervals import Interval, bootstrap_ratios
+from experiments.intervals import Interval, bootstrap_mean, bootstrap_ratios
 from laisn import lanes
-from laisn.arrays import Bools
+from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
 from laisn.settings import GateRule
 from sim.flight import laisn_settings
@@ -37,8 +37,8 @@ class GateRow:
     """Share of the messages with an echo in a range that counts (rear, front) that the gate rejects, and its limits."""
     false_alarms: Interval
     """Share of the other messages that it rejects, and its limits."""
-    e_p_mean_m: float
-    e_p_mean_without_echoes_m: float
+    e_p_mean_m: Interval
+    e_p_mean_without_echoes_m: Interval
 
 
 def rates(rejected: Bools, echoed: Bools) -> tuple[Interval, Interval]:
@@ -86,8 +86,9 @@ def fly_gates(plan: Plan) -> list[GateRow]:
                 result = lanes.run(heard, truth.start, settings)
                 detected, false_alarms = rates(result.fix_kind[:, 0] == FixKind.GATED, echoed)
 
-                def mean_error(state: np.ndarray, hydrophone: np.ndarray = truth.hydrophone) -> float:
-                    return float(np.hypot(*(state[:, :2] - hydrophone[:, :, None]).swapaxes(0, 1)).mean())
+                def mean_error(state: Floats, hydrophone: Floats = truth.hydrophone) -> Interval:
+                    errors = np.hypot(*(state[:, :2] - hydrophone[:, :, None]).swapaxes(0, 1))
+                    return bootstrap_mean(errors.mean(axis=0))
 
                 rows.append(
                     GateRow(

@@ -27,8 +27,8 @@ class Plan:
     routes: tuple[str, ...] = ROUTES
     offsets_m: tuple[float, ...] = OFFSETS_M
     variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
-    looks: tuple[int, ...] = (64, 384)
-    """Runs of every cell; then of those that leave a verdict open."""
+    looks: tuple[int, ...] = (64, 192, 512, 1280)
+    """Numbers of runs after which verdicts are asked for: of every cell, then of those whose verdict is open."""
     duration_s: float = 1000.0
 
     @property

@@ -13,6 +13,7 @@ from experiments.asymmetry.added_error import (
     captures_in_all,
     captures_removed,
     judged,
+    mean_added,
     mean_of,
     of_cause,
     removed_in_all,
@@ -30,6 +31,7 @@ from experiments.asymmetry.remedies import (
     REMEDIES,
     STEADIED,
 )
+from experiments.asymmetry.tables import mean_cell
 from experiments.asymmetry.verdict import WRONG, Verdict, counts
 from experiments.intervals import Interval
 from experiments.pages.figures import svg
@@ -107,9 +109,9 @@ def _capture_table(missions: dict[Mission, ComparedMission], variants: Sequence[
     return Table(
         heads=("variant", "cause", "arm", "runs", "captured [%]", "of those that pitch adds, removed [%]"),
         rows=rows,
-        caption="Runs whose estimate is on the wrong side of the leader's axis, more than 5 m off, for a message "
-        "interval; all missions. Chance of capture with the limits of Clopper and Pearson, share removed with those of "
-        "Fieller, 95 %.",
+        caption="Runs whose estimate is for a message interval more than 5 m off and at least twice as far from the "
+        "truth as from its mirror image beyond the leader's axis; all missions. Chance of capture with the limits of "
+        "Clopper and Pearson, share removed with those of Fieller, 95 %.",
     )
 
 
@@ -120,16 +122,16 @@ def _route_table(missions: dict[Mission, ComparedMission], routes: Sequence[str]
         row: list[Cell] = [words(route)]
         for cause in CAUSES:
             chosen = of_cause(missions, "laisn-2", cause, route)
-            row.append(number(mean_of(e.part for e in chosen), 2))
+            row.append(mean_cell(mean_added(chosen, REAL)) if chosen else words("–"))
             row += [_against(removed_in_all(chosen, arm), arm.wanted) for arm in (EXACT, STEADIED, READINGS)]
         rows.append(row)
     return Table(
         heads=("route", *("excess [m]", "exact", "AHRS", "each 0.5°") * len(CAUSES)),
         rows=rows,
         groups=(("", 1), *((f"{name}: removed [%]", 4) for name in CAUSES.values())),
-        caption="Mean excess of LAISN-2 on each route, and how much of it the broadcast attitude removes, with 95 % "
-        "intervals: exactly known, from the AHRS, and with each message 0.5° off. Green: the whole interval is beyond "
-        "99 % (exact) or 90 %; red: short of it.",
+        caption="Mean excess of LAISN-2 on each route, ± half of its 95 % interval over runs, and how much of it the "
+        "broadcast attitude removes, with 95 % intervals: exactly known, from the AHRS, and with each message 0.5° "
+        "off. Green: the whole interval is beyond 99 % (exact) or 90 %; red: short of it.",
     )
 
 
@@ -144,13 +146,13 @@ def _split_table(missions: dict[Mission, ComparedMission], offsets: Sequence[flo
                     words(name),
                     number(offset, 0),
                     number(mean_of(e.real.pitch_rms_deg for e in chosen), 1),
-                    number(100 * mean_of(e.part for e in chosen), 1),
-                    number(100 * mean_of(e.left(READINGS, LEVEL_BROADCAST) for e in chosen), 1),
-                    number(100 * mean_of(e.left(LEVEL_BROADCAST) for e in chosen), 1),
+                    mean_cell(mean_added(chosen, REAL), 1, 100.0),
+                    mean_cell(mean_added(chosen, READINGS, LEVEL_BROADCAST), 1, 100.0),
+                    mean_cell(mean_added(chosen, LEVEL_BROADCAST), 1, 100.0),
                     number(mean_of(e.real.inclinometer_rms_deg for e in chosen), 1),
                     number(mean_of(e.real.ahrs_rms_deg for e in chosen), 2),
-                    number(100 * mean_of(e.left(STEADIED) for e in chosen), 1),
-                    number(100 * mean_of(e.left(CROOKED) for e in chosen), 1),
+                    mean_cell(mean_added(chosen, STEADIED), 1, 100.0),
+                    mean_cell(mean_added(chosen, CROOKED), 1, 100.0),
                 ]
             )
     return Table(
@@ -161,7 +163,8 @@ def _split_table(missions: dict[Mission, ComparedMission], offsets: Sequence[flo
                 ("constant 0.5° [cm]", 1)),
         caption="Excess of the mean error of LAISN-2, over all routes. With each message 0.5° off it falls into what "
         "the pitch still does (real leader less level leader, both with that sensor) and what the sensor does to a "
-        "level leader's followers. Inclinometer, AHRS: rms error of the pitch that they give.",
+        "level leader's followers; ± half of the 95 % interval over runs. Inclinometer, AHRS: rms error of the "
+        "pitch that they give.",
     )  # fmt: skip
 
 
@@ -235,7 +238,9 @@ def shortfalls(missions: dict[Mission, ComparedMission], plan: Plan) -> list[Blo
                 blocks.append(Notice(text=text, tone="warning"))
     if blocks:
         chosen = judged(missions, "laisn-2")
-        _, undecided, missed_paired, _ = counts(e.verdict(READINGS, plan.looks, LEVEL_BROADCAST) for e in chosen)
+        _, undecided, missed_paired, _ = counts(
+            e.judge_errors(READINGS, plan.looks, LEVEL_BROADCAST).verdict for e in chosen
+        )
         blocks.append(
             Text(
                 text="An error of 0.5° in each message is a pitch of 0.5° that nobody told the follower: errors add in "

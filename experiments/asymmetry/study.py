@@ -84,13 +84,18 @@ def _curves_of(rows: Table) -> Curves:
         chosen: list[dict[str, Any]] = [
             {k: v for k, v in row.items() if k != "over"} for row in rows if row["over"] == over
         ]
-        return tuple(Curve(**row | {k: tuple(row[k]) for k in ("value", "e_p_mean_m")}) for row in chosen)
+        return tuple(
+            Curve(**row | {k: tuple(row[k]) for k in ("value", "e_p_mean_m", "excess_half_m")}) for row in chosen
+        )
 
     return Curves(tau=made("tau"), pitch=made("pitch"))
 
 
+_WITH_INTERVAL = ("detected", "false_alarms", "e_p_mean_m", "e_p_mean_without_echoes_m")
+
+
 def _gate(row: dict[str, Any]) -> GateRow:
-    return GateRow(**row | {rate: Interval(*row[rate]) for rate in ("detected", "false_alarms")})
+    return GateRow(**row | {rate: Interval(*row[rate]) for rate in _WITH_INTERVAL})
 
 
 def _table(path: Path, rows: Sequence[Any]) -> None:

@@ -4,14 +4,39 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.asymmetry.added_error import ComparedMission, Mission, mean_of
+from experiments.asymmetry.added_error import ComparedMission, Mission, mean_added, mean_error, mean_of
 from experiments.asymmetry.conditions import Condition, command
 from experiments.asymmetry.gates import GateRow
 from experiments.asymmetry.planner import OFF_AXIS_DEG, PITCH_DEG, rules
 from experiments.asymmetry.remedies import LEVEL, REAL
-from experiments.asymmetry.tau import Curves, equivalent
-from experiments.intervals import mean_over_missions
+from experiments.asymmetry.tau import Curve, Curves, equivalent
+from experiments.intervals import Interval, mean_over_missions
 from experiments.pages.page import Cell, Table, number, percent, words
+
+
+def mean_cell(mean: Interval, digits: int = 2, scale: float = 1.0) -> Cell:
+    """A mean with half of its interval, which is symmetric."""
+    value, half = (number(scale * v, digits).text for v in (mean.value, mean.high - mean.value))
+    return Cell(text=f"{value} ± {half}", sort=number(mean.value).sort)
+
+
+def between(mean: Interval, digits: int = 2) -> Cell:
+    """A mean with its interval in brackets."""
+    value, low, high = (number(v, digits).text for v in mean)
+    return Cell(text=f"{value} ({low} … {high})", sort=number(mean.value).sort)
+
+
+def _tau_cell(missions: Sequence[ComparedMission], curves: Curves) -> Cell:
+    """Mean of the τ_rear that do what pitch does on each mission, with what the excesses' intervals make of it."""
+    values, halves = [], []
+    for e in missions:
+        curve, excess = curves.tau_of(e.real.route, "laisn-2"), mean_added([e], REAL)
+        values.append(equivalent(excess.value, curve))
+        low, high = (equivalent(max(limit, 0.0), curve) for limit in (excess.low, excess.high))
+        halves.append((high - low) / 2)
+    mean, known = mean_of(values), [half for value, half in zip(values, halves, strict=True) if not np.isnan(value)]
+    half = float(np.sqrt(np.sum(np.square(known)))) / max(len(known), 1)
+    return mean_cell(Interval(mean, mean - half, mean + half), 3)
 
 
 def _of(missions: dict[Mission, ComparedMission], condition: str, offset: float, variant: str) -> list[ComparedMission]:
@@ -35,7 +60,6 @@ def mission_table(
         for offset in offsets:
             two, three = (_of(missions, condition.key, offset, variant) for variant in ("laisn-2", "laisn-3-2"))
             worst = max(two, key=lambda e: e.part)
-            tau = [equivalent(e.part, curves.tau_of(e.real.route, "laisn-2")) for e in two]
             line = command(condition, worst.real.route, offset)
             lines.append(f"# {condition.label}, {offset:g} m: worst route\n{line}")
             rows.append(
@@ -44,14 +68,14 @@ def mission_table(
                     number(offset, 0),
                     number(two[0].real.pitch_rms_deg, 1),
                     number(two[0].real.pitch_max_deg, 1),
-                    number(mean_of(e.level.e_p_mean_m for e in two), 2),
-                    number(mean_of(e.real.e_p_mean_m for e in two), 2),
-                    number(mean_of(e.part for e in two), 2),
-                    number(mean_of(e.part for e in three), 2) if three else words("–"),
-                    number(mean_of(tau), 3),
+                    mean_cell(mean_error(two, LEVEL)),
+                    mean_cell(mean_error(two, REAL)),
+                    mean_cell(mean_added(two, REAL)),
+                    mean_cell(mean_added(three, REAL)) if three else words("–"),
+                    _tau_cell(two, curves),
                     _more_captured(two),
                     words(worst.real.route, title=line),
-                    number(worst.part, 2),
+                    mean_cell(mean_added([worst], REAL)),
                 ]
             )
     heads = (
@@ -62,12 +86,23 @@ def mission_table(
         heads=heads,
         rows=rows,
         groups=(("", 2), ("leader", 2), ("mean E_P [m], LAISN-2", 3), ("excess", 1), ("", 2), ("route", 2)),
-        caption=f"Means over the routes, {worst.real.runs} runs each. 3(2): excess of LAISN-3(2). Captured: runs, of "
-        f"{worst.real.runs * len(two)}, that end up on the wrong side of the leader's axis behind the real leader, "
-        "less those behind a level one, with the 95 % interval. Rest the pointer on a condition for the "
-        "command that flies its worst route.",
+        caption=f"Means over the routes, {worst.real.runs} runs each, ± half of the 95 % interval over runs. 3(2): "
+        f"excess of LAISN-3(2). As τ_rear: that of the curves over τ, whose own noise is left out. Captured: runs, of "
+        f"{worst.real.runs * len(two)}, that are held at the mirror image beyond the leader's axis behind the real "
+        "leader, less those behind a level one, with the 95 % interval. The worst route was picked by its excess, of "
+        "which the interval knows nothing. Rest the pointer on a condition for the command that flies it.",
     )
     return table, "\n".join(lines)
+
+
+def _pitch_cell(excess: Interval, over_pitch: Curve) -> Cell:
+    """Pitch that has an excess, with the pitch at its limits; "–" below none, "> 15" beyond all that was flown."""
+
+    def shown(value: float) -> str:
+        return "–" if value < 0.0 else "> 15" if np.isnan(p := equivalent(value, over_pitch)) else f"{p:.1f}"
+
+    value, low, high = (shown(v) for v in (excess.value, max(excess.low, 0.0), excess.high))
+    return Cell(text=f"{value} ({low} … {high})", sort=number(equivalent(excess.value, over_pitch)).sort)
 
 
 def stage_4_table(curves: Curves, offsets: Sequence[float]) -> Table:
@@ -78,16 +113,15 @@ def stage_4_table(curves: Curves, offsets: Sequence[float]) -> Table:
             continue
         row: list[Cell] = [words(curve.route)]
         for tau in (0.03, 0.06):
-            excess = float(curve.excess[curve.value.index(tau)])
-            row.append(number(excess, 2))
+            excess = curve.excess_at(tau)
+            row.append(mean_cell(excess))
             for offset in offsets:
                 over_pitch = next(
                     c
                     for c in curves.pitch
                     if (c.route, c.variant, c.interval_s, c.depth_offset_m) == (curve.route, "laisn-2", 5.0, offset)
                 )
-                pitch = equivalent(excess, over_pitch)
-                row.append(number(pitch, 1) if not np.isnan(pitch) else words("> 15" if excess > 0 else "–"))
+                row.append(_pitch_cell(excess, over_pitch))
         rows.append(row)
     per_tau = ["excess [m]", *(f"{offset:g} m" for offset in offsets)]
     return Table(
@@ -95,7 +129,8 @@ def stage_4_table(curves: Curves, offsets: Sequence[float]) -> Table:
         rows=rows,
         groups=(("", 1), ("τ_rear = 0.03 m, as pitch [°] at Δz of", len(per_tau)), ("τ_rear = 0.06 m", len(per_tau))),
         caption="The constant nose-down pitch that raises the mean E_P of LAISN-2 as much as the paper's larger τ at "
-        "the rear transmitter alone does; messages every 5 s, as in its Stage 4.",
+        "the rear transmitter alone does; messages every 5 s, as in its Stage 4. In brackets the pitch at the limits "
+        "of the excess, 95 % over runs.",
     )
 
 
@@ -104,7 +139,7 @@ def gate_table(gates: Sequence[GateRow]) -> Table:
     rows = [
         [
             words(g.route), number(g.interval_s, 0), words(g.rule), percent(g.detected),
-            percent(g.false_alarms, 2), number(g.e_p_mean_m, 2), number(g.e_p_mean_without_echoes_m, 2),
+            percent(g.false_alarms, 2), between(g.e_p_mean_m), between(g.e_p_mean_without_echoes_m),
         ]
         for g in gates
     ]  # fmt: skip
@@ -113,7 +148,7 @@ def gate_table(gates: Sequence[GateRow]) -> Table:
         rows=rows,
         caption="Each ping is taken from the surface with a chance of 5 % and from the bottom with 2 %. Rejected: "
         "share of the messages in which the echo spoils a range that LAISN-2 uses. False alarms: share of the "
-        "others. Both with the 95 % interval of a bootstrap over runs.",
+        "others. All with the 95 % interval of a bootstrap over runs.",
     )
 
 

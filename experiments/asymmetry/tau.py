@@ -7,6 +7,7 @@ angle with τ left at 0.01 m. Two that raise the mean position error by the same
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scena
 from experiments.asymmetry.missions import Plan, pair
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
+from experiments.intervals import Interval, mean_over_missions
 from laisn.arrays import Floats
 from laisn.settings import Variant
 from sim.flight import laisn_settings
@@ -44,11 +46,19 @@ class Curve:
     value: tuple[float, ...]
     """τ_rear [m], or pitch [°]."""
     e_p_mean_m: tuple[float, ...]
+    excess_half_m: tuple[float, ...]
+    """Half of the 95 % interval, over runs, of the excess at each value [m]."""
 
     @property
     def excess(self) -> Floats:
         """Mean error above that of the first value, [m]."""
         return np.asarray(self.e_p_mean_m) - self.e_p_mean_m[0]
+
+    def excess_at(self, value: float) -> Interval:
+        """The excess at one of the values that were flown, with its interval [m]."""
+        place = self.value.index(value)
+        excess, half = float(self.excess[place]), self.excess_half_m[place]
+        return Interval(excess, excess - half, excess + half)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +97,15 @@ def equivalents(curves: Curves, tau: float, depth_offset: float) -> list[float]:
     return found
 
 
+def _curve(cells: Sequence[Cell], **key: Any) -> Curve:
+    """The curve of cells of the same runs; what they share of noise drops out of the excess."""
+    results = [simulate(cell, keep_runs=True) for cell in cells]
+    each = [result.table.e_p_mean_m for result in results if result.table is not None]
+    halves = [interval.high - interval.value for interval in (mean_over_missions([e - each[0]]) for e in each)]
+    means = tuple(result.errors.e_p_mean_m for result in results)
+    return Curve(**key, e_p_mean_m=means, excess_half_m=tuple(halves))
+
+
 def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2")) -> Curves:
     """Fly all routes of a plan in a calm sea, over τ and over pitch."""
     offsets = tuple(o for o in OFFSETS_M if o in plan.offsets_m)
@@ -107,13 +126,10 @@ def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2"
                     runs=range(first, first + plan.runs),
                 )  # fmt: skip
                 key = {"route": route, "variant": variant, "interval_s": interval}
-                means = tuple(simulate(replace(cell, truth=truth)).errors.e_p_mean_m for truth in truths)
-                pitch.append(Curve(**key, depth_offset_m=offset, value=PITCH_DEG, e_p_mean_m=means))  # type: ignore[arg-type]
+                tilts = [replace(cell, truth=truth) for truth in truths]
+                pitch.append(_curve(tilts, **key, depth_offset_m=offset, value=PITCH_DEG))
                 if offset == offsets[0]:
-                    others = errors.range_tau[1:]
-                    means = tuple(
-                        simulate(replace(cell, errors=replace(errors, range_tau=(t, *others)))).errors.e_p_mean_m
-                        for t in TAU_M
-                    )
-                    tau.append(Curve(**key, depth_offset_m=float("nan"), value=TAU_M, e_p_mean_m=means))  # type: ignore[arg-type]
+                    taus = [(t, *errors.range_tau[1:]) for t in TAU_M]
+                    wider = [replace(cell, errors=replace(errors, range_tau=widths)) for widths in taus]
+                    tau.append(_curve(wider, **key, depth_offset_m=float("nan"), value=TAU_M))
     return Curves(tau=tuple(tau), pitch=tuple(pitch))

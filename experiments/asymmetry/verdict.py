@@ -13,17 +13,22 @@ comparison captures. Met: the whole interval of mean(d) is at or below zero; mis
 Where the first runs do not show that pitch does harm, there is nothing that a remedy could remove.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
+from typing import NamedTuple
+
+from scipy.special import ndtri
 
 from experiments.intervals import Interval, bootstrap_mean, difference_of_shares
 from laisn.arrays import Bools, Floats
 
 WRONG = 0.025
 """Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
-_NOMINAL = 0.015
-"""Chance that the limits are asked for: those of a bootstrap over 64 skewed runs are crossed half as often again."""
+_OF_ERRORS, _OF_CAPTURES = 0.015, 0.01
+"""Chances that the limits are asked for: those of a bootstrap over 64 skewed runs are crossed half as often again, and
+those of rare captures twice as often and more."""
 
 
 class Verdict(Enum):
@@ -35,25 +40,57 @@ class Verdict(Enum):
     NO_HARM = "no harm shown"
 
 
+class Judgement(NamedTuple):
+    """A verdict and what it rests on."""
+
+    verdict: Verdict
+    runs: int
+    """Number of runs after which it fell, or on which the question is still open."""
+    promising: bool
+    """The question is open, and more runs, up to the last look, would settle it if the mean stayed about as it is."""
+
+
+_REACH = 0.5
+"""Standard errors by which the mean of d may yet move when it is asked whether more runs would settle a question."""
+
+
+def _within_reach(rest: Interval, confidence: float, share: float) -> bool:
+    """Whether an open question would be settled by the plan's last run if the mean stayed about where it is.
+
+    Args:
+        rest: the interval of mean(d) so far.
+        confidence: of that interval.
+        share: of the runs of the plan that it rests on.
+    """
+    slack = _REACH / float(ndtri((1.0 + confidence) / 2.0))
+    up, down = rest.high - rest.value, rest.value - rest.low
+    still = math.sqrt(share)
+    return rest.value - slack * down + still * up <= 0.0 or rest.value + slack * up - still * down > 0.0
+
+
 def _judge(
-    part: Floats, left: Floats, wanted: float, looks: Sequence[int], interval: Callable[[Floats, int, float], Interval]
-) -> Verdict:
+    part: Floats, left: Floats, wanted: float, looks: Sequence[int],
+    interval: Callable[[Floats, int, float], Interval], chance: float,
+) -> Judgement:  # fmt: skip
     """Judge by `interval`, of values of the first so many runs with a confidence, after each look until it is settled.
 
-    Each look has its part of `_NOMINAL`.
+    Each look has its part of the chance.
     """
     if not interval(part, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
-        return Verdict.NO_HARM
+        return Judgement(Verdict.NO_HARM, looks[0], False)
+    confidence = 1.0 - 2.0 * chance / len(looks)
+    runs, promising = looks[0], False
     for runs in (look for look in looks if look <= part.size):
-        rest = interval(left - (1.0 - wanted) * part, runs, 1.0 - 2.0 * _NOMINAL / len(looks))
+        rest = interval(left - (1.0 - wanted) * part, runs, confidence)
         if rest.high <= 0.0:
-            return Verdict.MET
+            return Judgement(Verdict.MET, runs, False)
         if rest.low > 0.0:
-            return Verdict.MISSED
-    return Verdict.OPEN
+            return Judgement(Verdict.MISSED, runs, False)
+        promising = runs < looks[-1] and _within_reach(rest, confidence, runs / looks[-1])
+    return Judgement(Verdict.OPEN, runs, promising)
 
 
-def judge_errors(part: Floats, left: Floats, free: Bools, wanted: float, looks: Sequence[int]) -> Verdict:
+def judge_errors(part: Floats, left: Floats, free: Bools, wanted: float, looks: Sequence[int]) -> Judgement:
     """Judge errors of runs without capture, by bootstrap over the runs.
 
     Args:
@@ -67,12 +104,16 @@ def judge_errors(part: Floats, left: Floats, free: Bools, wanted: float, looks: 
     def interval(values: Floats, runs: int, confidence: float) -> Interval:
         return bootstrap_mean(values[:runs], free[:runs], confidence)
 
-    return _judge(part, left, wanted, looks, interval)
+    return _judge(part, left, wanted, looks, interval, _OF_ERRORS)
 
 
-def judge_captures(part: Floats, left: Floats, wanted: float, looks: Sequence[int]) -> Verdict:
+def judge_captures(part: Floats, left: Floats, wanted: float, looks: Sequence[int]) -> Judgement:
     """Judge captures; arguments as of `judge_errors`, differences of 0 and 1 instead of errors."""
-    return _judge(part, left, wanted, looks, lambda values, runs, level: difference_of_shares(values[:runs], level))
+
+    def interval(values: Floats, runs: int, confidence: float) -> Interval:
+        return difference_of_shares(values[:runs], confidence)
+
+    return _judge(part, left, wanted, looks, interval, _OF_CAPTURES)
 
 
 def counts(verdicts: Iterable[Verdict]) -> tuple[int, int, int, int]:

@@ -109,7 +109,8 @@ class CellResult:
     nis: float
     """Mean normalised squared innovation of the fixes that were used (2 if S is right)."""
     captured: int
-    """Runs whose estimate was on the wrong side of the leader's axis, with E_P > 5 m, for a message interval."""
+    """Runs whose estimate was for a message interval more than 5 m off and at least twice as far from the truth as from
+    its mirror image beyond the leader's axis: see `laisn.metrics.is_captured`."""
     fixes: dict[str, int]
     """Number of fixes of each `FixKind`, by its name in lower case; "gated" are those that the gate rejected."""
     worst_run: int

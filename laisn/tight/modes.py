@@ -1,6 +1,7 @@
 """Slow and quick drift of biases, side by side: the interacting multiple model of Blom & Bar-Shalom.
 
-Bar-Shalom, Li & Kirubarajan 2001. Each hypothesis has two components, one of each mode; before a message either becomes a blend of both, by the chance that the drift has changed its mode.
+Bar-Shalom, Li & Kirubarajan 2001. Each hypothesis has two components, one of each mode; before a message either
+becomes a blend of both, by the chance that the drift has changed its mode.
 """
 
 from laisn.compiled import compiled

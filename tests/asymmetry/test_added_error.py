@@ -123,14 +123,16 @@ def test_what_is_open_is_flown_on_and_nothing_else() -> None:
         "offset-0.5": row("offset-0.5", 0.9),
     }
     (open_,) = paired(arms.values()).values()
-    assert undecided(open_, LOOKS) == ["level", "real", "ahrs-0.5"]
+    assert undecided(open_, LOOKS, 64) == ["level", "real", "ahrs-0.5"]
+    # what stopped at 64 runs is not taken up again by others that went on
+    assert undecided(open_, LOOKS, 128) == []
     longer = arms | {
         "level": row("level", 0.2, flown=384),
         "real": row("real", 0.7, flown=384),
         "ahrs-0.5": row("ahrs-0.5", 0.235 + wobble, flown=384),
     }
     (settled,) = paired(longer.values()).values()
-    assert settled.verdict(STEADIED, LOOKS) is Verdict.MET
+    assert settled.judge_errors(STEADIED, LOOKS).verdict is Verdict.MET
     verdicts = {r.arm: (r.error_verdict, r.capture_verdict) for r in with_verdicts(settled, LOOKS)}
     none = "no harm shown"
     assert verdicts == {
@@ -138,23 +140,23 @@ def test_what_is_open_is_flown_on_and_nothing_else() -> None:
         "ahrs-0.5": ("met", none), "offset-0.5": ("missed", none),
     }  # fmt: skip
     (unjudged,) = paired(replace(r, fix_error_m=0.0) for r in longer.values()).values()
-    assert undecided(unjudged, LOOKS) == []
+    assert undecided(unjudged, LOOKS, 64) == []
     assert {r.error_verdict for r in with_verdicts(unjudged, LOOKS)} == {""}
 
 
 def test_a_sensor_is_held_against_a_level_leader_with_the_same() -> None:
     excess = mission(level=0.2, real=0.7, level_0_5=0.2, **{"attitude-0.5": 0.3, "level-0.5": 0.29})
     assert excess.left(READINGS, LEVEL_BROADCAST) == pytest.approx(0.01)
-    assert excess.verdict(READINGS, LOOKS) is Verdict.MISSED
-    assert excess.verdict(READINGS, LOOKS, LEVEL_BROADCAST) is Verdict.MET
+    assert excess.judge_errors(READINGS, LOOKS).verdict is Verdict.MISSED
+    assert excess.judge_errors(READINGS, LOOKS, LEVEL_BROADCAST).verdict is Verdict.MET
 
 
 def test_a_remedy_that_frees_captured_runs_is_told_from_one_that_does_not() -> None:
     some = np.arange(64) % 4 != 0
     rows = [row("level", 0.2), row("real", 5.0, some), row("ahrs-0.5", 0.2), row("offset-0.5", 4.0, some)]
     (excess,) = paired(rows).values()
-    assert excess.capture_verdict(STEADIED, LOOKS) is Verdict.MET
-    assert excess.capture_verdict(CROOKED, LOOKS) is Verdict.MISSED
+    assert excess.judge_captures(STEADIED, LOOKS).verdict is Verdict.MET
+    assert excess.judge_captures(CROOKED, LOOKS).verdict is Verdict.MISSED
 
 
 def test_means_leave_out_what_is_no_number() -> None:

@@ -41,11 +41,11 @@ def rows() -> list[Row]:
 CURVES = Curves(
     tau=tuple(
         Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=float("nan"), value=(0.01, 0.03, 0.06),
-              e_p_mean_m=(0.2, 0.4, e)) for r, e in (("T3", 0.6), ("T4", 1.0))
+              e_p_mean_m=(0.2, 0.4, e), excess_half_m=(0.0, 0.1, 0.2)) for r, e in (("T3", 0.6), ("T4", 1.0))
     ),
     pitch=tuple(
         Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=10.0, value=(0.0, -5.0, -10.0),
-              e_p_mean_m=(0.2, 0.7, 1.2)) for r in ("T3", "T4")
+              e_p_mean_m=(0.2, 0.7, 1.2), excess_half_m=(0.0, 0.1, 0.1)) for r in ("T3", "T4")
     ),
 )  # fmt: skip
 
@@ -53,7 +53,7 @@ CURVES = Curves(
 def test_the_record_is_that_of_the_rows() -> None:
     found = findings_of(PLAN, rows(), CURVES, "laisn asymmetry")
     assert (found["missions"].value, found["cells"].value, found["runs"].value) == (3, 9, 576)
-    assert (found["first-runs"].value, found["most-runs"].value) == (64, 384)
+    assert (found["first-runs"].value, found["most-runs"].value) == (64, 1280)
     assert found["error trim-12N 10 laisn-2 level"].value == pytest.approx(0.2, abs=1e-3)
     assert found["error trim-12N 10 laisn-2 real"].value == pytest.approx(2.2, abs=1e-3)
     for group in ("trim", "all"):

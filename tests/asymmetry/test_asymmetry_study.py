@@ -113,7 +113,7 @@ def test_commands_name_the_scenario_that_is_flown():
 
 def test_equivalent_value_inverts_a_curve():
     curve = Curve(route="T3", variant="laisn-2", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
-                  e_p_mean_m=(0.3, 0.4, 0.6, 1.0))  # fmt: skip
+                  e_p_mean_m=(0.3, 0.4, 0.6, 1.0), excess_half_m=(0.0, 0.1, 0.1, 0.1))  # fmt: skip
     assert equivalent(0.0, curve) == 0.0
     assert equivalent(0.2, curve) == pytest.approx(1.5)
     assert equivalent(0.7, curve) == pytest.approx(4.0)

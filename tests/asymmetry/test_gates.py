@@ -46,6 +46,6 @@ def test_the_gate_is_counted_as_the_readable_engine_counts(monkeypatch: pytest.M
         assert counts[1].sum() > 20
         assert row.detected.value == pytest.approx(counts[1, 1] / counts[1].sum())
         assert row.false_alarms.value == pytest.approx(counts[0, 1] / counts[0].sum())
-        assert row.e_p_mean_m == pytest.approx(np.mean(off))
-        assert row.e_p_mean_without_echoes_m == pytest.approx(np.mean(off_without))
+        assert row.e_p_mean_m.value == pytest.approx(np.mean(off))
+        assert row.e_p_mean_without_echoes_m.value == pytest.approx(np.mean(off_without))
         assert (row.detected.value == 0.0) == (row.rule == "off")

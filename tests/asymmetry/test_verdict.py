@@ -23,7 +23,7 @@ def trial(rng: np.random.Generator, removed: float, size: float, noise: float) -
 def shares(removed: float, size: float, noise: float, trials: int = 300) -> dict[Verdict, float]:
     """How often each verdict falls, of a remedy that truly removes a share."""
     rng = np.random.default_rng([round(1000 * removed), round(1000 * size), round(1000 * noise)])
-    verdicts = [judge_errors(*trial(rng, removed, size, noise), AIM, LOOKS) for _ in range(trials)]
+    verdicts = [judge_errors(*trial(rng, removed, size, noise), AIM, LOOKS).verdict for _ in range(trials)]
     return {verdict: verdicts.count(verdict) / trials for verdict in Verdict}
 
 
@@ -58,9 +58,9 @@ def test_a_lottery_credits_nobody() -> None:
     rng, verdicts = np.random.default_rng(11), []
     for _ in range(150):
         level, real, remedy = rng.gamma(1.0, size=(3, LOOKS[-1]))
-        verdicts.append(judge_errors(real - level, remedy - level, FREE, AIM, LOOKS))
+        verdicts.append(judge_errors(real - level, remedy - level, FREE, AIM, LOOKS).verdict)
         level, real, remedy = (rng.random((3, LOOKS[-1])) < 0.5).astype(float)
-        verdicts.append(judge_captures(real - level, remedy - level, AIM, LOOKS))
+        verdicts.append(judge_captures(real - level, remedy - level, AIM, LOOKS).verdict)
     met, _, _, harmless = counts(verdicts)
     assert met <= 1
     assert harmless > 0.95 * len(verdicts)
@@ -75,7 +75,7 @@ def test_captures_are_judged_by_the_same_measure(removed: float, pushed: float) 
         level = rng.random(LOOKS[-1]) < 0.5
         real = level | (rng.random(LOOKS[-1]) < pushed)
         remedy = level | (real & (rng.random(LOOKS[-1]) > removed))
-        verdicts.append(judge_captures(real * 1.0 - level, remedy * 1.0 - level, AIM, LOOKS))
+        verdicts.append(judge_captures(real * 1.0 - level, remedy * 1.0 - level, AIM, LOOKS).verdict)
     wrong = Verdict.MET if removed < AIM else Verdict.MISSED
     assert verdicts.count(wrong) / trials < WRONG
 
@@ -83,26 +83,26 @@ def test_captures_are_judged_by_the_same_measure(removed: float, pushed: float) 
 def test_aims_are_shares_of_what_pitch_does() -> None:
     part = np.linspace(0.1, 0.3, LOOKS[0])
     free = FREE[: LOOKS[0]]
-    assert judge_errors(part, 0.0999 * part, free, 0.9, LOOKS) is Verdict.MET
-    assert judge_errors(part, -0.5 * part, free, 0.9, LOOKS) is Verdict.MET
-    assert judge_errors(part, 0.1001 * part, free, 0.9, LOOKS) is Verdict.MISSED
-    assert judge_errors(part, 0.05 * part, free, 0.99, LOOKS) is Verdict.MISSED
+    assert judge_errors(part, 0.0999 * part, free, 0.9, LOOKS).verdict is Verdict.MET
+    assert judge_errors(part, -0.5 * part, free, 0.9, LOOKS).verdict is Verdict.MET
+    assert judge_errors(part, 0.1001 * part, free, 0.9, LOOKS).verdict is Verdict.MISSED
+    assert judge_errors(part, 0.05 * part, free, 0.99, LOOKS).verdict is Verdict.MISSED
 
 
 def test_where_pitch_does_no_harm_nothing_is_said_of_a_remedy() -> None:
     rng = np.random.default_rng(13)
     nothing, left = 0.1 * rng.normal(size=LOOKS[0]), np.full(LOOKS[0], 0.02)
     free = FREE[: LOOKS[0]]
-    assert judge_errors(nothing, left, free, 0.9, LOOKS) is Verdict.NO_HARM
-    assert judge_errors(-1.0 - nothing, left, free, 0.9, LOOKS) is Verdict.NO_HARM
-    assert judge_captures(np.zeros(LOOKS[0]), left, 0.9, LOOKS) is Verdict.NO_HARM
+    assert judge_errors(nothing, left, free, 0.9, LOOKS).verdict is Verdict.NO_HARM
+    assert judge_errors(-1.0 - nothing, left, free, 0.9, LOOKS).verdict is Verdict.NO_HARM
+    assert judge_captures(np.zeros(LOOKS[0]), left, 0.9, LOOKS).verdict is Verdict.NO_HARM
 
 
 def test_captured_runs_have_no_say_in_errors() -> None:
     part, left = np.full(64, 0.3), np.zeros(64)
     captured = np.arange(64) < 20
-    assert judge_errors(part + 40.0 * captured, left + 40.0 * captured, ~captured, 0.9, LOOKS) is Verdict.MET
-    assert judge_errors(part, left, np.arange(64) < 19, 0.9, LOOKS) is Verdict.NO_HARM
+    assert judge_errors(part + 40.0 * captured, left + 40.0 * captured, ~captured, 0.9, LOOKS).verdict is Verdict.MET
+    assert judge_errors(part, left, np.arange(64) < 19, 0.9, LOOKS).verdict is Verdict.NO_HARM
 
 
 def test_more_runs_settle_what_a_first_look_leaves_open() -> None:
@@ -110,8 +110,28 @@ def test_more_runs_settle_what_a_first_look_leaves_open() -> None:
     part = np.full(LOOKS[-1], 0.3)
     left = 0.022 + 0.03 * rng.normal(size=LOOKS[-1])
     first = slice(LOOKS[0])
-    assert judge_errors(part[first], left[first], FREE[first], AIM, LOOKS) is Verdict.OPEN
-    assert judge_errors(part, left, FREE, AIM, LOOKS) is Verdict.MET
+    assert judge_errors(part[first], left[first], FREE[first], AIM, LOOKS).verdict is Verdict.OPEN
+    assert judge_errors(part, left, FREE, AIM, LOOKS).verdict is Verdict.MET
+
+
+def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
+    """Pitch captures all of 64 runs, the remedy leaves k: if k/64 stays, to half its standard error, will 384 tell?
+
+    By the normal law: |k/64 − 0.1| + ½ s ≥ z s √(64/384), with s of k/64 and z of two looks at 0.5 % each.
+    """
+    looks, told = (64, 384), {}
+    # 5 of 64 is at the very edge
+    for k in (2, 3, 4, *range(6, 20)):
+        left = (np.arange(64) < k).astype(float)
+        found = judge_captures(np.ones(64), left, 0.9, looks)
+        # with a run for either side, as in the adjusted Wald interval
+        spread = np.append(left, [0.9 + 0.2, -0.9]).std() / np.sqrt(66)
+        expected = abs(k / 64 - 0.1) + 0.5 * spread >= 2.5758 * spread * np.sqrt(64 / 384)
+        assert found.runs == 64
+        assert found.promising == (expected and found.verdict is Verdict.OPEN), k
+        told[k] = found.promising
+    assert [k for k, worth in told.items() if not worth and k < 12] == [6, 7, 8]
+    assert not judge_captures(np.ones(384), np.tile(left, 6), 0.9, looks).promising
 
 
 def test_verdicts_are_counted() -> None:

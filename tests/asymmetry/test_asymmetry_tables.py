@@ -1,0 +1,141 @@
+"""Tables of the pitch study: what stands in their cells, for runs made by hand."""
+
+import numpy as np
+import pytest
+
+from experiments.asymmetry.added_error import paired
+from experiments.asymmetry.conditions import QUICK_CONDITIONS
+from experiments.asymmetry.gates import GateRow
+from experiments.asymmetry.missions import Row
+from experiments.asymmetry.remedies import LEVEL, REAL
+from experiments.asymmetry.remedies_page import _route_table, _split_table
+from experiments.asymmetry.tables import between, gate_table, mean_cell, mission_table, planner_table, stage_4_table
+from experiments.asymmetry.tau import Curve, Curves
+from experiments.intervals import Interval
+from experiments.pages.page import Table
+from tests.asymmetry.test_added_error import row
+
+ROUTES, RUNS = ("T3", "T4"), 64
+WOBBLE = np.tile([1.0, -1.0], RUNS // 2)
+"""Of standard deviation 1; over 64 runs its mean has half a 95 % interval of 1.96 / √63."""
+
+
+def texts(table: Table, place: int) -> list[str]:
+    """The cells of a row of a table."""
+    return [cell.text for cell in table.rows[place]]
+
+
+def half(sigma: float) -> float:
+    """Half of the 95 % interval of the mean over two missions of values that wobble by sigma."""
+    return 1.959964 * sigma / np.sqrt(2 * (RUNS - 1))
+
+
+def curve(route: str, value: tuple[float, ...], interval: float, offset: float = float("nan")) -> Curve:
+    """One whose error grows by 1 m from value to value."""
+    means = tuple(0.5 + i for i in range(len(value)))
+    halves = tuple(0.0 if i == 0 else 0.5 for i in range(len(value)))
+    return Curve(route=route, variant="laisn-2", interval_s=interval, depth_offset_m=offset, value=value,
+                 e_p_mean_m=means, excess_half_m=halves)  # fmt: skip
+
+
+CURVES = Curves(
+    tau=tuple(curve(route, (0.01, 0.03, 0.06, 0.1), interval) for route in ROUTES for interval in (1.0, 5.0)),
+    pitch=tuple(curve(route, (0.0, -1.0, -3.0, -6.0), 5.0, 10.0) for route in ROUTES),
+)
+
+
+def rows(condition: str, cause: str = "trim") -> list[Row]:
+    """On T3 pitch adds 1 m and 4 captures, on T4 3 m and none; of it sensors leave what is written here."""
+    made = []
+    for route, added, lost in (("T3", 1.0, 4), ("T4", 3.0, 0)):
+        where = {"route": route, "depth_offset_m": 10.0, "condition": condition, "cause": cause, "variant": "laisn-2"}
+        made += [
+            row("level", 0.5 + 0.1 * WOBBLE, **where),
+            row("real", 0.5 + added + 0.3 * WOBBLE, np.arange(RUNS) < lost, **where),
+            row("level-0.5", 0.6 + 0.1 * WOBBLE, **where),
+            row("attitude-0", 0.5 + 0.01 * added + 0.1 * WOBBLE, **where),
+            row("ahrs-0.5", 0.5 + 0.05 * added + 0.2 * WOBBLE, **where),
+            row("attitude-0.5", 0.5 + 0.3 * added + 0.1 * WOBBLE, **where),
+            row("offset-0.5", 0.5 + 0.4 * added + 0.1 * WOBBLE, **where),
+        ]
+    return made
+
+
+def test_means_carry_half_of_their_interval() -> None:
+    assert mean_cell(Interval(1.234, 1.034, 1.434)).text == "1.23 ± 0.20"
+    assert mean_cell(Interval(-0.012, -0.112, 0.088), 1, 100.0).text == "−1.2 ± 10.0"
+    assert between(Interval(1.234, 1.1, 1.5)).text == "1.23 (1.10 … 1.50)"
+
+
+def test_a_condition_is_told_by_its_means_over_routes() -> None:
+    condition = QUICK_CONDITIONS[0]
+    missions = paired(rows(condition.key))
+    table, lines = mission_table(missions, [condition], [10.0], CURVES)
+    found = texts(table, 0)
+    assert found[1] == "10"
+    assert found[4] == f"0.50 ± {half(0.1):.2f}"
+    assert found[5] == f"2.50 ± {half(0.3):.2f}"
+    assert found[6] == f"2.00 ± {half(0.2):.2f}"
+    assert found[7] == "–"
+    # excesses of 1 and 3 m are τ of 0.03 and 0.1 m; beyond 3 m the curve ends, and the upper limit is unknown
+    spread = 1.959964 * 0.2 / np.sqrt(RUNS - 1)
+    assert found[8] == "0.065 ± –"
+    longer = Curves(tau=tuple(curve(r, (0.01, 0.03, 0.06, 0.1, 0.3), 1.0) for r in ROUTES), pitch=())
+    # 0.02 m a metre below 1 m and 0.03 above; 0.04 below 3 m and 0.2 above
+    tau = np.hypot(0.025, 0.12) * spread / 2
+    assert texts(mission_table(missions, [condition], [10.0], longer)[0], 0)[8] == f"0.065 ± {tau:.3f}"
+    # 4 of 64 on one route and none on the other: 4 ± 1.96 √(64 · 64/63 · p (1 − p)), p = 1/16
+    most = 1.959964 * np.sqrt(RUNS * RUNS / (RUNS - 1) / 16 * 15 / 16)
+    assert found[9] == f"4 ({4 - most:.0f} … {4 + most:.0f})".replace("-0", "0")
+    assert found[10] == "T4"
+    assert found[11] == f"3.00 ± {1.959964 * 0.2 / np.sqrt(RUNS - 1):.2f}"
+    assert "laisn fly T4" in lines
+    assert "T3" not in lines
+
+
+def test_routes_and_what_sensors_leave() -> None:
+    missions = paired([r for cause in ("trim", "dive", "waves") for r in rows(cause, cause)])
+    table = _route_table(missions, ROUTES)
+    assert texts(table, 0)[1] == f"1.00 ± {1.959964 * 0.2 / np.sqrt(RUNS - 1):.2f}"
+    assert texts(table, 1)[2].startswith("99.0 (")
+    assert texts(table, 1)[3].startswith("95.0 (")
+    assert texts(table, 1)[4].startswith("70.0 (")
+    split = texts(_split_table(missions, [10.0]), 0)
+    assert split[3] == f"200.0 ± {100 * half(0.2):.1f}"
+    # 0.5 + 0.3 · 2 − 0.6 by pitch, and 0.6 − 0.5 by the sensor
+    assert split[4] == "50.0 ± 0.0"
+    assert split[5] == "10.0 ± 0.0"
+    assert split[8] == f"10.0 ± {100 * half(0.1):.1f}"
+    assert split[9] == "80.0 ± 0.0"
+
+
+def test_stage_4_reads_tau_as_pitch() -> None:
+    """1 ± 0.5 m at 0.03 m: 1° is 1 m, and half a metre 0.5° below, 2° a metre above."""
+    found = texts(stage_4_table(CURVES, [10.0]), 0)
+    assert found == ["T3", "1.00 ± 0.50", "1.0 (0.5 … 2.0)", "2.00 ± 0.50", "3.0 (2.0 … 4.5)"]
+    steep = Curves(tau=CURVES.tau, pitch=tuple(curve(r, (0.0, -15.0), 5.0, 10.0) for r in ROUTES))
+    assert texts(stage_4_table(steep, [10.0]), 0)[2] == "15.0 (7.5 … > 15)"
+
+
+def test_gates_are_told_with_their_intervals() -> None:
+    share, rare = Interval(0.5, 0.25, 0.75), Interval(0.01, 0.005, 0.02)
+    mean, without = Interval(2.0, 1.5, 2.5), Interval(0.5, 0.4, 0.6)
+    gate = GateRow(route="T5", rule="v-max", interval_s=5.0, detected=share, false_alarms=rare, e_p_mean_m=mean,
+                   e_p_mean_without_echoes_m=without)  # fmt: skip
+    assert texts(gate_table([gate]), 0) == [
+        "T5", "5", "v-max", "50.0 (25.0 … 75.0)", "1.00 (0.50 … 2.00)", "2.00 (1.50 … 2.50)", "0.50 (0.40 … 0.60)",
+    ]  # fmt: skip
+
+
+def test_planner_abeam_divides_the_bound_by_the_sine_of_pitch() -> None:
+    table = planner_table(40.0, 0.5)
+    abeam = list(table.heads).index("90°")
+    for place, cells in enumerate(table.rows):
+        pitch = float(cells[0].text)
+        assert float(texts(table, place)[abeam]) == pytest.approx(min(0.5 / np.sin(np.deg2rad(pitch)), 50.0), abs=0.06)
+
+
+def test_levels_and_reals_are_those_of_their_arms() -> None:
+    (one, _) = paired(rows("trim-12N")).values()
+    assert one.errors(LEVEL).mean() == pytest.approx(0.5)
+    assert one.errors(REAL).mean() == pytest.approx(1.5)
