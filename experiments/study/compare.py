@@ -16,16 +16,19 @@ from experiments.pages.page import Block, Figures, Page, Section, Table, Text, n
 from experiments.pages.style import SERIES
 from experiments.study.estimate import over_runs
 from experiments.study.file import METRIC
-from experiments.study.study import RESULTS, RUNS
+from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn import metrics
 from laisn.failure import LaisnError
 from sim.flight import Flight
 from sim.log.reader import read
+from sim.scenario.file import read as read_toml
 from sim.screen import shortened
 
 MOST = len(SERIES)
 _OWN = {"name", "run"}
 """Settings of a flight that say nothing of how it was flown."""
+_NO_SETTING = {"name", "question"}
+"""Keys of a study likewise."""
 
 
 def _flat(value: Any, key: str = "") -> dict[str, Any]:
@@ -36,12 +39,24 @@ def _flat(value: Any, key: str = "") -> dict[str, Any]:
     return {key: value}
 
 
-def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
-    """Settings that are not the same in all flights, by key; None where a flight has no such key."""
-    tables = [_flat(flight.scenario.model_dump(mode="json", exclude=_OWN)) for flight in flights]
+def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
     keys = dict.fromkeys(key for table in tables for key in table)
     found = {key: [table.get(key) for table in tables] for key in keys}
     return {key: values for key, values in found.items() if any(value != values[0] for value in values)}
+
+
+def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
+    """Settings that are not the same in all flights, by key; None where a flight has no such key."""
+    return _differing([_flat(flight.scenario.model_dump(mode="json", exclude=_OWN)) for flight in flights])
+
+
+def _settings(names: Sequence[str], changed: Mapping[str, list[Any]]) -> Section:
+    settings = [
+        [words(key), *(words("–" if v is None else shortened(str(v), 120)) for v in values)]
+        for key, values in changed.items()
+    ]
+    told: Block = Table(heads=("key", *names), rows=settings) if settings else Text(text="All settings are the same.")
+    return Section(title="Settings that differ", blocks=[told])
 
 
 def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
@@ -63,16 +78,10 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
         values = (one.e_p_mean_m, one.e_p_max_m, one.e_b_mean_deg, one.e_b_max_deg, apart)
         rows.append([words(name), *(number(value, 3) for value in values)])
     heads = ("flight", "mean E_P [m]", "largest [m]", "mean E_B [°]", "largest [°]", f"mean E_P less {names[0]} [m]")
-    changed = differing(flights)
-    settings = [
-        [words(key), *(words("–" if v is None else shortened(str(v), 120)) for v in values)]
-        for key, values in changed.items()
-    ]
-    told: Block = Table(heads=("key", *names), rows=settings) if settings else Text(text="All settings are the same.")
     shown = Figures(panels=panels, legend=legend, caption="The first follower's errors.")
     return [
         Section(title="Errors of the first follower", blocks=[shown, Table(heads=heads, rows=rows)]),
-        Section(title="Settings that differ", blocks=[told]),
+        _settings(names, differing(flights)),
     ]
 
 
@@ -127,7 +136,11 @@ def _studies(names: Sequence[str], folders: Sequence[Path]) -> list[Section]:
         rows.append([words(", ".join(place)), *shown])
     heads = ("place", f"mean E_P of {names[0]} [m]", *(f"{name} less that [m]" for name in names[1:]))
     text = "Differences are taken run by run, with 95 % intervals; a dash: other seas or runs, or no such place."
-    return [Section(title="Paired differences", blocks=[Text(text=text), Table(heads=heads, rows=rows)])]
+    tables = [_flat(read_toml(folder / STUDY)) for folder in folders]
+    return [
+        Section(title="Paired differences", blocks=[Text(text=text), Table(heads=heads, rows=rows)]),
+        _settings(names, _differing([{k: v for k, v in table.items() if k not in _NO_SETTING} for table in tables])),
+    ]
 
 
 def page_of(sources: Sequence[str]) -> Page:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from os.path import relpath
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +14,7 @@ from experiments.study.factors import Design, Factor
 from laisn.failure import LaisnError
 from sim.scenario.faults import key_of
 from sim.scenario.file import read
-from sim.scenario.own_hull import beside, is_model_key
+from sim.scenario.own_hull import beside, is_mjcf, is_model_key
 from sim.scenario.settings import Name, Section
 from sim.screen import plain, screenful, shortened
 
@@ -88,6 +89,8 @@ class Study:
     draws: tuple[Draw, ...]
     arms: tuple[Arm, ...]
     report: Report
+    table: Mapping[str, Any]
+    """What the file says, with the options of the command in their places."""
 
 
 def _flat(table: Mapping[str, Any], leaf: Any, prefix: str = "") -> dict[str, Any]:
@@ -196,7 +199,7 @@ def _made(table: Mapping[str, Any], source: str, name: str, folder: Path) -> Stu
         name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=file.runs,
         seas=file.seas, seed=file.seed, design=file.design, points=file.points,
         settings=_settings(file.set, folder), factors=tuple(factors), draws=tuple(draws),
-        arms=_arms(file.arm, lines, folder), report=file.report,
+        arms=_arms(file.arm, lines, folder), report=file.report, table=table,
     )  # fmt: skip
     lines += _overlaps(study)
     if lines:
@@ -273,3 +276,20 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
         if isinstance(own := table.get(part, {}), dict) and isinstance(more := given.get(part, {}), dict):
             given[part] = own | more
     return of_table(table | given, told, name, folder)
+
+
+def table_in(study: Study, folder: Path) -> dict[str, Any]:
+    """The table of a study file in a folder that asks for the same: other files are named as seen from there."""
+
+    def seen(settings: Mapping[str, Any]) -> dict[str, Any]:
+        return {key: relpath(v, folder) if is_model_key(key) and not is_mjcf(v) else v for key, v in settings.items()}
+
+    varied = {f.key: [seen({f.key: v})[f.key] for v in f.values] for f in study.factors if is_model_key(f.key)}
+    vary = {f.key: list(f.values) for f in study.factors} | varied if varied else study.table.get("vary", {})
+    return {
+        **study.table,
+        "scenario": study.scenario if study.scenario in names() else relpath(study.scenario, folder),
+        "set": seen(study.settings),
+        "vary": vary,
+        "arm": [{"name": arm.name, **seen(arm.settings)} for arm in study.arms],
+    }

@@ -6,18 +6,22 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import NamedTuple
 
+import tomli_w
+
 from experiments.campaign import missions
 from experiments.campaign.campaign import CellPlan, compile_ahead, compute
 from experiments.campaign.store import write_table
 from experiments.flight.fly import fly
 from experiments.pages.page import write
 from experiments.study.estimate import Results
-from experiments.study.file import Study
+from experiments.study.file import Study, table_in
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Outcomes, fly_study, run_columns, table_columns
 from laisn.failure import LaisnError
+from laisn.whole_files import replaced
 
 RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"
+STUDY = "study.toml"
 _CELL_BYTES = 25_000
 """Bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`."""
 _RUN_BYTES = 60
@@ -80,6 +84,8 @@ def write_results(plan: Plan, outcomes: Outcomes, folder: Path, film: Path | Non
     if not outcomes.rows:
         raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
     results = Results.of(outcomes.rows, outcomes.runs)
+    with replaced(folder / STUDY) as part:
+        part.write_text(tomli_w.dumps(table_in(plan.study, folder)), encoding="utf-8")
     write_table(folder / RESULTS, table_columns(outcomes.rows))
     write_table(folder / RUNS, run_columns(outcomes.runs))
     record_of(plan, results).write(folder / RECORD)

@@ -43,7 +43,10 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
         assert same.value == 0.0
         assert fewer is None
         assert other is None
-    assert "Paired differences" in [section.title for section in page_of([str(tmp_path / n) for n in "ab"]).sections]
+    differences, settings = page_of([str(tmp_path / n) for n in "ac"]).sections
+    assert differences.title == "Paired differences"
+    ((key, here, there),) = [[cell.text for cell in row] for row in settings.blocks[0].rows]
+    assert (key, here, there) == ("runs", "3", "2")
 
 
 def test_what_is_neither_is_refused(tmp_path):

@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import tomli_w
 from typer.testing import CliRunner
 
+import models
 from experiments import findings
 from experiments.campaign import campaign
 from experiments.command.cli import app
@@ -21,12 +23,12 @@ from experiments.flight.summary import position_and_bearing_errors
 from experiments.study import file
 from experiments.study.draws import Draw
 from experiments.study.estimate import Results
-from experiments.study.file import FOLDER, StudyError, of_table, shipped
+from experiments.study.file import FOLDER, StudyError, of_table, shipped, study_of, table_in
 from experiments.study.metrics import METRICS
 from experiments.study.notable import commands
 from experiments.study.plan import plan_of
 from experiments.study.run import _captured, fly_study
-from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, run_study
+from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_study
 
 SMALL = """
 scenario = "T5"
@@ -46,7 +48,7 @@ name = "attitude"
 leader.broadcast_attitude = true
 navigation.use_attitude = true
 """
-FILES = (RESULTS, RUNS, RECORD, REPORT)
+FILES = (RESULTS, RUNS, RECORD, REPORT, STUDY)
 
 
 def study(text=SMALL, **changes):
@@ -72,6 +74,32 @@ def test_tables_have_a_row_for_each_point_arm_sea_and_follower(flown):
         own = runs[first : first + 3]
         assert [r["run"] for r in own] == [0, 1, 2]
         assert np.mean([r["e_p_mean_m"] for r in own]) == pytest.approx(row["e_p_mean_m"], rel=1e-12)
+
+
+def test_the_study_of_a_folder_is_the_one_that_was_flown(flown):
+    again = study_of(str(flown / STUDY), {"runs": 5})
+    first = study()
+    assert again.runs == 5
+    assert (again.settings, again.factors, again.draws, again.arms) == (
+        first.settings, first.factors, first.draws, first.arms
+    )  # fmt: skip
+    assert again.draws[0].value(1, 0) == first.draws[0].value(1, 0)
+
+
+def test_a_study_in_its_folder_finds_scenario_and_hulls(tmp_path):
+    (tmp_path / "hulls").mkdir()
+    (tmp_path / "hulls" / "mine.xml").write_bytes(models.path("follower").read_bytes())
+    (tmp_path / "two.toml").write_text('duration_s = 20\n[[followers]]\nroute = "T5"\n', encoding="utf-8")
+    key, name = "followers.0.model", "hulls/mine.xml"
+    tables = [{"set": {key: name}}, {"vary": {key: [name]}}, {"arm": [{"name": "own", key: name}]}]
+    for number, table in enumerate(tables):
+        first = of_table({"scenario": "two.toml"} | table, "s", "s", tmp_path)
+        folder = tmp_path / "out" / str(number)
+        folder.mkdir(parents=True)
+        (folder / STUDY).write_text(tomli_w.dumps(table_in(first, folder)), encoding="utf-8")
+        again = study_of(str(folder / STUDY), {})
+        assert [e.scenario for e in plan_of(again).entries] == [e.scenario for e in plan_of(first).entries]
+        assert plan_of(again).entries[0].scenario.followers[0].model
 
 
 def test_every_column_is_a_label_or_a_metric_that_is_explained(flown):
