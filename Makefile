@@ -14,7 +14,9 @@ run: $(VENV)/.runtime  ## fly mission T5 (the target of a plain `make`)
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-# Idle workers take tests from busy ones; more than eight only wait for each other.
+# Idle workers take tests from busy ones; more than eight only wait for each other. Dozens of children import the same
+# modules: their bytecode is kept, whatever the environment says.
+test fuzz: export PYTHONDONTWRITEBYTECODE =
 test: $(VENV)/.dev  ## run the tests on all cores; PYTEST_ARGS="-n 0 -k word" for some of them in one process
 	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
 

@@ -17,11 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import llvmlite
+import llvmlite.binding
 import numba
 import numpy as np
 from numba.core import serialize
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
+from numba.core.runtime.nrt import rtsys
 
 from laisn.sources import PACKAGES, ROOT, Sources
 from laisn.whole_files import parts, remove_abandoned, replaced
@@ -98,6 +100,24 @@ def _newest_first(paths: Iterator[Path]) -> list[Path]:
     return sorted(paths, key=age)
 
 
+def _symbols(library: Any) -> list[str]:
+    """What compiled code expects the process to have."""
+    module = library._final_module
+    declared = (item.name for item in (*module.functions, *module.global_variables) if item.is_declaration)
+    return sorted(name for name in declared if not name.startswith("llvm."))
+
+
+def _provide(symbols: list[str], target_context: Any) -> None:
+    """Have this process know what compiled code expects of it.
+
+    For most code that is numba's memory management alone. All that numba can compile, which numba itself loads before
+    it takes any code from a cache, takes most of a second.
+    """
+    rtsys.initialize(target_context)
+    if any(llvmlite.binding.address_of_symbol(name) is None for name in symbols):
+        target_context.refresh()
+
+
 class CodeCache(NullCache):
     """What numba asks for compiled code of one function, and gives it to."""
 
@@ -117,14 +137,14 @@ class CodeCache(NullCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The code for these argument types; None if it must be compiled."""
-        target_context.refresh()
         path = self._path(sig, target_context.codegen())
         content = None if path is None else _read(path)
         if path is None or content is None:
             return None
-        signature, reduced = pickle.loads(content)
+        signature, symbols, reduced = pickle.loads(content)
         if signature != sig:
             return None
+        _provide(symbols, target_context)
         with suppress(OSError):
             # the least recently used goes first
             os.utime(path)
@@ -137,7 +157,7 @@ class CodeCache(NullCache):
         if path is None or data.library.has_dynamic_globals or any(not loop.can_cache for loop in data.lifted):
             return
         pickled: Callable[..., bytes] = serialize.dumps
-        content = pickled((sig, data._reduce()))
+        content = pickled((sig, _symbols(data.library), data._reduce()))
         try:
             with replaced(path) as part:
                 part.write_bytes(hashlib.sha256(content).digest() + content)

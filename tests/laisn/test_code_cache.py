@@ -1,6 +1,7 @@
 """Machine code that is kept: never of other sources, never damaged, never somebody else's."""
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from laisn.compiled import compiled_lanes
 from laisn.sources import PACKAGES, ROOT
 
 CAPTURES = """
+import sys
 import numpy as np
 from experiments.campaign import lane_metrics as metric
 from laisn import lane_rows as row
@@ -24,7 +26,8 @@ block, tally, bins = np.zeros(row.SIZE), np.zeros(metric.SIZE), np.zeros(2 * row
 block[row.X : row.X + row.LANES] = -1.0
 metric.tally_step(block, tally, bins, (1.0, 0.0), (0.0, 0.0, 0.0))
 hits = sum(metric.tally_step.stats.cache_hits.values())
-print(np.count_nonzero(tally[metric.LONGEST_ASTRAY : metric.LONGEST_ASTRAY + row.LANES]), hits)
+runs = np.count_nonzero(tally[metric.LONGEST_ASTRAY : metric.LONGEST_ASTRAY + row.LANES])
+print(runs, hits, "numba.np.arraymath" in sys.modules)
 """
 
 
@@ -34,7 +37,9 @@ def captures(root: Path, cache: Path) -> tuple[int, int]:
     done = subprocess.run(
         [sys.executable, "-c", CAPTURES], cwd=root, env=environment, capture_output=True, text=True, check=True
     )
-    runs, hits = done.stdout.split()
+    runs, hits, compiler = done.stdout.split()
+    # what numba can compile takes most of a second to load, and code that is kept needs none of it
+    assert compiler == str(hits == "0")
     return int(runs), int(hits)
 
 
@@ -90,6 +95,24 @@ def test_damaged_code_is_compiled_again(cache: Path, damage: str) -> None:
         {"empty": b"", "cut off": whole[:-1], "flipped": bytes(flipped), "garbage": b"cos\nsystem\n"}[damage]
     )
     assert [added(), added()] == [0, 1]
+
+
+def test_code_that_expects_what_the_process_lacks_gets_all_that_numba_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    context = compiled_lanes(cells._add_in_order.py_func).targetctx
+    told: list[str] = []
+    monkeypatch.setattr(context, "refresh", lambda: told.append("loaded"))
+    code_cache._provide(["sin", "NRT_Free", "Py_IncRef"], context)
+    assert told == []
+    code_cache._provide(["sin", "numba_no_such_thing"], context)
+    assert told == ["loaded"]
+
+
+def test_what_code_expects_is_kept_with_it(cache: Path) -> None:
+    added()
+    [kept] = cache.iterdir()
+    _, symbols, _ = pickle.loads(code_cache._read(kept) or b"")
+    # it takes arrays from Python, and gives None back
+    assert {"NRT_adapt_ndarray_from_python", "_Py_NoneStruct"} <= set(symbols)
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o722])
