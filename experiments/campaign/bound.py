@@ -41,7 +41,13 @@ def noise_of(scenario: Scenario) -> TrueNoise:
     )
 
 
-def geometry_of(trajectory: Trajectory, hearing: Hearing, follower: int = 0, received: Bools | None = None) -> Geometry:
+def geometry_of(
+    trajectory: Trajectory,
+    hearing: Hearing,
+    follower: int = 0,
+    received: Bools | None = None,
+    transmitters: int | None = None,
+) -> Geometry:
     """The true geometry of a mission as one follower's sensors meet it.
 
     Args:
@@ -49,6 +55,7 @@ def geometry_of(trajectory: Trajectory, hearing: Hearing, follower: int = 0, rec
         hearing: of its scenario.
         follower: its index, 0 for the first.
         received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
+        transmitters: how many are used; None: as many as the follower listens to.
     """
     dt, stride = hearing.filter_step_s, round(hearing.filter_step_s / CONTROL_STEP_S)
     first, n = round(float(trajectory.time[0]) / dt), (trajectory.time.size - 1) // stride
@@ -58,7 +65,7 @@ def geometry_of(trajectory: Trajectory, hearing: Hearing, follower: int = 0, rec
     hydrophone = trajectory.site_position[
         arrived * stride, trajectory.site(f"{trajectory.names[follower + 1]}/hydrophone")
     ]
-    leader, used = trajectory.position[sent, 0, :2], hearing.transmitters
+    leader, used = trajectory.position[sent, 0, :2], transmitters or hearing.transmitters
     arms = sound.transmitter[:, :used].copy()
     arms[..., :2] -= leader[:, None]
     arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]

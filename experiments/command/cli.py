@@ -241,6 +241,34 @@ def asymmetry(
     _say(f"report in {report}")
 
 
+@app.command()
+@plain_errors
+def estimators(
+    quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+) -> None:
+    """Compare LAISN-2, the tightly coupled navigator, and the least error that is possible."""
+    from experiments.estimators import study
+
+    folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
+    _say(f"report in {study.run(folder, quick=quick, workers=workers)}")
+
+
+@app.command()
+@plain_errors
+def bound(
+    scenario: ScenarioArgument,
+    set_: SetOption = None,
+    runs: Annotated[int, typer.Option(min=0, max=1_000_000, help="fly so many runs beside it")] = 0,
+    out: Annotated[Path | None, typer.Option(help="write the bound over time to this .csv")] = None,
+) -> None:
+    """Say how good an estimate of a mission could be: its Cramér–Rao bound."""
+    from experiments.command.bound import show_bound
+
+    show_bound(scenario, set_ or (), runs, out)
+
+
 app.command()(plain_errors(studying.study))
 app.command()(plain_errors(studying.compare))
 

@@ -1,7 +1,8 @@
-"""The comparison of the tightly coupled navigator with LAISN-2 and with the Cramér–Rao bound, on the same noise.
+"""The study of the estimators: LAISN-2, the tightly coupled navigator and the Cramér–Rao bound, on the same noise.
 
-Takes the paper's point motion and sensors, and what can go wrong beside them (`cases`); prints a table: `python -m
-experiments.estimators.table`. Nothing else depends on it.
+Takes the paper's point motion and sensors, physical missions, and what can go wrong (`cases`); plans tasks (`plan`),
+flies each by both navigators (`paired`), and writes a record and a page (`study`, `report`, `gallery`). `table` prints
+the seven cases route by route.
 
-Imports: experiments.campaign experiments.reproduction laisn sim
-"""
+Imports: experiments.campaign experiments.findings experiments.flight experiments.intervals experiments.pages experiments.reproduction laisn sim
+"""  # noqa: E501

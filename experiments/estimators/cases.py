@@ -32,13 +32,16 @@ class Case:
     leader_heading_deg: float = 0.0
     """Mean error of the leader's compass; its spread is that of the paper's Tables 8 and 9."""
     drift: bool = False
-    disturbed: bool = False
-    """Echoes, losses, and a late transmitter."""
+    echoes: bool = False
+    losses: bool = False
+    late: bool = False
+    """A transmitter that is late by a constant time."""
 
     @property
     def plain(self) -> bool:
         """Whether the truth is as assumed: constant biases and nothing wrong, so that the bound is known."""
-        return self.assume == Assume() and not (self.drift or self.disturbed or self.leader_heading_deg)
+        wrong = self.drift or self.echoes or self.losses or self.late or self.leader_heading_deg
+        return self.assume == Assume() and not wrong
 
 
 _WARY = Assume(exact_leader=False, drift=True, offsets=True)
@@ -50,12 +53,27 @@ CASES = (
     Case(name="G4", title="leader's compass 5° off, 3 transmitters", assume=Assume(exact_leader=False),
          leader_heading_deg=5.0),
     Case(name="G5", title="drift, 5°, echoes, losses, a late transmitter; 3 transmitters", assume=_WARY,
-         leader_heading_deg=5.0, drift=True, disturbed=True),
+         leader_heading_deg=5.0, drift=True, echoes=True, losses=True, late=True),
     Case(name="G6", title="the same, 2 transmitters", assume=_WARY, transmitters=2, leader_heading_deg=5.0, drift=True,
-         disturbed=True),
+         echoes=True, losses=True, late=True),
     Case(name="G7", title="all states switched on and nothing wrong, 3 transmitters",
          assume=Assume(exact_leader=False, drift=True, offsets=True, current=True)),
 )  # fmt: skip
+"""What is assumed and what is wrong, from nothing to everything."""
+
+WRONG = tuple(
+    Case(name=f"{name} {who}", title=f"{title}; {words}", assume=assume, **truth)
+    for name, title, truth, aware in (
+        ("leader", "leader's compass 5° off", {"leader_heading_deg": 5.0}, Assume(exact_leader=False)),
+        ("drift", "biases that drift", {"drift": True}, Assume(drift=True)),
+        ("late", "a transmitter 10 mm late", {"late": True}, Assume(offsets=True)),
+        ("echoes", "5 % echoes", {"echoes": True}, Assume()),
+        ("losses", "20 % of messages lost", {"losses": True}, Assume()),
+    )
+    for who, words, assume in (("unaware", "not assumed", Assume()), ("aware", "assumed", aware))
+    if who == "aware" or aware != Assume()
+)
+"""One thing at a time that goes wrong, and whether the navigator reckons with it."""
 
 
 def spoiled(measurements: Measurements, case: Case, seed: int, run: int) -> Measurements:
@@ -69,11 +87,16 @@ def spoiled(measurements: Measurements, case: Case, seed: int, run: int) -> Meas
         measurements = replace(
             measurements, speed=np.maximum(measurements.speed + log, 0.0), heading=measurements.heading + compass
         )
-    if case.disturbed:
-        ranges = measurements.ranges.copy()
-        ranges[:, 1] += LATE
-        echo = rng.random(ranges.shape) < ECHO_CHANCE
-        ranges += np.where(echo, rng.uniform(*ECHO_EXCESS, ranges.shape), 0.0)
-        ranges[rng.random(ranges.shape[0]) < LOSS_CHANCE] = np.nan
-        measurements = replace(measurements, ranges=ranges)
-    return measurements
+    if not (case.late or case.echoes or case.losses):
+        return measurements
+    ranges = measurements.ranges.copy()
+    ranges[:, 1] += LATE if case.late else 0.0
+    # drawn in any case, so that what is wrong alone is wrong alike among others
+    echo = rng.random(ranges.shape) < ECHO_CHANCE
+    excess = rng.uniform(*ECHO_EXCESS, ranges.shape)
+    lost = rng.random(ranges.shape[0]) < LOSS_CHANCE
+    if case.echoes:
+        ranges += np.where(echo, excess, 0.0)
+    if case.losses:
+        ranges[lost] = np.nan
+    return replace(measurements, ranges=ranges)

@@ -1,52 +1,100 @@
 """Runs of one mission by both navigators, on the same measurements."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
+from scipy.special import chdtri
 
+from experiments.campaign.bound import geometry_of, least_rms
 from experiments.campaign.missions import mission_of, motion_of
 from experiments.estimators.cases import Case, spoiled
 from experiments.reproduction.stages import Setting, scenario
 from laisn import lanes, metrics
-from laisn.arrays import Floats
-from laisn.bound import Geometry, TrueNoise, position_bound
+from laisn.arrays import Bools, Floats
+from laisn.bound import TrueNoise
 from laisn.lane_rows import LANES
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings
 from laisn.tight.mission import run_mission
 from laisn.tight.settings import TightSettings
-from sim.scenario.settings import Follower
+from sim.scenario.routes import Route, library_route
+from sim.scenario.settings import Follower, Scenario
+from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of
 from sim.sensing.sensor_errors import SensorErrors, measure
 from sim.sensing.truth import MissionTruth
 
 MIDDLE_OFFSET = 0.1
-"""H_T of all missions [m]."""
+"""H_T of missions, unless it is what is varied [m]."""
+WEAVE, WEAVE_PERIOD = float(np.deg2rad(5.0)), 40.0
+"""Angle of the legs with the route [rad], and period [s], of a leader that weaves."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Paired:
-    """Figures over all steps of all runs of one mission."""
+    """Figures of R runs of one mission of n steps; arrays of shape (R,)."""
 
     route: str
     interval: float
-    """Time between messages [s]."""
-    runs: int
-    laisn_mean: float
+    """Of messages [s]."""
+    laisn_means: Floats
     """Mean E_P of LAISN-2 [m]."""
-    tight_mean: float
-    """Mean E_P of the tightly coupled navigator [m]; root mean square and maximum follow."""
-    tight_rms: float
+    tight_means: Floats
+    """Mean E_P of the tightly coupled navigator [m]."""
+    tight_squares: Floats
+    """Mean of its E_P² [m²]."""
     tight_max: float
+    """Its largest E_P of all runs [m]."""
+    normalised: Floats
+    """Mean of eᵀ P⁻¹ e: 2 if P is right."""
+    inside: float
+    """Share of the steps at which the mean of eᵀ P⁻¹ e over the runs is within its 95 % χ² interval."""
+    residuals: Floats
+    """Squared residuals of the ranges in units of S, for each range used: 1 if S is right."""
+    laisn_lost: Bools
+    """LAISN-2 sat at the mirror image for a message interval or longer."""
+    tight_lost: Bools
+    """So did the tightly coupled navigator."""
     bound_rms: float
     """Least RMS of E_P that the noise allows [m]; NaN where the case has no bound."""
-    nees: float
-    """Mean of eᵀ P⁻¹ e: 2 if P is right."""
-    laisn_captured: int
-    """Runs that sat at the mirror image for a message interval or longer."""
-    tight_captured: int
+
+    @property
+    def runs(self) -> int:
+        """R."""
+        return self.laisn_means.size
+
+    @property
+    def laisn_mean(self) -> float:
+        """Mean E_P of LAISN-2 over all runs [m]."""
+        return float(self.laisn_means.mean())
+
+    @property
+    def tight_mean(self) -> float:
+        """Mean E_P of the tightly coupled navigator over all runs [m]."""
+        return float(self.tight_means.mean())
+
+    @property
+    def tight_rms(self) -> float:
+        """RMS E_P of the tightly coupled navigator over all runs [m]."""
+        return float(np.sqrt(self.tight_squares.mean()))
+
+    @property
+    def nees(self) -> float:
+        """Mean of eᵀ P⁻¹ e over all runs."""
+        return float(self.normalised.mean())
+
+    @property
+    def laisn_captured(self) -> int:
+        """Runs of LAISN-2 that were captured at the mirror image."""
+        return int(self.laisn_lost.sum())
+
+    @property
+    def tight_captured(self) -> int:
+        """Runs of the tightly coupled navigator that were."""
+        return int(self.tight_lost.sum())
 
     @property
     def ratio(self) -> float:
@@ -54,45 +102,61 @@ class Paired:
         return self.tight_mean / self.laisn_mean
 
 
+def _weaving(route: Route) -> tuple[tuple[float, float, float], ...]:
+    """Waypoints (time, east, north) of legs that alternate by `WEAVE` about those of a route, its corners kept."""
+    half = 0.5 * WEAVE_PERIOD
+    points = []
+    for k, (begin, end) in enumerate(pairwise(route.time.tolist())):
+        here, way = route.waypoint[k], route.waypoint[k + 1] - route.waypoint[k]
+        speed = float(np.hypot(*way)) / (end - begin)
+        starboard = np.array([way[1], -way[0]]) / float(np.hypot(*way))
+        points.append((begin, *here.tolist()))
+        for i, time in enumerate(np.arange(begin + half, end - half, half).tolist()):
+            aside = (-1.0) ** i * 0.5 * speed * half * np.tan(WEAVE)
+            points.append((time, *(here + (time - begin) / (end - begin) * way + aside * starboard).tolist()))
+    return (*points, (float(route.time[-1]), *route.waypoint[-1].tolist()))
+
+
 @cache
-def mission(route: str, interval: float, leader_heading_deg: float) -> tuple[MissionTruth, SensorErrors]:
-    """The paper's point motion on a route as three transmitters are heard, and the paper's sensors."""
+def _asked(route: str, interval: float, leader_heading_deg: float, middle_offset: float, weave: bool) -> Scenario:
     setting = Setting(
         name="estimators", stage=1, table="text", title="estimators", message_interval_s=interval,
-        middle_offset_m=MIDDLE_OFFSET, leader_heading_deg=leader_heading_deg,
+        middle_offset_m=middle_offset, leader_heading_deg=leader_heading_deg,
     )  # fmt: skip
-    follower = Follower(route=route)
-    asked = scenario(setting, follower, route, variant="laisn-3-2", motion="kinematic", seed=1)
+    asked = scenario(setting, Follower(route=route), route, variant="laisn-3-2", motion="kinematic", seed=1)
+    if not weave:
+        return asked
+    leader = asked.leader.model_copy(update={"route": None, "waypoints": _weaving(library_route("L"))})
+    return asked.model_copy(update={"leader": leader})
+
+
+@cache
+def mission(
+    route: str, interval: float, leader_heading_deg: float, middle_offset: float = MIDDLE_OFFSET, weave: bool = False
+) -> tuple[MissionTruth, SensorErrors]:
+    """The paper's point motion on a route as three transmitters are heard, and the paper's sensors.
+
+    Args:
+        route: T2 … T9.
+        interval: of messages [s].
+        leader_heading_deg: mean error of the leader's compass.
+        middle_offset: H_T [m].
+        weave: the leader weaves about its route.
+    """
+    asked = _asked(route, interval, leader_heading_deg, middle_offset, weave)
     _, truth = mission_of(motion_of(asked)).seen(asked, 0)
     return truth, errors_of(asked)
 
 
 @cache
-def bound_rms(route: str, interval: float, transmitters: int) -> float:
-    """Least RMS of E_P over a mission with constant biases and an exact leader [m]."""
-    truth, _ = mission(route, interval, 0.0)
-    theta = truth.sent_heading
-    ahead = np.stack([np.sin(theta), np.cos(theta), 0.0 * theta], axis=1)
-    port = np.stack([-np.cos(theta), np.sin(theta), 0.0 * theta], axis=1)
-    geometry = Geometry(
-        dt=truth.dt,
-        speed=truth.speed,
-        heading=truth.heading,
-        message_step=truth.message_step,
-        from_leader=truth.hydrophone[truth.message_step - 1] - truth.sent_position[:, :2],
-        arms=np.stack([-ahead, ahead, MIDDLE_OFFSET * port], axis=1)[:, :transmitters],
-    )
-    return float(np.sqrt(np.mean(np.trace(position_bound(geometry, TrueNoise()), axis1=1, axis2=2))))
-
-
-def _blocks(case: Case, route: str, interval: float, runs: int, seed: int) -> Iterator[list[Measurements]]:
-    """Measurements of all runs, as many at a time as the lanes take."""
-    truth, errors = mission(route, interval, case.leader_heading_deg)
-    for first in range(0, runs, LANES):
-        yield [
-            spoiled(measure(truth, errors, seed=seed, run=run), case, seed, run)
-            for run in range(first, min(first + LANES, runs))
-        ]
+def bound_rms(
+    route: str, interval: float, transmitters: int, middle_offset: float = MIDDLE_OFFSET, weave: bool = False
+) -> float:
+    """Least RMS of E_P over a mission with constant biases and an exact leader [m]; arguments as of `mission`."""
+    asked = _asked(route, interval, 0.0, middle_offset, weave)
+    trajectory, _ = mission_of(motion_of(asked)).seen(asked, 0)
+    geometry = geometry_of(trajectory, Hearing.of(asked), transmitters=transmitters)
+    return float(np.sqrt(np.mean(least_rms(geometry, TrueNoise()) ** 2)))
 
 
 def nees(error: Floats, spread: Floats) -> Floats:
@@ -101,8 +165,87 @@ def nees(error: Floats, spread: Floats) -> Floats:
     return np.asarray((x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy))
 
 
+def _captured(found: Floats, truth: MissionTruth, steps: int) -> bool:
+    """Whether an estimate sat at the mirror image of the truth for so many steps."""
+    at_image = metrics.captured_steps(found, truth.hydrophone, truth.leader_position, truth.leader_heading)
+    return metrics.longest_capture(at_image) >= steps
+
+
+def _blocks(runs: range) -> Iterator[range]:
+    """As many runs at a time as the lanes take."""
+    return (runs[first : first + LANES] for first in range(0, len(runs), LANES))
+
+
+def pair(
+    truth: MissionTruth,
+    measured: Sequence[Measurements],
+    settings: TightSettings,
+    message_steps: int,
+    laisn: NavigationSettings | None = None,
+) -> dict[str, Floats]:
+    """Rows of figures of some runs, named as in `Paired`, and `instants`: Σ eᵀ P⁻¹ e over them, shape (n,)."""
+    heard = np.concatenate(
+        [
+            lanes.run(measured[block.start : block.stop], truth.start, laisn or NavigationSettings()).state[:, :2]
+            for block in _blocks(range(len(measured)))
+        ],
+        axis=2,
+    )
+    rows, instants = [], np.zeros(truth.speed.size)
+    for i, given in enumerate(measured):
+        states, spread, outcome = run_mission(settings, given, truth.start)
+        error = metrics.position_errors(states[:, :2], truth.hydrophone)
+        normalised, told = nees(states[:, :2] - truth.hydrophone, spread), np.isfinite(outcome[:, 2])
+        instants += normalised
+        rows.append(
+            (
+                metrics.position_errors(heard[:, :, i], truth.hydrophone).mean(),
+                error.mean(),
+                np.mean(error**2),
+                error.max(),
+                normalised.mean(),
+                outcome[told, 2].sum() / max(outcome[told, 1].sum(), 1.0),
+                _captured(heard[:, :, i], truth, message_steps),
+                _captured(states[:, :2], truth, message_steps),
+            )
+        )
+    names = ("laisn_means", "tight_means", "tight_squares", "largest", "normalised", "residuals", "laisn_lost",
+             "tight_lost")  # fmt: skip
+    columns = np.array(rows, dtype=np.float64).T
+    return dict(zip(names, columns, strict=True)) | {"instants": instants}
+
+
+def paired(route: str, interval: float, found: dict[str, Floats], bound: float) -> Paired:
+    """Figures of rows as `pair` gives them."""
+    runs = found["laisn_means"].size
+    # eᵀ P⁻¹ e of R independent runs adds up to χ² of 2R degrees of freedom (Bar-Shalom, Section 5.4.2)
+    low, high = (float(chdtri(2 * runs, tail)) for tail in (0.975, 0.025))
+    return Paired(
+        route=route,
+        interval=interval,
+        laisn_means=found["laisn_means"],
+        tight_means=found["tight_means"],
+        tight_squares=found["tight_squares"],
+        tight_max=float(found["largest"].max()),
+        normalised=found["normalised"],
+        inside=float(np.mean((found["instants"] >= low) & (found["instants"] <= high))),
+        residuals=found["residuals"],
+        laisn_lost=found["laisn_lost"] > 0.0,
+        tight_lost=found["tight_lost"] > 0.0,
+        bound_rms=bound,
+    )
+
+
 def compare(
-    case: Case, route: str, interval: float, *, runs: int, seed: int, settings: TightSettings | None = None
+    case: Case,
+    route: str,
+    interval: float,
+    *,
+    runs: int,
+    seed: int,
+    settings: TightSettings | None = None,
+    middle_offset: float = MIDDLE_OFFSET,
+    weave: bool = False,
 ) -> Paired:
     """Fly the runs of one mission by both navigators.
 
@@ -113,37 +256,26 @@ def compare(
         runs: how many.
         seed: of all noise.
         settings: of the tightly coupled navigator, but for what the case says; None: its defaults.
+        middle_offset: H_T [m].
+        weave: the leader weaves about its route.
     """
-    truth, _ = mission(route, interval, case.leader_heading_deg)
-    given = (settings or TightSettings()).assuming(case.assume, case.transmitters)
-    message_steps = round(interval / truth.dt)
-    tight_square, tight_sum, laisn_sum, normalised, largest = 0.0, 0.0, 0.0, 0.0, 0.0
-    captured = {"laisn": 0, "tight": 0}
-    for block in _blocks(case, route, interval, runs, seed):
-        heard = lanes.run(block, truth.start, NavigationSettings()).state[:, :2]
-        for i, measurements in enumerate(block):
-            states, spread, _ = run_mission(given, measurements, truth.start)
-            where = states[:, :2]
-            for name, found in (("laisn", heard[:, :, i]), ("tight", where)):
-                steps = metrics.captured_steps(found, truth.hydrophone, truth.leader_position, truth.leader_heading)
-                captured[name] += metrics.longest_capture(steps) >= message_steps
-            error = metrics.position_errors(where, truth.hydrophone)
-            laisn_sum += float(metrics.position_errors(heard[:, :, i], truth.hydrophone).sum())
-            tight_sum += float(error.sum())
-            tight_square += float(np.sum(error**2))
-            largest = max(largest, float(error.max()))
-            normalised += float(nees(where - truth.hydrophone, spread).sum())
-    count = runs * truth.speed.size
-    return Paired(
-        route=route,
-        interval=interval,
-        runs=runs,
-        laisn_mean=laisn_sum / count,
-        tight_mean=tight_sum / count,
-        tight_rms=float(np.sqrt(tight_square / count)),
-        tight_max=largest,
-        bound_rms=bound_rms(route, interval, case.transmitters) if case.plain else float("nan"),
-        nees=normalised / count,
-        laisn_captured=captured["laisn"],
-        tight_captured=captured["tight"],
-    )
+    truth, errors = mission(route, interval, case.leader_heading_deg, middle_offset, weave)
+    given = (settings or TightSettings(middle_offset=middle_offset)).assuming(case.assume, case.transmitters)
+    measured = [spoiled(measure(truth, errors, seed=seed, run=run), case, seed, run) for run in range(runs)]
+    bound = bound_rms(route, interval, case.transmitters, middle_offset, weave) if case.plain else float("nan")
+    return paired(route, interval, pair(truth, measured, given, round(interval / truth.dt)), bound)
+
+
+def captures(route: str, interval: float, transmitters: int, runs: range, seed: int) -> tuple[int, int]:
+    """How many runs of LAISN-2 and of the tightly coupled navigator are captured at the mirror image."""
+    truth, errors = mission(route, interval, 0.0)
+    settings, steps = TightSettings(transmitters=transmitters), round(interval / truth.dt)
+    laisn = tight = 0
+    for block in _blocks(runs):
+        measured = [measure(truth, errors, seed=seed, run=run) for run in block]
+        heard = lanes.run(measured, truth.start, NavigationSettings()).state[:, :2]
+        for i, given in enumerate(measured):
+            found = run_mission(settings, given, truth.start, covariance=False).state
+            laisn += _captured(heard[:, :, i], truth, steps)
+            tight += _captured(found, truth, steps)
+    return laisn, tight

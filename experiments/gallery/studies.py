@@ -10,6 +10,7 @@ from pathlib import Path
 
 from experiments.asymmetry import study as asymmetry
 from experiments.closed_loop import study as closed_loop
+from experiments.estimators import study as estimators
 from experiments.findings import FILE
 from experiments.gallery import flights
 from experiments.gallery.documents import RECORDS
@@ -24,6 +25,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
     "closed-loop": closed_loop.run,
     "asymmetry": asymmetry.run,
+    "estimators": estimators.run,
     "real-ranges": real_ranges.run,
 }
 """How each is flown into a folder."""

@@ -21,9 +21,9 @@ class Found(NamedTuple):
     """What comes of a mission of n steps and m messages."""
 
     state: Floats
-    """Mean x, y [m], vx, vy [m/s] after each step, shape (n, 4)."""
+    """Mean x, y [m], vx, vy [m/s] after each step, shape (n, 4); shape (n, 2) without covariances."""
     covariance: Floats
-    """Of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out, and velocities with it."""
+    """Of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out."""
     outcome: Floats
     """Of each message: ranges received, ranges that the heaviest hypothesis used, and their squared residuals in units
     of S (NaN if none was used), shape (m, 3); of shape (0, 3), it is left out."""
@@ -85,13 +85,16 @@ def filter_mission(
     return 0
 
 
-def run_mission(settings: TightSettings, measurements: Measurements, start: Floats | None) -> Found:
+def run_mission(
+    settings: TightSettings, measurements: Measurements, start: Floats | None, *, covariance: bool = True
+) -> Found:
     """States and covariances of a mission, to the bit those of `TightNavigator`, without the rest that it tells.
 
     Args:
         settings: of the navigator.
         measurements: of the mission, n steps.
         start: x, y at step 0, shape (2,) or more, [m]; None, or settings that say so: unknown.
+        covariance: compute velocities, covariances and what became of messages too, which takes most of the time.
 
     Returns:
         What was found; NaN before a start is.
@@ -103,7 +106,9 @@ def run_mission(settings: TightSettings, measurements: Measurements, start: Floa
     if measurements.durations is not None or measurements.transmitters is not None or settings.transmitter_offsets:
         raise LaisnError("campaigns know steps of equal length, and transmitters on the leader's hull only")
     model, n = model_of(settings), measurements.speed.size
-    found = Found(np.empty((n, 4)), np.empty((n, 3)), np.empty((len(measurements.message), 3)))
+    messages_told = len(measurements.message) if covariance else 0
+    found = Found(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)),
+                  np.empty((messages_told, 3)))  # fmt: skip
     own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
     messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
     known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))

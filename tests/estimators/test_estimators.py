@@ -13,7 +13,7 @@ BY_NAME = {case.name: case for case in CASES}
 
 def test_spoiled_ranges_are_late_echoes_or_lost_as_often_as_said() -> None:
     truth, errors = mission("T7", 1.0, 0.0)
-    case = Case(name="spoiled", title="", disturbed=True)
+    case = Case(name="spoiled", title="", echoes=True, losses=True, late=True)
     lost, echoes, total = 0, 0, 0
     for run in range(3):
         clean = measure(truth, errors, seed=1, run=run)

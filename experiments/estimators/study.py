@@ -1,0 +1,158 @@
+"""The study of the estimators: `laisn estimators`. LAISN-2, the tightly coupled navigator and the bound, paired."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from experiments.campaign.processes import Pool
+from experiments.campaign.progress import progress
+from experiments.estimators.cases import CASES
+from experiments.estimators.paired import Paired
+from experiments.estimators.plan import INTERVALS, ON_AXIS, QUICK, SEAS, SEED, SIGMAS, Size, tasks
+from experiments.findings import FILE, Finding, Findings, of, plain, version_of
+from experiments.intervals import Interval, bootstrap_ratios, proportion
+
+COMMAND = "laisn estimators"
+MODULES = ("experiments.estimators.study",)
+Found = Mapping[tuple[Any, ...], Any]
+"""What the tasks came to, by their names."""
+
+
+def _flown(name: tuple[Any, ...], size: Size) -> tuple[tuple[Any, ...], Any]:
+    """A task by its name: what is to be computed need not be sent to another process."""
+    return name, dict(tasks(size))[name]()
+
+
+def chosen(found: Found, *first: Any) -> list[Paired]:
+    """The missions whose names begin so."""
+    return [value for name, value in found.items() if name[: len(first)] == first]
+
+
+def ratio(missions: Sequence[Paired]) -> Interval:
+    """Median over missions of mean E_P over LAISN-2's, with limits: resamples draw runs, of all missions alike."""
+    runs = min(one.runs for one in missions)
+    above = np.stack([one.tight_means[:runs] for one in missions], axis=1)
+    below = np.stack([one.laisn_means[:runs] for one in missions], axis=1)
+    limits = bootstrap_ratios(above, below)
+    middle = sorted(limits, key=lambda limit: limit.value)[(len(limits) - 1) // 2 : len(limits) // 2 + 1]
+    return Interval(*(float(np.mean(column)) for column in zip(*middle, strict=True)))
+
+
+def over_bound(missions: Sequence[Paired]) -> list[float]:
+    """RMS E_P over the bound, mission by mission."""
+    return [one.tight_rms / one.bound_rms for one in missions]
+
+
+def mean_of(missions: Sequence[Paired], name: str) -> Interval:
+    """Mean over all runs of all missions of a figure, with limits: resamples draw runs."""
+    runs = min(one.runs for one in missions)
+    values = np.mean([getattr(one, name)[:runs] for one in missions], axis=0)
+    return bootstrap_ratios(values[:, None], np.ones((runs, 1)))[0]
+
+
+def _of_missions(key: str, missions: Sequence[Paired], named: dict[str, Finding]) -> None:
+    """What is said of some missions together."""
+    several = f"{len(missions)} missions"
+    ratios = [one.ratio for one in missions]
+    named[f"ratio {key}"] = of(ratio(missions), f"mean E_P over LAISN-2's, median of {several}, 95 %")
+    named[f"worst {key}"] = plain(max(ratios), f"the same, largest of {several}")
+    named[f"error {key}"] = of(mean_of(missions, "tight_means"), f"mean E_P, mean of {several}, 95 %", "m")
+    named[f"laisn-2 {key}"] = of(mean_of(missions, "laisn_means"), f"of LAISN-2, mean of {several}, 95 %", "m")
+    named[f"largest {key}"] = plain(max(one.tight_max for one in missions), f"largest E_P of {several}", "m")
+    named[f"nees {key}"] = of(mean_of(missions, "normalised"), f"mean eᵀP⁻¹e, mean of {several}, 95 %; right: 2")
+    every = [one.nees for one in missions]
+    named[f"nees-least {key}"] = plain(min(every), f"smallest of {several}")
+    named[f"nees-most {key}"] = plain(max(every), f"largest of {several}")
+    inside = float(np.mean([one.inside for one in missions]))
+    named[f"inside {key}"] = plain(inside, "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval")
+    named[f"nis {key}"] = of(
+        mean_of(missions, "residuals"), f"squared residual of a range, mean of {several}; right: 1"
+    )
+    lost, runs = sum(one.tight_captured for one in missions), sum(one.runs for one in missions)
+    named[f"captured {key}"] = of(proportion(lost, runs), "share of runs captured, 95 %")
+    named[f"captured-runs {key}"] = plain(lost, f"runs captured of {runs}")
+    laisn = sum(one.laisn_captured for one in missions)
+    named[f"captured-laisn-2 {key}"] = of(proportion(laisn, runs), "share of LAISN-2's runs captured, 95 %")
+    if not any(np.isnan(one.bound_rms) for one in missions):
+        least = over_bound(missions)
+        named[f"bound {key}"] = plain(median(least), f"RMS E_P over the bound, median of {several}")
+        named[f"bound-worst {key}"] = plain(max(least), f"the same, largest of {several}")
+
+
+def findings_of(found: Found) -> Findings:
+    """The record of what the tasks came to."""
+    named: dict[str, Finding] = {"seed": plain(SEED, "of all noise")}
+    named["runs"] = plain(min(one.runs for one in chosen(found, "case")), "runs of each mission of G1 to G7")
+    for case in CASES:
+        for interval in INTERVALS:
+            _of_missions(f"{case.name} {interval:g}", chosen(found, "case", case.name, interval), named)
+    for sea in SEAS:
+        _of_missions(f"sea {sea}", chosen(found, "sea", sea), named)
+    for name in dict.fromkeys(name[1] for name in found if name[0] == "wrong"):
+        _of_missions(f"wrong {name}", chosen(found, "wrong", name), named)
+    for offset in dict.fromkeys(name[1] for name in found if name[0] == "offset"):
+        _of_missions(f"offset {offset:g}", chosen(found, "offset", offset), named)
+    for sigma in SIGMAS:
+        for factor in (0.5, 2.0):
+            _of_missions(f"sigma {sigma} {factor:g}", chosen(found, "sigma", sigma, factor), named)
+    for weave in (False, True):
+        for route in ON_AXIS:
+            one: Paired = found["weave", weave, route]
+            key = f"{'weaving' if weave else 'straight'} {route}"
+            named[f"rms {key}"] = plain(one.tight_rms, "RMS E_P with two transmitters", "m")
+            named[f"rms-bound {key}"] = plain(one.bound_rms, "its bound", "m")
+    for transmitters in (2, 3):
+        for route in ON_AXIS:
+            parts = [(name[3], value) for name, value in found.items() if name[:3] == ("captures", transmitters, route)]
+            runs = named_runs(found, transmitters, route)
+            laisn, tight = (sum(value[i] for _, value in parts) for i in (0, 1))
+            key = f"{transmitters} {route}"
+            named[f"many-runs {key}"] = plain(runs, "runs")
+            named[f"many {key}"] = of(proportion(tight, runs), "share of runs captured, 95 %")
+            named[f"many-captured {key}"] = plain(tight, "runs captured")
+            named[f"many-laisn-2 {key}"] = of(proportion(laisn, runs), "share of LAISN-2's runs captured, 95 %")
+    return Findings(study="estimators", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
+
+
+def named_runs(found: Found, transmitters: int, route: str) -> int:
+    """How many runs were flown to see which are captured."""
+    return int(found["capture runs", transmitters, route])
+
+
+def fly(size: Size, workers: int | None = None) -> dict[tuple[Any, ...], Any]:
+    """Fly all tasks, in parallel."""
+    names = [name for name, _ in tasks(size)]
+    found: dict[tuple[Any, ...], Any] = {}
+    with Pool(workers or len(os.sched_getaffinity(0))) as pool, progress("missions", len(names)) as advance:
+        for name, value in pool.each(_flown, ((name, size) for name in names)):
+            found[name] = value
+            advance()
+    for transmitters in (2, 3):
+        for route in ON_AXIS:
+            found["capture runs", transmitters, route] = size.captures
+    order = {name: number for number, name in enumerate(names)}
+    return dict(sorted(found.items(), key=lambda item: order.get(item[0], len(order))))
+
+
+def run(folder: Path, *, quick: bool = False, workers: int | None = None) -> Path:
+    """Fly the study; write its record and its page.
+
+    Args:
+        folder: for both; made if it is not there.
+        quick: a first look, of few runs and routes.
+        workers: local processes; None: one for each core.
+
+    Returns:
+        The page.
+    """
+    from experiments.estimators.report import write_page
+
+    found = fly(QUICK if quick else Size(), workers)
+    folder.mkdir(parents=True, exist_ok=True)
+    findings = findings_of(found)
+    findings.write(folder / FILE)
+    return write_page(findings, found, folder / "report.html", quick=quick)

@@ -1,0 +1,164 @@
+"""The study of the estimators: its figures of merit, its plan, its record and its page."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+from typer.testing import CliRunner
+
+from experiments.command.cli import app
+from experiments.estimators import paired, study
+from experiments.estimators.cases import CASES
+from experiments.estimators.paired import WEAVE, Paired, captures, compare
+from experiments.estimators.plan import ON_AXIS, QUICK, SEAS, Size, at_sea, tasks
+from experiments.estimators.report import write_page
+from sim.scenario.routes import library_route
+
+
+def made(rng: np.random.Generator, *, scale: float = 1.0, runs: int = 40, route: str = "T2", lost: int = 0) -> Paired:
+    """Figures of runs whose squared errors are `scale` times what their covariance says."""
+    tight = rng.uniform(0.1, 0.3, runs)
+    return paired.paired(
+        route,
+        5.0,
+        {
+            "laisn_means": 4.0 * tight,
+            "tight_means": tight,
+            "tight_squares": tight**2,
+            "largest": 3.0 * tight,
+            "normalised": scale * rng.chisquare(2, (200, runs)).mean(axis=0),
+            "residuals": np.ones(runs),
+            "laisn_lost": np.ones(runs),
+            "tight_lost": (np.arange(runs) < lost).astype(np.float64),
+            "instants": scale * rng.chisquare(2 * runs, 1000),
+        },
+        0.15,
+    )
+
+
+def test_a_right_covariance_is_within_its_interval_95_percent_of_the_time_and_a_wrong_one_is_not() -> None:
+    rng = np.random.default_rng(0)
+    for scale in (1.0, 0.7, 1.5):
+        # of 40 runs, squares add up to χ² of 80 degrees of freedom times the scale
+        limits = stats.chi2.ppf([0.025, 0.975], 80) / scale
+        share = float(np.diff(stats.chi2.cdf(limits, 80))[0])
+        assert made(rng, scale=scale).inside == pytest.approx(share, abs=5 * np.sqrt(share * (1 - share) / 1000))
+    assert made(rng).nees == pytest.approx(2.0, abs=0.15)
+
+
+def test_figures_of_all_runs_are_means_roots_and_counts_over_them() -> None:
+    one = made(np.random.default_rng(1), lost=3)
+    assert one.ratio == pytest.approx(0.25)
+    assert one.tight_rms == pytest.approx(np.sqrt(np.mean(one.tight_means**2)))
+    assert (one.tight_captured, one.laisn_captured, one.runs) == (3, 40, 40)
+
+
+def test_a_ratio_over_missions_is_the_median_of_theirs() -> None:
+    rng = np.random.default_rng(2)
+    missions = [made(rng) for _ in range(3)]
+    value, low, high = study.ratio(missions)
+    assert (value, low, high) == pytest.approx((0.25, 0.25, 0.25))
+    assert study.over_bound(missions) == pytest.approx([one.tight_rms / 0.15 for one in missions])
+    mean = study.mean_of(missions, "tight_means")
+    every = np.concatenate([one.tight_means for one in missions])
+    assert mean.value == pytest.approx(every.mean())
+    # the bootstrap of the mean is that of the normal law, nearly
+    half = 1.96 * np.mean([one.tight_means for one in missions], axis=0).std() / np.sqrt(40)
+    assert (mean.high - mean.low) / 2 == pytest.approx(half, rel=0.15)
+
+
+def test_captures_are_those_of_the_runs_that_are_compared() -> None:
+    runs = 5
+    for case in CASES[:2]:
+        whole = compare(case, "T5", 5.0, runs=runs, seed=3)
+        laisn, tight = captures("T5", 5.0, case.transmitters, range(runs), 3)
+        assert (laisn, tight) == (whole.laisn_captured, whole.tight_captured)
+
+
+def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners() -> None:
+    route = library_route("L")
+    points = np.array(paired._weaving(route))
+    corners = points[np.isin(points[:, 0], route.time)]
+    np.testing.assert_allclose(corners[:, 1:], route.waypoint)
+    way = np.diff(points[:, 1:], axis=0)
+    heading = np.arctan2(*way.T)
+    for k in range(len(route.time) - 1):
+        leg = np.arctan2(*(route.waypoint[k + 1] - route.waypoint[k]))
+        # but for the legs to and from a corner
+        inner = (points[:-1, 0] > route.time[k] + 1) & (points[1:, 0] < route.time[k + 1] - 1)
+        off = np.angle(np.exp(1j * (heading[inner] - leg)))
+        np.testing.assert_allclose(np.abs(off), WEAVE, rtol=1e-9)
+        assert np.all(off[1:] * off[:-1] < 0.0)
+
+
+def test_a_weaving_leader_tells_two_transmitters_the_side() -> None:
+    straight, weaving = (compare(CASES[1], "T5", 5.0, runs=6, seed=5, weave=weave) for weave in (False, True))
+    assert weaving.bound_rms < 0.8 * straight.bound_rms
+    assert weaving.tight_rms < 0.8 * straight.tight_rms
+
+
+def test_a_physical_mission_is_flown_by_both_and_the_sea_matters() -> None:
+    one = at_sea("waves", "T6", 2)
+    assert 0.01 < one.tight_mean < one.laisn_mean
+    assert one.bound_rms > 0.0
+    assert one.nees < 5.0
+
+
+def test_the_plan_names_every_task_once_and_flies_every_case() -> None:
+    names = [name for name, _ in tasks(Size())]
+    assert len(set(names)) == len(names)
+    cases = [name for name in names if name[0] == "case"]
+    assert len(cases) == 7 * 2 * 8
+    assert sum(1 for name in names if name[0] == "captures") == 4 * -(-10_000 // 640)
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[tuple[Any, ...], Any]:
+    """What a study might have come to, without flying it."""
+    rng = np.random.default_rng(7)
+    found: dict[tuple[Any, ...], Any] = {
+        name: (7, 0) if name[0] == "captures" else made(rng, runs=25) for name, _ in tasks(QUICK)
+    }
+    return found | {("capture runs", n, route): QUICK.captures for n in (2, 3) for route in ON_AXIS}
+
+
+def test_none_of_n_captured_has_the_interval_of_clopper_and_pearson(found: dict[tuple[Any, ...], Any]) -> None:
+    findings = study.findings_of(found)
+    none = findings["many 3 T5"]
+    assert (none.value, none.low) == (0.0, 0.0)
+    exact = stats.binomtest(0, QUICK.captures).proportion_ci(0.95, "exact")
+    assert none.high == pytest.approx(exact.high, rel=1e-4)
+    assert findings["many-laisn-2 3 T5"].value == pytest.approx(7 / QUICK.captures, rel=1e-4)
+    assert findings["ratio G1 5"].value == pytest.approx(0.25)
+    assert {f"nees sea {sea}" for sea in SEAS} <= set(findings.findings)
+
+
+def test_the_page_tells_all_of_it(found: dict[tuple[Any, ...], Any], tmp_path: Path) -> None:
+    page = write_page(study.findings_of(found), found, tmp_path / "report.html", quick=True)
+    text = page.read_text(encoding="utf-8")
+    for words in (
+        "At sea",
+        "What can go wrong",
+        "Wrong settings",
+        "A leader that weaves",
+        "Route by route",
+        "A first look",
+    ):
+        assert words in text
+    for case in CASES:
+        assert case.title.replace("'", "&#39;") in text
+
+
+def test_the_bound_of_a_mission_is_printed_and_written(tmp_path: Path) -> None:
+    short = ["--set", "duration_s=30", "--set", "motion=kinematic"]
+    out = tmp_path / "bound.csv"
+    result = CliRunner().invoke(app, ["bound", "T5", *short, "--runs", "3", "--out", str(out)], env={"COLUMNS": "160"})
+    assert result.exit_code == 0, result.output
+    assert "laisn-2, 3 runs" in result.output
+    lines = out.read_text().splitlines()
+    assert lines[0] == "follower,time_s,bound_m"
+    assert len(lines) == 301
+    wrong = CliRunner().invoke(app, ["bound", "T5", *short, "--out", "bound.txt"])
+    assert wrong.exit_code != 0
