@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.scenario.routes import DepthProfile, Route, library_route
-from sim.scenario.settings import Scenario, Vehicle
+from sim.scenario.settings import Follower, Scenario, Vehicle
 from sim.vehicle.mjcf import VehicleSetup
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
@@ -53,8 +53,8 @@ def _depth_of(vehicle: Vehicle) -> DepthProfile:
     if vehicle.depth_profile:
         return DepthProfile.through(vehicle.depth_profile)
     if vehicle.saw_tooth_amplitude_m > 0:
-        return DepthProfile.saw_tooth(vehicle.depth_m, vehicle.saw_tooth_amplitude_m, vehicle.saw_tooth_period_s)
-    return DepthProfile.constant(vehicle.depth_m)
+        return DepthProfile.saw_tooth(vehicle.layer_m, vehicle.saw_tooth_amplitude_m, vehicle.saw_tooth_period_s)
+    return DepthProfile.constant(vehicle.layer_m)
 
 
 def route_of(vehicle: Vehicle, name: str) -> Route:
@@ -75,14 +75,32 @@ def models_of(scenario: Scenario) -> tuple[str, ...]:
     return (scenario.leader.model or "leader", *(f.model or "follower" for f in scenario.followers))
 
 
+def _stand_in(follower: Follower, scenario: Scenario, leader: Route) -> Route:
+    """Where a follower on a station begins, and how: beside the leader, as if its trail had been straight."""
+    assert follower.station is not None
+    ahead = leader.waypoint[1] - leader.waypoint[0]
+    ahead = ahead / np.hypot(*ahead)
+    if leader.start_heading is not None:
+        ahead = np.array([np.sin(leader.start_heading), np.cos(leader.start_heading)])
+    port = np.array([-ahead[1], ahead[0]])
+    start = leader.waypoint[0] - follower.station.behind_m * ahead + follower.station.port_m * port
+    if follower.start_m is not None:
+        start = np.array(follower.start_m)
+    points = [start, start + max(scenario.duration_s, 1.0) * leader.start_speed * ahead]
+    return Route.at_speed(follower.name, points, leader.start_speed, _depth_of(follower))
+
+
 def routes_of(scenario: Scenario) -> tuple[Route, ...]:
-    """Routes of all vehicles, the leader's first.
+    """Routes of all vehicles, the leader's first; of a follower on a station, its start and straight on from there.
 
     Raises:
         ValueError: a route is unknown or asks for more than the vehicle can do; names vehicle and waypoint.
     """
-    vehicles = (scenario.leader, *scenario.followers)
-    return tuple(route_of(v, n) for v, n in zip(vehicles, vehicle_names(scenario), strict=True))
+    leader = route_of(scenario.leader, "leader")
+    return (
+        leader,
+        *(_stand_in(f, scenario, leader) if f.station else route_of(f, f.name) for f in scenario.followers),
+    )
 
 
 def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:

@@ -96,7 +96,7 @@ class Feedback:
 
     def __init__(self, scenario: Scenario, navigator: NavigatorFactory) -> None:
         """Set up a pilot for each follower with `steers_by = "estimate"`."""
-        steering = [i for i, follower in enumerate(scenario.followers) if follower.steers_by == "estimate"]
+        steering = [i for i, follower in enumerate(scenario.followers) if follower.believes]
         self._pilots = {i + 1: Pilot(scenario, i, navigator) for i in steering}
         self._shape = len(scenario.followers) + 1, 2
 

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
-from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design
+from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, feel
 from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer
 from sim.scenario.point_motion import Limits
 from sim.scenario.routes import Route
@@ -50,7 +50,7 @@ BelievedPositions = Callable[[int, TrajectorySince], Floats]
 
 
 @compiled
-def _note(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Floats) -> None:
+def note(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Floats) -> None:
     """Record instant k."""
     pose, twist, thrust = state
     row = record[k]
@@ -62,7 +62,7 @@ def _note(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Fl
 
 
 @compiled
-def _steer(
+def steer_along_routes(
     k: int,
     row: Floats,
     wanted: Floats,
@@ -78,7 +78,8 @@ def _steer(
             begin(wanted[k, i], pose, twist, around, memory[0][i])
         where = belief[i] if np.isfinite(belief[i, 0]) else pose[:2]
         steering = steer(wanted[k, i], where, around, TICK, memory[0][i])
-        control(autopilots[i], steering, wanted[k, i], pose, twist, around, TICK, memory[1][i], command[i])
+        felt = feel(pose, twist, around)
+        control(autopilots[i], steering, wanted[k, i], felt, TICK, memory[1][i], command[i])
 
 
 @compiled
@@ -96,8 +97,8 @@ def _fly(
         span: the first instant, which is recorded; the last; physics steps from one to the next.
         afloat: of `Plant.afloat`.
         state: pose, twist and thrust of the plant.
-        water: as of `_note`.
-        steering: wanted, belief, autopilots, memory and command of `_steer`.
+        water: as of `note`.
+        steering: wanted, belief, autopilots, memory and command of `steer_along_routes`.
         record: of all instants, shape (n, v, COLUMNS).
 
     Returns:
@@ -106,12 +107,66 @@ def _fly(
     first, last, substeps = span
     wanted, belief, autopilots, memory, command = steering
     for k in range(first, last):
-        _steer(k, record[k], wanted, belief, autopilots, memory, command)
+        steer_along_routes(k, record[k], wanted, belief, autopilots, memory, command)
         fault = advance(afloat, command, substeps)
         if fault[0] != FINE:
             return k, fault
-        _note(k + 1, state, water, record)
+        note(k + 1, state, water, record)
     return last, (FINE, -1)
+
+
+Steering = tuple[Floats, Floats, Any, tuple[Floats, Floats], Floats]
+"""Wanted, belief, autopilots, memory and command of `steer_along_routes`."""
+
+
+class Crew(Protocol):
+    """What steers the vehicles of a fleet."""
+
+    def think(self, k: int, record: Floats) -> None:
+        """Find the commands that hold from the recorded instant k until k + 1."""
+
+    def fly(
+        self,
+        span: tuple[int, int, int],
+        afloat: Any,
+        state: tuple[Floats, Floats, Floats],
+        water: Water,
+        record: Floats,
+    ) -> tuple[int, Fault]:
+        """Think, advance and record from one instant to another in compiled code; arguments as of `_fly`."""
+
+    def end(self, k: int, record: Floats) -> None:
+        """Take note of the last instant, after which nothing is steered."""
+
+
+class RouteCrew:
+    """Vehicles on routes, steered by the truth or by positions that are given."""
+
+    def __init__(self, steering: Steering) -> None:
+        """Take the arrays that `steer_along_routes` works on."""
+        self._steering = steering
+
+    def think(self, k: int, record: Floats) -> None:
+        """Find the commands that hold from the recorded instant k until k + 1."""
+        steer_along_routes(k, record[k], *self._steering)
+
+    def fly(
+        self,
+        span: tuple[int, int, int],
+        afloat: Any,
+        state: tuple[Floats, Floats, Floats],
+        water: Water,
+        record: Floats,
+    ) -> tuple[int, Fault]:
+        """Steer, advance and record; see `Crew.fly`."""
+        return _fly(span, afloat, state, water, self._steering, record)
+
+    def end(self, k: int, record: Floats) -> None:
+        """Do nothing: whoever is steered by the truth has nothing to remember."""
+
+
+Boarding = Callable[[Plant, Steering], Crew]
+"""Makes the crew of a plant from the arrays of its routes."""
 
 
 def _trajectory(plant: Plant, record: Floats, since: int = 0) -> Trajectory | None:
@@ -141,6 +196,16 @@ def _trajectory(plant: Plant, record: Floats, since: int = 0) -> Trajectory | No
     )
 
 
+def standing(plant: Plant) -> Trajectory:
+    """A plant as it stands: a trajectory of two equal instants, for what is told of vehicles before they move."""
+    record = np.empty((2, len(plant.names), COLUMNS))
+    for k in range(2):
+        note(k, plant.state, plant.ocean.water, record)
+    still = _trajectory(plant, record)
+    assert still is not None  # of two instants
+    return still
+
+
 def _trajectory_since(plant: Plant, record: Floats, since: int = 0) -> Trajectory:
     flown = _trajectory(plant, record, since)
     if flown is None:
@@ -156,6 +221,7 @@ def simulate_fleet(
     *,
     limits: Sequence[Limits] | None = None,
     believe: BelievedPositions | None = None,
+    boarding: Boarding | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Fly every vehicle of a plant along its route.
@@ -167,6 +233,7 @@ def simulate_fleet(
         depth_control: of each vehicle; empty: "pitch" for all.
         limits: what each vehicle can do; None: the paper's turn rate, acceleration and top speed.
         believe: where vehicles take themselves to be when they steer; None: they know.
+        boarding: makes a crew that does other than follow routes; None: there is none.
         progress: called with the mission time [s], every 50 s of it.
 
     Returns:
@@ -192,23 +259,24 @@ def simulate_fleet(
     command, belief = np.zeros((v, 5)), np.full((v, 2), np.nan)
     state, water = plant.state, plant.ocean.water
     steering = wanted, belief, autopilots, memory, command
+    crew: Crew = RouteCrew(steering) if boarding is None else boarding(plant, steering)
 
     def leg(k: int, last: int) -> None:
         """Fly from instant k to the last one."""
         afloat = plant.afloat()
         try:
             if afloat is not None:
-                k, fault = _fly((k, last, substeps), afloat, state, water, steering, record)
+                k, fault = crew.fly((k, last, substeps), afloat, state, water, record)
                 plant.settle(fault)
             while k < last:
-                _steer(k, record[k], *steering)
+                crew.think(k, record)
                 plant.step(command, substeps)
                 k += 1
-                _note(k, state, water, record)
+                note(k, state, water, record)
         except PlantError as error:
             raise FleetError(str(error), error.time, _trajectory(plant, record[: k + 1])) from error
 
-    _note(0, state, water, record)
+    note(0, state, water, record)
     k = 0
     while k < ticks:
         if believe is not None:
@@ -219,6 +287,7 @@ def simulate_fleet(
         if progress is not None and (last - 1) % _PROGRESS_TICKS == 0:
             progress((last - 1) * TICK)
         k = last
+    crew.end(ticks, record)
     if believe is not None:
         believe(ticks, partial(_trajectory_since, plant, record))
     return _trajectory_since(plant, record)

@@ -8,7 +8,7 @@ from sim.assembly import ocean_of, route_of, vehicle_names
 from sim.film.cameras import CAMERAS
 from sim.log.clock import Clock
 from sim.scenario.point_motion import Plan, plan
-from sim.scenario.settings import CONTROL_STEP_S, Misfit, Scenario, Vehicle, Video
+from sim.scenario.settings import CONTROL_STEP_S, Follower, Misfit, Scenario, Vehicle, Video
 
 MOST_INSTANTS = 2_000_000
 """Most instants times vehicles: two vehicles for a day. A million takes 1.1 GB of memory and 0.45 GB of log."""
@@ -94,6 +94,8 @@ def misfits(scenario: Scenario) -> list[Misfit]:
     for i, (key, vehicle) in enumerate(scenario.vehicles()):
         found += _hull_misfits(f"{key}.model", vehicle.model, "follower" if i else "leader")
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
+        if isinstance(vehicle, Follower) and vehicle.station:
+            continue
         where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
         found += _tried(partial(_plan, vehicle, name), where)
     return [*found, *_cost(scenario)]

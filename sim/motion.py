@@ -1,13 +1,14 @@
 """Truth of a scenario: how its vehicles move, by the physics or by the paper's point motion."""
 
 from collections.abc import Callable
+from functools import partial
 
 from laisn.failure import LaisnError
 from laisn.navigating import NavigatorFactory
 from sim import point_fleet
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.closed_loop import Feedback
-from sim.fleet import FleetError, simulate_fleet
+from sim.fleet import Boarding, Crew, FleetError, Steering, simulate_fleet
 from sim.point_fleet import Sites
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
@@ -22,8 +23,22 @@ class DivergedError(LaisnError):
         self.trajectory = trajectory
 
 
+Embarking = Callable[[Scenario, Plant, Steering], Crew]
+"""Makes the crew of a scenario whose followers keep stations, from its plant at the start and its routes' arrays."""
+
+
+def _boarding(scenario: Scenario, embark: Embarking | None) -> Boarding | None:
+    stations = [i for i, follower in enumerate(scenario.followers) if follower.station]
+    if stations and embark is None:
+        raise LaisnError(
+            f"scenario {scenario.name!r}: followers.{stations[0]}.station: its path depends on the noise of the run, "
+            "so that no campaign can fly it once for all runs; use `laisn fly --run N`"
+        )
+    return partial(embark, scenario) if stations and embark is not None else None
+
+
 def _feedback(scenario: Scenario, navigator: NavigatorFactory | None) -> Feedback | None:
-    steering = [i for i, follower in enumerate(scenario.followers) if follower.steers_by == "estimate"]
+    steering = [i for i, follower in enumerate(scenario.followers) if follower.believes]
     if steering and navigator is None:
         raise LaisnError(
             f"scenario {scenario.name!r}: followers.{steering[0]}.steers_by = 'estimate': its path depends on the "
@@ -36,19 +51,22 @@ def simulate_motion(
     scenario: Scenario,
     progress: Callable[[float], None] | None = None,
     navigator: NavigatorFactory | None = None,
+    embark: Embarking | None = None,
 ) -> Trajectory:
     """Fly a scenario's vehicles along their routes.
 
     Args:
         scenario: `motion` chooses rigid bodies in water, or point motion in still water with the same sites.
         progress: called now and then with the share that is done, 0 … 1.
-        navigator: makes the navigators of followers that steer by their own estimates.
+        navigator: makes the navigators of followers that steer along routes by their own estimates.
+        embark: makes the crew of a fleet whose followers keep stations.
 
     Raises:
         LaisnError: a route cannot be flown, the sea is impossible, or a follower lacks its navigator.
         DivergedError: the simulation left finite numbers.
     """
-    feedback = _feedback(scenario, navigator)
+    boarding = _boarding(scenario, embark)
+    feedback = None if boarding else _feedback(scenario, navigator)
     routes = routes_of(scenario)
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
@@ -61,6 +79,7 @@ def simulate_motion(
             scenario.duration_s,
             [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
             believe=feedback,
+            boarding=boarding,
             progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
         )
     except FleetError as error:

@@ -80,6 +80,15 @@ def _table(rng: Random, schema: dict[str, Any], wild: float) -> dict[str, Any]:
     return table
 
 
+def _follower(rng: Random, wild: float) -> dict[str, Any]:
+    """A follower that mostly has a route or a station, not both."""
+    made = {"route": "T5", **_table(rng, SCHEMA["$defs"]["Follower"], wild)}
+    if "station" in made and rng.random() < 0.5:
+        behind, port, depth = rng.uniform(4, 40), rng.uniform(-30, 30), rng.uniform(2, 28)
+        return {"station": {"behind_m": behind, "port_m": port, "depth_m": depth}}
+    return {key: value for key, value in made.items() if key not in {"station", "start_m"} or rng.random() < wild}
+
+
 def table(seed: int, wild: float = 0.01) -> dict[str, Any]:
     """A scenario's table.
 
@@ -91,7 +100,5 @@ def table(seed: int, wild: float = 0.01) -> dict[str, Any]:
     made = {"duration_s": rng.choice((0.1, 0.2, 1.0, 3.0)), **_table(rng, SCHEMA, wild)}
     followers = made.get("followers")
     if not isinstance(followers, list) or rng.random() > wild:
-        made["followers"] = [
-            {"route": "T5", **_table(rng, SCHEMA["$defs"]["Follower"], wild)} for _ in range(rng.choice((1, 1, 2, 4)))
-        ]
+        made["followers"] = [_follower(rng, wild) for _ in range(rng.choice((1, 1, 2, 4)))]
     return {"name": "absurd", **made}

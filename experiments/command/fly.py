@@ -24,30 +24,47 @@ from sim.scenario.file import dumps
 from sim.scenario.settings import Scenario
 
 
+def _stations(summary: dict[str, Any]) -> Table:
+    """How followers kept their stations."""
+    table = Table("follower", "off its station: RMS", "95 %", "max", "E_P mean", "joined", "", box=None, pad_edge=False)
+    for name, row in summary["followers"].items():
+        if "station_rms_m" in row:
+            off = (f"{row[f'station_{what}_m']:.2f} m" for what in ("rms", "p95", "max"))
+            joined = "never" if row["joined_s"] is None else f"{row['joined_s']:.0f} s"
+            table.add_row(literal(name), *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else "")
+    return table
+
+
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     """Print a short table of errors, and how the flight ended if it did not end well."""
-    steered = any(follower.steers_by == "estimate" for follower in flight.scenario.followers)
-    heads = (
-        "follower",
-        "E_P max",
-        "mean",
-        "σ",
-        "E_B max",
-        "mean",
-        "σ",
-        "NEES",
-        "× bound",
-        *(["off its place"] if steered else []),
-    )
-    table = Table(*heads, box=None, pad_edge=False)
-    for name, row in summary["followers"].items():
-        metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
-        degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
-        consistent = ("–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound"))
-        table.add_row(
-            literal(name), *metres, *degrees, *consistent, *([f"{row['off_place_rms_m']:.2f} m"] if steered else [])
+    steered = any(follower.believes for follower in flight.scenario.followers)
+    if any("station_rms_m" in row for row in summary["followers"].values()):
+        console.print(_stations(summary))
+        one, other = summary["closest_approach_pair"]
+        apart = f"{literal(one)} and {literal(other)} came nearest to each other: {summary['closest_approach_m']:.1f} m"
+        console.print(f"{apart} at {summary['closest_approach_s']:.0f} s", highlight=False)
+    else:
+        heads = (
+            "follower",
+            "E_P max",
+            "mean",
+            "σ",
+            "E_B max",
+            "mean",
+            "σ",
+            "NEES",
+            "× bound",
+            *(["off its place"] if steered else []),
         )
-    console.print(table)
+        table = Table(*heads, box=None, pad_edge=False)
+        for name, row in summary["followers"].items():
+            metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
+            degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
+            consistent = ("–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound"))
+            table.add_row(
+                literal(name), *metres, *degrees, *consistent, *([f"{row['off_place_rms_m']:.2f} m"] if steered else [])
+            )
+        console.print(table)
     if flight.outcome is not Outcome.COMPLETED:
         tell(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, "red")
 

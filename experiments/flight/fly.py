@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from experiments.flight.swarm import swarm_of
 from laisn.navigating import NavigatorFactory
 from laisn.navigators import new_navigator
 from sim.flight import Flight, Outcome, navigate, navigation_settings
@@ -36,7 +37,7 @@ def motion_and_outcome(
 ) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario; if it leaves finite numbers, what was flown before, and an outcome that says so."""
     try:
-        return simulate_motion(scenario, progress, new_navigator), Outcome.COMPLETED
+        return simulate_motion(scenario, progress, new_navigator, swarm_of), Outcome.COMPLETED
     except DivergedError as error:
         return error.trajectory, Outcome.DIVERGED
 

@@ -9,10 +9,9 @@ from experiments.campaign.version import versions
 from experiments.flight.bound import flight_bound
 from laisn import metrics
 from laisn.arrays import Floats
-from sim.assembly import routes_of
 from sim.flight import Flight
 from sim.log.events import Event
-from sim.tracking import off_place
+from sim.station_keeping import closest_approaches, off_places, station_keeping
 
 
 def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
@@ -54,7 +53,7 @@ def stray_events(flight: Flight) -> list[Event]:
     planned = (flight.scenario.leader, *flight.scenario.followers)
     for v, name in enumerate(flight.trajectory.names):
         depth = flight.trajectory.depth[:, v]
-        surfaced = depth < 0 if planned[v].depth_m > 1 else np.zeros(depth.size, dtype=bool)
+        surfaced = depth < 0 if planned[v].layer_m > 1 else np.zeros(depth.size, dtype=bool)
         for strayed, text in ((depth > floor, "goes below the sea floor"), (surfaced, "breaks the surface")):
             if strayed.any():
                 first = float(flight.trajectory.time[np.argmax(strayed)])
@@ -63,13 +62,30 @@ def stray_events(flight: Flight) -> list[Event]:
 
 
 def off_place_rms(flight: Flight) -> list[float]:
-    """RMS distance of each follower from where its route has it, [m]."""
-    time, position = flight.trajectory.time, flight.trajectory.position[..., :2]
-    routes = routes_of(flight.scenario)
-    return [
-        float(np.sqrt(np.mean(off_place(routes[v], time, position[:, v]) ** 2)))
-        for v in range(1, len(flight.trajectory.names))
-    ]
+    """RMS distance of each follower from its station, or from where its route has it, [m]."""
+    return [float(np.sqrt(np.mean(off**2))) for off in off_places(flight.scenario, flight.trajectory).T]
+
+
+def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
+    """How a follower kept its place, from its distances off it, shape (n,), [m]."""
+    row: dict[str, Any] = {"off_place_rms_m": float(np.sqrt(np.mean(off**2)))}
+    if flight.scenario.followers[follower].station:
+        keeping = asdict(station_keeping(off, flight.trajectory.time))
+        row |= {name: None if value != value else value for name, value in keeping.items()}
+    return row
+
+
+def _nearest(flight: Flight) -> dict[str, Any]:
+    """The two vehicles that came nearest to each other, in space and horizontally."""
+    space, level = closest_approaches(flight.trajectory)
+    return {
+        "closest_approach_m": space.distance_m,
+        "closest_approach_pair": list(space.pair),
+        "closest_approach_s": space.time_s,
+        "closest_horizontal_m": level.distance_m,
+        "closest_horizontal_pair": list(level.pair),
+        "closest_horizontal_s": level.time_s,
+    }
 
 
 def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float | None]:
@@ -94,7 +110,7 @@ def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, 
     """What `summary.json` holds: the same for the same scenario and version, whatever the machine."""
     errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(errors, flight.estimates, strict=True)]
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
-    names, astray = flight.trajectory.names[1:], off_place_rms(flight)
+    names, off = flight.trajectory.names[1:], off_places(flight.scenario, flight.trajectory)
     return {
         "scenario": flight.scenario.name,
         "seed": flight.scenario.seed,
@@ -103,10 +119,12 @@ def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, 
         "flown_s": float(flight.trajectory.time[-1]),
         "variant": flight.scenario.navigation.variant,
         **asdict(pooled),
+        **_nearest(flight),
         "followers": {
             name: asdict(metrics.summarise(*errors[i]))
             | consistency(flight, i, flight_bound(flight, i))
-            | {"off_place_rms_m": astray[i], "fixes": metrics.fix_counts(flight.estimates[i])}
+            | _kept(flight, i, off[:, i])
+            | {"fixes": metrics.fix_counts(flight.estimates[i])}
             for i, name in enumerate(names)
         },
         "versions": versions(),

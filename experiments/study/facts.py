@@ -6,14 +6,14 @@ from experiments.campaign.store import Record
 from laisn.arrays import Floats
 from sim.assembly import routes_of
 from sim.scenario.settings import Scenario
-from sim.tracking import off_place
+from sim.station_keeping import off_places
 from sim.trajectory import Trajectory
 
 DISC_DIAMETER_M = 0.1
 """Disc of every thruster: the MJCF has thrusts and no propellers. Powers compare missions; they size no battery."""
 
 FACTS = {
-    "off_place_rms_m": "RMS distance from where the route has the follower",
+    "off_place_rms_m": "RMS distance from where the route or station has the follower",
     "off_place_max_m": "largest distance from there",
     "depth_error_rms_m": "RMS error of the follower's depth against the depth that it was to hold",
     "depth_error_max_m": "largest error of depth",
@@ -70,6 +70,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
     Point motion has no thrusters: its powers are None.
     """
     routes, time, position = routes_of(scenario), trajectory.time, trajectory.position
+    off = off_places(scenario, trajectory)
     density, span = scenario.ocean.density_kg_m3, float(trajectory.time[-1] - trajectory.time[0])
     physical = scenario.motion == "physics"
 
@@ -88,7 +89,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
     }
     found = []
     for v in range(1, len(trajectory.names)):
-        astray, depth, own = off_place(routes[v], time, position[:, v, :2]), depth_error(v), power(v)
+        astray, depth, own = off[:, v - 1], depth_error(v), power(v)
         apart = np.linalg.norm(np.delete(position, v, axis=1) - position[:, v : v + 1], axis=2)
         found.append(
             {

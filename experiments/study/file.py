@@ -15,7 +15,8 @@ from laisn.failure import LaisnError
 from sim.scenario.faults import key_of
 from sim.scenario.file import read
 from sim.scenario.own_hull import beside, is_mjcf, is_model_key
-from sim.scenario.settings import Name, Section
+from sim.scenario.section import Section
+from sim.scenario.settings import Name
 from sim.screen import plain, screenful, shortened
 
 FOLDER = Path(__file__).parents[1] / "studies"

@@ -57,7 +57,7 @@ class Entry:
     @property
     def closed_loop(self) -> bool:
         """Whether each of its runs is another mission."""
-        return any(follower.steers_by == "estimate" for follower in self.scenario.followers)
+        return any(follower.believes for follower in self.scenario.followers)
 
     def command(self, source: str, run: int) -> str:
         """The command that flies one of its runs alone, with the very same noise."""

@@ -21,7 +21,7 @@ Thrusters: moments come before forces (`sim.control.allocation`). Integrals stan
 limit and they would push further (anti-windup by conditional integration).
 """
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -172,14 +172,51 @@ def _hold_depth(
     return memory[PITCH_COMMAND], (memory[PITCH_COMMAND] - before) / dt, force, rate
 
 
+class Felt(NamedTuple):
+    """How a vehicle moves, as far as its autopilot knows: felt by sensors, or known from the truth."""
+
+    surge: float
+    """Speed through the water along the hull [m/s]."""
+    sway: float
+    """Likewise to port; 0 where nothing measures it."""
+    heading: float
+    """[rad]."""
+    turning: float
+    """Rate of turn about the hull's upward axis, positive to port [rad/s]."""
+    pitch: float
+    """Positive nose up [rad]."""
+    pitching: float
+    """Rate of turn about the hull's port axis, positive nose down [rad/s]."""
+    depth: float
+    """[m]."""
+    sinking: float
+    """[m/s]."""
+
+
+@compiled
+def feel(pose: Floats, twist: Floats, water: Floats) -> Felt:
+    """True motion of a vehicle.
+
+    Args:
+        pose: position and quaternion, shape (7,).
+        twist: velocity in the world, angular velocity in the body, shape (6,).
+        water: velocity of the water in the world, shape (3,), [m/s].
+    """
+    forward, port, _ = transposed(rotation(pose[3:7]))
+    flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
+    surge = flow[0] * forward[0] + flow[1] * forward[1] + flow[2] * forward[2]
+    sway = flow[0] * port[0] + flow[1] * port[1] + flow[2] * port[2]
+    heading = np.arctan2(forward[0], forward[1])
+    pitch = np.arcsin(clip(forward[2], -1.0, 1.0))
+    return Felt(surge, sway, heading, twist[5], pitch, twist[4], -pose[2], -twist[2])
+
+
 @compiled
 def control(
     d: Any,
     wanted: tuple[float, float, float],
     reference: Floats,
-    pose: Floats,
-    twist: Floats,
-    water: Floats,
+    felt: Felt,
     dt: float,
     memory: Floats,
     command: Floats,
@@ -190,20 +227,13 @@ def control(
         d: record of DESIGN.
         wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
         reference: TURNING, ACCELERATING, DEPTH and SINKING are read, shape (8,).
-        pose: position and quaternion, shape (7,).
-        twist: velocity in the world, angular velocity in the body, shape (6,).
-        water: velocity of the water in the world, shape (3,), [m/s].
+        felt: how the vehicle moves.
         dt: since the last call [s].
         memory: columns HEADING_INTEGRAL … PITCH_COMMAND; brought forward, shape (5,).
         command: out: thrusts, shape (5,), [N].
     """
     heading_wanted, turn_wanted, speed_wanted = wanted
-    forward, port, _ = transposed(rotation(pose[3:7]))
-    flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
-    surge = flow[0] * forward[0] + flow[1] * forward[1] + flow[2] * forward[2]
-    sway = flow[0] * port[0] + flow[1] * port[1] + flow[2] * port[2]
-    heading = np.arctan2(forward[0], forward[1])
-    pitch = np.arcsin(clip(forward[2], -1.0, 1.0))
+    surge, sway, heading, pitch = felt.surge, felt.sway, felt.heading, felt.pitch
     way = abs(surge)
     omega = d.omega
     lag = 0.25 / omega
@@ -221,7 +251,7 @@ def control(
     # heading and sway; moments to port are positive, turns to port are negative
     turn_soon = turn_wanted + lag * reference[TURNING]
     astray = signed_angle(heading_wanted - heading)
-    moment = -d.yaw_inertia * (reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + twist[5]))
+    moment = -d.yaw_inertia * (reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + felt.turning))
     moment += memory[HEADING_INTEGRAL] - _damping(d.yaw_damping, way, turn_soon)
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
     bow, stern = share(side, moment, d.lateral[0], d.lateral[1], d.limits[1:3])
@@ -230,9 +260,9 @@ def control(
     _integrate(memory, HEADING_INTEGRAL, -0.1 * d.yaw_inertia * omega**3 * astray * dt, moment, given)
 
     # depth and pitch; moments nose up are positive
-    pitch_wanted, pitching, force, rate = _hold_depth(d, reference, -pose[2], -twist[2], way, dt, memory)
+    pitch_wanted, pitching, force, rate = _hold_depth(d, reference, felt.depth, felt.sinking, way, dt, memory)
     error = pitch_wanted - pitch
-    moment = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + twist[4]))
+    moment = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + felt.pitching))
     moment += memory[PITCH_INTEGRAL] + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
     bow, stern = share(force, moment, d.vertical[0], d.vertical[1], d.limits[3:5])
     command[3], command[4] = bow, stern

@@ -1,9 +1,12 @@
 """Attitude from quaternions (w, x, y, z), body (forward, port, up) to world (east, north, up)."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats
+from laisn.compiled import compiled
 
 
 def _parts(quaternion: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -62,22 +65,61 @@ def from_euler(heading: npt.ArrayLike, pitch: npt.ArrayLike = 0.0, roll: npt.Arr
     )
 
 
+@compiled
+def heading_of(w: float, x: float, y: float, z: float) -> float:
+    """Compass heading of one attitude in [0, 2π) [rad]."""
+    angle = math.atan2(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
+    return angle + 2.0 * math.pi if angle < 0.0 else angle
+
+
+@compiled
+def pitch_of(w: float, x: float, y: float, z: float) -> float:
+    """Pitch of one attitude, positive nose up [rad]."""
+    return math.asin(min(max(2.0 * (x * z - w * y), -1.0), 1.0))
+
+
+@compiled
+def roll_of(w: float, x: float, y: float, z: float) -> float:
+    """Roll of one attitude, positive starboard down [rad]."""
+    return math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+
+
+@compiled
+def _angles(rows: Floats, which: int) -> Floats:
+    """Heading (0), pitch (1) or roll (2) of attitudes of shape (n, 4).
+
+    One attitude and many of them get the same bits, which NumPy's own functions of arrays do not promise.
+    """
+    found = np.empty(rows.shape[0])
+    for k in range(rows.shape[0]):
+        w, x, y, z = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3]
+        if which == 0:
+            found[k] = heading_of(w, x, y, z)
+        elif which == 1:
+            found[k] = pitch_of(w, x, y, z)
+        else:
+            found[k] = roll_of(w, x, y, z)
+    return found
+
+
+def _angle(quaternion: Floats, which: int) -> Floats:
+    rows = np.ascontiguousarray(quaternion, dtype=np.float64).reshape(-1, 4)
+    return _angles(rows, which).reshape(quaternion.shape[:-1])
+
+
 def heading(quaternion: Floats) -> Floats:
     """Compass heading in [0, 2π), shape (…,), [rad]."""
-    east, north, _ = forward(quaternion)
-    angle = np.arctan2(east, north)
-    return np.asarray(angle + 2 * np.pi * (angle < 0.0))
+    return _angle(quaternion, 0)
 
 
 def pitch(quaternion: Floats) -> Floats:
     """Pitch, positive nose up, shape (…,), [rad]."""
-    return np.asarray(np.arcsin(np.clip(forward(quaternion)[2], -1.0, 1.0)))
+    return _angle(quaternion, 1)
 
 
 def roll(quaternion: Floats) -> Floats:
     """Roll, positive starboard down, shape (…,), [rad]."""
-    w, x, y, z = _parts(quaternion)
-    return np.asarray(np.arctan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)))
+    return _angle(quaternion, 2)
 
 
 def slerp(start: Floats, end: Floats, fraction: Floats) -> Floats:

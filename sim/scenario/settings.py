@@ -2,17 +2,17 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator
 from datetime import datetime
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationInfo, field_validator, model_validator
+from pydantic import Field, Strict, ValidationInfo, field_validator, model_validator
 
 from laisn.settings import AnyVariant, GateRule, SideRule, transmitters_of
+from sim.scenario.formation import Formation, Station, conflicts
 from sim.scenario.own_hull import LONGEST
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
-from sim.screen import shortened
+from sim.scenario.section import Angle, Chance, Coordinate, NonNegative, Positive, Scale, Section
 
 CONTROL_STEP_S = 0.1
 """Interval of the autopilot and of the recorded truth [s]."""
@@ -20,14 +20,8 @@ CONTROL_STEP_S = 0.1
 FASTEST_CURRENT_M_S = 3.0
 """Faster water would carry away what can swim at 3 m/s."""
 
-Positive = Annotated[float, Field(gt=0, le=1e6)]
-NonNegative = Annotated[float, Field(ge=0, le=1e6)]
-Angle = Annotated[float, Field(ge=-360, le=360)]
-Scale = Annotated[float, Field(ge=0.1, le=10)]
-Chance = Annotated[float, Field(ge=0, le=1)]
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 LISTED = Strict(False)
 """Lets a tuple be given as a list too, as a TOML file has it."""
 Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]
@@ -54,19 +48,6 @@ class Misfit(NamedTuple):
 
 APART = {"misfits": "allowed"}
 """Context of a validation that looks at every key alone; `Scenario.misfits` tells the rest."""
-
-
-class Section(BaseModel):
-    """A table of the scenario file: unknown keys, NaN and infinity are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
-
-    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
-        """What differs from the defaults; all else would fill screens."""
-        for name, field in type(self).model_fields.items():
-            value = getattr(self, name)
-            if value != field.get_default(call_default_factory=True):
-                yield name, shortened(value, 80) if isinstance(value, str) else value
 
 
 class Timing(Section):
@@ -143,6 +124,11 @@ class Vehicle(Section):
                 raise ValueError(f"depth {number} at {after[0]:g} s is not later than the one before")
         return points
 
+    @property
+    def layer_m(self) -> float:
+        """Depth that the vehicle holds where no profile says otherwise."""
+        return self.depth_m
+
     @model_validator(mode="after")
     def _one_route(self) -> Self:
         if not self.route and not self.waypoints:
@@ -162,13 +148,41 @@ class Leader(Vehicle):
 
 
 class Follower(Vehicle):
-    """A vehicle with one hydrophone."""
+    """A vehicle with one hydrophone, on a route or on a station."""
 
     name: Name = "follower"
     depth_m: NonNegative = Field(FOLLOWER_DEPTH, description="depth that the autopilot holds")
-    steers_by: Literal["truth", "estimate"] = Field(
-        "truth", description="position by which it keeps to its route: the true one, or what it believes itself"
+    station: Station | None = Field(
+        None, description="{behind_m, port_m, depth_m}: keeps its place in the leader's trail; replaces a route"
     )
+    start_m: Annotated[tuple[Coordinate, Coordinate], LISTED] | None = Field(
+        None, description="[east, north] from where it joins its station; default: the station itself"
+    )
+    steers_by: Literal["truth", "estimate"] | None = Field(
+        None,
+        description="position by which it keeps to its route or station: the true one (the default on a route), or "
+        "what it believes itself (the default on a station)",
+    )
+
+    @property
+    def believes(self) -> bool:
+        """Whether it steers by its own estimate."""
+        return self.steers_by == "estimate" or (self.steers_by is None and self.station is not None)
+
+    @property
+    def layer_m(self) -> float:
+        """Depth that the vehicle holds where no profile says otherwise."""
+        return self.station.depth_m if self.station else self.depth_m
+
+    @model_validator(mode="after")
+    def _one_route(self) -> Self:
+        if not self.route and not self.waypoints and not self.station:
+            raise ValueError("a follower needs a route of the library, waypoints of its own or a station")
+        if self.station and (self.route or self.waypoints or self.depth_profile or self.saw_tooth_amplitude_m):
+            raise ValueError("a follower on a station has no route, waypoints, depth_profile or saw-tooth beside it")
+        if self.start_m and not self.station:
+            raise ValueError("start_m is for followers on stations; a route begins at its first waypoint")
+        return self
 
 
 class Waves(Section):
@@ -208,6 +222,10 @@ class Sensors(Section):
     heading_bias_deg: NonNegative = 5.0
     heading_sigma_deg: NonNegative = 2.0
     depth_sigma_m: NonNegative = 0.0
+    gyro_sigma_deg_s: NonNegative = Field(
+        0.1, description="σ of each reading of a follower's gyros; followers on stations steer by them"
+    )
+    tilt_sigma_deg: NonNegative = Field(0.5, description="σ of each reading of its inclinometer, likewise")
     leader_heading_bias_deg: NonNegative = 0.0
     leader_heading_sigma_deg: NonNegative = 0.0
     leader_depth_sigma_m: NonNegative = 0.0
@@ -396,6 +414,7 @@ class Scenario(Section):
     timing: Timing = Timing()
     leader: Leader = Leader()
     followers: Annotated[tuple[Follower, ...], LISTED, Field(min_length=1, max_length=50)]
+    formation: Formation = Formation()
     ocean: Ocean = Ocean()
     sensors: Sensors = Sensors()
     acoustics: Acoustics = Acoustics()
@@ -445,22 +464,45 @@ class Scenario(Section):
         for key, vehicle in self.vehicles():
             found += self._out_of_water(key, vehicle)
         for key, follower in self.vehicles()[1:]:
-            if isinstance(follower, Follower) and follower.steers_by == "estimate" and self.motion == "kinematic":
+            if not isinstance(follower, Follower) or self.motion == "physics":
+                continue
+            if follower.station:
+                found.append(Misfit((f"{key}.station", "motion"), f"{key}.station needs motion = 'physics'"))
+            elif follower.believes:
                 text = (
                     f"{key}.steers_by = 'estimate' needs motion = 'physics'; the paper's point motion keeps to its "
                     "route whatever the follower believes"
                 )
                 found.append(Misfit((f"{key}.steers_by", "motion"), text))
+        stations = [(f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station]
+        found += [Misfit(keys, text) for keys, text in conflicts(stations)]
+        found += self._unheard(bool(stations))
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             keys = ("navigation.use_attitude", "leader.broadcast_attitude")
             found.append(Misfit(keys, "navigation.use_attitude needs leader.broadcast_attitude = true"))
         return found
 
+    def _unheard(self, stations: bool) -> list[Misfit]:
+        """What followers on stations cannot have, because they sense while they swim."""
+        sound, sensors = self.acoustics, self.sensors
+        asked = {
+            "acoustics.travel_time": sound.travel_time,
+            "acoustics.ping_slot_s": sound.ping_slot_s > 0.0,
+            "acoustics.sound_speed_profile": bool(sound.sound_speed_profile),
+            "sensors.leader_attitude_feels_acceleration": sensors.leader_attitude_feels_acceleration,
+            "sensors.leader_gyro_time_constant_s": sensors.leader_gyro_time_constant_s > 0.0,
+            "timing.filter_step_s": self.timing.filter_step_s != CONTROL_STEP_S,
+        }
+        told = [key for key, there in asked.items() if there and stations]
+        return [
+            Misfit((key, "followers"), f"{key} must keep its default where followers are on stations") for key in told
+        ]
+
     def _out_of_water(self, key: str, vehicle: Vehicle) -> list[Misfit]:
         found = []
-        deepest = max([d for _, d in vehicle.depth_profile] or [vehicle.depth_m]) + vehicle.saw_tooth_amplitude_m
-        depth_keys = tuple(f"{key}.{what}" for what in ("depth_m", "depth_profile", "saw_tooth_amplitude_m"))
-        if vehicle.saw_tooth_amplitude_m > vehicle.depth_m and not vehicle.depth_profile:
+        deepest = max([d for _, d in vehicle.depth_profile] or [vehicle.layer_m]) + vehicle.saw_tooth_amplitude_m
+        depth_keys = tuple(f"{key}.{what}" for what in ("depth_m", "station", "depth_profile", "saw_tooth_amplitude_m"))
+        if vehicle.saw_tooth_amplitude_m > vehicle.layer_m and not vehicle.depth_profile:
             text = (
                 f"{key}: saw_tooth_amplitude_m = {vehicle.saw_tooth_amplitude_m:g} about depth_m = "
                 f"{vehicle.depth_m:g} would leave the water"

@@ -52,6 +52,10 @@ class Stream(IntEnum):
     """Uniforms and normals at a reception: multipath."""
     LOSS = 5
     """Uniforms at a reception: lost messages and ranges."""
+    GYRO = 6
+    """Normals at every step: rates of turn about the hull's up and port axes."""
+    TILT = 7
+    """Normal at every step: the follower's inclinometer."""
     LEADER_MOTION = LEADER_STREAMS
     """Normals at an emission: the leader's speed log, compass."""
     LEADER_DEPTH = LEADER_STREAMS + 1

@@ -61,7 +61,7 @@ def test_defaults_are_the_papers() -> None:
         ),
         ({"timing": {"message_interval_s": 0.25}}, "message_interval_s = 0.25 is no multiple of filter_step_s = 0.1"),
         ({"timing": {"physics_step_s": 0.03}}, "physics_step_s = 0.03 does not divide 0.1 s"),
-        ({"followers": [{}]}, "followers[0]: a vehicle needs a route"),
+        ({"followers": [{}]}, "followers[0]: a follower needs a route"),
         ({"followers": [{"route": "T2", "name": n} for n in ("a", "a")]}, "vehicle names must differ; repeated: a"),
         ({"followers": [{"waypoints": [[0, 0, 0], [0, 1, 1]]}]}, "waypoint 2 at 0 s is not later"),
         ({"navigation": {"variant": "laisn-4"}}, "navigation.variant: Input should be 'laisn-2', 'laisn-3-1'"),

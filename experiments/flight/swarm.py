@@ -1,0 +1,135 @@
+"""Followers on stations with the navigators of this project: sensing, navigation, steering and physics in one tick."""
+
+from typing import Any
+
+import numpy as np
+
+from laisn import lane_swarm
+from laisn.arrays import Floats
+from laisn.compiled import compiled
+from laisn.failure import LaisnError
+from laisn.navigating import AnySettings
+from laisn.tight import swarm as tight_swarm
+from laisn.tight.settings import TightSettings
+from sim.fleet import Steering, note, standing
+from sim.flight import navigation_settings
+from sim.formation_fleet import Aboard, aboard, guide, sense
+from sim.scenario.settings import Scenario
+from sim.sensing.observation import start_of
+from sim.vehicle.plant import Plant
+from sim.vehicle.stepping import FINE, Fault, advance
+from sim.water.ocean import Water
+
+LOST_ITS_WAY = -2
+"""Fault of a navigator, whose follower is named with it."""
+
+# Compiled code that is handed functions cannot be kept from one process to the next: each kind of navigator has its
+# own tick.
+
+
+@compiled
+def _think_tight(k: int, record: Floats, navigators: Any, a: Aboard) -> int:
+    message = sense(k, record[k], a)
+    failed = -1
+    if k > 0:
+        failed = tight_swarm.navigate(navigators, a.readings, message, a.message, a.ranges, a.beliefs)
+    guide(k, record[k], a)
+    return failed
+
+
+@compiled
+def _fly_tight(
+    span: tuple[int, int, int], afloat: Any, state: Any, water: Water, record: Floats, navigators: Any, a: Aboard
+) -> tuple[int, Fault]:
+    for k in range(span[0], span[1]):
+        failed = _think_tight(k, record, navigators, a)
+        if failed >= 0:
+            return k, (LOST_ITS_WAY, failed)
+        fault = advance(afloat, a.steering[4], span[2])
+        if fault[0] != FINE:
+            return k, fault
+        note(k + 1, state, water, record)
+    return span[1], (FINE, -1)
+
+
+@compiled
+def _think_lanes(k: int, record: Floats, navigators: Any, a: Aboard) -> int:
+    message = sense(k, record[k], a)
+    if k > 0:
+        lane_swarm.navigate(navigators, k, a.readings, message, a.message, a.ranges, a.beliefs)
+    guide(k, record[k], a)
+    return -1
+
+
+@compiled
+def _fly_lanes(
+    span: tuple[int, int, int], afloat: Any, state: Any, water: Water, record: Floats, navigators: Any, a: Aboard
+) -> tuple[int, Fault]:
+    for k in range(span[0], span[1]):
+        _think_lanes(k, record, navigators, a)
+        fault = advance(afloat, a.steering[4], span[2])
+        if fault[0] != FINE:
+            return k, fault
+        note(k + 1, state, water, record)
+    return span[1], (FINE, -1)
+
+
+class Swarm:
+    """The crew of a fleet whose followers keep stations."""
+
+    def __init__(self, settings: AnySettings, aboard: Aboard, starts: Floats) -> None:
+        """Set up navigators.
+
+        Args:
+            settings: of all navigators.
+            aboard: at the start.
+            starts: known start of each follower's hydrophone, rows of x, y [m], vx, vy [m/s], shape (f, 4).
+        """
+        self.aboard = aboard
+        self._navigators: Any
+        if isinstance(settings, TightSettings):
+            self._navigators = tight_swarm.new_navigators(settings, starts)
+            self._think, self._fly = _think_tight, _fly_tight
+        else:
+            self._navigators = lane_swarm.new_navigators(settings, starts)
+            self._think, self._fly = _think_lanes, _fly_lanes
+        known = not isinstance(settings, TightSettings) or settings.known_start
+        aboard.beliefs[:, :2] = starts[:, :2] if known else np.nan
+
+    def _check(self, failed: int) -> None:
+        if failed >= 0:
+            raise ArithmeticError(f"the covariance of follower {failed + 1} is not positive definite any more")
+
+    def think(self, k: int, record: Floats) -> None:
+        """Find the commands that hold from the recorded instant k until k + 1."""
+        self._check(self._think(k, record, self._navigators, self.aboard))
+
+    def fly(self, span: tuple[int, int, int], afloat: Any, state: Any, water: Water, record: Floats) -> Any:
+        """Think, advance and record from one instant to another."""
+        k, fault = self._fly(span, afloat, state, water, record, self._navigators, self.aboard)
+        if fault[0] == LOST_ITS_WAY:
+            self._check(fault[1])
+        return k, fault
+
+    def end(self, k: int, record: Floats) -> None:
+        """Take note of the last instant: what navigators conclude there."""
+        self.think(k, record)
+
+
+def swarm_of(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
+    """The crew of a scenario whose followers keep stations, at its start.
+
+    Args:
+        scenario: mission.
+        plant: at its start.
+        steering: arrays of the routes.
+
+    Raises:
+        LaisnError: the followers' hydrophones are not equally high above their pressure sensors.
+    """
+    still, numbers = standing(plant), range(len(scenario.followers))
+    settings = [navigation_settings(scenario, still, i) for i in numbers]
+    if any(one != settings[0] for one in settings):
+        raise LaisnError(f"scenario {scenario.name!r}: followers on stations need hydrophones of one height")
+    starts = np.array([start_of(still, i) for i in numbers])
+    return Swarm(settings[0], aboard(scenario, plant, steering), starts)

@@ -1,0 +1,61 @@
+"""LAISN's navigators of a swarm in one compiled call: each follower is a lane.
+
+What they conclude of biases and the current is nothing: LAISN has no such states.
+"""
+
+import numpy as np
+
+from laisn import lane_rows as row
+from laisn.arrays import Floats
+from laisn.compiled import compiled_lanes
+from laisn.failure import LaisnError
+from laisn.lane_rows import LANES
+from laisn.lanes import advance
+from laisn.settings import NavigationSettings
+from laisn.tuning import Tuning
+
+Navigators = tuple[Floats, Tuning]
+"""A block of lanes, and their settings."""
+
+
+def new_navigators(settings: NavigationSettings, starts: Floats) -> Navigators:
+    """Navigators of followers at known starts, rows of x, y [m] and vx, vy [m/s], shape (f, 4).
+
+    Raises:
+        LaisnError: there are more followers than lanes, or the settings are for single vehicles.
+    """
+    if len(starts) > LANES:
+        raise LaisnError(f"{len(starts)} followers cannot navigate together, at most {LANES}")
+    tuning = row.tuning(settings)
+    block = row.new_block(np.zeros(4), tuning)
+    rows = row.X, row.Y, row.VX, row.VY
+    for lane in range(LANES):
+        start = starts[min(lane, len(starts) - 1)]
+        for first, value in zip(rows, start, strict=True):
+            block[first + lane] = value
+        block[row.ACCEPTED_X + lane], block[row.ACCEPTED_Y + lane] = start[0], start[1]
+    return block, tuning
+
+
+@compiled_lanes
+def navigate(
+    navigators: Navigators, k: int, readings: Floats, received: bool, message: Floats, ranges: Floats, out: Floats
+) -> int:
+    """Filter step k of all followers; arguments otherwise as of `laisn.tight.swarm.navigate`. Returns −1."""
+    block, tuning = navigators
+    last = readings.shape[0] - 1
+    for lane in range(LANES):
+        i = min(lane, last)
+        block[row.SPEED + lane], block[row.HEADING + lane] = readings[i, 0], readings[i, 1]
+        block[row.DEPTH + lane] = readings[i, 2]
+        if received:
+            block[row.EAST + lane], block[row.NORTH + lane] = message[1], message[2]
+            block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = message[3], message[4]
+            block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = message[5], message[6]
+            block[row.ROLL + lane] = message[7]
+            block[row.R1 + lane], block[row.R2 + lane] = ranges[i, 0], ranges[i, 1]
+            block[row.R3 + lane] = ranges[i, 2]
+    advance(block, tuning, k, received)
+    for i in range(readings.shape[0]):
+        out[i, 0], out[i, 1] = block[row.X + i], block[row.Y + i]
+    return -1

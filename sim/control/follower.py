@@ -1,0 +1,220 @@
+"""How a follower keeps its station on what it hears and feels: from readings and beliefs to heading, speed and depth.
+
+Nothing here is the truth. A follower has its log, compass, gyros, inclinometer and pressure sensor, the leader's
+messages, and what its navigator makes of them: its place, the biases of log and compass, the current.
+
+Where messages stay away it goes on along the trail by dead reckoning, then slowly, and at last circles or surfaces,
+until it hears again. Where its place is too uncertain to tell on which side of its station it is, it goes parallel to
+the leader's way.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats, Ints
+from laisn.compiled import compiled
+from laisn.geometry import signed_angle
+from sim.control.allocation import clip
+from sim.control.approach import Approach, approach
+from sim.control.autopilot import Felt
+from sim.control.guidance import DEPTH, SINKING, SPEED_LEAST
+from sim.control.station import FRAME, FRAME_MEMORY, FRAME_RATE, STATION_DEPTH, Frame, Target, station_at, turn_frame
+from sim.control.trail import TIME, extend
+from sim.scenario.point_motion import ACCELERATION, TURN_RATE
+
+LOG, COMPASS, PRESSURE, INCLINE, TURNING, PITCHING = range(6)
+"""Columns of readings: speed log [m/s], compass [rad], pressure as depth [m], pitch [rad], rates of turn [rad/s]."""
+READINGS = 6
+BELIEVED_EAST, BELIEVED_NORTH, LOG_BIAS, COMPASS_BIAS, BELIEVED_CURRENT_EAST, BELIEVED_CURRENT_NORTH, SPREAD = range(7)
+"""Columns of beliefs: place [m] (NaN before there is one), biases [m/s] and [rad], current [m/s], largest standard deviation of the place [m]."""
+BELIEFS = 7
+HEARD_TIME, HEARD_EAST, HEARD_NORTH, HEARD_HEADING, HEARD_SPEED = range(5)
+"""Columns of a message that the controller reads, as of `laisn.messages.LeaderMessage`."""
+KEPT_FRAME, KEPT_RATE, INTEGRAL, HEADING_WANTED, SPEED_WANTED, LOG_PASSED, COMPASS_PASSED, DEPTH_WANTED = range(
+    FRAME_MEMORY, FRAME_MEMORY + 8
+)
+"""Columns of what a follower remembers, after those of its frame: first the frame as it was at the last message."""
+FOLLOWER_MEMORY = FRAME_MEMORY + 8
+
+_LOG_TIME = 1.0
+"""Time constant of the log's low-pass [s]."""
+_COMPASS_TIME = 2.0
+"""The compass's readings are followed with this time constant, a gyro's at once [s]."""
+_DIVE_RATE = 0.2
+"""A new depth is taken up at this rate [m/s]."""
+_SURFACE = 0.2
+"""Depth at which a follower lies at the surface [m]."""
+_CIRCLE = float(np.deg2rad(4.0))
+"""Rate at which a follower circles that has given up [rad/s]."""
+
+HOLD, CIRCLE, RISE = range(3)
+"""What a follower does that hears nothing for long: goes on slowly, circles, surfaces."""
+
+
+class Silence(NamedTuple):
+    """What to do where messages stay away, of `[formation]`."""
+
+    patience: float
+    """For so long the follower goes on by dead reckoning [s], …"""
+    limit: float
+    """… until then slowly [s], …"""
+    then: int
+    """… and then HOLD, CIRCLE or RISE."""
+    speed: float
+    """Through the water, when it goes slowly [m/s]."""
+
+
+class Law(NamedTuple):
+    """All that followers are told of how to keep station."""
+
+    frame: Frame
+    approach: Approach
+    silence: Silence
+    unsure: float
+    """With a larger standard deviation of its place a follower does not steer towards its station [m]."""
+
+
+class Steering(NamedTuple):
+    """What the autopilot is to do."""
+
+    wanted: tuple[float, float, float]
+    """Heading [rad], its rate [rad/s], speed through the water [m/s]."""
+    felt: Felt
+
+
+@compiled
+def listen(
+    frame: Frame, station: Floats, message: Floats, trail: Floats, count: Ints, dt: float, memory: Floats
+) -> None:
+    """Take a message of which a ping was heard: the trail grows, and the frame is turned along it anew.
+
+    Since the last message the frame was turned by where the leader was taken to be; now its way there is known.
+
+    Args:
+        frame: how frames turn.
+        station: columns BEHIND and PORT are read [m].
+        message: columns HEARD_TIME … HEARD_SPEED.
+        trail: columns of `sim.control.trail`, shape (room, TRAIL).
+        count: points of it, shape (1,).
+        dt: step of the frame [s].
+        memory: brought forward, shape (FOLLOWER_MEMORY,).
+    """
+    time, n = message[HEARD_TIME], count[0]
+    before = trail[n - 1, TIME] if n > 0 else time
+    said = message[HEARD_SPEED], message[HEARD_HEADING]
+    extend(trail, count, message[HEARD_EAST], message[HEARD_NORTH], time, said)
+    memory[FRAME], memory[FRAME_RATE] = memory[KEPT_FRAME], memory[KEPT_RATE]
+    turn_frame(frame, station, (trail, count[0]), (before, time), dt, memory)
+    memory[KEPT_FRAME], memory[KEPT_RATE] = memory[FRAME], memory[FRAME_RATE]
+
+
+@compiled
+def embark(own: tuple[float, float, float], leader: Floats, trail: Floats, count: Ints, memory: Floats) -> None:
+    """Set up what a follower remembers at its start.
+
+    Args:
+        own: heading [rad], speed through the water [m/s] and depth [m] at the start.
+        leader: where the leader starts, columns of a message.
+        trail: of the leader, empty; begun.
+        count: points of it, shape (1,).
+        memory: brought forward, shape (FOLLOWER_MEMORY,).
+    """
+    heading, speed, depth = own
+    memory[:] = 0.0
+    memory[FRAME] = memory[KEPT_FRAME] = leader[HEARD_HEADING]
+    said = leader[HEARD_SPEED], leader[HEARD_HEADING]
+    extend(trail, count, leader[HEARD_EAST], leader[HEARD_NORTH], leader[HEARD_TIME], said)
+    memory[HEADING_WANTED], memory[SPEED_WANTED], memory[DEPTH_WANTED] = heading, speed, depth
+    memory[LOG_PASSED], memory[COMPASS_PASSED] = np.nan, np.nan
+
+
+@compiled
+def _feel(reading: Floats, belief: Floats, dt: float, memory: Floats) -> Felt:
+    """Own motion by smoothed readings, less their believed biases."""
+    if memory[LOG_PASSED] != memory[LOG_PASSED]:
+        memory[LOG_PASSED], memory[COMPASS_PASSED] = reading[LOG], reading[COMPASS]
+    memory[LOG_PASSED] += (reading[LOG] - memory[LOG_PASSED]) * dt / _LOG_TIME
+    memory[COMPASS_PASSED] -= reading[TURNING] * dt
+    memory[COMPASS_PASSED] += signed_angle(reading[COMPASS] - memory[COMPASS_PASSED]) * dt / _COMPASS_TIME
+    surge, pitch = memory[LOG_PASSED] - belief[LOG_BIAS], reading[INCLINE]
+    heading = memory[COMPASS_PASSED] - belief[COMPASS_BIAS]
+    # nothing measures how it slips; it sinks the way it points
+    sinking = -surge * np.sin(pitch)
+    return Felt(surge, 0.0, heading, reading[TURNING], pitch, reading[PITCHING], reading[PRESSURE], sinking)
+
+
+@compiled
+def _to_station(law: Law, target: Target, belief: Floats, dt: float, memory: Floats) -> tuple[float, float]:
+    """Velocity through the water towards the station [m/s]."""
+    place = belief[BELIEVED_EAST], belief[BELIEVED_NORTH]
+    current = belief[BELIEVED_CURRENT_EAST], belief[BELIEVED_CURRENT_NORTH]
+    if place[0] != place[0]:
+        # nothing is known of it yet
+        place = target.east, target.north
+    elif not belief[SPREAD] <= law.unsure:
+        # a parallel course: of the way to the station only what lies along the leader's counts
+        way = np.hypot(target.way_east, target.way_north)
+        if way > 0.0:
+            ahead_east, ahead_north = target.way_east / way, target.way_north / way
+            along = (place[0] - target.east) * ahead_east + (place[1] - target.north) * ahead_north
+            place = target.east + along * ahead_east, target.north + along * ahead_north
+    east, north, memory[INTEGRAL] = approach(law.approach, target, place, current, dt, memory[INTEGRAL])
+    return east, north
+
+
+@compiled
+def _sink_to(depth: float, dt: float, memory: Floats, reference: Floats) -> None:
+    """Bring the depth that is wanted nearer to another one."""
+    step = clip(depth - memory[DEPTH_WANTED], -_DIVE_RATE * dt, _DIVE_RATE * dt)
+    memory[DEPTH_WANTED] += step
+    reference[:] = 0.0
+    reference[DEPTH], reference[SINKING] = memory[DEPTH_WANTED], step / dt
+
+
+@compiled
+def keep_station(
+    law: Law,
+    station: Floats,
+    senses: tuple[Floats, Floats],
+    known: tuple[Floats, int],
+    clock: tuple[float, float],
+    memory: Floats,
+    reference: Floats,
+) -> Steering:
+    """Heading, speed and depth that bring a follower to its station, and how it feels itself move.
+
+    Args:
+        law: how to keep station.
+        station: columns BEHIND, PORT and STATION_DEPTH [m].
+        senses: readings, columns LOG … PITCHING, and beliefs, columns BELIEVED_EAST … SPREAD.
+        known: the leader's trail as heard, shape (room, TRAIL), and how many points it has, at least one.
+        clock: time, and time since the last call [s].
+        memory: brought forward, shape (FOLLOWER_MEMORY,).
+        reference: out: of the autopilot, columns TURNING … SINKING, shape (8,).
+    """
+    (reading, belief), (trail, count), (now, dt) = senses, known, clock
+    felt = _feel(reading, belief, dt, memory)
+    quiet, depth = law.silence, station[STATION_DEPTH]
+    heading, speed = memory[HEADING_WANTED], memory[SPEED_WANTED]
+    silent = now - trail[count - 1, TIME]
+    if silent > quiet.limit and quiet.then != HOLD:
+        speed = quiet.speed
+        if quiet.then == CIRCLE:
+            heading += _CIRCLE * dt
+        else:
+            depth = min(depth, _SURFACE)
+    else:
+        if silent > 0.5 * dt:
+            turn_frame(law.frame, station, known, (now - dt, now), dt, memory)
+        target = station_at(law.frame, station, known, now, memory)
+        east, north = _to_station(law, target, belief, dt, memory)
+        heading, speed = np.arctan2(east, north), np.hypot(east, north)
+        if silent > quiet.patience:
+            heading, speed = np.arctan2(target.way_east, target.way_north), quiet.speed
+    _sink_to(depth, dt, memory, reference)
+    turn = clip(signed_angle(heading - memory[HEADING_WANTED]), -TURN_RATE * dt, TURN_RATE * dt)
+    memory[HEADING_WANTED] += turn
+    change = clip(speed - memory[SPEED_WANTED], -ACCELERATION * dt, ACCELERATION * dt)
+    memory[SPEED_WANTED] = max(memory[SPEED_WANTED] + change, SPEED_LEAST)
+    return Steering((memory[HEADING_WANTED], turn / dt, memory[SPEED_WANTED]), felt)

@@ -1,0 +1,134 @@
+"""A follower's station: a place in the leader's trail, and aside of it in a frame that turns slowly.
+
+A station s behind and y to port stands at trail(S − s) + y · port(ψ). The frame's heading ψ follows the trail no faster
+than the station can be swum: on the inside of a turn the follower must keep way through the water, on the outside it
+must keep up. The leader's instantaneous heading would not do: 80 m astern, a weave of 5° would swing it by 7 m.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.compiled import compiled
+from laisn.geometry import signed_angle
+from sim.control.allocation import clip
+from sim.control.trail import arc_at, at, pace
+
+BEHIND, PORT, STATION_DEPTH = range(3)
+"""Columns of a station [m]."""
+FRAME, FRAME_RATE = range(2)
+"""Columns of what a frame remembers: its heading [rad] and its rate [rad/s]."""
+FRAME_MEMORY = 2
+
+_NEAREST = 5.0
+"""A station nearer to the trail is turned as if it were this far aside [m]."""
+_BENDING = 0.2
+"""A station that loses this share of the leader's speed in a turn is inside of it."""
+
+
+class Frame(NamedTuple):
+    """How frames turn, of `[formation]`."""
+
+    time: float
+    """Time constant with which the frame follows the trail [s]."""
+    lag: float
+    """Time constant of its rate [s]."""
+    ahead: float
+    """The frame turns towards the trail's course so far ahead of the station [m]."""
+    acceleration: float
+    """Greatest change of the station's speed that the frame asks for [m/s²]."""
+    inner: float
+    """Share of the leader's speed that inner stations may lose in a turn, …"""
+    outer: float
+    """… and that outer ones may gain."""
+    slowest: float
+    """Least speed through the water of a station [m/s] …"""
+    fastest: float
+    """… and greatest."""
+    preview: float
+    """A hull turns at a limited rate, and begins so early to go as its station will [s]."""
+
+
+class Target(NamedTuple):
+    """Where a station is now, and how it moves."""
+
+    east: float
+    """[m]."""
+    north: float
+    velocity_east: float
+    """Over ground, on the inside of a turn `Frame.preview` from now [m/s]."""
+    velocity_north: float
+    way_east: float
+    """Velocity over ground of the leader, when it was there [m/s]."""
+    way_north: float
+
+
+@compiled
+def _turn(f: Frame, speeds: tuple[float, float], port: float, towards: float, dt: float, memory: Floats) -> None:
+    """Turn the frame towards a course; the leader's speeds are those over ground now, and through the water then."""
+    over_ground, through = speeds
+    width = max(abs(port), _NEAREST)
+    wanted = signed_angle(towards - memory[FRAME]) / f.time
+    outside = wanted * port > 0.0
+    if outside:
+        room = min(f.outer * over_ground, max(f.fastest - through, 0.1))
+    else:
+        room = min(f.inner * over_ground, max(through - f.slowest, 0.1))
+    wanted = clip(wanted, -room / width, room / width)
+    most = f.acceleration / width
+    memory[FRAME_RATE] += dt * clip((wanted - memory[FRAME_RATE]) / f.lag, -most, most)
+    memory[FRAME] += dt * memory[FRAME_RATE]
+
+
+@compiled
+def turn_frame(
+    f: Frame, station: Floats, trail: tuple[Floats, int], span: tuple[float, float], dt: float, memory: Floats
+) -> None:
+    """Turn a station's frame from one time to another, along the trail as it is known now.
+
+    Args:
+        f: how frames turn.
+        station: columns BEHIND and PORT are read.
+        trail: of the leader, and how many points it has, at least one.
+        span: from and to [s].
+        dt: step [s].
+        memory: columns FRAME and FRAME_RATE; brought forward, shape (2,).
+    """
+    points, count = trail
+    over_ground = pace(points, count)
+    for i in range(round((span[1] - span[0]) / dt)):
+        arc = arc_at(points, count, span[0] + (i + 1) * dt) - station[BEHIND]
+        through = at(points, count, arc)[3]
+        towards = at(points, count, arc + clip(station[BEHIND], 0.0, f.ahead))[2]
+        _turn(f, (over_ground, through), station[PORT], towards, dt, memory)
+
+
+@compiled
+def station_at(f: Frame, station: Floats, trail: tuple[Floats, int], time: float, memory: Floats) -> Target:
+    """Where a station is, by its frame as it stands.
+
+    Args:
+        f: how frames turn.
+        station: columns BEHIND and PORT are read.
+        trail: of the leader, and how many points it has, at least one.
+        time: now [s].
+        memory: columns FRAME and FRAME_RATE, shape (2,).
+    """
+    points, count = trail
+    port, over_ground = station[PORT], pace(points, count)
+    arc = arc_at(points, count, time) - station[BEHIND]
+    east, north, course, _ = at(points, count, arc)
+    sine, cosine, rate = np.sin(memory[FRAME]), np.cos(memory[FRAME]), memory[FRAME_RATE]
+    # the path of a station on the inside of a turn bends more than the trail
+    inside = clip(-port * rate / (_BENDING * max(over_ground, 0.1)), 0.0, 1.0)
+    soon = at(points, count, arc + inside * f.preview * over_ground)[2]
+    frame_soon = memory[FRAME] + inside * f.preview * rate
+    return Target(
+        east - port * cosine,
+        north + port * sine,
+        over_ground * np.sin(soon) + port * rate * np.sin(frame_soon),
+        over_ground * np.cos(soon) + port * rate * np.cos(frame_soon),
+        over_ground * np.sin(course),
+        over_ground * np.cos(course),
+    )

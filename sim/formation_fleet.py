@@ -1,0 +1,240 @@
+"""A fleet whose followers keep stations on what they hear: one tick of all vehicles but for navigation and physics.
+
+A tick is `sense`, the followers' navigators, `guide`, physics, `note`. The navigators belong to `laisn`, of which this
+package knows no more than its words; a `Swarm` of them is given to whoever puts the tick together
+(`experiments.flight.swarm`), all in compiled code. No follower that steers by its own estimate gets any of the truth:
+`guide` hands it readings, messages and beliefs.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats, Ints
+from laisn.compiled import compiled
+from sim.control.approach import LAWS, Approach
+from sim.control.autopilot import control, feel
+from sim.control.follower import (
+    BELIEFS,
+    FOLLOWER_MEMORY,
+    READINGS,
+    Law,
+    Silence,
+    embark,
+    keep_station,
+    listen,
+)
+from sim.control.guidance import CURRENT_EAST, CURRENT_NORTH, CURRENT_TIME, begin, steer
+from sim.control.station import Frame
+from sim.control.trail import TRAIL
+from sim.fleet import TICK, WATER, Steering
+from sim.scenario.formation import Formation
+from sim.scenario.settings import Scenario
+from sim.sensing.instant import MESSAGE, Senses, broadcast, forward_speed, hear, read_own, senses_of, site
+from sim.vehicle.plant import Plant
+
+POSE, TWIST = slice(0, 7), slice(7, 13)
+ROUTE, ROUTE_BY_BELIEF, STATION_BY_TRUTH, STATION = range(4)
+"""What a follower keeps to, and what it steers by."""
+_SILENT = ("go-on", "circle", "surface")
+
+
+class Aboard(NamedTuple):
+    """All that a tick works on beside the truth; f followers."""
+
+    law: Law
+    senses: Senses
+    kinds: Ints
+    """ROUTE … STATION of each follower, shape (f,)."""
+    stations: Floats
+    """Columns BEHIND, PORT, STATION_DEPTH, shape (f, 3), [m]."""
+    sites: tuple[Floats, Floats, Floats]
+    """Offsets of the transmitters, shape (3, 3), of hydrophones and of pressure sensors, shape (f, 3), [m]."""
+    steering: Steering
+    """Of the routes."""
+    readings: Floats
+    """Of each follower's sensors, shape (f, READINGS)."""
+    message: Floats
+    """The leader's last one, shape (MESSAGE,)."""
+    ranges: Floats
+    """Of each follower to the three transmitters, shape (f, 3), [m]."""
+    bad: Floats
+    """Whether each follower's channel is in a burst of loss, shape (f,)."""
+    beliefs: Floats
+    """What each navigator concludes, shape (f, BELIEFS)."""
+    trails: Floats
+    """As each follower has heard, shape (f, room, TRAIL)."""
+    counts: Ints
+    """Points of the trails, shape (f, 1)."""
+    memory: Floats
+    """Of each follower, shape (f, FOLLOWER_MEMORY)."""
+    reference: Floats
+    """Of the autopilot of one follower at a time, shape (8,)."""
+    history: Floats
+    """Beliefs at each instant, shape (n + 1, f, BELIEFS)."""
+
+
+def law_of(formation: Formation) -> Law:
+    """Settings as compiled code takes them."""
+    frame = Frame(
+        time=formation.frame_time_s,
+        lag=formation.frame_lag_s,
+        ahead=formation.frame_ahead_m,
+        acceleration=formation.frame_acceleration_m_s2,
+        inner=formation.inner_share,
+        outer=formation.outer_share,
+        slowest=formation.inner_least_m_s,
+        fastest=formation.outer_most_m_s,
+        preview=formation.preview_s,
+    )
+    law = Approach(
+        law=LAWS.index(formation.law),
+        speed=formation.approach_speed_m_s,
+        lookahead=formation.lookahead_m,
+        integral=formation.integral_m_s,
+        least_way=formation.least_way_m_s,
+        slowest=formation.slowest_m_s,
+        fastest=formation.fastest_m_s,
+    )
+    silence = Silence(
+        patience=formation.patience_s,
+        limit=formation.silence_s,
+        then=_SILENT.index(formation.when_silent),
+        speed=formation.silent_speed_m_s,
+    )
+    return Law(frame, law, silence, formation.unsure_m)
+
+
+def _kind(on_station: bool, believes: bool) -> int:
+    if on_station:
+        return STATION if believes else STATION_BY_TRUTH
+    return ROUTE_BY_BELIEF if believes else ROUTE
+
+
+def aboard(scenario: Scenario, plant: Plant, steering: Steering) -> Aboard:
+    """Everything at its start.
+
+    Args:
+        scenario: whose followers keep stations.
+        plant: at its start.
+        steering: of the routes.
+    """
+    f, n = len(scenario.followers), steering[0].shape[0]
+    offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
+    names = [follower.name for follower in scenario.followers]
+    memory, water = np.zeros((f, FOLLOWER_MEMORY)), plant.water_velocity()
+    kinds, stations = np.zeros(f, dtype=np.int64), np.zeros((f, 3))
+    trails = np.zeros((f, n // scenario.message_every + 2, TRAIL))
+    counts = np.zeros((f, 1), dtype=np.int64)
+    leader = feel(plant.pose[0], plant.twist[0], water[0])
+    start = np.array([0.0, *plant.pose[0, :2], leader.heading, leader.surge])
+    for i, follower in enumerate(scenario.followers):
+        kinds[i] = _kind(follower.station is not None, follower.believes)
+        if follower.station:
+            place = follower.station
+            stations[i] = place.behind_m, place.port_m, place.depth_m
+        felt = feel(plant.pose[i + 1], plant.twist[i + 1], water[i + 1])
+        embark((felt.heading, felt.surge, felt.depth), start, trails[i], counts[i], memory[i])
+    return Aboard(
+        law=law_of(scenario.formation),
+        senses=senses_of(scenario),
+        kinds=kinds,
+        stations=stations,
+        sites=(
+            np.array([offset[f"leader/tx_{which}"] for which in ("rear", "front", "middle")]),
+            np.array([offset[f"{name}/hydrophone"] for name in names]),
+            np.array([offset[f"{name}/depth_sensor"] for name in names]),
+        ),
+        steering=steering,
+        readings=np.zeros((f, READINGS)),
+        message=np.zeros(MESSAGE),
+        ranges=np.full((f, 3), np.nan),
+        bad=np.zeros(f),
+        beliefs=np.zeros((f, BELIEFS)),
+        trails=trails,
+        counts=counts,
+        memory=memory,
+        reference=np.zeros(8),
+        history=np.full((n, f, BELIEFS), np.nan),
+    )
+
+
+@compiled
+def sense(k: int, row: Floats, a: Aboard) -> bool:
+    """All sensors at instant k, and a message if it is time for one; whether it is.
+
+    Args:
+        k: instant; with filter steps of the tick's length it is also the filter step.
+        row: recorded truth, shape (v, COLUMNS).
+        a: readings, message, ranges and trails are brought forward.
+    """
+    for i in range(a.kinds.size):
+        body = row[i + 1, POSE], row[i + 1, TWIST], row[i + 1, WATER]
+        read_own(a.senses, k, i, body, a.sites[2][i], a.readings[i])
+    if k == 0 or k % a.senses.message_every != 0:
+        return False
+    broadcast(a.senses, k, (row[0, POSE], row[0, TWIST], row[0, WATER]), a.message)
+    for i in range(a.kinds.size):
+        if hear(a.senses, k, i, (a.sites[0], a.sites[1]), row, a.bad, a.ranges[i]):
+            listen(a.law.frame, a.stations[i], a.message, a.trails[i], a.counts[i], TICK, a.memory[i])
+    return True
+
+
+@compiled
+def _told_the_truth(row: Floats, hydrophone: Floats, guided: Floats, reading: Floats, belief: Floats) -> None:
+    """Replace readings and beliefs of a follower that steers by the truth."""
+    pose, twist, water = row[POSE], row[TWIST], row[WATER]
+    felt = feel(pose, twist, water)
+    reading[0], reading[1], reading[2] = forward_speed(pose, twist, water), felt.heading, felt.depth
+    reading[3], reading[4], reading[5] = felt.pitch, felt.turning, felt.pitching
+    guided[CURRENT_EAST] += (water[0] - guided[CURRENT_EAST]) * TICK / CURRENT_TIME
+    guided[CURRENT_NORTH] += (water[1] - guided[CURRENT_NORTH]) * TICK / CURRENT_TIME
+    belief[:] = 0.0
+    belief[0], belief[1], _ = site(pose, hydrophone)
+    belief[4], belief[5] = guided[CURRENT_EAST], guided[CURRENT_NORTH]
+
+
+@compiled
+def _along_route(k: int, row: Floats, i: int, where: Floats, a: Aboard) -> None:
+    """Steer vehicle i along its route from where it takes itself to be."""
+    wanted, _, autopilots, memory, command = a.steering
+    pose, twist, around = row[i, POSE], row[i, TWIST], row[i, WATER]
+    steering = steer(wanted[k, i], where, around, TICK, memory[0][i])
+    felt = feel(pose, twist, around)
+    control(autopilots[i], steering, wanted[k, i], felt, TICK, memory[1][i], command[i])
+
+
+@compiled
+def guide(k: int, row: Floats, a: Aboard) -> None:
+    """Find the commands of all vehicles that hold from instant k until k + 1.
+
+    Args:
+        k: instant.
+        row: recorded truth, shape (v, COLUMNS).
+        a: memories and commands are brought forward; beliefs are written down.
+    """
+    wanted, _, autopilots, memory, command = a.steering
+    if k == 0:
+        for i in range(row.shape[0]):
+            begin(wanted[0, i], row[i, POSE], row[i, TWIST], row[i, WATER], memory[0][i])
+    _along_route(k, row, 0, row[0, 0:2], a)
+    for f in range(a.kinds.size):
+        i = f + 1
+        a.history[k, f] = a.beliefs[f]
+        if a.kinds[f] <= ROUTE_BY_BELIEF:
+            by_belief = a.kinds[f] == ROUTE_BY_BELIEF and k > 0
+            _along_route(k, row, i, a.beliefs[f, 0:2] if by_belief else row[i, 0:2], a)
+            continue
+        reading, belief = a.readings[f], a.beliefs[f]
+        if a.kinds[f] == STATION_BY_TRUTH:
+            _told_the_truth(row[i], a.sites[1][f], memory[0][i], reading, belief)
+        steering = keep_station(
+            a.law,
+            a.stations[f],
+            (reading, belief),
+            (a.trails[f], a.counts[f, 0]),
+            (k * TICK, TICK),
+            a.memory[f],
+            a.reference,
+        )
+        control(autopilots[i], steering.wanted, a.reference, steering.felt, TICK, memory[1][i], command[i])

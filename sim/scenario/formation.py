@@ -1,0 +1,84 @@
+"""Formation: stations in the leader's trail, and how followers keep them."""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from sim.scenario.section import NonNegative, Positive, Section, Speed
+
+Metres = Annotated[float, Field(ge=-1000, le=1000)]
+
+LEAST_APART_M = 3.0
+"""Stations nearer than this to each other, or to the leader, in layers less than …"""
+LEAST_LAYER_M = 1.0
+"""… this apart are refused."""
+
+
+class Station(Section):
+    """A place in the leader's trail."""
+
+    behind_m: Metres = Field(..., description="behind the leader, along the way that it came")
+    port_m: Metres = Field(0.0, description="to port of that way")
+    depth_m: NonNegative = Field(..., description="depth of the layer that the follower swims in")
+
+
+class Formation(Section):
+    """How followers on stations find and keep them."""
+
+    law: Literal["constant-bearing", "ilos", "alos"] = Field(
+        "constant-bearing", description="how a follower gets to its station: with the estimated current, or integrals"
+    )
+    approach_speed_m_s: Speed = Field(1.0, description="U: greatest speed towards the station")
+    lookahead_m: Annotated[float, Field(ge=0.5, le=100)] = Field(
+        5.0, description="Δ: nearer than this to the station, the approach slows down"
+    )
+    integral_m_s: Annotated[float, Field(ge=0, le=2)] = Field(0.2, description="σ of ilos; γ Δ² of alos")
+    least_way_m_s: Speed = Field(0.2, description="least speed through the water along the leader's way")
+    slowest_m_s: Speed = Field(0.2, description="least speed through the water")
+    fastest_m_s: Speed = Field(2.5, description="greatest speed through the water")
+    frame_time_s: Positive = Field(12.0, description="time constant with which the formation turns after its trail")
+    frame_lag_s: Positive = Field(4.0, description="time constant of its rate of turn")
+    frame_ahead_m: NonNegative = Field(
+        10.0, description="it turns towards the trail's course so far ahead of a station"
+    )
+    frame_acceleration_m_s2: Positive = Field(0.06, description="greatest change of a station's speed in a turn")
+    inner_share: Annotated[float, Field(gt=0, lt=1)] = Field(
+        0.35, description="share of the leader's speed that inner stations lose at most"
+    )
+    outer_share: Annotated[float, Field(gt=0, le=2)] = Field(
+        0.7, description="share of the leader's speed that outer stations gain at most"
+    )
+    inner_least_m_s: Speed = Field(0.3, description="least speed through the water that a turn asks of a station")
+    outer_most_m_s: Speed = Field(2.0, description="greatest speed through the water that a turn asks of a station")
+    preview_s: NonNegative = Field(
+        2.0, description="a follower begins so early to go as its station will; hulls turn at a limited rate"
+    )
+    unsure_m: Positive = Field(
+        5.0, description="with a larger standard deviation of its place, a follower keeps a parallel course"
+    )
+    patience_s: Positive = Field(30.0, description="without messages, a follower goes on for so long")
+    silence_s: Positive = Field(120.0, description="after that, slowly, until so long; then what when_silent says")
+    silent_speed_m_s: Speed = Field(0.5, description="speed through the water when it goes slowly")
+    when_silent: Literal["go-on", "circle", "surface"] = Field(
+        "circle", description="what a follower does that hears nothing for long"
+    )
+
+
+def conflicts(stations: list[tuple[str, Station]]) -> list[tuple[tuple[str, ...], str]]:
+    """Pairs of stations, or of a station and the leader, that leave no room for two hulls: their keys, and why."""
+    found: list[tuple[tuple[str, ...], str]] = []
+    for i, (key, a) in enumerate(stations):
+        if math.hypot(a.behind_m, a.port_m) < LEAST_APART_M:
+            text = f"{key}.station is {math.hypot(a.behind_m, a.port_m):.3g} m from the leader's place"
+            found.append(((f"{key}.station",), f"{text}; stations are at least {LEAST_APART_M:g} m from it"))
+        for other, b in stations[:i]:
+            apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
+            layers = abs(a.depth_m - b.depth_m)
+            if apart < LEAST_APART_M and layers < LEAST_LAYER_M:
+                text = (
+                    f"{key}.station and {other}.station are {apart:.3g} m apart in layers {layers:.3g} m apart; "
+                    f"at least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
+                )
+                found.append(((f"{key}.station", f"{other}.station"), text))
+    return found

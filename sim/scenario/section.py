@@ -1,0 +1,29 @@
+"""What tables of a scenario file are made of: their common rules, and the ranges of their numbers."""
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from sim.screen import shortened
+
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+NonNegative = Annotated[float, Field(ge=0, le=1e6)]
+Angle = Annotated[float, Field(ge=-360, le=360)]
+Scale = Annotated[float, Field(ge=0.1, le=10)]
+Chance = Annotated[float, Field(ge=0, le=1)]
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+Speed = Annotated[float, Field(gt=0, le=5)]
+
+
+class Section(BaseModel):
+    """A table of the scenario file: unknown keys, NaN and infinity are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """What differs from the defaults; all else would fill screens."""
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            if value != field.get_default(call_default_factory=True):
+                yield name, shortened(value, 80) if isinstance(value, str) else value

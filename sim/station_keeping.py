@@ -1,0 +1,155 @@
+"""How well followers kept their stations, and how near vehicles came to one another."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from laisn.arrays import Floats, Ints
+from laisn.compiled import compiled
+from sim.assembly import routes_of
+from sim.control.station import FRAME, FRAME_MEMORY, Frame, station_at, turn_frame
+from sim.control.trail import TRAIL, extend
+from sim.formation_fleet import law_of
+from sim.scenario.settings import Scenario
+from sim.tracking import off_place
+from sim.trajectory import Trajectory
+
+LOST_M = 10.0
+"""A follower that was ever farther than this from its station is called lost [m]."""
+JOINED_M = 2.0
+"""A follower has joined when it first is nearer than this to its station [m]."""
+
+
+@compiled
+def _stations(
+    leader: Floats, speed: Floats, heading: Floats, stations: Floats, frame: Frame, dt: float, out: Floats
+) -> None:
+    """Where stations truly are, shape (n, f, 4): east, north [m], heading of the frame [rad], and its rate [rad/s]."""
+    n, f = leader.shape[0], stations.shape[0]
+    trail, count = np.empty((n, TRAIL)), np.zeros(1, dtype=np.int64)
+    memory = np.zeros((f, FRAME_MEMORY))
+    memory[:, FRAME] = heading[0]
+    for k in range(n):
+        time = k * dt
+        extend(trail, count, leader[k, 0], leader[k, 1], time, (speed[k], heading[k]))
+        for i in range(f):
+            known = trail, count[0]
+            if k > 0:
+                turn_frame(frame, stations[i], known, (time - dt, time), dt, memory[i])
+            target = station_at(frame, stations[i], known, time, memory[i])
+            out[k, i, 0], out[k, i, 1] = target.east, target.north
+            out[k, i, 2], out[k, i, 3] = memory[i, 0], memory[i, 1]
+
+
+def true_stations(scenario: Scenario, trajectory: Trajectory) -> Floats:
+    """Where each follower's station truly was: in the leader's true trail, at every instant.
+
+    Args:
+        scenario: its followers' stations; one without a station has that of the leader itself, and means nothing.
+        trajectory: as flown.
+
+    Returns:
+        East, north [m], heading of the formation's frame there [rad] and its rate [rad/s], shape (n, f, 4).
+    """
+    stations = np.zeros((len(scenario.followers), 3))
+    for i, follower in enumerate(scenario.followers):
+        if follower.station:
+            place = follower.station
+            stations[i] = place.behind_m, place.port_m, place.depth_m
+    out = np.empty((trajectory.time.size, len(stations), 4))
+    leader = np.ascontiguousarray(trajectory.position[:, 0, :2])
+    speed, heading = np.ascontiguousarray(trajectory.forward_speed[:, 0]), trajectory.heading[:, 0]
+    frame = law_of(scenario.formation).frame
+    _stations(leader, speed, np.ascontiguousarray(heading), stations, frame, trajectory.dt, out)
+    return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class StationKeeping:
+    """How one follower kept its station, since it joined it."""
+
+    joined_s: float
+    """When it was first within 2 m of its station [s]; NaN: never, and the other figures are those of all the time."""
+    station_rms_m: float
+    """Horizontal distance of its hydrophone from the station, RMS [m], …"""
+    station_p95_m: float
+    """… which it exceeds for 5 % of the time …"""
+    station_max_m: float
+    """… and the largest."""
+    lost: bool
+    """Whether it was ever more than 10 m off its station, or never joined."""
+
+
+def off_station(scenario: Scenario, trajectory: Trajectory) -> Floats:
+    """Horizontal distance of each follower's hydrophone from its station, shape (n, f), [m]."""
+    stations = true_stations(scenario, trajectory)[..., :2]
+    off = np.empty(stations.shape[:2])
+    for i, follower in enumerate(scenario.followers):
+        hydrophone = trajectory.site_path(f"{follower.name}/hydrophone")[:, :2]
+        off[:, i] = np.hypot(*(hydrophone - stations[:, i]).T)
+    return off
+
+
+def off_places(scenario: Scenario, trajectory: Trajectory) -> Floats:
+    """Horizontal distance of each follower from its station, or from where its route has it, shape (n, f), [m]."""
+    kept = off_station(scenario, trajectory)
+    routes = routes_of(scenario)
+    for i, follower in enumerate(scenario.followers):
+        if follower.station is None:
+            kept[:, i] = off_place(routes[i + 1], trajectory.time, trajectory.position[:, i + 1, :2])
+    return kept
+
+
+def station_keeping(off: Floats, time: Floats) -> StationKeeping:
+    """Figures of one follower; both arguments of shape (n,), distances from its station [m] at times [s]."""
+    near = off < JOINED_M
+    joined = int(np.argmax(near)) if near.any() else None
+    counted = off[joined or 0 :]
+    return StationKeeping(
+        joined_s=float("nan") if joined is None else float(time[joined]),
+        station_rms_m=float(np.sqrt(np.mean(counted**2))),
+        station_p95_m=float(np.percentile(counted, 95)),
+        station_max_m=float(counted.max()),
+        lost=bool(joined is None or counted.max() > LOST_M),
+    )
+
+
+@compiled
+def _closest(position: Floats, least: Floats, when: Ints) -> None:
+    """Least distance of each pair in space and horizontally, shape (v, v, 2), [m], and the instants of it."""
+    n, v = position.shape[0], position.shape[1]
+    least[:] = np.inf
+    for k in range(n):
+        for i in range(v):
+            for j in range(i):
+                x, y = position[k, i, 0] - position[k, j, 0], position[k, i, 1] - position[k, j, 1]
+                z = position[k, i, 2] - position[k, j, 2]
+                level = x * x + y * y
+                for which in range(2):
+                    squared = level + (z * z if which == 0 else 0.0)
+                    if squared < least[i, j, which]:
+                        least[i, j, which] = squared
+                        when[i, j, which] = k
+
+
+@dataclass(frozen=True, kw_only=True)
+class Approach:
+    """Two vehicles where they came nearest to each other."""
+
+    distance_m: float
+    pair: tuple[str, str]
+    time_s: float
+
+
+def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
+    """The pair that came nearest in space, and the one that came nearest horizontally, whatever their depths."""
+    v = len(trajectory.names)
+    least, when = np.empty((v, v, 2)), np.zeros((v, v, 2), dtype=np.int64)
+    _closest(np.ascontiguousarray(trajectory.position), least, when)
+    found = []
+    for which in range(2):
+        i, j = (int(x) for x in np.unravel_index(int(np.argmin(least[..., which])), (v, v)))
+        pair = trajectory.names[j], trajectory.names[i]
+        time = float(trajectory.time[when[i, j, which]])
+        found.append(Approach(distance_m=float(np.sqrt(least[i, j, which])), pair=pair, time_s=time))
+    return found[0], found[1]

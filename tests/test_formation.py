@@ -1,0 +1,231 @@
+"""Followers on stations: what they sense while they swim, what they know, and how they keep their places."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+from experiments.flight.fly import fly
+from experiments.flight.library import load
+from experiments.flight.summary import position_and_bearing_errors, summarise
+from experiments.flight.swarm import Swarm, swarm_of
+from laisn.arrays import Floats
+from laisn.navigators import new_navigator
+from sim.assembly import ocean_of, routes_of, setups_of
+from sim.control.follower import (
+    BELIEFS,
+    FOLLOWER_MEMORY,
+    READINGS,
+    embark,
+    keep_station,
+    listen,
+)
+from sim.control.trail import TRAIL
+from sim.fleet import simulate_fleet
+from sim.flight import navigate
+from sim.formation_fleet import law_of
+from sim.scenario.file import validate
+from sim.scenario.formation import Formation
+from sim.scenario.settings import Scenario
+from sim.station_keeping import closest_approaches, station_keeping, true_stations
+from sim.trajectory import Trajectory
+from sim.vehicle.plant import Plant
+
+PLACES = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0), (15.0, -30.0, 13.0)]
+
+
+def mission(*, duration: float = 40.0, places: list[tuple[float, float, float]] = PLACES, **tables: object) -> Scenario:
+    followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in places]
+    return validate({"name": "stations", "duration_s": duration, "followers": followers, **tables}, "test")
+
+
+def flown(scenario: Scenario) -> tuple[Trajectory, Swarm]:
+    crews: list[Swarm] = []
+
+    def board(plant: Plant, steering: object) -> Swarm:
+        crews.append(swarm_of(scenario, plant, steering))  # type: ignore[arg-type]
+        return crews[0]
+
+    routes = routes_of(scenario)
+    plant = Plant(setups_of(scenario, routes), ocean_of(scenario))
+    return simulate_fleet(plant, routes, scenario.duration_s, boarding=board), crews[0]
+
+
+NOISY = {
+    "sensors": {"depth_sigma_m": 0.05, "leader_heading_bias_deg": 3.0, "leader_heading_sigma_deg": 1.0},
+    "acoustics": {"loss_chance": 0.2, "burst_chance": 0.1, "surface_echo_chance": 0.1, "bottom_echo_chance": 0.1,
+                  "max_range_m": 33.0, "clock_offset_s": 1e-4, "clock_drift_ppm": 30.0, "sound_speed_bias_m_s": 2.0},
+    "ocean": {"current_speed_m_s": 0.3, "waves": {"kind": "regular"}},
+    "leader": {"broadcast_attitude": True},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1", "laisn-3-2"])
+def test_the_finished_mission_gives_the_estimates_that_steered_it(variant: str) -> None:
+    """LAISN's lanes and its readable navigator agree to rounding; see also test_lanes."""
+    scenario = mission(navigation={"variant": variant}, **NOISY)
+    trajectory, crew = flown(scenario)
+    flight = navigate(scenario, trajectory, new_navigator)
+    lost = np.isnan(flight.measurements[0].ranges).all(axis=1)
+    assert 2 < lost.sum() < 38
+    for i, estimates in enumerate(flight.estimates):
+        steered = crew.aboard.history[1:, i, :2]
+        np.testing.assert_allclose(steered, estimates.state[:, :2], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "assume", [{}, {"transmitters": 2, "current": True, "exact_leader": False, "drift": True}, {"known_start": False}]
+)
+def test_the_tight_navigator_steers_by_the_very_estimates(assume: dict[str, object]) -> None:
+    scenario = mission(navigation={"variant": "tight", "assume": assume}, **NOISY)
+    trajectory, crew = flown(scenario)
+    flight = navigate(scenario, trajectory, new_navigator)
+    for i, estimates in enumerate(flight.estimates):
+        np.testing.assert_array_equal(crew.aboard.history[1:, i, :2], estimates.state[:, :2])
+
+
+def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
+    scenario = mission(**NOISY)
+    trajectory, crew = flown(scenario)
+    flight = navigate(scenario, trajectory, new_navigator)
+    for i, measured in enumerate(flight.measurements):
+        last = np.array([measured.speed[-1], measured.heading[-1], measured.depth[-1]])
+        np.testing.assert_array_equal(crew.aboard.readings[i, :3], last)
+        np.testing.assert_array_equal(crew.aboard.ranges[i], measured.ranges[-1])
+        np.testing.assert_array_equal(crew.aboard.message, measured.message[-1, :8])
+
+
+def test_a_run_has_the_same_noise_whoever_else_swims() -> None:
+    alone, crew = flown(mission(places=PLACES[:1]))
+    among, crews = flown(mission())
+    np.testing.assert_array_equal(crew.aboard.readings[0], crews.aboard.readings[0])
+    np.testing.assert_array_equal(alone.position[:, 1], among.position[:, 1])
+
+
+def test_the_controller_knows_nothing_of_the_truth() -> None:
+    """It is handed readings, beliefs, messages and a clock: arrays made here, with no vehicle behind them."""
+    law, memory = law_of(Formation()), np.zeros(FOLLOWER_MEMORY)
+    trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 5.0, 12.0])
+    reading, belief, reference = np.zeros(READINGS), np.zeros(BELIEFS), np.zeros(8)
+    reading[:3], belief[:4] = (1.2, 0.1, 12.0), (-5.0, -20.0, 0.2, 0.1)
+    embark((0.0, 1.0, 12.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
+    for second in range(1, 31):
+        listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, 0.1, memory)
+        for tenth in range(10):
+            now = second + 0.1 * tenth
+            belief[:2] = -5.0, now - 20.0
+            steering = keep_station(law, station, (reading, belief), (trail, count[0]), (now, 0.1), memory, reference)
+    # on its station and told so, it goes on north at the leader's speed, whatever its sensors' biases
+    assert steering.wanted == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
+    assert (steering.felt.surge, steering.felt.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
+    told = set(inspect.signature(keep_station).parameters)
+    assert told == {"law", "station", "senses", "known", "clock", "memory", "reference"}
+
+
+def quiet_for(seconds: float, formation: Formation) -> tuple[Floats, Floats]:
+    """Headings and speeds wanted, and depths, of a follower on its station that hears nothing any more."""
+    law, memory = law_of(formation), np.zeros(FOLLOWER_MEMORY)
+    trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 0.0, 12.0])
+    reading, belief, reference, rows = np.zeros(READINGS), np.zeros(BELIEFS), np.zeros(8), []
+    reading[:3] = 1.0, 0.0, 12.0
+    embark((0.0, 1.0, 12.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
+    for second in range(1, 21):
+        listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, 0.1, memory)
+    for k in range(round(10 * seconds)):
+        now = 20.0 + 0.1 * k
+        belief[1] = now - 20.0
+        steering = keep_station(law, station, (reading, belief), (trail, count[0]), (now, 0.1), memory, reference)
+        rows.append((*steering.wanted, reference[6]))
+    table = np.array(rows)
+    return table[:, :3], table[:, 3]
+
+
+def test_without_messages_it_goes_on_then_slowly_then_circles_or_surfaces() -> None:
+    wanted, depth = quiet_for(200.0, Formation())
+    assert wanted[:290, 2] == pytest.approx(1.0, abs=0.01)
+    assert wanted[400:1190, 2] == pytest.approx(0.5)
+    assert wanted[:1190, 0] == pytest.approx(0.0, abs=0.01)
+    assert np.rad2deg(wanted[1300:, 1]) == pytest.approx(4.0)
+    assert depth == pytest.approx(12.0)
+    _, depth = quiet_for(200.0, Formation(when_silent="surface"))
+    assert depth[1190] == pytest.approx(12.0)
+    # at 0.2 m/s it is up after a minute
+    assert depth[-1] == pytest.approx(0.2)
+    wanted, _ = quiet_for(200.0, Formation(when_silent="go-on"))
+    assert wanted[400:, 2] == pytest.approx(0.5)
+
+
+def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:
+    followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}, "steers_by": "truth"} for s, y, d in PLACES]
+    leader = {"waypoints": [[0, 0, 0], [60, 60, 0], [160, 60, 100]]}
+    scenario = validate({"name": "s", "duration_s": 160.0, "leader": leader, "followers": followers}, "test")
+    flight, _ = fly(scenario)
+    summary = summarise(flight, position_and_bearing_errors(flight))
+    for row in summary["followers"].values():
+        assert row["station_rms_m"] < 0.3
+        assert row["station_max_m"] < 1.2
+        assert not row["lost"]
+    # on the last leg stations stand where geometry has them: behind the leader, which goes north
+    leader_at = flight.trajectory.position[-1, 0, :2]
+    stations = true_stations(scenario, flight.trajectory)[-1, :, :2]
+    np.testing.assert_allclose(stations[1], leader_at - np.array([0.0, 20.0]), atol=0.05)
+
+
+def test_it_joins_its_station_from_anywhere() -> None:
+    followers = [{"station": {"behind_m": 20.0, "port_m": 5.0, "depth_m": 12.0}, "start_m": [-60.0, -30.0]}]
+    table = {"name": "s", "duration_s": 150.0, "navigation": {"variant": "laisn-3-2"}, "followers": followers}
+    flight, _ = fly(validate(table, "test"))
+    assert flight.trajectory.position[0, 1, :2] == pytest.approx([-60.0, -30.0])
+    row = summarise(flight, position_and_bearing_errors(flight))["followers"]["follower"]
+    # 53 m away at 1 m/s nearer
+    assert 35.0 < row["joined_s"] < 100.0
+    assert row["station_max_m"] < 4.0
+
+
+def test_figures_of_keeping_a_station_are_those_since_it_was_joined() -> None:
+    time, off = 0.1 * np.arange(1001), np.full(1001, 3.0)
+    off[:200], off[200:] = 50.0, 1.0
+    off[300] = 11.0
+    found = station_keeping(off, time)
+    assert found.joined_s == pytest.approx(20.0)
+    assert found.station_rms_m == pytest.approx(np.sqrt((800 + 121) / 801))
+    assert found.station_p95_m == pytest.approx(1.0)
+    assert (found.station_max_m, found.lost) == (11.0, True)
+    never = station_keeping(np.full(10, 3.0), 0.1 * np.arange(10))
+    assert np.isnan(never.joined_s)
+    assert never.lost
+
+
+def test_the_nearest_pair_is_named_with_its_distance_and_time() -> None:
+    flight, _ = fly(mission(places=[(10.0, 0.0, 12.0), (10.0, 4.0, 12.0), (30.0, 0.0, 20.0)], duration=5.0))
+    space, level = closest_approaches(flight.trajectory)
+    assert space.pair == level.pair == ("follower-1", "follower-2")
+    apart = np.linalg.norm(flight.trajectory.position[:, 1] - flight.trajectory.position[:, 2], axis=1)
+    assert space.distance_m == pytest.approx(apart.min())
+    assert space.time_s == pytest.approx(flight.trajectory.time[np.argmin(apart)])
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ({"followers": [{"station": {"behind_m": 10.0, "depth_m": 10.0}}] * 2}, "0 m apart in layers 0 m apart"),
+        ({"followers": [{"station": {"behind_m": 1.0, "depth_m": 10.0}}]}, "1 m from the leader's place"),
+        ({"followers": [{"station": {"behind_m": 9.0, "depth_m": 10.0}, "route": "T5"}]}, "no route"),
+        ({"followers": [{"route": "T5", "start_m": [0.0, 0.0]}]}, "start_m is for followers on stations"),
+        ({"followers": [{"name": "a"}]}, "a route of the library, waypoints of its own or a station"),
+        ({"motion": "kinematic"}, "station needs motion = 'physics'"),
+        ({"acoustics": {"travel_time": True}}, "acoustics.travel_time must keep its default"),
+        ({"timing": {"filter_step_s": 0.5}}, "timing.filter_step_s must keep its default"),
+        ({"followers": [{"station": {"behind_m": 9.0, "depth_m": 40.0}}]}, "would dive to 40 m"),
+        ({"followers": [{"route": "T5"}] * 51}, "at most 50"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_named_before_anything_is_flown(table: dict[str, object], told: str) -> None:
+    followers = [{"station": {"behind_m": 10.0, "depth_m": 10.0}}]
+    with pytest.raises(ValueError, match=told):
+        validate({"name": "s", "followers": followers} | table, "test")
+
+
+def test_the_built_in_swarm_is_ten_followers_on_stations() -> None:
+    scenario = load("swarm", [])
+    assert sum(follower.station is not None for follower in scenario.followers) == 10
