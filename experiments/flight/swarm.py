@@ -14,8 +14,10 @@ from laisn.tight.settings import TightSettings
 from sim.fleet import Steering, note, standing
 from sim.flight import navigation_settings
 from sim.formation_fleet import Aboard, aboard, guide, sense
+from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
+from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
 from sim.vehicle.stepping import FINE, Fault, advance
 from sim.water.ocean import Water
@@ -133,3 +135,24 @@ def swarm_of(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
         raise LaisnError(f"scenario {scenario.name!r}: followers on stations need hydrophones of one height")
     starts = np.array([start_of(still, i) for i in numbers])
     return Swarm(settings[0], aboard(scenario, plant, steering), starts)
+
+
+def simulate_swarm(scenario: Scenario) -> tuple[Trajectory, Floats]:
+    """Fly a scenario whose followers keep stations, for studies that need no more than its motion and beliefs.
+
+    Returns:
+        The motion, and what every navigator concluded at each instant, columns of `laisn.tight.swarm`, shape
+        (n + 1, f, 7).
+
+    Raises:
+        LaisnError: a route cannot be flown, or the sea is impossible.
+        DivergedError: the simulation left finite numbers.
+    """
+    crews: list[Swarm] = []
+
+    def embark(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
+        crews.append(swarm_of(scenario, plant, steering))
+        return crews[0]
+
+    trajectory = simulate_motion(scenario, embark=embark)
+    return trajectory, crews[0].aboard.history

@@ -12,6 +12,7 @@ from experiments.asymmetry import study as asymmetry
 from experiments.closed_loop import study as closed_loop
 from experiments.estimators import study as estimators
 from experiments.findings import FILE
+from experiments.formation import study as formation
 from experiments.gallery import flights
 from experiments.gallery.documents import RECORDS
 from experiments.real_ranges import study as real_ranges
@@ -24,6 +25,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
     "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
     "closed-loop": closed_loop.run,
+    "formation": formation.run,
     "asymmetry": asymmetry.run,
     "estimators": estimators.run,
     "real-ranges": real_ranges.run,

@@ -198,11 +198,11 @@ def moments(b: Belief, m: Model) -> None:
     # about the mean position, so that the squares of large coordinates do not swallow small variances
     origin_x, origin_y = position(b)
     for k in range(b.alive * m.modes):
-        b.state[k, X] -= origin_x
-        b.state[k, Y] -= origin_y
+        x, y = b.state[k, X], b.state[k, Y]
+        b.state[k, X], b.state[k, Y] = x - origin_x, y - origin_y
         _add_component(b, m, k)
-        b.state[k, X] += origin_x
-        b.state[k, Y] += origin_y
+        # to the bit as it was: who asks for moments and who does not go on alike
+        b.state[k, X], b.state[k, Y] = x, y
     for i in range(4):
         for j in range(4):
             b.now_covariance[i, j] -= b.now[i] * b.now[j]

@@ -27,7 +27,8 @@ LOG, COMPASS, PRESSURE, INCLINE, TURNING, PITCHING = range(6)
 """Columns of readings: speed log [m/s], compass [rad], pressure as depth [m], pitch [rad], rates of turn [rad/s]."""
 READINGS = 6
 BELIEVED_EAST, BELIEVED_NORTH, LOG_BIAS, COMPASS_BIAS, BELIEVED_CURRENT_EAST, BELIEVED_CURRENT_NORTH, SPREAD = range(7)
-"""Columns of beliefs: place [m] (NaN before there is one), biases [m/s] and [rad], current [m/s], largest standard deviation of the place [m]."""
+"""Columns of beliefs: place [m], NaN before there is one; biases [m/s] and [rad]; current [m/s]; largest standard
+deviation of the place [m]."""
 BELIEFS = 7
 HEARD_TIME, HEARD_EAST, HEARD_NORTH, HEARD_HEADING, HEARD_SPEED = range(5)
 """Columns of a message that the controller reads, as of `laisn.messages.LeaderMessage`."""

@@ -1,0 +1,79 @@
+"""What the formation is flown through: sea, sound, sensors and navigators."""
+
+from dataclasses import dataclass
+
+from experiments.flight.library import load
+from sim.scenario.settings import Scenario
+
+ASIDE = {6: 4.0, 7: -5.0, 8: 6.0, 9: -7.0}
+"""To port of the axis, where the followers astern stand in conditions that keep them off it [m]."""
+_GOLDEN_DEG = 137.508
+"""Directions of the current from run to run: spread evenly, however many runs there are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """What differs from the built-in swarm."""
+
+    name: str
+    title: str
+    settings: tuple[str, ...] = ()
+    """Assignments `key=value` of the scenario."""
+    current: float = 0.0
+    """Greatest speed of a current from any direction, which every run has another share of [m/s]."""
+    aside: bool = False
+    """No station is within 3 m of the leader's axis."""
+    truth: bool = False
+    """Followers steer by the truth."""
+
+    def scenario(self, run: int, duration_s: float = 1000.0) -> Scenario:
+        """The mission of one run."""
+        told = [*self.settings, f"run={run}", f"duration_s={duration_s}"]
+        if self.current:
+            speed = self.current * (1 + run % 5) / 5
+            told += [f"ocean.current_speed_m_s={speed}", f"ocean.current_direction_deg={run * _GOLDEN_DEG % 360}"]
+        if self.aside:
+            told += [f"followers.{i}.station.port_m={port}" for i, port in ASIDE.items()]
+        if self.truth:
+            told += [f"followers.{i}.steers_by=truth" for i in range(10)]
+        return load("swarm", told)
+
+
+_TWO = ("navigation.assume.transmitters=2",)
+_SLOW = ("timing.message_interval_s=5",)
+_ACROSS = ("ocean.current_speed_m_s=0.5", "ocean.current_direction_deg=0")
+_ALONG = ("ocean.current_speed_m_s=0.5", "ocean.current_direction_deg=90")
+_LOSS = ("acoustics.loss_chance=0.2",)
+_BURSTS = ("acoustics.burst_chance=0.1333", "acoustics.burst_mean_messages=5")
+
+CONDITIONS = (
+    Condition(name="calm", title="calm"),
+    Condition(name="truth", title="calm, steering by the truth", truth=True),
+    Condition(name="current", title="current up to 0.5 m/s, any direction", current=0.5),
+    Condition(name="along", title="current 0.5 m/s along the first leg", settings=_ALONG),
+    Condition(name="shear", title="current 0.5 m/s, 0.02 m/s less for each metre of depth",
+              settings=(*_ACROSS, "ocean.current_shear_per_s=0.02")),
+    Condition(name="waves", title="waves, Hs 0.5 m",
+              settings=("ocean.waves.kind=jonswap", "ocean.waves.height_m=0.5")),
+    Condition(name="high waves", title="waves, Hs 1 m",
+              settings=("ocean.waves.kind=jonswap", "ocean.waves.height_m=1")),
+    Condition(name="loss", title="20 % of messages lost", settings=_LOSS),
+    Condition(name="bursts", title="40 % of messages lost, in bursts", settings=_BURSTS),
+    Condition(name="echoes", title="5 % echoes",
+              settings=("acoustics.surface_echo_chance=0.025", "acoustics.bottom_echo_chance=0.025")),
+    Condition(name="compass", title="leader's compass 5° off, and estimated",
+              settings=("sensors.leader_heading_bias_deg=5", "navigation.assume.exact_leader=false")),
+    Condition(name="5 s", title="messages every 5 s", settings=_SLOW),
+    Condition(name="5 s current", title="messages every 5 s, current up to 0.5 m/s", settings=_SLOW, current=0.5),
+    Condition(name="5 s loss", title="messages every 5 s, 20 % lost", settings=(*_SLOW, *_LOSS)),
+    Condition(name="10 s", title="messages every 10 s", settings=("timing.message_interval_s=10",)),
+    Condition(name="two aside", title="2 transmitters, no station near the axis", settings=_TWO, aside=True),
+    Condition(name="two", title="2 transmitters", settings=_TWO),
+    Condition(name="two across", title="2 transmitters, current 0.5 m/s across", settings=(*_TWO, *_ACROSS)),
+    Condition(name="laisn-2", title="LAISN-2", settings=("navigation.variant=laisn-2",)),
+    Condition(name="laisn-3-1", title="LAISN-3(1)", settings=("navigation.variant=laisn-3-1",)),
+    Condition(name="laisn-3-2", title="LAISN-3(2)", settings=("navigation.variant=laisn-3-2",)),
+    Condition(name="ilos", title="law ilos, current up to 0.5 m/s", settings=("formation.law=ilos",), current=0.5),
+    Condition(name="alos", title="law alos, current up to 0.5 m/s", settings=("formation.law=alos",), current=0.5),
+)  # fmt: skip
+"""Where a title does not say otherwise: the tightly coupled navigator, 3 transmitters, messages every second."""

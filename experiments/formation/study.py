@@ -1,0 +1,141 @@
+"""Ten followers in formation, through all conditions: `python -m experiments.formation.study`.
+
+Writes `out/formation/results.json`. `--quick` flies two runs of 100 s.
+"""
+
+import argparse
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.campaign.processes import Pool
+from experiments.campaign.progress import progress
+from experiments.findings import FILE, Finding, Findings, of, plain, version_of
+from experiments.flight.swarm import simulate_swarm
+from experiments.formation.conditions import CONDITIONS, Condition
+from experiments.intervals import bootstrap_mean, proportion
+from experiments.study.facts import thruster_power
+from laisn.arrays import Floats
+from sim.station_keeping import closest_approaches, off_station, station_keeping, true_stations
+
+COMMAND = "python -m experiments.formation.study"
+MODULES = ("experiments.formation.study",)
+RUNS = 12
+DURATION_S = 1000.0
+TURNING = 1e-3
+"""A formation whose frame turns faster is in a turn [rad/s]."""
+
+
+class Run(NamedTuple):
+    """What one run came to, for each of f followers where an array, shape (f,)."""
+
+    rms: Floats
+    """Distance from the station, RMS [m]."""
+    p95: Floats
+    largest: Floats
+    turn: Floats
+    """Largest distance in turns [m]."""
+    leg: Floats
+    """RMS distance on legs [m]."""
+    lost: Floats
+    """1 where the follower was ever more than 10 m off, else 0."""
+    error: Floats
+    """Mean E_P [m]."""
+    closest: float
+    """Least horizontal distance of two vehicles, whatever their layers [m]."""
+    power: float
+    """Mean of the followers' thrusters [W]."""
+
+
+def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> Run:
+    """Fly one run of a condition."""
+    scenario = condition.scenario(run, duration_s)
+    trajectory, beliefs = simulate_swarm(scenario)
+    off = off_station(scenario, trajectory)
+    kept = [station_keeping(column, trajectory.time) for column in off.T]
+    turning = np.abs(true_stations(scenario, trajectory)[..., 3]) > TURNING
+    hydrophones = np.stack([trajectory.site_path(f"{f.name}/hydrophone")[:, :2] for f in scenario.followers], axis=1)
+    error = np.hypot(*np.moveaxis(beliefs[1:, :, :2] - hydrophones[1:], -1, 0))
+    density = scenario.ocean.density_kg_m3
+    power = [float(thruster_power(trajectory, v + 1, density).mean()) for v in range(len(kept))]
+    legs = np.where(turning, np.nan, off)
+    return Run(
+        rms=np.array([k.station_rms_m for k in kept]),
+        p95=np.array([k.station_p95_m for k in kept]),
+        largest=np.array([k.station_max_m for k in kept]),
+        turn=np.max(np.where(turning, off, 0.0), axis=0),
+        leg=np.sqrt(np.nanmean(legs**2, axis=0)),
+        lost=np.array([float(k.lost) for k in kept]),
+        error=error.mean(axis=0),
+        closest=closest_approaches(trajectory)[1].distance_m,
+        power=float(np.mean(power)),
+    )
+
+
+def _labelled(condition: Condition, run: int, duration_s: float) -> tuple[str, int, Run]:
+    return condition.name, run, measure(condition, run, duration_s)
+
+
+def _of_condition(name: str, runs: Sequence[Run]) -> dict[str, Finding]:
+    """Findings of one condition; intervals are over runs."""
+    rms = np.array([run.rms for run in runs])
+    lost, followers = int(sum(run.lost.sum() for run in runs)), rms.size
+
+    def over_runs(values: Sequence[float], what: str, unit: str) -> Finding:
+        return of(bootstrap_mean(np.array(values)), what, unit)
+
+    medians = [float(np.median(run.rms)) for run in runs]
+    return {
+        f"median {name}": plain(float(np.median(rms)), "RMS distance from the station, median of followers", "m"),
+        f"run-median {name}": over_runs(medians, "median of a run's followers, mean of runs, 95 %", "m"),
+        f"worst {name}": plain(float(rms.max()), "RMS distance from the station, worst follower", "m"),
+        f"p95 {name}": plain(float(np.median([r.p95 for r in runs])), "95 % of the time within, median follower", "m"),
+        f"max {name}": plain(float(max(r.largest.max() for r in runs)), "largest distance from a station", "m"),
+        f"turn {name}": plain(float(max(r.turn.max() for r in runs)), "largest distance in the turn", "m"),
+        f"leg {name}": plain(float(np.median([r.leg for r in runs])), "RMS on legs, median of followers", "m"),
+        f"error {name}": over_runs([float(r.error.mean()) for r in runs], "mean E_P, mean of runs, 95 %", "m"),
+        f"lost-runs {name}": plain(lost, f"followers lost, of {followers}"),
+        f"lost {name}": of(proportion(lost, followers), "share of followers lost, 95 %"),
+        f"closest {name}": plain(min(r.closest for r in runs), "least horizontal distance of two vehicles", "m"),
+        f"power {name}": over_runs([r.power for r in runs], "mean power of a follower's thrusters, 95 %", "W"),
+    }
+
+
+def findings_of(found: Mapping[str, Sequence[Run]]) -> Findings:
+    """The record of all conditions."""
+    named: dict[str, Finding] = {"runs": plain(min(len(runs) for runs in found.values()), "runs of each condition")}
+    for name, runs in found.items():
+        named |= _of_condition(name, runs)
+    return Findings(study="formation", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
+
+
+def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S) -> None:
+    """Fly all conditions and write the record into a folder."""
+    # compile once, not in each process
+    measure(CONDITIONS[0], 0, 3.0)
+    found: dict[str, dict[int, Run]] = {condition.name: {} for condition in CONDITIONS}
+    tasks = [(condition, number, duration_s) for number in range(runs) for condition in CONDITIONS]
+    with Pool(len(os.sched_getaffinity(0))) as pool, progress("formations", len(tasks)) as advance:
+        for name, number, result in pool.each(_labelled, iter(tasks)):
+            found[name][number] = result
+            advance()
+    folder.mkdir(parents=True, exist_ok=True)
+    ordered = {name: [results[number] for number in sorted(results)] for name, results in found.items()}
+    findings_of(ordered).write(folder / FILE)
+
+
+def main() -> None:
+    """Fly the study as the command line says."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--runs", type=int, default=RUNS, help="of each condition")
+    parser.add_argument("--quick", action="store_true", help="two runs of 100 s, to see that it works")
+    parser.add_argument("--out", type=Path, default=Path("out") / "formation", help="folder of the record")
+    told = parser.parse_args()
+    run(told.out, 2 if told.quick else told.runs, 100.0 if told.quick else DURATION_S)
+
+
+if __name__ == "__main__":
+    main()
