@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError
 
 from laisn.beacons.settings import BeaconSettings
 from laisn.failure import LaisnError
-from sim.scenario.settings import NonNegative, Positive, Section
+from sim.scenario.section import NonNegative, Positive, Section
 
 _EDGES = (("_deg_s", np.pi / 180), ("_deg", np.pi / 180), ("_m_sqrt_s", 1.0), ("_m_s", 1.0), ("_m", 1.0))
 """Units in which keys end, and how many of SI one of them is."""
