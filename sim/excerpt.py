@@ -29,7 +29,7 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
     points = slice(first * flight.stride, last * flight.stride + 1)
     timed = ("time", "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
 
-    def heard(m: Measurements) -> Measurements:
+    def within(m: Measurements) -> Measurements:
         kept = (m.message_step > first) & (m.message_step <= last)
         return Measurements(
             dt=m.dt,
@@ -39,11 +39,13 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
             message_step=m.message_step[kept] - first,
             message=m.message[kept],
             ranges=m.ranges[kept],
+            durations=None if m.durations is None else m.durations[first:last],
+            transmitters=None if m.transmitters is None else m.transmitters[kept],
         )
 
     return replace(
         flight,
         trajectory=replace(truth, **{name: getattr(truth, name)[points] for name in timed}),
-        measurements=tuple(heard(m) for m in flight.measurements),
+        measurements=tuple(within(m) for m in flight.measurements),
         estimates=tuple(e.part(first, last) for e in flight.estimates),
     )

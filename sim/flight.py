@@ -202,7 +202,7 @@ def navigate(
     for follower in range(len(scenario.followers)):
         truth = observe(trajectory, Hearing.of(scenario), follower)
         settings = navigation_settings(scenario, trajectory, follower)
-        heard = measure(
+        measured = measure(
             truth,
             errors,
             seed=scenario.seed,
@@ -210,8 +210,8 @@ def navigate(
             follower=follower,
             transmitters=settings.transmitters,
         )
-        measurements.append(heard)
-        estimates.append(navigator(settings, truth.start).run(heard))
+        measurements.append(measured)
+        estimates.append(navigator(settings, truth.start).run(measured))
     return Flight(
         scenario=scenario,
         trajectory=trajectory,

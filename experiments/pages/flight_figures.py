@@ -166,10 +166,10 @@ def motion(flight: Flight) -> list[tuple[str, Figure]]:
 
 def ranges(flight: Flight, follower: int) -> Figure:
     """Measured slant ranges over time, of the transmitters that the variant uses."""
-    heard = flight.measurements[follower]
-    time = np.asarray(flight.trajectory.time[0] + heard.message_step * heard.dt, dtype=np.float64)
+    measured = flight.measurements[follower]
+    time = np.asarray(flight.trajectory.time[0] + measured.message_step * measured.dt, dtype=np.float64)
     used = range(flight.scenario.navigation.transmitters)
-    lines = [Line(x=time, y=heard.ranges[:, j], colour=TRANSMITTERS[j], width=0.9) for j in reversed(used)]
+    lines = [Line(x=time, y=measured.ranges[:, j], colour=TRANSMITTERS[j], width=0.9) for j in reversed(used)]
     return panel(lines, x_label="time [s]", y_label="slant range [m]", width=HALF)
 
 

@@ -180,13 +180,13 @@ class Footage:
         return tuple(Side(float(estimates.weight[made, h]), places[h], spread[h]) for h in believed.tolist())
 
     def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, int, FixKind | None]:
-        heard = self.flight.measurements[follower]
-        last = int(np.searchsorted(heard.message_step, k, side="right")) - 1
+        measured = self.flight.measurements[follower]
+        last = int(np.searchsorted(measured.message_step, k, side="right")) - 1
         if last < 0:
             return np.zeros(3), np.full(3, np.nan), -1, None
-        step = int(heard.message_step[last])
+        step = int(measured.message_step[last])
         age = (time - self.start - step * self._dt) / self.speed_up
-        ranges = heard.ranges[last]
+        ranges = measured.ranges[last]
         fixes = self.flight.estimates[follower]
         made = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
         kind = FixKind(int(fixes.fix_kind[made])) if made >= 0 else None

@@ -64,8 +64,8 @@ def _job(
         raise RenderError(f"follower {follower} does not exist; available: 0 … {len(followers) - 1}")
     if workers < 1:
         raise RenderError(f"workers = {workers} must be at least 1")
-    heard = flight.measurements[follower]
-    annotations.check(heard.speed.size, heard.message_step.size)
+    measured = flight.measurements[follower]
+    annotations.check(measured.speed.size, measured.message_step.size)
     return Job(
         flight=flight,
         errors=errors,
