@@ -16,7 +16,7 @@ _COMPUTING = (
     "sim.scenario.file",
     "sim.tilt",
     "experiments.study.facts",
-    "experiments.flight.fly",
+    "experiments.study.closed_runs",
 )
 """Where numbers begin: cells of runs, settings as a scenario, and what studies measure of missions besides."""
 _DATA = {".xml", ".json"}

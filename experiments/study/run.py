@@ -16,11 +16,9 @@ from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Record, Store, columns_of
 from experiments.campaign.version import code_version
 from experiments.flight.fly import fly
-from experiments.flight.summary import position_and_bearing_errors
+from experiments.study.closed_runs import records_of_run
 from experiments.study.facts import facts_of
 from experiments.study.plan import Entry, Plan
-from laisn import metrics
-from sim.flight import Flight, Outcome
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
@@ -62,39 +60,9 @@ def _fly(scenario: Scenario) -> tuple[Scenario, Trajectory | None, list[Record] 
     return scenario, trajectory, facts_of(scenario, trajectory)
 
 
-def _captured(flight: Flight, follower: int) -> bool:
-    """Whether an estimate was at the mirror image of the truth for a message interval, as cells say it of runs."""
-    steps = flight.step_index()
-    leader, heading = flight.trajectory.position[steps, 0, :2], flight.trajectory.heading[steps, 0]
-    estimate, truth = flight.estimates[follower].state[:, :2], flight.hydrophone(follower)[:, :2]
-    captured = np.concatenate([[False], metrics.captured_steps(estimate, truth, leader, heading), [False]])
-    first, after = np.flatnonzero(np.diff(captured.astype(np.int8))).reshape(-1, 2).T
-    return bool(first.size and np.max(after - first) >= flight.scenario.message_every)
-
-
 def _fly_run(scenario: Scenario, run: int) -> tuple[str, list[Record] | str]:
     """Key of a run in which followers steer by their estimates, and its results for each follower."""
-    one = scenario.model_copy(update={"run": run})
-    key = _run_key(scenario, run)
-    flight, _ = fly(one)
-    if flight.outcome is not Outcome.COMPLETED:
-        return key, f"run {run}: {flight.outcome.value}"
-    facts, rows = facts_of(one, flight.trajectory), []
-    for i, (position, bearing) in enumerate(position_and_bearing_errors(flight)):
-        degrees = np.rad2deg(bearing)
-        rows.append(
-            {
-                "run": run,
-                "e_p_max_m": float(position.max()),
-                "e_p_mean_m": float(position.mean()),
-                "e_b_max_deg": float(degrees.max()),
-                "e_b_mean_deg": float(degrees.mean()),
-                "captured": _captured(flight, i),
-                "gated": int(metrics.fix_counts(flight.estimates[i]).get("gated", 0)),
-                **facts[i],
-            }
-        )
-    return key, rows
+    return _run_key(scenario, run), records_of_run(scenario, run)
 
 
 def _store_records(store: Store, key: str, records: list[Record]) -> None:

@@ -21,13 +21,14 @@ from experiments.command.cli import app
 from experiments.flight.fly import fly
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.study import file
+from experiments.study.closed_runs import is_captured
 from experiments.study.draws import Draw
 from experiments.study.estimate import Results
 from experiments.study.file import FOLDER, StudyError, of_table, shipped, study_of, table_in
 from experiments.study.metrics import METRICS
 from experiments.study.notable import commands
 from experiments.study.plan import plan_of
-from experiments.study.run import _captured, fly_study
+from experiments.study.run import fly_study
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_study
 
 SMALL = """
@@ -234,7 +235,7 @@ def test_captures_of_single_flights_are_those_of_cells(tmp_path):
     told = outcomes.runs[0][1]["captured"]
     for run, captured in enumerate(told):
         flight, _ = fly(plan.entries[0].scenario.model_copy(update={"run": run}))
-        assert _captured(flight, 0) == captured
+        assert is_captured(flight, 0) == captured
     assert 0 < sum(told) < 8, "the mission cannot tell"
 
 
