@@ -291,10 +291,20 @@ def log_export(
     log: LogArgument,
     out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="write one recording that Rerun draws in place of tables")
+    ] = False,
 ) -> None:
-    """Write every channel of numbers as a table."""
+    """Write every channel of numbers as a table, or a flight as a recording for Rerun."""
     from sim.log.export import export
 
+    if rerun:
+        from sim.log.reader import read
+        from sim.log.recording import write_recording
+
+        out.mkdir(parents=True, exist_ok=True)
+        _say(write_recording(read(log), out / f"{log.stem}.rrd"))
+        return
     for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
         _say(file)
 

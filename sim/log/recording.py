@@ -1,0 +1,171 @@
+"""A flight as a recording that Rerun draws: moving hulls, trails, rays, estimates with their uncertainty, and errors.
+
+Rerun opens the MCAP log as well, but shows hulls and rays there as messages only.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.whole_files import replaced
+from sim.assembly import models_of
+from sim.flight import Flight
+from sim.log.file import LogError
+from sim.log.hull import hull
+from sim.log.layout import ESTIMATE, FOLLOWER, LEADER
+from sim.log.scene import CONFIDENCE, TRAIL_S
+from sim.trajectory import Trajectory
+
+_TIMELINE = "mission"
+_RAY = "#38bff2"
+_TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
+_LINE_M = 0.03
+
+
+def _rgba(colour: str, opacity: int = 255) -> list[int]:
+    return [*(int(colour[i : i + 2], 16) for i in (1, 3, 5)), opacity]
+
+
+def _parts(primitives: Sequence[Any]) -> dict[str, Any]:
+    """Places, turns and colours of the primitives of a hull, as Rerun takes them."""
+    poses = [p.pose for p in primitives]
+    return {
+        "centers": [(p.position.x, p.position.y, p.position.z) for p in poses],
+        "quaternions": [(p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w) for p in poses],
+        "colors": [[round(255 * c) for c in (p.color.r, p.color.g, p.color.b, p.color.a)] for p in primitives],
+        "fill_mode": "solid",
+    }
+
+
+def _log_hull(rr: Any, stream: Any, entity: str, model: str) -> None:
+    """What is visible of a vehicle, in its body frame."""
+    shape = hull(model)
+
+    def half(primitives: Sequence[Any]) -> list[tuple[float, float, float]]:
+        return [(p.size.x / 2, p.size.y / 2, p.size.z / 2) for p in primitives]
+
+    if shape.cylinders:
+        sizes = half(shape.cylinders)
+        round_ = {"lengths": [2 * z for *_, z in sizes], "radii": [x for x, *_ in sizes]}
+        stream.log(f"{entity}/cylinders", rr.Cylinders3D(**round_, **_parts(shape.cylinders)), static=True)
+    if shape.spheres:
+        ellipsoids = rr.Ellipsoids3D(half_sizes=half(shape.spheres), **_parts(shape.spheres))
+        stream.log(f"{entity}/spheres", ellipsoids, static=True)
+    if shape.cubes:
+        stream.log(f"{entity}/boxes", rr.Boxes3D(half_sizes=half(shape.cubes), **_parts(shape.cubes)), static=True)
+    for number, mesh in enumerate(shape.triangles):
+        place, turn = mesh.pose.position, mesh.pose.orientation
+        here = rr.Transform3D(translation=(place.x, place.y, place.z), quaternion=(turn.x, turn.y, turn.z, turn.w))
+        stream.log(f"{entity}/mesh{number}", here, static=True)
+        body = rr.Mesh3D(
+            vertex_positions=[(p.x, p.y, p.z) for p in mesh.points],
+            triangle_indices=np.reshape(mesh.indices, (-1, 3)),
+            albedo_factor=[mesh.color.r, mesh.color.g, mesh.color.b, mesh.color.a],
+        )
+        stream.log(f"{entity}/mesh{number}", body, static=True)
+
+
+class _Recording:
+    """Sends columns of one flight to one stream."""
+
+    def __init__(self, rr: Any, stream: Any) -> None:
+        self._rr, self._stream = rr, stream
+
+    def send(self, entity: str, time: Floats, columns: Any) -> None:
+        at = self._rr.TimeColumn(_TIMELINE, duration=time)
+        self._rr.send_columns(entity, indexes=[at], columns=columns, recording=self._stream)
+
+    def strips(self, entity: str, time: Floats, rows: Sequence[Sequence[Floats]], colour: str) -> None:
+        """Lines of every instant, each of shape (n, 3)."""
+        rr = self._rr
+        style = rr.LineStrips3D.from_fields(colors=[_rgba(colour)], radii=[_LINE_M])
+        self._stream.log(entity, style, static=True)
+        flat = [strip for row in rows for strip in row]
+        columns = rr.LineStrips3D.columns(strips=flat).partition([len(row) for row in rows])
+        self.send(entity, time, columns)
+
+    def trail(self, entity: str, time: Floats, track: Floats, colour: str) -> None:
+        """The last part of a track, a point every second, shape (n, 3)."""
+        rows = [[track[max(0, i - TRAIL_S) : i + 1]] for i in range(1, len(track))]
+        self.strips(entity, time[1:], rows, colour)
+
+
+def _seconds(truth: Trajectory) -> slice:
+    return slice(None, None, max(1, round(1.0 / truth.dt)))
+
+
+def _vehicle(rr: Any, to: _Recording, flight: Flight, v: int) -> None:
+    truth, each = flight.trajectory, _seconds(flight.trajectory)
+    name, turn = truth.names[v], truth.quaternion[:, v]
+    to.send(
+        f"world/{name}",
+        truth.time,
+        rr.Transform3D.columns(translation=truth.position[:, v], quaternion=turn[:, [1, 2, 3, 0]]),
+    )
+    to.trail(f"world/trails/{name}", truth.time[each], truth.position[each, v], FOLLOWER if v else LEADER)
+
+
+def _follower(rr: Any, to: _Recording, flight: Flight, f: int) -> None:
+    truth, heard, found = flight.trajectory, flight.measurements[f], flight.estimates[f]
+    name, steps = truth.names[f + 1], flight.step_index()
+    time, hydrophone = truth.time[steps], flight.hydrophone(f)
+    to.send(
+        f"errors/{name}/E_P", time, rr.Scalars.columns(scalars=np.hypot(*(found.state[:, :2] - hydrophone[:, :2]).T))
+    )
+    # a filter that left finite numbers has no ellipse
+    each = np.arange(0, time.size, max(1, round(1.0 / heard.dt)))
+    each = each[np.isfinite(found.covariance[each, :2, :2]).all(axis=(1, 2))]
+    believed = np.column_stack([found.state[each, :2], hydrophone[each, 2]])
+    variance, axes = np.linalg.eigh(found.covariance[each, :2, :2])
+    half_turn = np.arctan2(axes[:, 1, 1], axes[:, 0, 1]) / 2
+    nothing = np.zeros(each.size)
+    half = CONFIDENCE * np.sqrt(np.maximum(variance[:, ::-1], 0.0))
+    to.send(
+        f"world/estimates/{name}",
+        time[each],
+        rr.Ellipsoids3D.columns(
+            centers=believed,
+            half_sizes=np.column_stack([half, nothing + 0.01]),
+            quaternions=np.column_stack([nothing, nothing, np.sin(half_turn), np.cos(half_turn)]),
+            colors=[_rgba(ESTIMATE, 140)] * each.size,
+        ),
+    )
+    to.trail(f"world/trails/{name}/estimate", time[each], believed, ESTIMATE)
+    ping = heard.message_step * flight.stride
+    ends = truth.site_position[ping][:, [truth.site(f"{truth.names[0]}/{t}") for t in _TRANSMITTERS]]
+    there = truth.site_position[ping, truth.site(f"{name}/hydrophone")]
+    used = flight.scenario.navigation.transmitters
+    rows = [
+        [np.array([ends[m, j], there[m]]) for j in range(used) if np.isfinite(heard.ranges[m, j])]
+        for m in range(ping.size)
+    ]
+    to.strips(f"world/rays/{name}", truth.time[ping], rows, _RAY)
+
+
+def write_recording(flight: Flight, path: Path) -> Path:
+    """Write a flight as one `.rrd` file for Rerun; the file appears when it is whole.
+
+    Raises:
+        LogError: Rerun's package is not installed.
+    """
+    try:
+        import rerun as rr
+    except ImportError:
+        raise LogError("a recording needs Rerun's package; install it with: pip install rerun-sdk") from None
+    scenario, names = flight.scenario, flight.trajectory.names
+    with replaced(path) as part:
+        stream = rr.RecordingStream("laisn-sim", recording_id=f"{scenario.name}-{scenario.seed}-{scenario.run}")
+        stream.save(part)
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        to = _Recording(rr, stream)
+        for v, model in enumerate(models_of(scenario)):
+            _log_hull(rr, stream, f"world/{names[v]}/hull", model)
+            _vehicle(rr, to, flight, v)
+        for f in range(len(flight.estimates)):
+            _follower(rr, to, flight, f)
+        stream.flush()
+        stream.disconnect()
+    return path
