@@ -22,6 +22,8 @@ MIXTURE = "/mixture"
 """How the topic ends that is there too if the flight was navigated by ranges themselves."""
 PROOF = "proof "
 """How the names of these metadata records begin."""
+LIBRARY = "laisn-sim"
+"""Who wrote a log, in its header; a program that writes it anew puts its own name there."""
 _MESSAGE = struct.Struct("<QQ")
 _DIGEST_BYTES = 16
 
@@ -116,7 +118,7 @@ class ProvingWriter(Writer):
         self._known: dict[int, Schema] = {}
         self._topics: dict[int, str] = {}
         self._proofs = 0
-        self.start(profile="")
+        self.start(profile="", library=LIBRARY)
 
     def add_attachment(self, create_time: int, log_time: int, name: str, media_type: str, data: bytes) -> None:
         """Attach a file."""

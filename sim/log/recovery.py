@@ -4,10 +4,12 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
-from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.data_stream import ReadDataStream
+from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from laisn.whole_files import replaced
 from sim.flight import Outcome
@@ -23,8 +25,8 @@ from sim.log.file import (
     faults,
     unprotected,
 )
-from sim.log.proof import PROOF, ProvingWriter, is_core, proofs
-from sim.log.records import Budget
+from sim.log.proof import LIBRARY, PROOF, ProvingWriter, is_core, proofs
+from sim.log.records import Budget, places, read_content
 from sim.log.wholeness import proved_times, strangers
 from sim.log.wire import Batch
 
@@ -38,6 +40,17 @@ def _is_whole(path: Path) -> bool:
     except LogError:
         return False
     return True
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether the header says that this program wrote the log."""
+    with path.open("rb") as stream:
+        content = read_content(stream, next(places(stream)))
+    try:
+        return Header.read(ReadDataStream(BytesIO(content))).library == LIBRARY
+    except Exception:
+        # foreign bytes make decoders fail in many ways
+        return False
 
 
 @dataclass(frozen=True)
@@ -59,8 +72,8 @@ class _Rescue:
 def _survey(path: Path) -> _Rescue:
     """Find out how far a log is what was written.
 
-    A flight is proved up to the last proof that fits. What lies behind is kept too if its chunks have checksums and
-    if it goes on without a gap.
+    A flight is proved up to the last proof that fits. What lies behind is kept too if its chunks have checksums, of
+    this program's making, and if it goes on without a gap.
     """
     remarks: list[str] = []
     budget, last_ns = Budget(path.stat().st_size), 0
@@ -87,7 +100,7 @@ def _survey(path: Path) -> _Rescue:
         raise LogError(f"{path}: damaged beyond recovery: its first messages are not what was written")
     readable = {SCENARIO, VEHICLES} <= set(log.attachments) and "laisn" in log.metadata
     broken = any(proof.until_ns <= last_ns + 1 for proof in proofs(log.metadata.items()) if proof.until_ns > proved[-1])
-    tail = readable and not broken and not any("chunks" in what for what in bare)
+    tail = readable and not broken and not any("chunks" in what for what in bare) and _is_ours(path)
     return _Rescue([last_ns, proved[-1]] if tail else [proved[-1]], proved, left_out, remarks, readable)
 
 

@@ -23,6 +23,7 @@ class Parts:
     messages: list[tuple[Schema | None, Channel, Message]] = field(default_factory=list)
     compression: CompressionType = CompressionType.ZSTD
     chunk_size: int = 1 << 20
+    library: str = "another program"
 
     @classmethod
     def of(cls, data: bytes) -> "Parts":
@@ -37,7 +38,7 @@ class Parts:
         """The log as another program would write it: proofs and all, with fresh checksums."""
         stream = BytesIO()
         writer = Writer(stream, chunk_size=self.chunk_size, compression=self.compression, enable_data_crcs=True)
-        writer.start()
+        writer.start(library=self.library)
         for a in self.attachments:
             writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
         for m in self.metadata:

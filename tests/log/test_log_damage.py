@@ -3,6 +3,7 @@
 import resource
 import zlib
 from contextlib import suppress
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from sim.log import writer
 from sim.log.export import export
 from sim.log.file import LogError
 from sim.log.info import info
+from sim.log.proof import LIBRARY
 from sim.log.reader import read, read_measurements
 from sim.log.records import HEAD, places
 from sim.log.recovery import recover
@@ -129,8 +131,26 @@ def test_a_log_without_proofs_is_no_flight(whole: bytes, tmp_path: Path) -> None
     assert read_measurements(path, "follower1").speed.size == 350
 
 
+def test_what_another_program_wrote_after_the_last_proof_is_not_believed(whole: bytes, tmp_path: Path) -> None:
+    """A changed message in fresh checksums, in a log that is cut before a proof would tell."""
+
+    def change(parts: Parts) -> None:
+        del parts.messages[since(9.0, parts) :]
+        at = next(i for i in range(since(7.5, parts), 10**6) if parts.messages[i][1].topic == "/leader/pose")
+        schema, channel, message = parts.messages[at]
+        parts.messages[at] = schema, channel, replace(message, data=message.data[:-1] + b"?")
+
+    path = rewritten(whole, tmp_path / "a.mcap", change)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(LogError, match=r"a\.mcap: "):
+        recover(path)
+
+
 def test_a_log_cut_twice_is_recovered_twice(flight: Flight, whole: bytes, tmp_path: Path) -> None:
-    path = rewritten(whole, tmp_path / "a.mcap", lambda parts: setattr(parts, "chunk_size", 20_000))
+    def in_small_chunks(parts: Parts) -> None:
+        parts.chunk_size, parts.library = 20_000, LIBRARY
+
+    path = rewritten(whole, tmp_path / "a.mcap", in_small_chunks)
     for _ in range(2):
         data = path.read_bytes()
         path.write_bytes(data[: int(0.8 * len(data))])
