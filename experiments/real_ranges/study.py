@@ -1,8 +1,8 @@
 """The study of real ranges: `python -m experiments.real_ranges.study` writes `out/real-ranges/results.json`.
 
 Plaza 1 and 2 are navigated on with two beacons at a time and with all four, from a known start and from none: by dead
-reckoning, LAISN-2, the tightly coupled navigator of a leader's hull, and that among beacons, which also has to do without
-some of its states. Works in a checkout only, where the data are.
+reckoning, LAISN-2, the tightly coupled navigator of a leader's hull, and that among beacons, which also has to do
+without some of its states. Works in a checkout only, where the data are.
 """
 
 from collections.abc import Callable, Iterator

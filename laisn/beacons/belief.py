@@ -25,7 +25,7 @@ X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
 SHARED, OWN = 8, 3
 """Number of states that all beacons share, and of those of each one."""
 
-KEPT = 64
+KEPT = 256
 """Components that are kept from range to range."""
 ROOM = 4 * KEPT
 """Components that there is room for while they are split."""
@@ -88,9 +88,10 @@ def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
     before, beacons = belief.fresh.size, belief.variance.size + 1
     fresh = _fresh_variances(settings, beacons)
     state, covariance = np.zeros((ROOM, fresh.size)), np.zeros((ROOM, fresh.size, fresh.size))
-    state[:, :before], covariance[:, :before, :before] = belief.state, belief.covariance
-    own = np.arange(before, fresh.size)
-    covariance[:, own, own] = fresh[before:]
+    # what is not alive stays untouched, and takes no memory
+    alive, own = slice(int(belief.alive[0])), np.arange(before, fresh.size)
+    state[alive, :before], covariance[alive, :before, :before] = belief.state[alive], belief.covariance[alive]
+    covariance[alive, own, own] = fresh[before:]
     return belief._replace(
         state=state,
         covariance=covariance,

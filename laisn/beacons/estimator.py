@@ -10,6 +10,8 @@ from laisn.compiled import compiled
 
 STARTERS = 8
 """So many of the first ranges may be the one that an unknown start is found by."""
+_SURE = 0.9
+"""Errors of ranges are learnt where one component has more weight than this."""
 _PATIENCE = 8
 """Ranges of one beacon rejected in a row after which a ring about it is added …"""
 _DOUBT = 0.01
@@ -34,7 +36,8 @@ def hear(b: Belief, z: Ranging, starter: int) -> bool:
     used, total = False, 0.0
     if b.alive[0] > 0:
         split(b, z)
-        learn_variance(b, z)
+        if b.weight[0] > _SURE:
+            learn_variance(b, z)
         for k in range(b.alive[0]):
             believed, density = learn(b, k, z)
             used = believed if k == 0 else used

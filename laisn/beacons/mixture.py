@@ -8,7 +8,7 @@ from laisn.compiled import compiled
 
 _BEND = 0.7
 """A component is split where a circle bends away from its tangent by more than this share of a range's error."""
-_LEAST_WEIGHT = 1e-6
+_LEAST_WEIGHT = 1e-8
 _SAME = 0.3
 """Squared Mahalanobis distance of two positions below which they are one."""
 
