@@ -33,8 +33,8 @@ check: $(VENV)/.dev  ## lint, formatting, types; numbers in README and docs
 	$(BIN)/mypy
 	$(BIN)/python -m experiments.gallery.documents --check
 
-bench: $(VENV)/.dev  ## measure speeds
-	$(BIN)/python -m experiments.benchmarks.run
+bench: $(VENV)/.dev  ## measure speeds, three times over, and keep the record in docs/results
+	$(BIN)/python -m experiments.benchmarks.run --record docs/results/benchmarks.json
 
 figures: $(VENV)/.runtime  ## bring the numbers of README and docs up to docs/results, draw their pictures anew
 	$(BIN)/python -m experiments.gallery.documents

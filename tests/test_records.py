@@ -1,6 +1,9 @@
 """Records own their arrays: whoever made one can go on writing what it was made of, and nobody can write the record."""
 
+import ast
+from collections.abc import Iterator
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +21,31 @@ from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
 from sim.sensing.acoustics import propagate, sound_speed
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import observe
+
+ROOT = Path(__file__).resolve().parents[1]
+LOOSE = ("sim/log/", "experiments/flight/fly.py: Stopwatch")
+"""Dataclasses of files, which grow while they are read, and a watch that runs."""
+
+
+def dataclasses_of(package: str) -> Iterator[tuple[str, dict[str, bool]]]:
+    """Every dataclass of a package, with the options that it is made with."""
+    for path in sorted((ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            for made_by in node.decorator_list if isinstance(node, ast.ClassDef) else ():
+                call = made_by if isinstance(made_by, ast.Call) else ast.Call(made_by, [], [])
+                if isinstance(call.func, ast.Name) and call.func.id == "dataclass":
+                    options = {
+                        k.arg or "": isinstance(k.value, ast.Constant) and bool(k.value.value) for k in call.keywords
+                    }
+                    yield f"{path.relative_to(ROOT)}: {node.name}", options  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("package", ["laisn", "sim", "experiments"])
+def test_records_are_frozen_and_made_by_name(package: str) -> None:
+    found = dict(dataclasses_of(package))
+    assert len(found) > 5
+    wrong = [name for name, options in found.items() if not (options.get("frozen") and options.get("kw_only"))]
+    assert [name for name in wrong if not name.startswith(LOOSE)] == []
 
 
 def records() -> dict[str, Any]:

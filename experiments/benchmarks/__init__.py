@@ -1,6 +1,6 @@
 """Speed and memory beside peers and floors, measured in one run: `make bench`.
 
-Takes nothing and prints ratios; no result of the project depends on it.
+Takes nothing, prints ratios and keeps their record; no result of the project depends on it.
 
-Imports: experiments.campaign experiments.flight laisn sim
+Imports: experiments.campaign experiments.findings experiments.flight experiments.intervals laisn sim
 """

@@ -6,9 +6,12 @@ work on the machine can only add to them.
 
 import argparse
 import os
+import platform
 import resource
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from datetime import date
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +19,9 @@ from experiments.benchmarks import mission as benchmarks_mission
 from experiments.benchmarks.row import Row, least_time
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
+from experiments.campaign.version import code_version
+from experiments.findings import Finding, Findings, of, plain
+from experiments.intervals import Interval
 from laisn import lane_rows as row
 from laisn import lanes
 from laisn.arrays import Floats, Ints
@@ -219,17 +225,54 @@ def table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
+def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
+    """What was measured in several rounds: of each row median, least and largest, and the same of its ratio.
+
+    It names the code that it measured and does not age with it: speeds change with the machine and its other work.
+    """
+    machine = f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, Python {platform.python_version()}"
+    found = {"machine": plain(machine, "where"), "date": plain(str(date.today()), "when")}
+    for name, measured in rounds.items():
+        found["rounds"] = plain(len(measured), "of each benchmark; limits are the least and the largest of them")
+        for rows in zip(*measured, strict=True):
+            if rows[0].unit == "MB" and name == "navigation":
+                # the most that a process ever had grows in the first round alone
+                rows = rows[:1]
+            row, key = rows[0], f"{name}: {rows[0].name}"
+            key = f"{key}, than {row.against}" if key in found else key
+            found[key] = _spread([r.value for r in rows], row.unit, "median, least and largest of the rounds")
+            if row.against:
+                what = f"how many times faster than {row.against}; median, least and largest of the rounds"
+                found[f"{name}: {row.name}, than {row.against}"] = _spread([r.ratio for r in rows], "", what)
+            if not np.isnan(row.floor):
+                found[f"{name}: {row.name}, floor"] = _spread([r.floor for r in rows], row.unit, "of the machine")
+    return Findings(
+        study="benchmarks", command="make bench", modules=(), version=code_version(), findings=found
+    )  # fmt: skip
+
+
+def _spread(values: Sequence[float], unit: str, what: str) -> Finding:
+    return of(Interval(float(np.median(values)), min(values), max(values)), what, unit)
+
+
 def main() -> None:
     """Run the benchmarks named on the command line, or all of them."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("names", nargs="*", choices=[*BENCHMARKS, []], help="benchmarks; all if none is named")
-    names = parser.parse_args().names or list(BENCHMARKS)
+    parser.add_argument("--rounds", type=int, default=3, help="how many times each is run")
+    parser.add_argument("--record", type=Path, help="write what was measured into this file")
+    given = parser.parse_args()
+    names = given.names or list(BENCHMARKS)
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_setaffinity") else set()
+    measured: dict[str, list[list[Row]]] = {}
     for name in names:
         if cores:
             # the film is rendered by several processes, all else is measured on one core
             os.sched_setaffinity(0, cores if name == "film" else {min(cores)})
-        print(f"{name}\n{table(BENCHMARKS[name]())}\n")
+        measured[name] = [BENCHMARKS[name]() for _ in range(given.rounds)]
+        print(f"{name}\n{table(measured[name][-1])}\n", flush=True)
+    if given.record:
+        record(measured).write(given.record)
 
 
 if __name__ == "__main__":

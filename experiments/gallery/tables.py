@@ -116,11 +116,51 @@ def changes(records: Records) -> str:
     return markdown(["number", "before", "now (limits)"], rows)
 
 
+FLEETS = {
+    1: "physics of leader and one follower with autopilot, 0.02 s step",
+    10: "the same with ten followers",
+    50: "the same with fifty followers",
+}
+"""Rows of the table of speeds, by the number of followers."""
+
+
+def speed(records: Records) -> str:
+    """What `make bench` measured: median, least and largest of its rounds."""
+    found, rows = records["benchmarks"], []
+    for followers, words in FLEETS.items():
+        fleet = f"physics: leader + {followers}"
+        whole = f"{fleet}: with autopilot and recording"
+        bare, floor = found[f"{fleet}: mj_step alone, no water"], found[f"{whole}, floor"]
+        measured = f"{found[whole]:.1f i} µs a step, {found[f'{fleet}: real-time factor']:,.0f} times real time"
+        rows.append([words, measured, f"bare `mj_step` {bare:.1f} µs, its needed part {floor:.1f} µs"])
+    alone = "navigation: lanes, LAISN-2 filter only"
+    filterpy, vectorised = found[f"{alone}, than filterpy"], found[f"{alone}, than NumPy"]
+    peers = f"{filterpy:,.0f i} times as fast as filterpy, {vectorised:.0f i} times as NumPy over 60 runs"
+    floor_ns = found[f"{alone}, floor"]
+    rows.append(
+        [
+            "LAISN-2, filter alone, 60 runs side by side",
+            f"{found[alone]:.1f i} ns a step",
+            f"{peers}; floor by flops {floor_ns:.1f} ns",
+        ]
+    )
+    for variant in ("LAISN-2", "LAISN-3(2)"):
+        key = f"navigation: lanes, {variant.replace('(', '-').rstrip(')')} with noise and metrics"
+        rows.append([f"{variant}, with noise and metrics", f"{found[key]:.1f i} ns a step", ""])
+    messages, size = found["log: writing"], found["log: size"]
+    rows.append(["log", f"{messages:.0f i} thousand messages/s", f"{size:.1f} MB for 1000 s without film"])
+    film = "film: frames a second, once running"
+    if film in found.findings:
+        rows.append(["film at 1280×720, rendered and encoded", f"{found[film]:.0f i} frames/s", ""])
+    return markdown(["what", "measured (least to largest)", "for comparison"], rows)
+
+
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "closed-loop": closed_loop,
     "tracking": tracking,
     "real-ranges": real_ranges,
     "changes": changes,
+    "speed": speed,
 }
 """Tables by their names in documents."""

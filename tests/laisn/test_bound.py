@@ -188,8 +188,8 @@ def test_the_recursion_is_least_squares_of_the_whole_mission(known: tuple[str, .
 
 
 def test_the_average_is_over_the_positions_that_the_bound_itself_allows() -> None:
-    """One range to one transmitter 30 m away, errors of 2 and 1 m at right angles: the mean of h hᵀ by a fine grid."""
-    noise = replace(KNOWN, speed_sigma=0.0, heading_bias=0.2, range_sigma=0.5, start=1.0)
+    """One range over 30 m, errors of 2.2 and 0.8 m at right angles: the mean of h hᵀ by a fine grid."""
+    noise = replace(KNOWN, speed_sigma=0.0, heading_bias=0.2, range_sigma=0.5, start=0.8)
     # a way of 10 m to the north turns the compass's bias into 2 m to either side
     geometry = Geometry(
         dt=1.0,
@@ -199,14 +199,38 @@ def test_the_average_is_over_the_positions_that_the_bound_itself_allows() -> Non
         from_leader=np.array([[18.0, -24.0]]),
         arms=np.array([[[0.0, 0.0, 0.0]]]),
     )
-    prior = np.diag([1.0 + 2.0**2, 1.0])
+    prior = np.diag([0.8**2 + 2.0**2, 0.8**2])
     grid = np.linspace(-7.0, 7.0, 401)
     weight = np.exp(-0.5 * grid**2)
     weight /= weight.sum()
-    east, north = 18.0 + np.sqrt(5.0) * grid[:, None], -24.0 + grid[None, :]
+    east, north = 18.0 + np.sqrt(4.64) * grid[:, None], -24.0 + 0.8 * grid[None, :]
     h = np.stack([east + 0.0 * north, north + 0.0 * east]) / np.hypot(east, north)
     mean = np.einsum("aij,bij,i,j->ab", h, h, weight, weight)
     expected = np.linalg.inv(np.linalg.inv(prior) + mean / 0.25)
     np.testing.assert_allclose(position_bound(geometry, noise)[-1], expected, rtol=1e-5)
     at_truth = position_bound(geometry, noise, averaged=False)[-1]
     assert np.abs(at_truth / expected - 1.0).max() > 1e-3
+
+
+def test_noise_is_that_of_the_papers_sensors_unless_said_otherwise() -> None:
+    """Section 3.1: |N(0, 2°)| has σ = 2° √(1 − 2/π), a uniform error of 0.01 m has 0.01/√12; drawn many times here."""
+    rng = np.random.default_rng(4)
+    noise = TrueNoise()
+    heading, ranges = np.abs(np.deg2rad(2.0) * rng.normal(size=400_000)), 0.01 * rng.random(400_000)
+    assert noise.heading_sigma == pytest.approx(heading.std(), rel=5e-3)
+    assert noise.range_sigma == pytest.approx(ranges.std(), rel=5e-3)
+    assert (noise.speed_sigma, noise.range_scale_sigma) == (0.2, 0.05)
+    # biases: the mean of |N(0, 2°)| is 1.6°, those of Eqs. 26 and 28 are 0.2 m/s and 0.1 m; a prior must leave room
+    assert (noise.speed_bias, noise.heading_bias, noise.range_scale_bias) == (0.3, np.deg2rad(8.0), 0.2)
+    known = ("start", "leader_heading_sigma", "leader_heading_bias", "current", "range_offset")
+    assert [getattr(noise, name) for name in known] == [0.0] * len(known)
+
+
+def test_three_transmitters_are_judged_at_the_truth_and_two_on_the_average() -> None:
+    arms = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [-0.1, 0.0, 0.0]])
+    noise = replace(KNOWN, speed_sigma=0.0, start=0.6)
+    for count in (2, 3):
+        geometry = at_rest(5, (1.0, -6.0), arms[:count])
+        given = position_bound(geometry, noise)
+        np.testing.assert_array_equal(given, position_bound(geometry, noise, averaged=count == 2))
+        assert np.abs(given - position_bound(geometry, noise, averaged=count == 3)).max() > 1e-5

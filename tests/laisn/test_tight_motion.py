@@ -105,6 +105,36 @@ def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
     np.testing.assert_allclose(covariance[:2, :2], belief.covariance[0, :2, :2], atol=1e-12)
 
 
+def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_position() -> None:
+    """v = (s − b_v) Rot(b_θ) u(θ) + c: mean, covariance and that with the position, by complex steps."""
+    belief, model = made()
+    model = model._replace(log_walk=(0.0, 0.0), compass_walk=(0.0, 0.0), current_walk=0.0)
+    speed, heading = readings(30)
+    for v, theta in zip(speed, heading, strict=True):
+        advance(belief, model, v, theta)
+    motion = np.array(belief.motion.tolist())
+
+    def velocity(state: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
+        true = heading[-1] - state[3]
+        return np.asarray((speed[-1] - state[2]) * np.array([np.sin(true), np.cos(true)]) + state[6:8])
+
+    both = [
+        np.concatenate([way_of(BIASES + 1e-30j * unit, motion), velocity(BIASES + 1e-30j * unit)]).imag / 1e-30
+        for unit in np.eye(N)
+    ]
+    rows = np.stack(both, axis=1)
+    moments(belief, model)
+    np.testing.assert_allclose(belief.now[2:], velocity(BIASES.astype(complex)).real, atol=1e-12)
+    true = heading[-1] - BIASES[3]
+    along, across = np.array([np.sin(true), np.cos(true)]), np.array([np.cos(true), -np.sin(true)])
+    read = SETTINGS.speed_sigma**2 * np.outer(along, along)
+    read += (SETTINGS.heading_sigma * speed[-1]) ** 2 * np.outer(across, across)
+    expected = rows @ belief.covariance[0] @ rows.T
+    np.testing.assert_allclose(belief.now_covariance[2:, 2:], expected[2:, 2:] + read, atol=1e-12)
+    np.testing.assert_allclose(belief.now_covariance[:2, 2:], expected[:2, 2:], atol=1e-12)
+    np.testing.assert_allclose(belief.now_covariance[2:, :2], expected[2:, :2], atol=1e-12)
+
+
 def test_biases_that_wander_add_up_over_intervals_as_over_their_sum() -> None:
     """On a straight way at constant speed the wandering biases are a linear system: its steps compose exactly."""
     whole, model = made()
