@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from experiments.campaign.bound import geometry_of, least_rms
 from experiments.campaign.missions import mission_of, motion_of
 from experiments.estimators.cases import Case, spoiled
-from experiments.reproduction.stages import Setting, scenario
+from experiments.reproduction.stages import Setting, compass, scenario
 from laisn import lanes, metrics
 from laisn.arrays import Bools, Floats
 from laisn.bound import TrueNoise
@@ -120,8 +120,12 @@ def _weaving(route: Route) -> tuple[tuple[float, float, float], ...]:
 @cache
 def _asked(route: str, interval: float, leader_heading_deg: float, middle_offset: float, weave: bool) -> Scenario:
     setting = Setting(
-        name="estimators", stage=1, table="text", title="estimators", message_interval_s=interval,
-        middle_offset_m=middle_offset, leader_heading_deg=leader_heading_deg,
+        name="estimators", stage=1, table="text", title="estimators",
+        keys={
+            "timing.message_interval_s": interval,
+            "leader.middle_offset_m": middle_offset,
+            **compass(leader_heading_deg),
+        },
     )  # fmt: skip
     asked = scenario(setting, Follower(route=route), route, variant="laisn-3-2", motion="kinematic", seed=1)
     if not weave:

@@ -27,7 +27,8 @@ def _text(value: object) -> str:
 class Table:
     """Columns of a result by name.
 
-    `table["e_p_m"]` is a NumPy array; `polars.DataFrame(table)` and `pandas.DataFrame.from_arrow(table)` take it as it is.
+    `table["e_p_m"]` is a NumPy array; `polars.DataFrame(table)` and `pandas.DataFrame.from_arrow(table)` take it as it
+    is.
 
     Attributes:
         arrow: the table as pyarrow has it.

@@ -127,7 +127,7 @@ def far_off(result: Reproduction) -> list[Block]:
         ratio = ours / theirs
         if 1 / FAR < ratio < FAR:
             continue
-        if setting.message_interval_s == SLOW_S:
+        if setting.scenario.timing.message_interval_s == SLOW_S:
             slow += 1
             continue
         cells = [words(f"Table {setting.table}"), words(setting.title), _name(key[1], key[2])]

@@ -6,14 +6,15 @@ message intervals are used throughout; nothing is tuned to a row.
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
-from typing import Literal
+from typing import Any, Literal
 
 from laisn.failure import LaisnError
-from laisn.settings import GateRule, Variant
+from laisn.settings import Variant
+from sim.scenario.file import assigned, validate
 from sim.scenario.routes import LEADER_DEPTH
-from sim.scenario.settings import Acoustics, Follower, Leader, Navigation, Scenario, Sensors, Timing
+from sim.scenario.settings import Follower, Scenario
 
 Motion = Literal["physics", "kinematic"]
 
@@ -28,77 +29,85 @@ HEADING_SPREAD = 0.4
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """One setting of the study, flown on every mission with each of its variants."""
+    """One setting of the study: keys of the scenario, flown on every mission with each of its variants."""
 
     name: str
     stage: int
     table: str
     """Name of the published table; "text" if the paper has words only, "alternative" if it is not the paper's."""
     title: str
+    keys: Mapping[str, Any] = field(default_factory=dict)
+    """What differs from a scenario's defaults, which are the paper's base setting."""
     variants: tuple[Variant, ...] = BOTH
-    filter_step_s: float = 0.1
-    message_interval_s: float = 1.0
-    baseline_m: float = 2.0
-    middle_offset_m: float = 0.1
-    tau_rear_m: float = 0.01
-    tau_other_m: float = 0.01
-    range_scale_mean_m: float = 0.1
-    range_scale_sigma_m: float = 0.05
-    leader_heading_deg: float = 0.0
-    beta_m2: float = 0.1
-    threshold_m: float = 0.1
-    gate: GateRule = "v-max"
     like: str = ""
     """Setting of the paper against whose rows an alternative is held; empty for the paper's own."""
 
+    @property
+    def scenario(self) -> Scenario:
+        """The setting on a mission of no account, for its values."""
+        return scenario(self, Follower(route="T5"), "setting", variant="laisn-2", motion="physics", seed=1)
+
+
+_STEP, _INTERVAL = "timing.filter_step_s", "timing.message_interval_s"
+_TAU, _BETA = "acoustics.range_tau_m", "navigation.beta_m2"
+_EVERY_5_S, _EVERY_10_S = {_INTERVAL: 5.0}, {_INTERVAL: 10.0}
+_SLOW = {**_EVERY_10_S, _STEP: 1.0}
+
+
+def compass(bias_deg: float) -> dict[str, float]:
+    """Keys of a leader's compass that is off by so many degrees."""
+    return {
+        "sensors.leader_heading_bias_deg": bias_deg,
+        "sensors.leader_heading_sigma_deg": HEADING_SPREAD * bias_deg,
+    }
+
 
 SETTINGS = (
-    Setting(
-        name="base", stage=1, table="1", title="Δt_D = 1 s", variants=("laisn-2", "laisn-3-1", "laisn-3-2")
-    ),
+    Setting(name="base", stage=1, table="1", title="Δt_D = 1 s", variants=("laisn-2", "laisn-3-1", "laisn-3-2")),
     Setting(
         name="measured-gate", stage=1, table="alternative", title="Δt_D = 1 s, gate by measured speed", like="base",
-        gate="v-measured",
+        keys={"navigation.gate": "v-measured"},
     ),
-    Setting(name="5s", stage=2, table="2-4", title="Δt = 0.1 s, Δt_D = 5 s", message_interval_s=5.0),
-    Setting(name="10s", stage=2, table="2-4", title="Δt = 0.1 s, Δt_D = 10 s", message_interval_s=10.0),
-    Setting(
-        name="10s-slow", stage=2, table="2-4", title="Δt = 1 s, Δt_D = 10 s", message_interval_s=10.0, filter_step_s=1.0
-    ),
+    Setting(name="5s", stage=2, table="2-4", title="Δt = 0.1 s, Δt_D = 5 s", keys=_EVERY_5_S),
+    Setting(name="10s", stage=2, table="2-4", title="Δt = 0.1 s, Δt_D = 10 s", keys=_EVERY_10_S),
+    Setting(name="10s-slow", stage=2, table="2-4", title="Δt = 1 s, Δt_D = 10 s", keys=_SLOW),
     Setting(
         name="10s-beta10", stage=2, table="alternative", title="Δt = 0.1 s, Δt_D = 10 s, β = 10", like="10s",
-        message_interval_s=10.0, beta_m2=10.0,
+        keys={**_EVERY_10_S, _BETA: 10.0},
     ),
     Setting(
         name="10s-slow-beta10", stage=2, table="alternative", title="Δt = 1 s, Δt_D = 10 s, β = 10", like="10s-slow",
-        message_interval_s=10.0, filter_step_s=1.0, beta_m2=10.0,
+        keys={**_SLOW, _BETA: 10.0},
     ),
     Setting(
         name="10s-slow-beta300", stage=2, table="alternative", title="Δt = 1 s, Δt_D = 10 s, β = 300, T = 10",
-        like="10s-slow", message_interval_s=10.0, filter_step_s=1.0, beta_m2=300.0, threshold_m=10.0,
-    ),
-    Setting(name="L1", stage=3, table="5", title="L = 1 m, H_T = 0.1 m", message_interval_s=5.0, baseline_m=1.0),
-    Setting(
-        name="HT0.2", stage=3, table="6", title="L = 2 m, H_T = 0.2 m", message_interval_s=5.0, middle_offset_m=0.2,
-        variants=("laisn-3-2",),
+        like="10s-slow", keys={**_SLOW, _BETA: 300.0, "navigation.threshold_m": 10.0},
     ),
     Setting(
-        name="muD0.3", stage=4, table="text", title="μ_D = 0.3 m", message_interval_s=5.0, range_scale_mean_m=0.3
+        name="L1", stage=3, table="5", title="L = 1 m, H_T = 0.1 m", keys={**_EVERY_5_S, "leader.baseline_m": 1.0}
     ),
     Setting(
-        name="tau0.03", stage=4, table="text", title="τ = 0.03 m for all transmitters", message_interval_s=5.0,
-        tau_rear_m=0.03, tau_other_m=0.03,
+        name="HT0.2", stage=3, table="6", title="L = 2 m, H_T = 0.2 m", variants=("laisn-3-2",),
+        keys={**_EVERY_5_S, "leader.middle_offset_m": 0.2},
     ),
     Setting(
-        name="tau0.06", stage=4, table="text", title="τ = 0.06 m for all transmitters", message_interval_s=5.0,
-        tau_rear_m=0.06, tau_other_m=0.06,
+        name="muD0.3", stage=4, table="text", title="μ_D = 0.3 m",
+        keys={**_EVERY_5_S, "acoustics.range_scale_mean_m": 0.3},
     ),
     Setting(
-        name="asymmetric", stage=4, table="7", title="τ = 0.06 m rear, 0.01 m others", message_interval_s=5.0,
-        tau_rear_m=0.06,
+        name="tau0.03", stage=4, table="text", title="τ = 0.03 m for all transmitters",
+        keys={**_EVERY_5_S, _TAU: [0.03, 0.03, 0.03]},
     ),
-    Setting(name="heading2.5", stage=5, table="8", title="leader's compass 2.5° off", leader_heading_deg=2.5),
-    Setting(name="heading5", stage=5, table="9", title="leader's compass 5° off", leader_heading_deg=5.0),
+    Setting(
+        name="tau0.06", stage=4, table="text", title="τ = 0.06 m for all transmitters",
+        keys={**_EVERY_5_S, _TAU: [0.06, 0.06, 0.06]},
+    ),
+    Setting(
+        name="asymmetric", stage=4, table="7", title="τ = 0.06 m rear, 0.01 m others",
+        keys={**_EVERY_5_S, _TAU: [0.06, 0.01, 0.01]},
+    ),
+    Setting(name="heading2.5", stage=5, table="8", title="leader's compass 2.5° off", keys=compass(2.5)),
+    Setting(name="heading5", stage=5, table="9", title="leader's compass 5° off", keys=compass(5.0)),
 )  # fmt: skip
 
 Key = tuple[str, str, Variant]
@@ -123,49 +132,30 @@ def scenario(
     """
     if motion == "kinematic":
         follower = follower.model_copy(update={"depth_m": LEADER_DEPTH})
-    others = setting.tau_other_m
-    return Scenario(
-        name=name,
-        seed=seed,
-        motion=motion,
-        timing=Timing(filter_step_s=setting.filter_step_s, message_interval_s=setting.message_interval_s),
-        leader=Leader(
-            depth_m=LEADER_DEPTH, baseline_m=setting.baseline_m, middle_offset_m=setting.middle_offset_m
-        ),
-        followers=(follower,),
-        sensors=Sensors(
-            leader_heading_bias_deg=setting.leader_heading_deg,
-            leader_heading_sigma_deg=HEADING_SPREAD * setting.leader_heading_deg,
-        ),
-        acoustics=Acoustics(
-            range_tau_m=(setting.tau_rear_m, others, others),
-            range_scale_mean_m=setting.range_scale_mean_m,
-            range_scale_sigma_m=setting.range_scale_sigma_m,
-        ),
-        navigation=Navigation(
-            variant=variant, beta_m2=setting.beta_m2, threshold_m=setting.threshold_m, gate=setting.gate
-        ),
-    )  # fmt: skip
+    mission = {"name": name, "seed": seed, "motion": motion, "followers": [follower.model_dump(mode="json")]}
+    return validate(assigned(mission, {**setting.keys, "navigation.variant": variant}), f"{name}, {setting.name}")
 
 
 def columns(setting: Setting) -> dict[str, str | float]:
     """The setting as columns of a table, named as in the published ones."""
+    made = setting.scenario
+    timing, leader, acoustics, told = made.timing, made.leader, made.acoustics, made.navigation
     return {
         "table": setting.table,
         "stage": setting.stage,
         "setting": setting.name,
-        "dt_s": setting.filter_step_s,
-        "dt_range_s": setting.message_interval_s,
-        "leader_length_m": setting.baseline_m,
-        "h_t_m": setting.middle_offset_m,
-        "tau_rear_m": setting.tau_rear_m,
-        "tau_other_m": setting.tau_other_m,
-        "mu_range_m": setting.range_scale_mean_m,
-        "sigma_range_m": setting.range_scale_sigma_m,
-        "mu_heading_leader_deg": setting.leader_heading_deg,
-        "beta_m2": setting.beta_m2,
-        "threshold_m": setting.threshold_m,
-        "gate": setting.gate,
+        "dt_s": timing.filter_step_s,
+        "dt_range_s": timing.message_interval_s,
+        "leader_length_m": leader.baseline_m,
+        "h_t_m": leader.middle_offset_m,
+        "tau_rear_m": acoustics.range_tau_m[0],
+        "tau_other_m": acoustics.range_tau_m[1],
+        "mu_range_m": acoustics.range_scale_mean_m,
+        "sigma_range_m": acoustics.range_scale_sigma_m,
+        "mu_heading_leader_deg": made.sensors.leader_heading_bias_deg,
+        "beta_m2": told.beta_m2,
+        "threshold_m": told.threshold_m,
+        "gate": told.gate,
     }
 
 
