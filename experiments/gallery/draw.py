@@ -14,11 +14,13 @@ from PIL import Image
 
 from experiments.asymmetry import gallery as asymmetry_gallery
 from experiments.closed_loop import gallery as closed_loop
+from experiments.estimators import gallery as estimators
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.gallery import architecture
 from experiments.gallery import physics as gallery_physics
+from experiments.gallery.documents import records
 from experiments.pages import figures
 from experiments.pages.figures import Line
 from experiments.pages.flight_figures import error_stack
@@ -117,6 +119,7 @@ def main() -> None:
     flown = {name: fly(load(name, ()))[0] for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}}
     save(errors(flown["T5"]), "errors")
     others = {"closed-loop": closed_loop.picture(), "real-ranges": real_ranges.picture()}
+    others["estimators"] = estimators.picture(records()["estimators"])
     for name, (figure, legend) in (gallery_physics.all_figures() | others).items():
         save(figure, name, legend)
     for name, (scenario, time, camera) in STILLS.items():

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from experiments.estimators.cases import CASES
+from experiments.estimators.plan import SEAS
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
 from laisn.settings import Variant
@@ -155,12 +157,41 @@ def speed(records: Records) -> str:
     return markdown(["what", "measured (least to largest)", "for comparison"], rows)
 
 
+def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
+    """A row of the study of the estimators for each pair of words and key."""
+    found, rows = records["estimators"].findings, []
+    for words, key in keys:
+        bound = f"{found[f'bound {key}']:.2f}" if f"bound {key}" in found else "–"
+        nees = f"{found[f'nees {key}']:.2f i}, {found[f'nees-least {key}']:.1f} … {found[f'nees-most {key}']:.1f}"
+        rows.append(
+            [words, f"{found[f'error {key}']:.2f}", f"{found[f'laisn-2 {key}']:.2f}", f"{found[f'ratio {key}']:.2f i}",
+             bound, nees, f"{found[f'captured {key}']:.1% i}"]
+        )  # fmt: skip
+    heads = ["", "mean E_P [m]", "LAISN-2 [m]", "over LAISN-2", "bound", "NEES", "captured"]
+    return markdown(heads, rows)
+
+
+def estimators(records: Records) -> str:
+    """The seven cases of the study of the estimators, messages every 5 s."""
+    return _cases(records, [(f"{case.name}: {case.title}", f"{case.name} 5") for case in CASES])
+
+
+def estimators_at_sea(records: Records) -> str:
+    """Physical missions by both navigators, messages every 1 s."""
+    return _cases(records, [(words, f"sea {sea}") for sea, (words, _) in SEAS.items()])
+
+
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "closed-loop": closed_loop,
     "tracking": tracking,
     "real-ranges": real_ranges,
     "changes": changes,
+<<<<<<< HEAD
     "speed": speed,
+=======
+    "estimators": estimators,
+    "estimators-at-sea": estimators_at_sea,
+>>>>>>> 132ebdc (Tell what the study of the estimators found)
 }
 """Tables by their names in documents."""
