@@ -187,11 +187,8 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "tracking": tracking,
     "real-ranges": real_ranges,
     "changes": changes,
-<<<<<<< HEAD
     "speed": speed,
-=======
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,
->>>>>>> 132ebdc (Tell what the study of the estimators found)
 }
 """Tables by their names in documents."""
