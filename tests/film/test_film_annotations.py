@@ -1,6 +1,7 @@
 """What a study adds to the film: other estimates, coloured rays, an excerpt of the mission, and the pitch film."""
 
 import dataclasses
+import inspect
 
 import av
 import numpy as np
@@ -161,23 +162,21 @@ def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(fl
 
 @needs_graphics
 def test_the_curve_of_the_other_estimate_is_drawn_and_nothing_else_changes_without_annotations(flight, tmp_path):
-    errors, paths = errors_of(flight), [tmp_path / f"{i}.png" for i in range(3)]
-    for path, annotations in zip(paths, (None, Annotations(), Annotations(others=(beside(flight, 3.0, 0.0),))),
-                                 strict=True):  # fmt: skip
-        given = {} if annotations is None else {"annotations": annotations}
-        render.still(flight, 40.0, path, errors=errors, **given)
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-    assert Annotations() == NOTHING
+    errors, paths = errors_of(flight), [tmp_path / "without.png", tmp_path / "with.png"]
+    render.still(flight, 40.0, paths[0], errors=errors)
+    render.still(flight, 40.0, paths[1], errors=errors, annotations=Annotations(others=(beside(flight, 3.0, 0.0),)))
+    for rendering in (render.render, render.still):
+        assert inspect.signature(rendering).parameters["annotations"].default == Annotations() == NOTHING
     # the panel of E_P: left edge 16, top 258, 292 × 84 px
     panels = [np.asarray(Image.open(p).convert("RGB"))[258:342, 16:308].astype(float) for p in paths]
     # green more than anything else: the panel itself is blue, the other curve magenta
     near = [panel[..., 1] - np.maximum(panel[..., 0], panel[..., 2]) > 25 for panel in panels]
     assert not near[0].any()
     # an error of 3 m throughout: a level line over two thirds of the 226 px of the axis
-    rows, columns = np.nonzero(near[2])
+    rows, columns = np.nonzero(near[1])
     assert np.ptp(columns) > 0.6 * 226
     assert np.ptp(rows) < 10
-    assert (np.abs(panels[2] - 255 * np.array(ESTIMATE)).max(axis=2) < 80).any()
+    assert (np.abs(panels[1] - 255 * np.array(ESTIMATE)).max(axis=2) < 80).any()
 
 
 # the film of the pitch study
