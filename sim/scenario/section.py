@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from sim.screen import shortened
 
@@ -14,6 +14,11 @@ Scale = Annotated[float, Field(ge=0.1, le=10)]
 Chance = Annotated[float, Field(ge=0, le=1)]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Speed = Annotated[float, Field(gt=0, le=5)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+LISTED = Strict(False)
+"""Lets a tuple be given as a list too, as a TOML file has it."""
+MOST_POINTS = 100_000
+"""Most points of a route or a profile: one a second for more than a day."""
 
 
 class Section(BaseModel):

@@ -1,0 +1,96 @@
+"""What a user may set of sensors and of sound: their true errors, which the filter does not know."""
+
+from itertools import pairwise
+from typing import Annotated, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, Section
+
+SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
+SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
+
+
+class Sensors(Section):
+    """True errors of the sensors (paper, Eqs. 26 and 27); the filter does not know them."""
+
+    speed_bias_m_s: Annotated[float, Field(ge=-10, le=10)] = 0.2
+    speed_sigma_m_s: NonNegative = 0.2
+    heading_bias_deg: NonNegative = 5.0
+    heading_sigma_deg: NonNegative = 2.0
+    depth_sigma_m: NonNegative = 0.0
+    gyro_sigma_deg_s: NonNegative = Field(
+        0.1, description="σ of each reading of a follower's gyros; followers on stations steer by them"
+    )
+    tilt_sigma_deg: NonNegative = Field(0.5, description="σ of each reading of its inclinometer, likewise")
+    leader_heading_bias_deg: NonNegative = 0.0
+    leader_heading_sigma_deg: NonNegative = 0.0
+    leader_depth_sigma_m: NonNegative = 0.0
+    leader_attitude_sigma_deg: NonNegative = Field(
+        0.0, description="σ of each reading of the leader's inclinometer, in pitch and in roll"
+    )
+    leader_attitude_offset_sigma_deg: NonNegative = Field(
+        0.0, description="σ of an error of pitch, and of one of roll, that a run keeps, such as a crooked mounting"
+    )
+    leader_attitude_feels_acceleration: bool = Field(
+        False, description="the inclinometer takes the hull's accelerations for tilt"
+    )
+    leader_gyro_time_constant_s: Annotated[float, Field(ge=0, le=1000)] = Field(
+        0.0, description="time constant of the filter that follows gyros at once, the inclinometer slowly; 0: no gyros"
+    )
+    leader_gyro_random_walk_deg_sqrt_h: NonNegative = Field(0.3, description="angle random walk of these gyros, per √h")
+
+
+class Acoustics(Section):
+    """True errors of the ranges (paper, Eq. 28), and what sound really does (not in the paper, off by default)."""
+
+    range_tau_m: Annotated[tuple[NonNegative, NonNegative, NonNegative], LISTED] = Field(
+        (0.01, 0.01, 0.01), description="τ: uniform error of rear, front and middle transmitter"
+    )
+    range_scale_mean_m: Annotated[float, Field(ge=-100, le=100)] = Field(
+        0.1, description="μD: mean of the error that all transmitters share"
+    )
+    range_scale_sigma_m: NonNegative = Field(0.05, description="σD: its standard deviation")
+    travel_time: bool = Field(False, description="sites move while the sound is under way; else it takes no time")
+    ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
+        0.0, description="rear, front and middle transmitter ping this long after each other; 0: at once"
+    )
+    sound_speed_m_s: SoundSpeed = Field(1500.0, description="speed of sound, and what the follower believes of it")
+    sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(
+        0.0, description="what the follower believes in addition"
+    )
+    sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED] = Field(
+        (),
+        max_length=MOST_POINTS,
+        description="[[depth_m, speed_m_s], …], linear between; the true speed of sound instead of sound_speed_m_s",
+    )
+    clock_offset_s: Annotated[float, Field(ge=-1, le=1)] = Field(
+        0.0, description="the follower's clock less the leader's, at the start"
+    )
+    clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = Field(
+        0.0, description="how much faster the follower's clock runs"
+    )
+    surface_echo_chance: Chance = Field(0.0, description="chance that the surface echo of a ping is taken for it")
+    bottom_echo_chance: Chance = Field(0.0, description="chance that the bottom echo of a ping is taken for it")
+    loss_chance: Chance = Field(0.0, description="chance that a message outside bursts is lost")
+    burst_chance: Chance = Field(0.0, description="chance that a burst of loss begins at a message")
+    burst_mean_messages: Annotated[float, Field(ge=1, le=10000)] = Field(5.0, description="mean length of a burst")
+    burst_loss_chance: Chance = Field(1.0, description="chance that a message within a burst is lost")
+    max_range_m: NonNegative = Field(0.0, description="pings from farther away are not heard; 0: no limit")
+
+    @field_validator("sound_speed_profile")
+    @classmethod
+    def _depths_increase(cls, points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        for number, (before, after) in enumerate(pairwise(points), start=2):
+            if after[0] <= before[0]:
+                raise ValueError(f"point {number} at {after[0]:g} m is not deeper than the one before")
+        return points
+
+    @model_validator(mode="after")
+    def _chances_add_up(self) -> Self:
+        if self.surface_echo_chance + self.bottom_echo_chance > 1:
+            raise ValueError(
+                f"surface_echo_chance = {self.surface_echo_chance:g} and bottom_echo_chance = "
+                f"{self.bottom_echo_chance:g} add up to more than 1"
+            )
+        return self

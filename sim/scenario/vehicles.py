@@ -1,0 +1,126 @@
+"""What a user may set of the vehicles: routes, depths, hulls."""
+
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from sim.scenario.formation import Station
+from sim.scenario.own_hull import LONGEST
+from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
+from sim.scenario.section import LISTED, MOST_POINTS, Coordinate, Name, NonNegative, Positive, Scale, Section
+
+TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
+TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
+
+
+class Vehicle(Section):
+    """What leader and followers have in common."""
+
+    route: Name | None = Field(None, description="a route of the library (L, T2 … T9)")
+    waypoints: Annotated[tuple[TimedPoint, ...], LISTED] = Field(
+        (),
+        max_length=MOST_POINTS,
+        description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0",
+    )
+    model: Annotated[str, Field(max_length=LONGEST)] | None = Field(
+        None,
+        description="MJCF file of a hull of your own, named as seen from this file; its text once it is flown. "
+        "Without it the project's leader or follower",
+    )
+    depth_m: NonNegative = Field(LEADER_DEPTH, description="depth that the autopilot holds")
+    depth_profile: Annotated[tuple[TimedDepth, ...], LISTED] = Field(
+        (), max_length=MOST_POINTS, description="[[time_s, depth_m], …], linear between; replaces depth_m"
+    )
+    saw_tooth_amplitude_m: NonNegative = Field(0.0, description="half height of a saw-tooth about the depth")
+    saw_tooth_period_s: Positive = Field(120.0, description="period of that saw-tooth")
+    excess_buoyancy_n: float = Field(0.0, ge=-100, le=100, description="buoyancy less weight; held by trim")
+    cg_offset_x_m: float = Field(0.0, ge=-0.2, le=0.2, description="centre of gravity moved forward")
+    cg_offset_z_m: float = Field(0.0, ge=-0.1, le=0.1, description="centre of gravity moved up")
+    drag_scale: Scale = Field(1.0, description="true drag and damping over the model's, which autopilots go by")
+    added_mass_scale: Scale = Field(1.0, description="true added mass over the model's, likewise")
+    lift_scale: Scale = Field(1.0, description="true lift of hull and fins over the model's, likewise")
+    thrust_scale: Scale = Field(1.0, description="thrust that comes of what is asked for, over that")
+    depth_control: Literal["pitch", "thrust"] = Field(
+        "pitch", description="depth held by pitching the hull, or level by the vertical thrusters"
+    )
+
+    @field_validator("waypoints")
+    @classmethod
+    def _waypoints_in_order(cls, points: tuple[TimedPoint, ...]) -> tuple[TimedPoint, ...]:
+        if points and (len(points) < 2 or points[0][0] != 0):
+            raise ValueError("needs at least two waypoints, the first at time 0")
+        for number, (before, after) in enumerate(pairwise(points), start=2):
+            if after[0] <= before[0]:
+                raise ValueError(f"waypoint {number} at {after[0]:g} s is not later than the one before")
+        return points
+
+    @field_validator("depth_profile")
+    @classmethod
+    def _depths_in_order(cls, points: tuple[TimedDepth, ...]) -> tuple[TimedDepth, ...]:
+        if points and points[0][0] != 0:
+            raise ValueError("the first depth must stand at time 0")
+        for number, (before, after) in enumerate(pairwise(points), start=2):
+            if after[0] <= before[0]:
+                raise ValueError(f"depth {number} at {after[0]:g} s is not later than the one before")
+        return points
+
+    @property
+    def layer_m(self) -> float:
+        """Depth that the vehicle holds where no profile says otherwise."""
+        return self.depth_m
+
+    @model_validator(mode="after")
+    def _one_route(self) -> Self:
+        if not self.route and not self.waypoints:
+            raise ValueError("a vehicle needs a route of the library or waypoints of its own")
+        return self
+
+
+class Leader(Vehicle):
+    """The vehicle with the transmitters."""
+
+    route: Name | None = Field("L", description="a route of the library (L, T2 … T9)")
+    baseline_m: Annotated[float, Field(ge=0.01, le=2.4)] = Field(2.0, description="L, rear to front transmitter")
+    middle_offset_m: Annotated[float, Field(ge=0.001, le=0.5)] = Field(
+        0.1, description="H_T, middle transmitter to port of the axis"
+    )
+    broadcast_attitude: bool = Field(False, description="messages carry the measured pitch and roll")
+
+
+class Follower(Vehicle):
+    """A vehicle with one hydrophone, on a route or on a station."""
+
+    name: Name = "follower"
+    depth_m: NonNegative = Field(FOLLOWER_DEPTH, description="depth that the autopilot holds")
+    station: Station | None = Field(
+        None, description="{behind_m, port_m, depth_m}: keeps its place in the leader's trail; replaces a route"
+    )
+    start_m: Annotated[tuple[Coordinate, Coordinate], LISTED] | None = Field(
+        None, description="[east, north] from where it joins its station; default: the station itself"
+    )
+    steers_by: Literal["truth", "estimate"] | None = Field(
+        None,
+        description="position by which it keeps to its route or station: the true one (the default on a route), or "
+        "what it believes itself (the default on a station)",
+    )
+
+    @property
+    def believes(self) -> bool:
+        """Whether it steers by its own estimate."""
+        return self.steers_by == "estimate" or (self.steers_by is None and self.station is not None)
+
+    @property
+    def layer_m(self) -> float:
+        """Depth that the vehicle holds where no profile says otherwise."""
+        return self.station.depth_m if self.station else self.depth_m
+
+    @model_validator(mode="after")
+    def _one_route(self) -> Self:
+        if not self.route and not self.waypoints and not self.station:
+            raise ValueError("a follower needs a route of the library, waypoints of its own or a station")
+        if self.station and (self.route or self.waypoints or self.depth_profile or self.saw_tooth_amplitude_m):
+            raise ValueError("a follower on a station has no route, waypoints, depth_profile or saw-tooth beside it")
+        if self.start_m and not self.station:
+            raise ValueError("start_m is for followers on stations; a route begins at its first waypoint")
+        return self
