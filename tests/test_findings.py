@@ -10,6 +10,7 @@ import pytest
 
 from experiments.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
 from experiments.gallery import documents
+from experiments.gallery.physics import PUBLISHED_SPEED
 from experiments.gallery.tables import changes, closed_loop, markdown, ratios, tracking
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
@@ -204,3 +205,13 @@ def test_tables_take_every_cell_from_its_finding() -> None:
 
 def test_a_table_is_markdown() -> None:
     assert markdown(["a", "b"], [["1", "2"]]) == "| a | b |\n| --- | --- |\n| 1 | 2 |\n"
+
+
+def test_the_record_of_hull_trials_has_the_published_figures() -> None:
+    found = read(documents.RECORDS / "hull-trials.json")
+    for rpm, speed in PUBLISHED_SPEED.items():
+        assert found[f"speed {rpm}"].value == pytest.approx(speed, abs=1e-4)
+    assert (found["rise slowest"].value, found["rise quickest"].value) == pytest.approx((5.08, 2.06), abs=0.01)
+    assert (found["radius largest"].value, found["radius least"].value) == pytest.approx((45.7, 18.5), abs=0.05)
+    assert (found["pitch 1000"].value, found["pitch 1525"].value) == pytest.approx((8.80, 20.86), abs=0.01)
+    assert found["righting"].value == pytest.approx(8.5907, rel=1e-4)

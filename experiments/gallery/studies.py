@@ -13,7 +13,7 @@ from experiments.closed_loop import study as closed_loop
 from experiments.estimators import study as estimators
 from experiments.findings import FILE
 from experiments.formation import study as formation
-from experiments.gallery import flights
+from experiments.gallery import flights, hull_trials
 from experiments.gallery.documents import RECORDS
 from experiments.real_ranges import study as real_ranges
 from experiments.reproduction.study import reproduce
@@ -21,6 +21,7 @@ from experiments.route_keeping import study as route_keeping
 
 STUDIES: dict[str, Callable[[Path], object]] = {
     "flights": flights.run,
+    "hull-trials": hull_trials.run,
     "route-keeping": route_keeping.run,
     "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
     "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
