@@ -15,7 +15,7 @@ from laisn.hearing import Heard, hear, pair_fix
 from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.settings import VARIANTS, NavigationSettings
 from laisn.tuning import Tuning
-from laisn.variants import SINGLE
+from laisn.variants import SINGLE, laisn_3_2
 
 P = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
 EAST = np.pi / 2
@@ -147,6 +147,27 @@ def test_main_baseline_yields_only_where_it_is_not_clear() -> None:
     second = pair_fixes(unclear, (0.0, 20.0))[1]
     assert second.kind == FixKind.TWO_POINTS
     assert found_by("laisn-main", unclear, (0.0, 20.0)) == second
+
+
+@pytest.mark.parametrize("meets", [0, 1, 2])
+@pytest.mark.parametrize("other", [FixKind.LOST, FixKind.ASTERN])
+def test_a_pair_that_alone_has_an_intersection_is_the_fused_fix(meets: int, other: FixKind) -> None:
+    """Place and kind are its own, whichever of the three it is; σp keeps the factor 1/3 (Eq. 25)."""
+    pairs = [Fix(50.0 + i, -9.0, 0.0, float(other), -1.0) for i in range(3)]
+    pairs[meets] = Fix(3.0, 4.0, 0.6, float(FixKind.TWO_POINTS), 2.0)
+    fused = laisn_3_2((pairs[0], pairs[1], pairs[2]), Point(0.0, 0.0))
+    assert (fused.east, fused.north, fused.sigma) == pytest.approx((3.0, 4.0, 0.2))
+    assert fused.kind == FixKind.TWO_POINTS
+    assert fused.separation == -1.0
+
+
+@pytest.mark.parametrize("received", [0, 1, 2])
+def test_where_no_pair_has_an_intersection_the_first_that_was_received_is_taken(received: int) -> None:
+    pairs = [Fix(np.nan, np.nan, 0.0, float(FixKind.LOST), -1.0)] * received
+    pairs += [Fix(5.0 + i, -2.0, 0.0, float(FixKind.ASTERN), -1.0) for i in range(received, 3)]
+    fused = laisn_3_2((pairs[0], pairs[1], pairs[2]), Point(0.0, 0.0))
+    assert (fused.east, fused.north, fused.sigma) == (5.0 + received, -2.0, 0.0)
+    assert fused.kind == FixKind.ASTERN
 
 
 def test_missing_ranges() -> None:
