@@ -22,11 +22,13 @@ def _clock(seconds: float) -> str:
     return f"{hours}{whole % 3600 // 60:02d}:{whole % 60:02d}"
 
 
-def _both(short: float, long: float) -> str:
-    """Half axes of an ellipse [m] in words, in millimetres while they are small."""
-    if long < 0.0005:
+def in_words(*half_axes: float) -> str:
+    """Half axes of an ellipse [m], the longest last, in millimetres while that is below a metre."""
+    longest = half_axes[-1]
+    if longest < 0.0005:
         return "below 1 mm"
-    return f"±{1e3 * short:.0f} by ±{1e3 * long:.0f} mm" if long < 0.9995 else f"±{short:.2f} by ±{long:.2f} m"
+    unit, scale, digits = ("mm", 1e3, 0) if longest < 0.9995 else ("m", 1.0, 2)
+    return f"{' by '.join(f'±{scale * half:.{digits}f}' for half in half_axes)} {unit}"
 
 
 class Numbers:
@@ -127,5 +129,5 @@ class Numbers:
         canvas.text((edge, rows["E_B"]), f"E_B  {second}", ESTIMATE, size, anchor)
         if not np.isnan(position):
             half_axes = SIGMAS * np.sqrt(np.maximum(np.linalg.eigvalsh(moment.covariance[self._follower]), 0.0))
-            words = f"±{half_axes[1]:.2f} m" if self._short else _both(*half_axes)
+            words = in_words(*half_axes[1:]) if self._short else in_words(*half_axes)
             canvas.text((right, rows["sigma"]), words, ESTIMATE, 12 if self._short else 13, "ra")

@@ -17,6 +17,7 @@ from sim.film.canvas import Canvas, Colour, Stroke
 from sim.film.dashboard import Dashboard
 from sim.film.footage import Footage
 from sim.film.labels import Area, Label
+from sim.film.numbers import in_words
 from sim.film.panels import scale_bar
 
 WHITE: Colour = (1.0, 1.0, 1.0)
@@ -195,6 +196,15 @@ def test_words_of_panels_can_be_read_and_keep_clear_of_one_another(size: tuple[i
     assert min(left) > 0
     assert max(a + b for a, b in zip(top, height, strict=True)) < size[1]
     assert max(a + b for a, b in zip(left, width, strict=True)) < size[0]
+
+
+@pytest.mark.parametrize(
+    ("half_axes", "words"),
+    [((0.0001, 0.0004), "below 1 mm"), ((0.002, 0.0154), "±2 by ±15 mm"), ((0.5, 2.345), "±0.50 by ±2.35 m"),
+     ((0.0021,), "±2 mm"), ((12.0,), "±12.00 m")],
+)  # fmt: skip
+def test_half_axes_are_told_in_a_unit_that_suits_them(half_axes: tuple[float, ...], words: str) -> None:
+    assert in_words(*half_axes) == words
 
 
 def apart_and_within(notes: Notebook, place: Area) -> None:
