@@ -32,7 +32,7 @@ class FixKind(IntEnum):
     RANGES = 8
     """No point was made: all ranges that were received were used themselves (tightly coupled)."""
     PARTLY = 9
-    """The same, but some ranges looked like echoes and were left out."""
+    """No point was made: some ranges were used themselves, others looked like echoes and were left out."""
 
 
 @dataclass(frozen=True, kw_only=True)

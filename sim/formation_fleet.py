@@ -51,25 +51,25 @@ class Aboard(NamedTuple):
     sites: tuple[Floats, Floats, Floats]
     """Offsets of the transmitters, shape (3, 3), of hydrophones and of pressure sensors, shape (f, 3), [m]."""
     steering: Steering
-    """Of the routes."""
+    """Steering of vehicles along their routes."""
     readings: Floats
-    """Of each follower's sensors, shape (f, READINGS)."""
+    """Readings of each follower's sensors, shape (f, READINGS)."""
     message: Floats
-    """The leader's last one, shape (MESSAGE,)."""
+    """Last message of the leader, shape (MESSAGE,)."""
     ranges: Floats
-    """Of each follower to the three transmitters, shape (f, 3), [m]."""
+    """Ranges of each follower to the three transmitters, shape (f, 3), [m]."""
     bad: Floats
     """Whether each follower's channel is in a burst of loss, shape (f,)."""
     beliefs: Floats
     """What each navigator concludes, shape (f, BELIEFS)."""
     trails: Floats
-    """As each follower has heard, shape (f, room, TRAIL)."""
+    """Trail of the leader as each follower has heard it, shape (f, room, TRAIL)."""
     counts: Ints
     """Points of the trails, shape (f, 1)."""
     memory: Floats
-    """Of each follower, shape (f, FOLLOWER_MEMORY)."""
+    """Memory of each follower, shape (f, FOLLOWER_MEMORY)."""
     reference: Floats
-    """Of the autopilot of one follower at a time, shape (8,)."""
+    """Reference of the autopilot of one follower at a time, shape (8,)."""
     history: Floats
     """Beliefs at each instant, shape (n + 1, f, BELIEFS)."""
 

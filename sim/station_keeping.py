@@ -71,11 +71,11 @@ class StationKeeping:
     joined_s: float
     """When it was first within 2 m of its station [s]; NaN: never, and the other figures are those of all the time."""
     station_rms_m: float
-    """Horizontal distance of its hydrophone from the station, RMS [m], …"""
+    """Horizontal distance of its hydrophone from the station, root mean square [m]."""
     station_p95_m: float
-    """… which it exceeds for 5 % of the time …"""
+    """Distance from the station that it exceeds for 5 % of the time [m]."""
     station_max_m: float
-    """… and the largest."""
+    """Largest distance from the station [m]."""
     lost: bool
     """Whether it was ever more than 10 m off its station, or never joined."""
 

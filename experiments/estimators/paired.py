@@ -39,7 +39,7 @@ class Paired:
 
     route: str
     interval: float
-    """Of messages [s]."""
+    """Time between messages [s]."""
     laisn_means: Floats
     """Mean E_P of LAISN-2 [m]."""
     tight_means: Floats
@@ -176,7 +176,7 @@ def _captured(found: Floats, truth: MissionTruth, steps: int) -> bool:
 
 
 def _blocks(runs: range) -> Iterator[range]:
-    """As many runs at a time as the lanes take."""
+    """Runs in blocks of as many as the lanes take."""
     return (runs[first : first + LANES] for first in range(0, len(runs), LANES))
 
 

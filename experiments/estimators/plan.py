@@ -19,7 +19,7 @@ from sim.sensing.observation import errors_of
 from sim.sensing.sensor_errors import measure
 
 SEED = 12
-"""Of all noise: not the one on which the navigator was developed."""
+"""Seed of all noise: not the one on which the navigator was developed."""
 INTERVALS = (1.0, 5.0)
 FEW = ("T2", "T5", "T6", "T8")
 """Routes on which settings are varied: two about the leader's axis, and two aside of it."""

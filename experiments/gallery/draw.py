@@ -35,7 +35,7 @@ from sim.motion import simulate_motion
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures"
 
 WIDE = 7.0
-"""Of a picture that needs the width of its page [inch]."""
+"""Width of a picture that needs the width of its page [inch]."""
 
 STILLS = {
     "mission": ("T8", 420.0, "chase"),

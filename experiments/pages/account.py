@@ -48,7 +48,7 @@ class Seen(NamedTuple):
     outside: Bools
     """Whether the truth was outside the filter's own 2σ ellipse."""
     kind: Floats
-    """Of the fixes, shape (f,)."""
+    """Kind of each fix, shape (f,)."""
 
     @property
     def on_axis(self) -> Bools:

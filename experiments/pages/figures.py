@@ -63,7 +63,7 @@ class Line:
     dash: str = "-"
     marker: str = ""
     size: float = 2.4
-    """Of a mark [pt]."""
+    """Size of a mark [pt]."""
     opacity: float = 1.0
 
 

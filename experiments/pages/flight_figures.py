@@ -12,11 +12,11 @@ from laisn.estimates import FixKind
 from sim.flight import Flight
 
 SIGMAS = 2.0
-"""Of the filter's own uncertainty, as drawn."""
+"""Standard deviations of the filter's own uncertainty that are drawn."""
 ON_AXIS_DEG = 15.0
 """Nearer than that to the leader's axis, ahead or astern, ranges say little about the direction."""
 ROW_HEIGHT = 4.1
-"""Of the panels of a follower's row [inch]."""
+"""Height of the panels of a follower's row [inch]."""
 STACK_WIDTH = 5.6
 MAP_WIDTH = 3.3
 """Width of the panels of a follower's row [inch]: errors over time, map, difference."""

@@ -84,7 +84,7 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
 
 
 def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
-    """The same belief, and fresh states of one more beacon."""
+    """Belief with fresh states of one more beacon."""
     before, beacons = belief.fresh.size, belief.variance.size + 1
     fresh = _fresh_variances(settings, beacons)
     state, covariance = np.zeros((ROOM, fresh.size)), np.zeros((ROOM, fresh.size, fresh.size))

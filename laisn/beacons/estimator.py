@@ -13,9 +13,9 @@ STARTERS = 8
 _SURE = 0.9
 """Errors of ranges are learnt where one component has more weight than this."""
 _PATIENCE = 8
-"""Ranges of one beacon rejected in a row after which a ring about it is added …"""
+"""Ranges of one beacon rejected in a row after which a ring about it is added."""
 _DOUBT = 0.01
-"""… of this weight."""
+"""Weight of a ring that is added."""
 
 
 @compiled

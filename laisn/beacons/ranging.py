@@ -32,7 +32,7 @@ class Ranging(NamedTuple):
     range: float
     """Measured, along the line of sight [m]."""
     variance: float
-    """Of the settings' random error [m²]."""
+    """Variance of the settings' random error [m²]."""
     accepted: float
     """Logarithm of the chance that the range is right."""
     wrong: float

@@ -34,7 +34,7 @@ class TightEstimates(Estimates):
         "x_m", "y_m", "log_bias_m_s", "compass_bias_rad", "range_scale_m", "leader_compass_bias_rad",
         "current_east_m_s", "current_north_m_s", "offset_2_m", "offset_3_m",
     )  # fmt: skip
-    """Of all states that there can be, with units."""
+    """Names of all states that there can be, with units."""
 
     used: Ints
     """How many of its ranges the heaviest hypothesis used, shape (f,)."""
@@ -43,9 +43,9 @@ class TightEstimates(Estimates):
     full_state: Floats
     """Mean over the mixture after each message, shape (f, 10), in the order of `names`; NaN for what is no state."""
     full_sigma: Floats
-    """Its standard deviations, shape (f, 10)."""
+    """Standard deviations of the states, shape (f, 10)."""
     weight: Floats
-    """Of each hypothesis after each message, heaviest first, shape (f, HYPOTHESES); 0 for none."""
+    """Weight of each hypothesis after each message, heaviest first, shape (f, HYPOTHESES); 0 for none."""
     hypothesis: Floats
     """Position of each, shape (f, HYPOTHESES, 2), [m]; NaN for none."""
     hypothesis_covariance: Floats

@@ -23,7 +23,7 @@ class Found(NamedTuple):
     state: Floats
     """Mean x, y [m], vx, vy [m/s] after each step, shape (n, 4); shape (n, 2) without covariances."""
     covariance: Floats
-    """Of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out."""
+    """Covariance of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out."""
     outcome: Floats
     """Of each message: ranges received, ranges that the heaviest hypothesis used, and their squared residuals in units
     of S (NaN if none was used), shape (m, 3); of shape (0, 3), it is left out."""

@@ -35,9 +35,9 @@ class Approach(NamedTuple):
     least_way: float
     """Least speed through the water along the leader's way [m/s]."""
     slowest: float
-    """Least speed through the water [m/s] …"""
+    """Least speed through the water [m/s]."""
     fastest: float
-    """… and greatest."""
+    """Greatest speed through the water [m/s]."""
 
 
 @compiled

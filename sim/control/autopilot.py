@@ -178,7 +178,7 @@ class Felt(NamedTuple):
     surge: float
     """Speed through the water along the hull [m/s]."""
     sway: float
-    """Likewise to port; 0 where nothing measures it."""
+    """Speed through the water to port [m/s]; 0 where nothing measures it."""
     heading: float
     """[rad]."""
     turning: float

@@ -57,11 +57,11 @@ class Silence(NamedTuple):
     """What to do where messages stay away, of `[formation]`."""
 
     patience: float
-    """For so long the follower goes on by dead reckoning [s], …"""
+    """Time for which the follower goes on by dead reckoning [s]."""
     limit: float
-    """… until then slowly [s], …"""
+    """Time until which it then goes on slowly [s]."""
     then: int
-    """… and then HOLD, CIRCLE or RISE."""
+    """What it does after that: HOLD, CIRCLE or RISE."""
     speed: float
     """Through the water, when it goes slowly [m/s]."""
 

@@ -39,13 +39,13 @@ class Frame(NamedTuple):
     acceleration: float
     """Greatest change of the station's speed that the frame asks for [m/s²]."""
     inner: float
-    """Share of the leader's speed that inner stations may lose in a turn, …"""
+    """Share of the leader's speed that inner stations may lose in a turn."""
     outer: float
-    """… and that outer ones may gain."""
+    """Share of the leader's speed that outer stations may gain in a turn."""
     slowest: float
-    """Least speed through the water of a station [m/s] …"""
+    """Least speed through the water of a station [m/s]."""
     fastest: float
-    """… and greatest."""
+    """Greatest speed through the water of a station [m/s]."""
     preview: float
     """A hull turns at a limited rate, and begins so early to go as its station will [s]."""
 

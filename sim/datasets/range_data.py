@@ -34,7 +34,7 @@ class RangeData:
     start: Floats
     """East, north [m] and compass heading [rad] at the first time, shape (3,)."""
     time: Floats
-    """Of the poses that odometry joins, shape (n + 1,), [s]."""
+    """Time of each pose that odometry joins, shape (n + 1,), [s]."""
     odometry: Floats
     """Way ahead and to port [m], and turn anticlockwise [rad], from each pose to the next, shape (n, 3)."""
     beacons: tuple[str, ...]
@@ -74,7 +74,7 @@ class RangeData:
         own_arrays(self)
 
     def among(self, names: Sequence[str]) -> Self:
-        """The same with the ranges to some beacons only, in the order of their names.
+        """Data with the ranges to some beacons only, in the order of their names.
 
         Raises:
             LaisnError: there is no such beacon; the text names those that there are.

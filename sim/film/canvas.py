@@ -25,7 +25,7 @@ DIM: Colour = (0.60, 0.76, 0.83)
 _HERE = IdentityTransform()
 _SHIFTS = 4
 _LEAST_TEXT = 0.8
-"""Of their size at 720 rows, the least that words have: smaller digits lose their strokes."""
+"""Least size of words, as a share of that at 720 rows: smaller digits lose their strokes."""
 _MARGIN = 3
 """By which a layer is wider than its panel on each side, for the panel's edge [px]."""
 

@@ -47,7 +47,7 @@ class Dashboard:
         bar, words = ([self._bar] if annotations.rays else []), ([self._caption] if annotations.caption else [])
         lefts = [self._numbers.place, *(curve.place for curve in self._curves)]
         self.places: list[Place] = [*lefts, self._map.place, *bar, *words]
-        """Of all panels."""
+        """Places of all panels."""
         lower_left, lower_right = (max(y + h for _, y, _, h in column) for column in (lefts, [self._map.place, *bar]))
         self.covered: list[Place] = [
             (0.0, 0.0, left + width, lower_left),

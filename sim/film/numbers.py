@@ -11,7 +11,7 @@ from sim.film.panels import FIX_WORDS, LEADER, SIGMAS, TRUTH, Place
 from sim.film.scene import ESTIMATE
 
 HEIGHT, SHORT_HEIGHT = 258.0, 118.0
-"""Of the panel, and of the short one [px times the scale of words]."""
+"""Height of the panel, and of the short one [px times the scale of words]."""
 _TRANSMITTERS = ("rear", "front", "middle")
 _MOTION = ("depth [m]", "pitch [°]", "heading [°]", "speed [m/s]")
 

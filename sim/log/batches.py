@@ -28,7 +28,7 @@ from sim.log.records import (
 )
 
 _BLOCK = 1 << 16
-"""Of a file, looked through for messages at once [bytes]."""
+"""Part of a file that is looked through for messages at once [bytes]."""
 _IMPOSSIBLE = "a message is too short to be one, or of a time after 2262"
 _PARSED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA}
 

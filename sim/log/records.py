@@ -19,7 +19,7 @@ ATTACHMENT_HEAD = struct.Struct("<QQI")
 """Log time, time of creation, and length of the name."""
 
 _BLOCK = 1 << 14
-"""Of a file, looked through for records at once [bytes]."""
+"""Part of a file that is looked through for records at once [bytes]."""
 ALLOWANCE, CHUNK_ALLOWANCE, RATIO = 64 << 20, 32 << 20, 16
 """A file of n bytes may unfold to ALLOWANCE + RATIO · n bytes, a chunk to CHUNK_ALLOWANCE + RATIO · n; with the costs
 below, flights unfold to some 6 n, and the smallest messages of a vehicle to 8 n."""

@@ -47,7 +47,7 @@ def _is_ours(path: Path) -> bool:
     with path.open("rb") as stream:
         content = read_content(stream, next(places(stream)))
     try:
-        return Header.read(ReadDataStream(BytesIO(content))).library == LIBRARY
+        return bool(Header.read(ReadDataStream(BytesIO(content))).library == LIBRARY)
     except Exception:
         # foreign bytes make decoders fail in many ways
         return False

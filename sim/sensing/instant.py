@@ -47,14 +47,14 @@ class Senses(NamedTuple):
     seed: np.uint64
     run: np.uint64
     speed: tuple[float, float]
-    """Bias and standard deviation of the log [m/s] …"""
+    """Bias and standard deviation of the log [m/s]."""
     heading: tuple[float, float]
-    """… and of the compass [rad]."""
+    """Bias and standard deviation of the compass [rad]."""
     depth_sigma: float
     gyro_sigma: float
-    """Of a rate of turn [rad/s]."""
+    """Standard deviation of a rate of turn [rad/s]."""
     tilt_sigma: float
-    """Of the inclinometer [rad]."""
+    """Standard deviation of the inclinometer [rad]."""
     leader_speed: tuple[float, float]
     leader_heading: tuple[float, float]
     leader_depth_sigma: float
@@ -74,7 +74,7 @@ class Senses(NamedTuple):
     ratio: float
     """Range that is believed for a metre of path."""
     believed_speed: float
-    """Of sound [m/s]."""
+    """Speed of sound that is believed [m/s]."""
     clock_offset: float
     clock_drift: float
     """[s/s]."""

@@ -17,7 +17,7 @@ from tests.asymmetry.test_added_error import row
 
 ROUTES, RUNS = ("T3", "T4"), 64
 WOBBLE = np.tile([1.0, -1.0], RUNS // 2)
-"""Of standard deviation 1; over 64 runs its mean has half a 95 % interval of 1.96 / √63."""
+"""Errors of standard deviation 1; over 64 runs their mean has half a 95 % interval of 1.96 / √63."""
 
 
 def texts(table: Table, place: int) -> list[str]:

@@ -224,7 +224,7 @@ def test_pages_have_the_hues_of_the_film(colour, filmed):
 
 
 def contrast(a, b):
-    """Of two colours, as WCAG 2.2 defines it."""
+    """Contrast of two colours, as WCAG 2.2 defines it."""
 
     def luminance(colour):
         channels = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
