@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from functools import partial
 
+import numpy as np
+
 from laisn.failure import LaisnError
 from sim.assembly import ocean_of, route_of, vehicle_names
 from sim.film.cameras import CAMERAS
@@ -84,6 +86,32 @@ def _hull_misfits(key: str, model: str | None, role: str) -> list[Misfit]:
     return [Misfit((key,), f"{key}: {line}") for line in faults_of(model, role)]
 
 
+def _outrun(scenario: Scenario) -> list[Misfit]:
+    """A leader that swims faster than its followers can."""
+    fastest, ocean = scenario.formation.fastest_m_s, scenario.ocean
+    depths = [f.layer_m for f in scenario.followers if f.station]
+    if not depths:
+        return []
+    try:
+        route = route_of(scenario.leader, "leader")
+    except LaisnError:
+        return []  # told with its route
+    towards = np.deg2rad(ocean.current_direction_deg)
+    drift = np.array([np.sin(towards), np.cos(towards)])
+    over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
+    for depth in sorted(set(depths)):
+        through = over_ground - (ocean.current_speed_m_s - ocean.current_shear_per_s * depth) * drift
+        speed = np.hypot(*through.T)
+        leg = int(np.argmax(speed))
+        if speed[leg] > fastest:
+            text = (
+                f"leader: on the way to waypoint {leg + 2} followers at {depth:g} m would need {speed[leg]:.3g} m/s "
+                f"through the water, formation.fastest_m_s is {fastest:g} m/s"
+            )
+            return [Misfit(("leader", "formation.fastest_m_s", "ocean"), text)]
+    return []
+
+
 def misfits(scenario: Scenario) -> list[Misfit]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.misfits`."""
     found = [
@@ -98,4 +126,4 @@ def misfits(scenario: Scenario) -> list[Misfit]:
             continue
         where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
         found += _tried(partial(_plan, vehicle, name), where)
-    return [*found, *_cost(scenario)]
+    return [*found, *_outrun(scenario), *_cost(scenario)]

@@ -7,6 +7,7 @@ import numpy as np
 
 from experiments.campaign.version import versions
 from experiments.flight.bound import flight_bound
+from experiments.flight.separation import contact_events, uncertainty_events
 from laisn import metrics
 from laisn.arrays import Floats
 from sim.flight import Flight
@@ -47,8 +48,8 @@ def capture_events(flight: Flight) -> list[Event]:
 
 
 def stray_events(flight: Flight) -> list[Event]:
-    """A line for the log where a vehicle first leaves the water that it was to swim in: floor or surface."""
-    events = []
+    """A line for the log where a vehicle first leaves its water, touches another, or has its station too near one."""
+    events = [*contact_events(flight), *uncertainty_events(flight)]
     floor = flight.scenario.ocean.floor_depth_m
     planned = (flight.scenario.leader, *flight.scenario.followers)
     for v, name in enumerate(flight.trajectory.names):
@@ -58,7 +59,7 @@ def stray_events(flight: Flight) -> list[Event]:
             if strayed.any():
                 first = float(flight.trajectory.time[np.argmax(strayed)])
                 events.append(Event(first, "warning", f"{name} {text}", name))
-    return events
+    return sorted(events, key=lambda event: event.time_s)
 
 
 def off_place_rms(flight: Flight) -> list[float]:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sim.scenario.section import NonNegative, Positive, Section, Speed
+from sim.scenario.shapes import Shape
 
 Metres = Annotated[float, Field(ge=-1000, le=1000)]
 
@@ -26,6 +27,7 @@ class Station(Section):
 class Formation(Section):
     """How followers on stations find and keep them."""
 
+    shape: Shape | None = Field(None, description="makes the followers, in place of [[followers]]")
     law: Literal["constant-bearing", "ilos", "alos"] = Field(
         "constant-bearing", description="how a follower gets to its station: with the estimated current, or integrals"
     )

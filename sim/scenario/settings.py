@@ -5,13 +5,14 @@ from collections import Counter
 from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from sim.scenario.formation import Formation, Station, conflicts
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
 from sim.scenario.section import LISTED, Name, Positive, Section
 from sim.scenario.sensors import Acoustics, Sensors
+from sim.scenario.shapes import Shape, followers_of
 from sim.scenario.timing import CONTROL_STEP_S, Timing, is_multiple
 from sim.scenario.vehicles import Follower, Leader, Vehicle
 
@@ -92,6 +93,20 @@ class Scenario(Section):
     navigation: Navigation = Navigation()
     video: Video = Video()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _followers_of_a_shape(cls, data: Any) -> Any:
+        """Followers in place of the shape that makes them; what is wrong with a shape is told with its key."""
+        formation = data.get("formation") if isinstance(data, dict) else None
+        told = formation.get("shape") if isinstance(formation, dict) else None
+        if not isinstance(told, dict) or not isinstance(formation, dict) or data.get("followers"):
+            return data
+        try:
+            followers = followers_of(Shape.model_validate(told, strict=False))
+        except ValidationError:
+            return data
+        return {**data, "followers": followers, "formation": {**formation, "shape": None}}
+
     @field_validator("epoch")
     @classmethod
     def _epoch_is_a_date(cls, text: str) -> str:
@@ -145,6 +160,9 @@ class Scenario(Section):
                     "route whatever the follower believes"
                 )
                 found.append(Misfit((f"{key}.steers_by", "motion"), text))
+        if self.formation.shape:
+            text = "formation.shape makes the followers; there are [[followers]] beside it"
+            found.append(Misfit(("formation.shape", "followers"), text))
         stations = [(f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station]
         found += [Misfit(keys, text) for keys, text in conflicts(stations)]
         found += self._unheard(bool(stations))

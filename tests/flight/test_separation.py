@@ -1,0 +1,88 @@
+"""Hulls that touch, stations that are too near: by geometry."""
+
+import numpy as np
+import pytest
+
+from experiments.flight.fly import fly
+from experiments.flight.separation import contact_events, hull_gap, uncertainty_events
+from sim import flyable
+from sim.scenario.file import validate
+from sim.scenario.settings import Scenario
+from sim.scenario.shapes import Shape, followers_of
+
+
+@pytest.mark.parametrize(
+    ("between", "other", "gap"),
+    [
+        ((0.0, 0.5, 0.0), (1.0, 0.0, 0.0), 0.5),  # side by side
+        ((3.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.3),  # one before the other: 3 less both halves
+        ((0.0, 0.4, 0.0), (0.0, 0.0, 1.0), 0.4),  # crossed at right angles
+        ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 0.3),  # a T: 1 less the half of the upright one
+        ((2.0, 1.0, 0.0), (1.0, 0.0, 0.0), np.hypot(1.0, 0.3)),  # offset and parallel
+    ],
+)
+def test_the_gap_of_two_hulls_is_that_of_their_axes(
+    between: tuple[float, ...], other: tuple[float, ...], gap: float
+) -> None:
+    one = np.array([1.0, 0.0, 0.0])
+    found = hull_gap(np.array(between), one, np.array(other), (1.0, 0.7))
+    assert found == pytest.approx(gap, abs=1e-9)
+
+
+def test_vehicles_that_meet_on_their_routes_touch_once() -> None:
+    head_on = [
+        {"waypoints": [[0, 0, 100], [60, 60, 100]], "depth_m": 12.0},
+        {"waypoints": [[0, 60, 100], [60, 0, 100]], "depth_m": 12.0},
+    ]
+    flight, _ = fly(validate({"name": "s", "duration_s": 40.0, "followers": head_on}, "test"))
+    (event,) = contact_events(flight)
+    # noses meet when both have swum 30 m, less half a hull each
+    assert event.time_s == pytest.approx(30.0 - 0.7, abs=0.5)
+    assert event.text == "follower-2 and follower-1 touch"
+
+
+def test_stations_nearer_than_three_sigma_are_told() -> None:
+    table = {
+        "name": "s",
+        "duration_s": 20.0,
+        "navigation": {"variant": "tight", "assume": {"start_sigma_m": 3.0}},
+        "followers": [{"station": {"behind_m": 20.0, "port_m": port, "depth_m": 12.0}} for port in (0.0, 5.0, -40.0)],
+    }
+    flight, _ = fly(validate(table, "test"))
+    events = uncertainty_events(flight)
+    assert [event.text.split(",")[0] for event in events] == ["stations of follower-2 and follower-1"]
+    assert "3 sigma" in events[0].text
+
+
+@pytest.mark.parametrize("kind", ["line", "v", "column", "grid", "ring"])
+@pytest.mark.parametrize("count", [1, 2, 7, 18])
+def test_shapes_keep_their_spacing(kind: str, count: int) -> None:
+    tables = followers_of(Shape(kind=kind, count=count, spacing_m=8.0, layer_m=0.0))  # type: ignore[arg-type]
+    places = np.array([(t["station"]["behind_m"], t["station"]["port_m"]) for t in tables])
+    assert len(places) == count
+    if count > 1:
+        apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1)) + 1e9 * np.eye(count)
+        assert apart.min() == pytest.approx(8.0, abs=3.5 if kind == "v" else 1e-5)
+    assert places[:, 0].min() == pytest.approx(10.0)
+
+
+def test_a_shape_stands_for_its_followers() -> None:
+    shaped = Scenario(name="s", formation={"shape": {"kind": "v", "count": 6, "depth_m": 12.0}})
+    assert [f.name for f in shaped.followers] == [f"follower-{i}" for i in range(1, 7)]
+    assert [f.layer_m for f in shaped.followers] == [12.0 + i for i in range(6)]
+    with pytest.raises(ValueError, match="kind"):
+        validate({"name": "s", "formation": {"shape": {"kind": "star", "count": 6}}}, "test")
+    beside = {"name": "s", "formation": {"shape": {"kind": "v", "count": 6}}, "followers": [{"route": "T5"}]}
+    with pytest.raises(ValueError, match="there are \\[\\[followers\\]\\] beside it"):
+        validate(beside, "test")
+
+
+def test_a_leader_that_followers_cannot_keep_up_with_is_named() -> None:
+    table = {
+        "name": "s",
+        "duration_s": 100.0,
+        "leader": {"waypoints": [[0, 0, 0], [50, 100, 0], [100, 360, 0]]},
+        "followers": [{"station": {"behind_m": 10.0, "depth_m": 10.0}}],
+    }
+    with pytest.raises(ValueError, match=r"waypoint 3 followers at 10 m would need 5\.2 m/s"):
+        validate(table, "test", flyable._outrun)
