@@ -20,6 +20,8 @@ class Told(KeyboardInterrupt):
         super().__init__(signal.Signals(number).name)
         self.code = 128 + number
         """Exit code, as a shell gives it for a process that the signal ended."""
+        self.acknowledged = False
+        """Whether the user has been told that the command ends for it."""
 
 
 _told: list[Told] = []
@@ -109,6 +111,10 @@ def run(app: typer.Typer) -> None:
         if signal.getsignal(signal.SIGINT) is _obey:
             # what is left is Python's own end, which has nothing to say about a Ctrl-C, and no other code for it
             signal.signal(signal.SIGINT, _leave)
+        signalled = told()
+        if signalled is not None and not signalled.acknowledged:
+            # it came before a command began, or after one ended; typer takes it without a word
+            typer.secho("laisn: interrupted", fg="yellow", err=True)
         if output is None:
             raise
         sys.stdout.flush()

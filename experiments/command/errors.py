@@ -112,6 +112,8 @@ def plain_errors(command: Command) -> Command:
             if ending is not None or isinstance(error, KeyboardInterrupt):
                 kept = _notes(error) or ["finished files are kept, none is half-written"]
                 _tell(["; ".join(["laisn: interrupted", *kept])], "yellow")
+                if ending is not None:
+                    ending.acknowledged = True
                 raise typer.Exit(ending.code if ending else INTERRUPTED) from None
             if os.environ.get("LAISN_DEBUG"):
                 raise

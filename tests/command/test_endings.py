@@ -148,6 +148,30 @@ def test_ctrl_c_while_modules_are_loaded_gives_no_traceback(tmp_path: Path, modu
     assert len(done.stderr.splitlines()) == 1
 
 
+BETWEEN = """
+import os, signal, sys
+import typer
+from experiments.command.endings import run
+signal.signal(signal.SIGINT, signal.default_int_handler)
+app = typer.Typer()
+
+@app.callback()
+def every_command():
+    os.kill(os.getpid(), signal.SIGINT)
+
+@app.command()
+def fly(): ...
+
+sys.argv = ["laisn", "fly"]
+run(app)
+"""
+
+
+def test_ctrl_c_before_a_command_begins_is_acknowledged() -> None:
+    done = subprocess.run([sys.executable, "-c", BETWEEN], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "laisn: interrupted\n")
+
+
 def test_what_a_library_makes_of_a_signal_is_no_fault_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     app = typer.Typer()
 
