@@ -54,8 +54,8 @@ def _run_here(tests: Iterable[str], tree: Path, cache: Path, told: int) -> None:
         del sys.modules[name]
     sys.path[:] = [str(tree), *(path for path in sys.path if path not in ("", str(ROOT)))]
     os.chdir(tree)
-    os.environ |= {"PYTHONPATH": os.pathsep.join(sys.path[:1] + os.environ.get("PYTHONPATH", "").split(os.pathsep)[1:]),
-                   "XDG_CACHE_HOME": str(cache)}  # fmt: skip
+    others = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path not in ("", str(ROOT))]
+    os.environ |= {"PYTHONPATH": os.pathsep.join([str(tree), *others]), "XDG_CACHE_HOME": str(cache)}
     said, code = io.StringIO(), 1
     try:
         import pytest

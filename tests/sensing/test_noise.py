@@ -156,3 +156,7 @@ def test_followers_share_the_noise_of_the_leader_only() -> None:
 def test_an_address_out_of_range_is_named(seed: int, run: int, stream: int, steps: int, named: str) -> None:
     with pytest.raises(ValueError, match=named):
         normals(seed, run, stream, steps)
+
+
+def test_no_two_draws_share_a_stream() -> None:
+    assert len({int(stream) for stream in Stream.__members__.values()}) == len(Stream.__members__) > 8
