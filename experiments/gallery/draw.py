@@ -39,7 +39,7 @@ WIDE = 7.0
 
 STILLS = {
     "mission": ("T8", 420.0, "chase"),
-    "swarm": ("swarm", 400.0, "top"),
+    "swarm": ("swarm", 530.0, "top"),
     "waves": ("following-sea", 200.0, "orbit"),
     "diving": ("diving", 75.0, "leader"),
 }

@@ -9,6 +9,7 @@ from sim.film.annotations import Annotations
 from sim.film.canvas import Canvas, Colour, Layer
 from sim.film.curve import Curve
 from sim.film.footage import Footage, Moment
+from sim.film.formation.marks import STATION
 from sim.film.numbers import HEIGHT, SHORT_HEIGHT, Numbers
 from sim.film.panels import LEADER, TRUTH, Map, Place, caption, colour_bar
 from sim.film.scene import ESTIMATE
@@ -25,10 +26,19 @@ class Dashboard:
         follower: index of the follower whose numbers are shown.
         canvas: of the frames.
         annotations: what a study adds.
+        off_station: distance of the follower from its station at filter steps, shape (n,), [m]; None: it has none.
     """
 
-    def __init__(self, footage: Footage, follower: int, canvas: Canvas, annotations: Annotations) -> None:
+    def __init__(
+        self,
+        footage: Footage,
+        follower: int,
+        canvas: Canvas,
+        annotations: Annotations,
+        off_station: Floats | None = None,
+    ) -> None:
         self._footage, self._follower, self._added = footage, follower, annotations
+        self._off_station = off_station
         s, t = canvas.scale, canvas.text_scale
         short = canvas.height < _SHORT
         left, top, width, gap, side = 16 * s, 16 * s, 292 * s, 6 * s, 232 * s
@@ -68,6 +78,8 @@ class Dashboard:
         if added.level_axis:
             pitch = np.degrees(footage.flight.trajectory.pitch[footage.flight.step_index(), 0])
             second: tuple[str, list[tuple[Colour, Floats]]] = ("leader's pitch [°]", [(LEADER, pitch)])
+        elif self._off_station is not None:
+            second = ("off its station [m]", [(STATION, self._off_station)])
         else:
             bearing = np.degrees(np.abs(footage.bearing_error[follower]))
             second = ("bearing error E_B [°]", [(ESTIMATE, bearing)])

@@ -9,6 +9,8 @@ from sim.film.cameras import Shot, View
 from sim.film.canvas import Canvas, Colour, Stroke
 from sim.film.dashboard import Dashboard
 from sim.film.footage import Footage, Moment
+from sim.film.formation import marks
+from sim.film.formation.stations import Stations
 from sim.film.labels import Label
 from sim.film.panels import LEADER, SIGMAS, TRUTH, card, scale_bar
 from sim.film.scene import ESTIMATE, TRANSMITTER_COLOURS, Box
@@ -47,7 +49,12 @@ class Overlay:
         self._film_s = film_s
         self._heard = range(footage.flight.scenario.navigation.transmitters)
         self._panels = size[0] >= _SMALL[0] and size[1] >= _SMALL[1]
-        self._dashboard = Dashboard(footage, follower, self.canvas, annotations) if self._panels else None
+        self._stations = Stations(footage.flight)
+        self._dashboard = (
+            Dashboard(footage, follower, self.canvas, annotations, self._stations.off(follower))
+            if self._panels
+            else None
+        )
         self._covered = self._dashboard.covered if self._dashboard else []
         self._taken = [*self._dashboard.places, self._dashboard.scale] if self._dashboard else []
 
@@ -114,7 +121,7 @@ class Overlay:
         return [self._footage.on_plane(self._follower, o.position, now)[0] for o in self._added.others]
 
     def _in_view(self, moment: Moment, view: View, box: Box, sight: float) -> None:
-        strokes = self._trails(moment, view, box)
+        strokes = self._formation(moment, view, box) + self._trails(moment, view, box)
         for f in range(len(moment.hydrophone)):
             colours = self._ray_colours(moment, f)
             for i in self._heard:
@@ -150,6 +157,18 @@ class Overlay:
             strokes.append(Stroke(pixels, (*colour, 0.16 * strength * clear), 7.0))
             strokes.append(Stroke(pixels, (*colour, 0.85 * strength * clear), 1.8))
         return strokes
+
+    def _formation(self, moment: Moment, view: View, box: Box) -> list[Stroke]:
+        """Stations and the nearest pair; nothing where followers keep to routes."""
+        if not self._stations:
+            return []
+        stations = self._stations.at(moment.time)
+        found = marks.of_stations(stations, moment.hydrophone, lambda place: _metres_per_pixel(view, place))
+        return [
+            Stroke(pixels, (*mark.colour, mark.opacity), mark.width)
+            for mark in (*found, *marks.between(marks.nearest(moment.position)))
+            for pixels, _, _ in self._pieces(view, box, mark.points, len(mark.points))
+        ]
 
     def _trails(self, moment: Moment, view: View, box: Box) -> list[Stroke]:
         footage, time = self._footage, moment.time
@@ -224,6 +243,13 @@ class Overlay:
         if np.isfinite(moment.position_error[f]):
             off = f"{self._added.label}, off by {moment.position_error[f]:.1f} m"
             wanted.append((moment.estimate[f], off, ESTIMATE, 1))
+        if self._stations:
+            station, pair = self._stations.at(moment.time)[f], marks.nearest(moment.position)
+            if np.isfinite(station).all():
+                missed = float(np.hypot(*(station - truth)[:2]))
+                wanted.append((station, f"station, {missed:.1f} m off", marks.STATION, 1))
+            apart = f"{float(np.linalg.norm(pair[1] - pair[0])):.1f} m apart, the nearest"
+            wanted.append((pair.mean(axis=0), apart, marks.APART, 1))
         for belief, other in zip(self._others(moment), self._added.others, strict=True):
             off = f"{other.label}, off by {float(np.hypot(*(belief - truth)[:2])):.1f} m"
             wanted.append((belief, off, other.colour, 1))
@@ -251,6 +277,12 @@ class Overlay:
         pixels, ahead = view.project(np.array([point, point + _HULL_CLEAR_M * view.axes[1]]), 1, self.canvas.height)
         rise = abs(pixels[1, 1] - pixels[0, 1]) / self.canvas.scale if ahead[0] > 0 else 0.0
         return float(np.clip(rise, 30.0, 90.0)) * self.canvas.scale
+
+
+def _metres_per_pixel(view: View, place: Floats) -> float:
+    """Scale at a place of shape (3,) in a frame of 720 rows [m]."""
+    _, (ahead,) = view.project(place, 1, 1)
+    return float(max(ahead, 0.0) * np.tan(np.radians(view.fovy_deg) / 2) / 360)
 
 
 def _clipped(pixels: Floats, width: int, height: int) -> Floats:
