@@ -23,7 +23,7 @@ from sim.station_keeping import closest_approaches, off_station, station_keeping
 
 COMMAND = "python -m experiments.formation.study"
 MODULES = ("experiments.formation.study",)
-RUNS = 12
+RUNS = 60
 DURATION_S = 1000.0
 TURNING = 1e-3
 """A formation whose frame turns faster is in a turn [rad/s]."""

@@ -6,6 +6,7 @@ from experiments.estimators.cases import CASES
 from experiments.estimators.plan import SEAS
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
+from experiments.formation.conditions import CONDITIONS
 from laisn.settings import Variant
 
 Records = Mapping[str, Findings]
@@ -39,6 +40,8 @@ AMONG_BEACONS = {
     "exact-beacons": "the same without beacons' own errors",
 }
 """Rows of the table of real ranges: navigators of the record, and words."""
+KEPT_STATIONS = {"median": ".2f", "worst": ".2f", "max": ".1f", "error": ".2f i", "lost": ".1% i", "closest": ".1f"}
+"""Columns of the table of formations, and their formats."""
 
 
 def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -181,6 +184,17 @@ def estimators_at_sea(records: Records) -> str:
     return _cases(records, [(words, f"sea {sea}") for sea, (words, _) in SEAS.items()])
 
 
+def formation(records: Records) -> str:
+    """Followers on stations, condition by condition."""
+    found, rows = records["formation"], []
+    for condition in CONDITIONS:
+        name = condition.name
+        shown = [f"{found[f'{what} {name}']:{form}}" for what, form in KEPT_STATIONS.items()]
+        rows.append([condition.title, *shown])
+    heads = ["", "off the station, RMS [m]: median follower", "worst", "most [m]", "E_P [m]", "lost", "closest [m]"]
+    return markdown(heads, rows)
+
+
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "closed-loop": closed_loop,
@@ -190,5 +204,6 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "speed": speed,
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,
+    "formation": formation,
 }
 """Tables by their names in documents."""
