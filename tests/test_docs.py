@@ -41,7 +41,7 @@ DOCUMENTS = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
     *sorted((ROOT / "docs").glob("*.md")),
 ]
-STUDIES = ("reproduce", "asymmetry", "estimators", "study")
+STUDIES = ("reproduce", "asymmetry", "estimators", "formation", "study")
 FOREIGN = ("apt-get", "pip", "rerun", "source")
 """Programs that are not ours to try."""
 

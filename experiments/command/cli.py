@@ -11,6 +11,7 @@ import typer
 from experiments.command import studying
 from experiments.command.endings import run
 from experiments.command.errors import plain_errors
+from experiments.command.formation import formation
 from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption, folder_option
 
 app = typer.Typer(
@@ -253,6 +254,9 @@ def estimators(
 
     folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
     _say(f"report in {study.run(folder, quick=quick, workers=workers)}")
+
+
+app.command()(plain_errors(formation))
 
 
 @app.command()

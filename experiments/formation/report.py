@@ -1,0 +1,174 @@
+"""The page of the study of formations, for who plans one."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.findings import Finding, Findings
+from experiments.formation.conditions import CONDITIONS
+from experiments.intervals import Interval
+from experiments.pages.figures import Line, panel, svg
+from experiments.pages.page import Cell, Figures, Page, Section, Table, Text, number, percent, words, write
+from experiments.pages.style import FULL, SERIES, Colour
+
+_HEADS = ["condition", "median [m]", "worst", "95 %", "largest", "legs", "largest in turns", "E_P [m]", "followers",
+          "share [%]", "closest [m]", "power [W]"]  # fmt: skip
+_GROUPS = [("", 1), ("distance from the station", 6), ("", 1), ("lost", 2), ("", 2)]
+_CAPTION = (
+    "Horizontal distances. Median: RMS of a run's median follower, mean over runs. Worst: RMS of the worst follower of "
+    "all runs. 95 %: what the median follower exceeds for 5 % of the time. Legs: RMS of the median follower where the "
+    "formation goes straight on. Closest: least horizontal distance of two vehicles, whatever their layers. Power: of "
+    "a follower's thrusters. Brackets hold 95 % intervals, over runs where there are enough; those of shares take "
+    "followers as independent, which those of one run are not."
+)
+_ABOUT = (
+    "A leader swims an L at 1 m/s and broadcasts where it is. Ten followers keep stations in its trail: six on the "
+    "wings, to 30 m aside, and four astern, to 40 m behind. None knows the route; each steers by its log, compass, "
+    "gyros and pressure sensor, the messages, and the ranges measured on them. Where a title does not say otherwise: the "
+    "tightly coupled navigator, three transmitters, messages every second, calm water. A follower is lost if it was "
+    "ever more than 10 m off its station after it had joined it, or never joined it."
+)
+_NAMES_INCH = 3.4
+"""Room for the names of conditions beside the figure [inch]."""
+_SERIES = (("run-median", SERIES[0], "o"), ("worst", SERIES[1], "D"), ("max", SERIES[4], "|"))
+_LEGEND = ("median follower's RMS and its 95 % interval", "worst follower's RMS", "largest distance at any time")
+
+
+def _value(finding: Finding) -> float:
+    return np.nan if not isinstance(finding.value, int | float) else float(finding.value)
+
+
+def picture(findings: Findings) -> tuple[Figure, list[tuple[Colour, str]]]:
+    """Distance from the station in each condition, the first of them at the top; a bar is a 95 % interval."""
+    places = np.arange(len(CONDITIONS), dtype=np.float64)[::-1]
+    lines = []
+    for key, colour, marker in _SERIES:
+        found = [findings[f"{key} {condition.name}"] for condition in CONDITIONS]
+        values = np.array([_value(finding) for finding in found])
+        lines.append(Line(x=values, y=places, colour=colour, marker=marker, size=4.5))
+        lines += [
+            Line(x=np.array([finding.low, finding.high]), y=np.repeat(place, 2), colour=colour, width=1.6)
+            for finding, place in zip(found, places, strict=True)
+            if finding.low is not None and finding.high is not None
+        ]
+    figure = panel(
+        lines,
+        x_label="distance from the station [m]",
+        y_label="",
+        width=FULL,
+        height=1.0 + 0.21 * places.size,
+        y_limits=(-0.7, places.size - 0.3),
+    )
+    axes = figure.axes[0]
+    left, bottom, across, height = axes.get_position().bounds
+    room = _NAMES_INCH / FULL
+    axes.set_position((left + room, bottom, across - room, height))
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.margins(x=0.03)
+    axes.set_yticks(places, [condition.title for condition in CONDITIONS])
+    axes.tick_params(axis="y", length=0)
+    return figure, [(colour, text) for (_, colour, _), text in zip(_SERIES, _LEGEND, strict=True)]
+
+
+def _with_limits(finding: Finding, digits: int = 2) -> Cell:
+    return Cell(text=f"{finding:.{digits}f i}".replace(" (– to –)", ""), sort=_value(finding))
+
+
+def _share(finding: Finding) -> Cell:
+    return percent(Interval(*(float(v or 0.0) for v in (finding.value, finding.low, finding.high))))
+
+
+def _row(findings: Findings, name: str, title: str) -> list[Cell]:
+    def plain(what: str, digits: int = 2) -> Cell:
+        return number(_value(findings[f"{what} {name}"]), digits)
+
+    lost = findings[f"lost-runs {name}"]
+    # without a turn on the way there is no largest distance in it
+    turn = _value(findings[f"turn {name}"]) or None
+    return [
+        words(title),
+        _with_limits(findings[f"run-median {name}"]),
+        *(plain(what) for what in ("worst", "p95", "max", "leg")),
+        number(turn),
+        _with_limits(findings[f"error {name}"]),
+        Cell(text=f"{lost.value} {lost.what.removeprefix('followers lost, ')}", sort=_value(lost)),
+        _share(findings[f"lost {name}"]),
+        plain("closest", 1),
+        _with_limits(findings[f"power {name}"], 1),
+    ]
+
+
+def _rules(findings: Findings) -> list[str]:
+    """What a planner should think of, each with the numbers of this study about it."""
+
+    def metres(what: str) -> str:
+        return f"{findings[what]:.2f} m"
+
+    def lost(name: str) -> str:
+        return f"{findings[f'lost {name}']:.0% i}"
+
+    return [
+        f"How often to speak: with a message every second the median follower is {metres('run-median calm')} off its "
+        f"station, every 5 s {metres('run-median 5 s')}, every 10 s {metres('run-median 10 s')}; with a fifth of the "
+        f"messages lost {metres('run-median loss')}, with 40 % lost in bursts {metres('run-median bursts')}. Shares of "
+        f"followers lost: {lost('calm')}, {lost('5 s')}, {lost('10 s')}, {lost('loss')} and {lost('bursts')}.",
+        "Where to place stations: behind by at least the way of the longest gap between messages, for a nearer station "
+        "is extrapolated past a corner. With two transmitters some metres aside of the leader's axis: the worst "
+        f"follower was {metres('worst two')} off with stations on it, {metres('worst two aside')} without, and with "
+        f"three transmitters {metres('worst calm')}.",
+        f"How far apart: by the largest distance, not by the median. It was {metres('max calm')} in calm water and "
+        f"{metres('max current')} in a current of up to 0.5 m/s; the nearest two vehicles came within "
+        f"{metres('closest calm')} and {metres('closest current')} of each other horizontally. Where messages are rare "
+        f"or lost, only layers of their own keep followers apart: they came within {metres('closest bursts')} with "
+        "40 % lost in bursts.",
+        f"By what to navigate: lost were {lost('laisn-2')} of the followers with LAISN-2, {lost('laisn-3-1')} with "
+        f"LAISN-3(1), {lost('laisn-3-2')} with LAISN-3(2), and {lost('calm')} with the tightly coupled navigator.",
+        f"What is left without errors: {metres('run-median truth')} for the median follower that steers by the truth, "
+        f"and {metres('max truth')} at most.",
+        "How many followers: they never transmit, so that the channel carries the same for one and for fifty.",
+    ]
+
+
+def write_page(findings: Findings, path: Path, *, quick: bool = False) -> Path:
+    """Write the page of a record; returns its path.
+
+    Args:
+        findings: the study's record.
+        path: of the HTML file.
+        quick: say that too little was flown to go by.
+
+    Raises:
+        LaisnError: the record lacks a condition.
+        OSError: the file cannot be written.
+    """
+    figure, legend = picture(findings)
+    runs = findings["runs"].value
+    table = Table(
+        heads=_HEADS,
+        rows=[_row(findings, condition.name, condition.title) for condition in CONDITIONS],
+        groups=_GROUPS,
+        caption=_CAPTION,
+    )
+    page = Page(
+        title="Formation",
+        summary="How well ten followers keep their stations on what they hear."
+        + (" A first look: too few and too short runs to go by, without a turn." if quick else ""),
+        facts=[
+            ("Runs of each condition", str(runs)),
+            ("Version", findings.version),
+            ("Repeat with", "laisn formation --quick" if quick else f"laisn formation --runs {runs}"),
+        ],
+        sections=[
+            Section(title="All conditions", blocks=[
+                Text(text=_ABOUT),
+                Figures(panels=[svg(figure, "stations", "Distance from the station in all conditions")],
+                        caption="Distance from the station, on a logarithmic axis.",
+                        legend=[(colour.variable, text) for colour, text in legend]),
+                table]),
+            Section(title="For planners", blocks=[Text(text=rule) for rule in _rules(findings)]),
+        ],
+    )  # fmt: skip
+    write(page, path)
+    return path

@@ -1,0 +1,106 @@
+"""The page of the study of formations: what was put into the record stands in its rows, and nothing is made up."""
+
+import re
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from experiments.command.cli import app
+from experiments.findings import Findings
+from experiments.formation import report, study
+from experiments.formation.conditions import CONDITIONS
+from experiments.formation.study import Run, findings_of
+
+
+def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> Run:
+    """Ten followers, the first `lost` of them lost; distances from 1 to 1.9 times `rms`."""
+    each = rms * np.linspace(1.0, 1.9, 10)
+    return Run(
+        rms=each,
+        p95=2 * each,
+        largest=5 * each,
+        turn=np.full(10, turn),
+        leg=each / 2,
+        lost=(np.arange(10) < lost).astype(float),
+        error=np.full(10, 0.25),
+        closest=7.5 + rms,
+        power=8.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def findings() -> Findings:
+    """Of each condition two runs alike; condition i has distances of i + 1 metres, the third lost followers."""
+    found = {c.name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, c in enumerate(CONDITIONS)}
+    found[CONDITIONS[4].name] = [run_of(5.0, turn=0.0)] * 2
+    return findings_of(found)
+
+
+def rows(html: str) -> dict[str, list[str]]:
+    """Cells of the rows of a page's table, by the first of them."""
+    found = {}
+    for row in re.findall(r"<tr>(.*?)</tr>", html, flags=re.DOTALL):
+        cells = [unescape(re.sub(r"<.*?>", "", cell)).strip() for cell in re.findall(r"<td.*?</td>", row, re.DOTALL)]
+        if cells:
+            found[cells[0]] = cells[1:]
+    return found
+
+
+def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: Path) -> None:
+    html = report.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
+    found = rows(html)
+    assert list(found) == [condition.title for condition in CONDITIONS]
+    # distances of 3 m: the median of ten from 3.0 to 5.7 m, the worst, twice and five times as much, half as much
+    median, worst, p95, largest, leg, turn, error, lost, share, closest, power = found[CONDITIONS[2].title]
+    assert median.startswith("4.35")
+    assert (worst, p95, largest, leg, turn) == ("5.70", "8.70", "28.50", "2.17", "3.00")
+    assert error.startswith("0.25")
+    # six of twenty: Clopper and Pearson give 11.9 … 54.3 %
+    assert (lost, share) == ("6 of 20", "30.0 (11.9 … 54.3)")
+    assert (closest, power.split()[0]) == ("10.5", "8.0")
+    assert found[CONDITIONS[4].title][5] == "–", "no turn, no distance in it"
+
+
+def test_a_first_look_says_so(findings: Findings, tmp_path: Path) -> None:
+    whole = report.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
+    quick = report.write_page(findings, tmp_path / "quick.html", quick=True).read_text(encoding="utf-8")
+    assert "A first look" in quick
+    assert "laisn formation --quick" in quick
+    assert "A first look" not in whole
+    assert "laisn formation --runs 2" in whole
+
+
+def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings) -> None:
+    figure, legend = report.picture(findings)
+    (axes,) = figure.axes
+    marks = {str(line.get_marker()): line for line in axes.lines if line.get_marker() not in ("None", "")}
+    assert len(legend) == len(marks) == 3
+    # the first condition at the top, and the worst follower 1.9 times as far off as the nearest
+    expected = 1.9 * np.arange(1.0, len(CONDITIONS) + 1)
+    np.testing.assert_allclose(np.asarray(marks["D"].get_xdata(), dtype=float), expected, rtol=1e-5)
+    assert np.all(np.diff(np.asarray(marks["D"].get_ydata(), dtype=float)) == -1)
+    names = dict(zip(axes.get_yticks(), [label.get_text() for label in axes.get_yticklabels()], strict=True))
+    assert names[len(CONDITIONS) - 1] == CONDITIONS[0].title
+
+
+def test_the_command_flies_what_it_is_told_and_names_the_page(
+    findings: Findings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def flown(folder: Path, runs: int, duration_s: float) -> None:
+        asked.append((runs, duration_s))
+        folder.mkdir(parents=True, exist_ok=True)
+        findings.write(folder / "results.json")
+
+    monkeypatch.setattr(study, "run", flown)
+    for told, expected in (([], (12, 1000.0)), (["--quick"], (2, 100.0)), (["--runs", "60"], (60, 1000.0))):
+        folder = tmp_path / str(len(asked))
+        answer = CliRunner().invoke(app, ["formation", *told, "--out", str(folder)])
+        assert answer.exit_code == 0, answer.output
+        assert asked[-1] == expected
+        assert (folder / "report.html").is_file()
+        assert "report in" in answer.output
