@@ -10,7 +10,9 @@ from experiments.command.options import OutOption
 
 def formation(
     quick: Annotated[bool, typer.Option("--quick", help="two runs of 100 s, a first look")] = False,
-    runs: Annotated[int | None, typer.Option(min=1, max=10_000, help="runs of each condition (default: 12)")] = None,
+    runs: Annotated[
+        int | None, typer.Option(min=1, max=10_000, help="runs of each condition, in place of the study's own number")
+    ] = None,
     out: OutOption = None,
 ) -> None:
     """Fly ten followers in formation through currents, waves, losses and navigators."""

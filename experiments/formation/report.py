@@ -25,9 +25,9 @@ _CAPTION = (
 _ABOUT = (
     "A leader swims an L at 1 m/s and broadcasts where it is. Ten followers keep stations in its trail: six on the "
     "wings, to 30 m aside, and four astern, to 40 m behind. None knows the route; each steers by its log, compass, "
-    "gyros and pressure sensor, the messages, and the ranges measured on them. Where a title does not say otherwise: the "
-    "tightly coupled navigator, three transmitters, messages every second, calm water. A follower is lost if it was "
-    "ever more than 10 m off its station after it had joined it, or never joined it."
+    "gyros and pressure sensor, the messages, and the ranges measured on them. Where a title does not say otherwise: "
+    "the tightly coupled navigator, three transmitters, messages every second, calm water. A follower is lost if it "
+    "was ever more than 10 m off its station after it had joined it, or never joined it."
 )
 _NAMES_INCH = 3.4
 """Room for the names of conditions beside the figure [inch]."""

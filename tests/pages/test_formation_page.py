@@ -97,7 +97,7 @@ def test_the_command_flies_what_it_is_told_and_names_the_page(
         findings.write(folder / "results.json")
 
     monkeypatch.setattr(study, "run", flown)
-    for told, expected in (([], (12, 1000.0)), (["--quick"], (2, 100.0)), (["--runs", "60"], (60, 1000.0))):
+    for told, expected in (([], (study.RUNS, 1000.0)), (["--quick"], (2, 100.0)), (["--runs", "7"], (7, 1000.0))):
         folder = tmp_path / str(len(asked))
         answer = CliRunner().invoke(app, ["formation", *told, "--out", str(folder)])
         assert answer.exit_code == 0, answer.output
