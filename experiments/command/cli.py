@@ -148,18 +148,26 @@ def replay(
         float,
         typer.Option(min=0.0, help="with --scenario: bridge gaps between own measurements of up to so many seconds"),
     ] = 10.0,
+    smooth: Annotated[
+        float | None,
+        typer.Option(min=0.0, metavar="SECONDS", help="tight: use messages of up to so many seconds later, too"),
+    ] = None,
 ) -> None:
     """Navigate once more on the measurements of a log, with another variant or other settings."""
     from experiments.command import datasets, replaying
     from sim.datasets.log import is_data_set
 
     if scenario is None and is_data_set(log):
+        if smooth is not None:
+            from laisn.failure import LaisnError
+
+            raise LaisnError(f"--smooth with {log}: a data set's navigator among beacons cannot be smoothed")
         datasets.replay_data_set(log, variant or "laisn-2", set_ or (), out, longest_gap)
     elif scenario is None:
-        replaying.replay(log, variant or "laisn-2", set_ or (), out)
+        replaying.replay(log, variant or "laisn-2", set_ or (), out, smooth)
     else:
         chosen = [f"navigation.variant={variant}"] if variant else []
-        replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out, longest_gap)
+        replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out, longest_gap, smooth)
 
 
 @app.command()

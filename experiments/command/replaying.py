@@ -24,43 +24,57 @@ def require_own_file(out: Path | None, suffix: str, source: Path) -> None:
         raise LaisnError(f"--out {out}: is the log that is read; give the new one another name")
 
 
-def replay(path: Path, variant: str, assignments: Iterable[str], out: Path | None) -> None:
+def replay(
+    path: Path, variant: str, assignments: Iterable[str], out: Path | None, smooth_s: float | None = None
+) -> None:
     """Navigate on the measurements of a log and print errors beside those of the log.
 
     Args:
         path: log of a flight.
         variant: which LAISN, or "tight".
         assignments: overrides of the scenario's navigation, `navigation.key=value`.
-        out: log for the new estimates; None: none.
+        out: log for the new estimates, smoothed if they are; None: none.
+        smooth_s: smooth with messages of up to so much later [s], and print what that changes; None: not.
 
     Raises:
         LogError: the log cannot be read.
-        LaisnError: the new log would replace the one that is read, or its name does not end in .mcap.
+        LaisnError: the new log would replace the one that is read, or its name does not end in .mcap; or the variant
+            cannot be smoothed.
         ScenarioError: variant or overrides are at fault, or touch more than navigation.
     """
     from experiments.command.fly import show
+    from experiments.command.smoothing import show_smoothing, smoothing_factory
     from experiments.flight.fly import navigate_again
     from experiments.flight.summary import position_and_bearing_errors, summarise
     from sim.log import reader, writer
 
     require_own_file(out, ".mcap", path)
+    smoothing = smoothing_factory(smooth_s)
     flown = reader.read(path)
     changes = values_of([f"navigation.variant={variant}", *assignments])
     again = navigate_again(flown, changes)
+    smoothed = again if smoothing is None else navigate_again(flown, changes, smoothing)
     console = Console()
     for title, flight in ((f"as flown, {flown.scenario.navigation.variant}", flown), (f"replayed, {variant}", again)):
         console.print(literal(title, "bold"))
         show(console, flight, summarise(flight, position_and_bearing_errors(flight)))
+    if smooth_s is not None:
+        show_smoothing(console, again, smoothed, smooth_s)
     if out is not None:
         import json
 
-        errors = position_and_bearing_errors(again)
-        writer.write(again, out, summary=json.dumps(summarise(again, errors), indent=2) + "\n", errors=errors)
+        errors = position_and_bearing_errors(smoothed)
+        writer.write(smoothed, out, summary=json.dumps(summarise(smoothed, errors), indent=2) + "\n", errors=errors)
         tell(console, f"log in {out}")
 
 
 def replay_measurements(
-    path: Path, source: str, assignments: Iterable[str], out: Path | None, longest_gap_s: float
+    path: Path,
+    source: str,
+    assignments: Iterable[str],
+    out: Path | None,
+    longest_gap_s: float,
+    smooth_s: float | None = None,
 ) -> None:
     """Navigate on the measurements of a real vehicle's log and print where that ends; nothing is known of the truth.
 
@@ -73,13 +87,15 @@ def replay_measurements(
         assignments: overrides of the scenario.
         out: CSV file for the estimates (x, y, vx, vy after each step); None: none.
         longest_gap_s: between own measurements [s].
+        smooth_s: smooth with messages of up to so much later [s]; None: not.
 
     Raises:
         LogError: the log cannot be read, has too long a gap or lacks a channel.
         ScenarioError: the scenario is at fault.
-        LaisnError: the name of the file for the estimates does not end in .csv.
+        LaisnError: the name of the file for the estimates does not end in .csv, or the variant cannot be smoothed.
     """
     from experiments.campaign.store import write_csv
+    from experiments.command.smoothing import smoothing_factory
     from experiments.flight.library import load_flyable
     from laisn.estimates import FixKind
     from laisn.navigators import new_navigator
@@ -91,6 +107,7 @@ def replay_measurements(
 
     require_own_file(out, ".csv", path)
     scenario = load_flyable(source, assignments)
+    make = smoothing_factory(smooth_s) or new_navigator
     # the starts alone are wanted of the routes
     begin = simulate_motion(
         scenario.model_copy(update={"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s})
@@ -108,7 +125,7 @@ def replay_measurements(
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
         if isinstance(settings, NavigationSettings):
             settings = replace(settings, use_single_range=single)
-        estimates = new_navigator(settings, start_of(begin, i)).run(measured)
+        estimates = make(settings, start_of(begin, i)).run(measured)
         kinds = [FixKind(kind) for kind in estimates.fix_kind.tolist()]
         counts = ", ".join(f"{kinds.count(k)} {k.name.lower().replace('_', ' ')}" for k in FixKind if k in kinds)
         last = estimates.state[-1]

@@ -80,6 +80,35 @@ def test_replay_gives_the_logged_estimates_again(flown: Path) -> None:
     assert (first.estimates[0].state == again.estimates[0].state).all()
 
 
+def test_a_replay_smooths_after_the_fact(flown: Path) -> None:
+    """Until the last message the estimates are others; after it there is nothing to smooth with."""
+    log, files = str(flown / "first/flight.mcap"), [flown / "filtered.mcap", flown / "smoothed.mcap"]
+    tight = ["replay", log, "--variant", "tight", "--out"]
+    outputs = []
+    for file, smooth in zip(files, ([], ["--smooth", "60"]), strict=True):
+        result = CliRunner().invoke(app, [*tight, str(file), *smooth])
+        assert result.exit_code == 0, result.stderr
+        outputs.append(result.stdout)
+    title = "smoothed with messages of up to 60 s later"
+    assert title not in outputs[0]
+    filtered, smoothed = (reader.read(file).estimates[0] for file in files)
+    truth = reader.read(files[0]).hydrophone(0)[:, :2]
+    table = outputs[1][outputs[1].index(title) :]
+    for estimates in (filtered, smoothed):
+        rms = np.sqrt(np.mean(np.sum((estimates.state[:, :2] - truth) ** 2, axis=1)))
+        assert f"{rms:.3f} m" in table
+    differs = (filtered.state != smoothed.state).any(axis=1)
+    last = filtered.fix_step[-1]
+    assert differs[: last - 1].all()
+    assert not differs[last - 1 :].any()
+
+
+def test_only_the_tightly_coupled_navigator_is_smoothed(flown: Path) -> None:
+    result = CliRunner().invoke(app, ["replay", str(flown / "first/flight.mcap"), "--smooth", "60"])
+    assert result.exit_code != 0
+    assert "add --variant tight" in result.stderr
+
+
 def test_a_vehicle_that_sinks_through_the_floor_is_told(tmp_path: Path) -> None:
     sunk = ["--set", "leader.excess_buoyancy_n=-100", "--set", "leader.cg_offset_x_m=0.2"]
     shallow = ["--set", "ocean.floor_depth_m=12", *sunk]

@@ -1,0 +1,251 @@
+"""Positions after the fact: each one smoothed with the messages of some time after it.
+
+The filter's beliefs from message to message are a chain of Gaussians. What a message taught is carried back along it
+by regression of each belief on the next one (Rauch, Tung & Striebel 1965; Särkkä, Bayesian Filtering and Smoothing,
+2013), written as a sum over the messages of a window. A mixture enters as one Gaussian with its mean and covariance.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats, Ints
+from laisn.compiled import compiled
+from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.tight.belief import Belief
+from laisn.tight.estimates import TightEstimates
+
+# a helper of the filter, so that what it does to a covariance stands once
+from laisn.tight.estimator import _loosen
+from laisn.tight.model import Model
+from laisn.tight.modes import mix_modes
+from laisn.tight.navigator import TightNavigator, Update
+from laisn.tight.own_motion import moments, move
+from laisn.tight.ranging import Heard
+from laisn.tight.settings import TightSettings
+from laisn.tight.states import COMPASS, LOG
+
+_SUMS = ("ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time")
+"""Fields of a belief's motion that add up from one message to the next."""
+_SAME_TIME = 5e-4
+"""A message that is later than the lag by less than this is within it: times are sums [s]."""
+_SINGULAR = 1e-13
+"""Eigenvalues of a correlation matrix below this are rounding errors: such directions are known exactly."""
+
+
+class Chain(NamedTuple):
+    """Beliefs x of s states after each of m messages, or at a known start, each foretold by the one before it.
+
+    What is foretold of the first, and how the last one varies with a next, is never read.
+    """
+
+    mean: Floats
+    """After the message, shape (m, s)."""
+    covariance: Floats
+    """Of the same, shape (m, s, s)."""
+    foretold: Floats
+    """Mean just before the message, shape (m, s)."""
+    foretold_covariance: Floats
+    """Of the same, shape (m, s, s)."""
+    onward: Floats
+    """Covariance of x after this message with x just before the next one, shape (m, s, s)."""
+
+
+class Smoothed(NamedTuple):
+    """Quantities given messages before and after them."""
+
+    mean: Floats
+    covariance: Floats
+
+
+def _inverse(covariance: Floats) -> Floats:
+    """Inverses of covariances, shape (m, s, s); zero in directions that are known exactly."""
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    per_sigma = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
+    scale = per_sigma[:, :, None] * per_sigma[:, None, :]
+    return np.asarray(scale * np.linalg.pinv(scale * covariance, rcond=_SINGULAR, hermitian=True))
+
+
+def smooth(chain: Chain, latest: Ints, last: Ints, filtered: tuple[Floats, Floats], onward: Floats) -> Smoothed:
+    """Smooth n quantities y, each of r numbers, with what later messages taught.
+
+    Args:
+        chain: beliefs, of m messages.
+        latest: index of the last message at or before y, shape (n,).
+        last: index of the last message to use, shape (n,); y stays as it is where that is no later one.
+        filtered: mean and covariance of y given the messages so far, shapes (n, r) and (n, r, r).
+        onward: covariance of y with x just before the next message, shape (n, r, s); read only where that is used.
+
+    Returns:
+        Mean and covariance, in the shapes of `filtered`.
+    """
+    mean, covariance = filtered[0].copy(), filtered[1].copy()
+    inverse = _inverse(chain.foretold_covariance)
+    gain = chain.onward[:-1] @ inverse[1:]
+    taught, narrowed = chain.mean - chain.foretold, chain.covariance - chain.foretold_covariance
+    which = np.flatnonzero(last > latest)
+    message = latest[which] + 1
+    back = onward[which] @ inverse[message]
+    while which.size:
+        mean[which] += np.einsum("nrs,ns->nr", back, taught[message])
+        covariance[which] += back @ narrowed[message] @ back.swapaxes(1, 2)
+        more = last[which] > message
+        which, message, back = which[more], message[more], back[more]
+        back = back @ gain[message]
+        message = message + 1
+    return Smoothed(mean, covariance)
+
+
+@compiled
+def _move_all(b: Belief, m: Model, count: int, log_bias: float, compass_bias: float) -> None:
+    """Move the first components by the way in `b.motion`, linearised at some biases."""
+    for k in range(count):
+        move(b, m, k, log_bias, compass_bias)
+
+
+def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
+    """Mean and covariance of a belief's mixture, shapes (s,) and (s, s)."""
+    count, n = int(b.alive) * m.modes, m.size
+    weight, states = b.weight[:count], b.state[:count, :n]
+    mean = weight @ states
+    off = states - mean
+    return mean, np.einsum("k,kij->ij", weight, b.covariance[:count, :n, :n] + off[:, :, None] * off[:, None, :])
+
+
+class _Leg:
+    """The way from one message to the next, linearised at the biases that the next one leaves."""
+
+    def __init__(self, before: Belief, heard: Heard, m: Model, biases: tuple[float, float]) -> None:
+        """Take the belief just before a message, which is used up, and the message."""
+        self._m, self._b, self._biases = m, before, biases
+        self.mean, self.covariance = _merged(before, m)
+        self._whole = before.motion.copy()
+        mix_modes(before, m)
+        modes = before.weight[: int(before.alive) * m.modes].reshape(-1, m.modes).sum(axis=0)
+        self._modes = modes / modes.sum()
+        before.alive = 1
+        before.weight[: m.modes] = self._modes
+        self.onward = self.covariance @ self._matrix().T
+        self._begin()
+        if m.deviation > 0.0:
+            _loosen(before, m, heard)
+        self.foretold, self.foretold_covariance = self._moved()
+
+    def _begin(self) -> None:
+        """Put the merged Gaussian back to the beginning of the way."""
+        n, modes = self._m.size, self._m.modes
+        self._b.state[:modes, :n], self._b.covariance[:modes, :n, :n] = self.mean, self.covariance
+
+    def _moved(self) -> tuple[Floats, Floats]:
+        """Mean and covariance after the way in the belief's motion."""
+        n, modes = self._m.size, self._m.modes
+        _move_all(self._b, self._m, modes, *self._biases)
+        return self._b.state[0, :n].copy(), np.einsum("k,kij->ij", self._modes, self._b.covariance[:modes, :n, :n])
+
+    def _matrix(self) -> Floats:
+        """F of the way in the belief's motion: a move is affine in the state, and this what it does to unit vectors."""
+        b, n = self._b, self._m.size
+        b.state[: n + 1, :n] = np.eye(n + 1, n)
+        _move_all(b, self._m, n + 1, *self._biases)
+        return np.array((b.state[:n, :n] - b.state[n, :n]).T)
+
+    def at(self, motion: Belief) -> tuple[Floats, Floats, Floats]:
+        """Where the way so far is `motion`: mean and covariance of x, y, vx, vy, and theirs with the state at the end.
+
+        Shapes (4,), (4, 4) and (4, s). Mean and covariance are the filter's but for the biases at which they are
+        linearised: those that the end is linearised at. Otherwise a difference of the two could be negative.
+        """
+        b, m = self._b, self._m
+        for name in _SUMS:
+            setattr(b.motion, name, getattr(self._whole, name) - getattr(motion, name))
+        rest = self._matrix()
+        b.motion = motion
+        self._begin()
+        moments(b, m)
+        rows, mean, covariance = b.rows[:, : m.size].copy(), b.now.copy(), b.now_covariance.copy()
+        reading = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
+        # the position is two of the states that have come so far; velocities depend on those that stay as they are
+        rows[:2] = np.eye(2, m.size)
+        moved, spread = self._moved()
+        mean[:2], covariance = moved[:2], rows @ spread @ rows.T
+        covariance[2:, 2:] += reading
+        return mean, covariance, rows @ spread @ rest.T
+
+
+class SmoothingNavigator(TightNavigator):
+    """The tightly coupled navigator after the fact: `run` gives what messages up to a lag later say, too."""
+
+    def __init__(self, settings: TightSettings, start: Floats | None, lag: float) -> None:
+        """Start at a known state, or anywhere.
+
+        Args:
+            settings: as of `TightNavigator`.
+            start: likewise.
+            lag: how much later than a position the messages may be that it rests on [s].
+
+        Raises:
+            ValueError: the start is not four finite numbers, or the lag is not finite, zero or more.
+        """
+        if not 0.0 <= lag < np.inf:
+            raise ValueError(f"lag is {lag} s, expected a finite time, zero or more")
+        super().__init__(settings, start)
+        self._lag = lag
+        self._motions: list[Belief] = []
+        self._latest: list[int] = []
+        self._steps = [0] if self._belief.alive else []
+        self._before: list[tuple[Belief, Heard]] = []
+
+    def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
+        """Advance by one filter step, as `TightNavigator.step`."""
+        updates = super().step(own, reception, duration)
+        self._motions.append(self._belief.motion.copy())
+        self._latest.append(len(self._steps) - 1)
+        return updates
+
+    def _receive(self, own: OwnMotion, reception: Reception) -> Update:
+        before = self._belief.copy()
+        update = super()._receive(own, reception)
+        # the way begins anew after a message that was used
+        if self._belief.motion.time == 0.0:
+            self._steps.append(self._step)
+            if before.alive:
+                self._before.append((before, self._heard.copy()))
+        return update
+
+    def run(self, measurements: Measurements) -> TightEstimates:
+        """Smoothed states and covariances of a whole mission; all else is the filter's. Errors: `TightNavigator.run`.
+
+        Steps before the first estimate of an unknown start stay NaN.
+        """
+        estimates = super().run(measurements)
+        if not self._before:
+            return estimates
+        legs, chain = self._chain()
+        times = np.concatenate([[0.0], measurements.time])
+        latest = np.array(self._latest)
+        last = np.searchsorted(times[self._steps], measurements.time + self._lag + _SAME_TIME, side="right") - 1
+        mean, covariance = estimates.state.copy(), estimates.covariance.copy()
+        onward = np.zeros((latest.size, 4, self._model.size))
+        last[latest < 0] = latest[latest < 0]
+        for i in np.flatnonzero(last > latest).tolist():
+            mean[i], covariance[i], onward[i] = legs[latest[i]].at(self._motions[i])
+        state, spread = smooth(chain, latest, last, (mean, covariance), onward)
+        return replace(estimates, state=state, covariance=spread)
+
+    def _chain(self) -> tuple[list[_Leg], Chain]:
+        """Ways between the messages, and the beliefs after them."""
+        mean, covariance = _merged(self._belief, self._model)
+        nothing = np.zeros_like(covariance)
+        beliefs, foretold, onward, legs = [(mean, covariance)], [], [nothing], []
+        # from the end: a way is linearised at the biases that stand at its end
+        for before, heard in reversed(self._before):
+            leg = _Leg(before, heard, self._model, (float(mean[LOG]), float(mean[COMPASS])))
+            mean = leg.mean
+            beliefs.append((leg.mean, leg.covariance))
+            foretold.append((leg.foretold, leg.foretold_covariance))
+            onward.append(leg.onward)
+            legs.append(leg)
+        foretold.append(beliefs[-1])
+        parts = (*zip(*beliefs, strict=True), *zip(*foretold, strict=True), onward)
+        return legs[::-1], Chain(*(np.array(part[::-1]) for part in parts))
