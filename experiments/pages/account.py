@@ -11,6 +11,7 @@ from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
 from laisn.metrics import longest_capture, nees
 from sim.flight import Flight
+from sim.station_keeping import closest_approaches, off_station, station_keeping
 
 SIDE_M = 1.0
 """A side is wrong where estimate and truth are at least so far from the leader's axis, on opposite sides of it [m]."""
@@ -159,6 +160,37 @@ def _trust(one: Seen) -> str:
     )
 
 
+def _stations(flight: Flight) -> list[str]:
+    """How stations were kept, and how near vehicles came to each other; nothing where followers keep to routes."""
+    truth = flight.trajectory
+    off = off_station(flight.scenario, truth)
+    kept = {
+        truth.names[i + 1]: station_keeping(off[:, i], truth.time)
+        for i, follower in enumerate(flight.scenario.followers)
+        if follower.station
+    }
+    if not kept:
+        return []
+    rms = {name: keeping.station_rms_m for name, keeping in kept.items()}
+    best, worst = min(rms, key=rms.__getitem__), max(rms, key=rms.__getitem__)
+    lost = [name for name, keeping in kept.items() if keeping.lost]
+    if len(kept) > 1:
+        size = (
+            f"Of {len(kept)} followers {best} kept its station best, {_metres(rms[best])} off (RMS), and {worst} "
+            f"worst, {_metres(rms[worst])} off; {_joined(lost) if lost else 'none'} got lost."
+        )
+    else:
+        size = f"{best} was {_metres(rms[best])} off its station (RMS), and {'got' if lost else 'did not get'} lost."
+        size = size[0].upper() + size[1:]
+    space, level = closest_approaches(truth)
+    return [
+        size,
+        f"Of all vehicles {_joined(space.pair)} came nearest to each other, to {_metres(space.distance_m)} at "
+        f"{space.time_s:.0f} s.",
+        f"Horizontally {_joined(level.pair)} did, to {_metres(level.distance_m)} at {level.time_s:.0f} s.",
+    ]
+
+
 def _cause(anatomies: Sequence[Anatomy]) -> list[str]:
     apart = np.concatenate([anatomy.asymmetry for anatomy in anatomies])
     there = apart[np.isfinite(apart).all(axis=1)]
@@ -176,7 +208,7 @@ def _cause(anatomies: Sequence[Anatomy]) -> list[str]:
 
 
 def sentences(flight: Flight) -> list[str]:
-    """What a reader should know first: size of the errors, geometry, fixes, side, the filter's trust, and their cause.
+    """What a reader should know first: size and cause of errors, stations, geometry, fixes, side, the filter's trust.
 
     Several followers are spoken of together. A flight whose estimates left finite numbers is not spoken of.
     """
@@ -188,6 +220,7 @@ def sentences(flight: Flight) -> list[str]:
     several = len(all_seen) > 1
     told = [
         _size(all_seen),
+        *_stations(flight),
         _geometry(together, several),
         _fixes(together),
         _side(together, several),

@@ -10,6 +10,7 @@ from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER,
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.flight import Flight
+from sim.station_keeping import LOST_M, off_station
 
 SIGMAS = 2.0
 """Standard deviations of the filter's own uncertainty that are drawn."""
@@ -137,6 +138,23 @@ def difference(flight: Flight, follower: int) -> Figure:
         lines, x_label="east [m]", y_label="north [m]", title="Estimate less truth", equal=True, width=MAP_WIDTH,
         height=ROW_HEIGHT,
     )  # fmt: skip
+
+
+def station_errors(flight: Flight, followers: Sequence[int]) -> list[Figure]:
+    """Distance from the station over time, a panel for each of some followers on stations, all to one scale.
+
+    A panel ends where a follower would be lost; of one that was, the line leaves it.
+    """
+    truth = flight.trajectory
+    off = off_station(flight.scenario, truth)[:, list(followers)]
+    top = max(min(1.1 * float(np.nanmax(off, initial=0.0)), LOST_M), 1e-3)
+    return [
+        panel(
+            [Line(x=truth.time, y=column, colour=FOLLOWER, width=1.2)],
+            x_label="time [s]", y_label="off station [m]", title=truth.names[i + 1], y_limits=(0.0, top), height=1.9,
+        )
+        for i, column in zip(followers, off.T, strict=True)
+    ]  # fmt: skip
 
 
 def motion(flight: Flight) -> list[tuple[str, Figure]]:

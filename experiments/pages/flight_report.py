@@ -77,6 +77,20 @@ def _errors(flight: Flight, errors: Errors) -> Section:
     return Section(title="Errors", blocks=[Text(text=about + _all_drawn(flight)), *rows])
 
 
+def _stations(flight: Flight) -> list[Section]:
+    """Distances from stations over time; nothing where all followers keep to routes."""
+    on_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
+    if not on_station:
+        return []
+    figures = flight_figures.station_errors(flight, on_station)
+    panels = [
+        svg(figure, f"station{i}", f"Distance from the station over time: {flight.trajectory.names[i + 1]}")
+        for i, figure in zip(on_station, figures, strict=True)
+    ]
+    caption = "Horizontal distance of the hydrophone from the station, a place in the leader's true trail."
+    return [Section(title="Stations", blocks=[Figures(panels=panels, caption=caption + _all_drawn(flight))])]
+
+
 def _motion(flight: Flight) -> Section:
     panels = [
         svg(figure, f"motion-{title.lower()}", f"{title} of all vehicles over time")
@@ -109,22 +123,28 @@ def _results(summary: Mapping[str, Any]) -> Table:
     """Errors of every follower, how far it was off its place, and how often each kind of fix occurred."""
     rows = summary["followers"]
     kinds = [k for k in FixKind if any(row.get("fixes", {}).get(k.name.lower(), 0) for row in rows.values())]
+    on_station = any("station_rms_m" in row for row in rows.values())
     heads = ["follower", "E_P max [m]", "mean", "σ", "E_B max [°]", "mean", "σ", "rms [m]"]
+    heads += ["rms [m]", "95 %", "max", "joined [s]", ""] if on_station else []
     table = []
     for name, row in rows.items():
         cells: list[Cell] = [words(name)]
         cells += [number(row.get(f"e_p_{what}_m")) for what in ("max", "mean", "std")]
         cells += [number(row.get(f"e_b_{what}_deg")) for what in ("max", "mean", "std")]
         cells.append(number(row.get("off_place_rms_m")))
+        if on_station:
+            cells += [number(row.get(f"station_{what}_m")) for what in ("rms", "p95", "max")]
+            cells += [number(row.get("joined_s"), 0), words("lost" if row.get("lost") else "")]
         cells += [number(int(row.get("fixes", {}).get(kind.name.lower(), 0))) for kind in kinds]
         table.append(cells)
     groups = [("", 1), ("position error", 3), ("bearing error", 3), ("off its place", 1)]
+    groups += [("off its station, since it joined", 5)] if on_station else []
     return Table(
         heads=[*heads, *(flight_figures.FIX_WORDS[kind] for kind in kinds)],
         rows=table,
         groups=groups + ([("fixes", len(kinds))] if kinds else []),
-        caption="Errors of the estimate over all filter steps; how far the follower is from where its route has it; "
-        "kinds of fix.",
+        caption="Errors of the estimate over all filter steps; how far the follower is from where its route or "
+        f"station has it; {'since it joined, when it first was within 2 m of its station; ' * on_station}kinds of fix.",
     )
 
 
@@ -207,6 +227,7 @@ def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], pa
                 blocks=[*_troubles(flight, errors), *_said(flight), _results(summary), *films],
             ),
             *routes,
+            *_stations(flight),
             _errors(flight, errors),
             bound_panel.section(flight, errors, len(_drawn(flight))),
             _ranges(flight),

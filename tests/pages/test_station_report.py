@@ -1,0 +1,142 @@
+"""What a flight's report says of stations, against a flight for which the distances are known in closed form."""
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.pages import account, flight_figures
+from experiments.pages.flight_report import flight_report
+from laisn.arrays import Floats
+from sim.flight import Flight
+from sim.scenario.formation import Station
+from sim.scenario.settings import Follower
+from tests.synthetic import make_flight
+
+STATIONS = ((10.0, 10.0), (20.0, 12.0))
+"""Behind and depth of the two followers [m]; the leader swims at 1 m/s."""
+
+
+def kept(offs: tuple[Floats, Floats], seconds: float = 60.0) -> Flight:
+    """Two followers straight astern of a leader that swims north at 1 m/s, and so far east of their stations."""
+    flight = make_flight(seconds, 2)
+    truth = flight.trajectory
+    followers = tuple(
+        Follower(name=f"follower{i + 1}", station=Station(behind_m=behind, depth_m=depth))
+        for i, (behind, depth) in enumerate(STATIONS)
+    )
+    position, velocity = np.zeros_like(truth.position), np.zeros_like(truth.velocity)
+    position[..., 1], velocity[..., 1] = truth.time[:, None], 1.0
+    position[:, 0, 2] = -8.0
+    for i, ((behind, depth), off) in enumerate(zip(STATIONS, offs, strict=True)):
+        position[:, i + 1] += np.stack([off, np.full_like(off, -behind), np.full_like(off, -depth)], axis=-1)
+    level = np.zeros_like(truth.quaternion)
+    # body x to the north
+    level[..., 0] = level[..., 3] = np.sqrt(0.5)
+    moved = dataclasses.replace(
+        truth,
+        position=position,
+        velocity=velocity,
+        quaternion=level,
+        angular_velocity=np.zeros_like(truth.angular_velocity),
+        water_velocity=np.zeros_like(truth.water_velocity),
+    )
+    scenario = flight.scenario.model_copy(update={"followers": followers})
+    return dataclasses.replace(flight, scenario=scenario, trajectory=moved)
+
+
+def steady(first: float, second: float) -> tuple[Floats, Floats]:
+    n = make_flight(60.0, 2).trajectory.time.size
+    return np.full(n, first), np.full(n, second)
+
+
+def said(flight: Flight) -> str:
+    return " ".join(account.sentences(flight)).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def test_best_and_worst_keeper_and_the_nearest_pair_are_named() -> None:
+    """Followers 0.3 and 1.5 m aside: RMS the same; they are 10 m apart along, 1.2 m across, 2 m in depth."""
+    told = said(kept(steady(0.3, 1.5)))
+    assert "Of 2 followers follower1 kept its station best, 0.30 m off (RMS), and follower2 worst, 1.50 m off" in told
+    assert "none got lost." in told
+    # leader and first follower are 10 m apart along and 2 m in depth, too, but only 0.3 m across
+    space, level = np.sqrt(10.0**2 + 0.3**2 + 2.0**2), np.hypot(10.0, 0.3)
+    assert f"Of all vehicles leader and follower1 came nearest to each other, to {space:.1f} m" in told
+    assert f"Horizontally leader and follower1 did, to {level:.1f} m" in told
+
+
+def test_who_got_lost_is_named() -> None:
+    near, far = steady(0.3, 0.5)
+    far[far.size // 2 :] = 10.5
+    assert "follower2 got lost." in said(kept((near, far)))
+    far[far.size // 2 :] = 9.5
+    assert "none got lost." in said(kept((near, far)))
+
+
+def test_routes_are_not_spoken_of_as_stations() -> None:
+    told = said(make_flight(20.0, 2))
+    assert "station" not in told
+    assert "came nearest" not in told
+
+
+def test_panels_show_the_distance_over_time_to_one_scale() -> None:
+    near, far = steady(0.3, 0.5)
+    far[500:] = 2.0
+    flight = kept((near, far))
+    figures = flight_figures.station_errors(flight, [0, 1])
+    drawn = [np.asarray(figure.axes[0].lines[0].get_ydata(), dtype=float) for figure in figures]
+    np.testing.assert_allclose(drawn[0], 0.3, atol=1e-6)
+    assert drawn[1].max() == pytest.approx(2.0)
+    assert drawn[1][0] == pytest.approx(0.5)
+    for figure in figures:
+        assert figure.axes[0].get_ylim() == pytest.approx((0.0, 2.2))
+
+
+def test_who_is_lost_leaves_the_panel() -> None:
+    (figure, _) = flight_figures.station_errors(kept(steady(50.0, 0.5)), [0, 1])
+    assert figure.axes[0].get_ylim()[1] == 10.0
+
+
+def columns(html: str) -> list[str]:
+    """Heads of the first table, with the groups above them."""
+    (head, *_) = re.findall(r"<thead>(.*?)</thead>", html, flags=re.DOTALL)
+    return [re.sub(r"<.*?>", "", cell).strip() for cell in re.findall(r"<th.*?</th>", head, flags=re.DOTALL)]
+
+
+def test_the_report_has_columns_and_a_section_of_stations(tmp_path: Path) -> None:
+    flight = kept(steady(0.3, 1.5))
+    rows: dict[str, dict[str, Any]] = {
+        "follower1": {"station_rms_m": 0.31, "station_p95_m": 0.62, "station_max_m": 0.93, "joined_s": 4.0},
+        "follower2": {
+            "station_rms_m": 7.0,
+            "station_p95_m": 8.0,
+            "station_max_m": 11.0,
+            "joined_s": None,
+            "lost": True,
+        },
+    }
+    n = flight.measurements[0].speed.size
+    errors = [(np.zeros(n), np.zeros(n))] * 2
+    path = tmp_path / "report.html"
+    flight_report(flight, errors, {"followers": rows}, path, None)
+    html = path.read_text(encoding="utf-8")
+    assert "off its station, since it joined" in columns(html)
+    assert 'id="stations"' in html
+    text = re.sub(r"<[^>]*>|\s+", " ", html)
+    assert re.search(r"follower1 [– ]+0\.31 +0\.62 +0\.93 +4 ", text)
+    assert re.search(r"follower2 [– ]+7\.00 +8\.00 +11\.00 +– +lost", text)
+
+
+def test_the_report_of_routes_has_none(tmp_path: Path) -> None:
+    flight = make_flight(20.0, 2)
+    n = flight.measurements[0].speed.size
+    path = tmp_path / "report.html"
+    flight_report(
+        flight, [(np.zeros(n), np.zeros(n))] * 2, {"followers": {"follower1": {}, "follower2": {}}}, path, None
+    )
+    html = path.read_text(encoding="utf-8")
+    assert "off its station, since it joined" not in columns(html)
+    assert 'id="stations"' not in html
