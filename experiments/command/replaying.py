@@ -116,9 +116,10 @@ def replay_measurements(
     single = told.use_single_range or "use_single_range" not in told.model_fields_set
     rows: list[dict[str, str | float]] = []
     remarks: list[str] = []
-    table = Table(
-        *("follower", "steps", literal("Δt [s]"), "fixes", literal("x [m]"), literal("y [m]")), box=None, pad_edge=False
-    )
+    table = Table(box=None, pad_edge=False)
+    for head in ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]"):
+        # a unit in brackets would be read as markup
+        table.add_column(literal(head))
     for i, name in enumerate(begin.names[1:]):
         measured, found = reader.read_recording(path, name, longest_gap_s)
         remarks += found

@@ -194,6 +194,7 @@ def test_beacons_hundreds_of_metres_apart_place_the_vehicle(tmp_path: Path, vari
         found = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
         assert np.abs(found - place).max() < 1e-6
         assert "lost" not in output
+        assert all(head in output for head in ("Δt [s]", "x [m]", "y [m]"))
         assert float(rows[-1]["time_s"]) == pytest.approx(0.2 * 1000, abs=0.1)
 
 
