@@ -162,12 +162,13 @@ class Overlay:
         """Stations and the nearest pair; nothing where followers keep to routes."""
         if not self._stations:
             return []
-        stations = self._stations.at(moment.time)
+        stations, whole = self._stations.at(moment.time), box[2] == self.canvas.width
         found = marks.of_stations(stations, moment.hydrophone, lambda place: _metres_per_pixel(view, place))
         return [
             Stroke(pixels, (*mark.colour, mark.opacity), mark.width)
             for mark in (*found, *marks.between(marks.nearest(moment.position)))
-            for pixels, _, _ in self._pieces(view, box, mark.points, len(mark.points))
+            # an inset's edge cuts pieces, and a straight line alone is cut rightly
+            for pixels, _, _ in self._pieces(view, box, mark.points, 1 if whole else len(mark.points))
         ]
 
     def _trails(self, moment: Moment, view: View, box: Box) -> list[Stroke]:
