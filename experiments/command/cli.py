@@ -12,7 +12,8 @@ from experiments.command import studying
 from experiments.command.endings import run
 from experiments.command.errors import plain_errors
 from experiments.command.formation import formation
-from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption, folder_option
+from experiments.command.logs import log_app, say
+from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption
 
 app = typer.Typer(
     name="laisn",
@@ -39,16 +40,9 @@ def every_command(
     """Options of the command itself."""
 
 
-log_app = typer.Typer(help="Look into logs, export and mend them, and make them of data sets.", no_args_is_help=True)
 app.add_typer(log_app, name="log")
 
 ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
-
-
-def _say(text: object) -> None:
-    from sim.screen import plain
-
-    typer.echo(plain(text))
 
 
 @app.command()
@@ -96,7 +90,7 @@ def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
     from experiments.flight import library
 
     checked = library.load_flyable(scenario, set_ or ())
-    _say(f"{scenario}: fine ({checked.duration_s:g} s, {len(checked.followers)} follower(s))")
+    say(f"{scenario}: fine ({checked.duration_s:g} s, {len(checked.followers)} follower(s))")
 
 
 @app.command()
@@ -215,7 +209,7 @@ def reproduce(
         force=force,
         cluster=cluster,
     )
-    _say(f"report in {report}")
+    say(f"report in {report}")
 
 
 @app.command()
@@ -247,7 +241,7 @@ def asymmetry(
         force=force,
         film=asymmetry_film.film if wanted else None,
     )
-    _say(f"report in {report}")
+    say(f"report in {report}")
 
 
 @app.command()
@@ -261,7 +255,7 @@ def estimators(
     from experiments.estimators import study
 
     folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
-    _say(f"report in {study.run(folder, quick=quick, workers=workers)}")
+    say(f"report in {study.run(folder, quick=quick, workers=workers)}")
 
 
 app.command()(plain_errors(formation))
@@ -283,66 +277,6 @@ def bound(
 
 app.command()(plain_errors(studying.study))
 app.command()(plain_errors(studying.compare))
-
-
-LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
-
-
-@log_app.command("info")
-@plain_errors
-def log_info(log: LogArgument) -> None:
-    """Say what a log holds."""
-    from experiments.command import replaying
-
-    replaying.show_info(log)
-
-
-@log_app.command("export")
-@plain_errors
-def log_export(
-    log: LogArgument,
-    out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
-    format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
-    rerun: Annotated[
-        bool, typer.Option("--rerun", help="write one recording that Rerun draws in place of tables")
-    ] = False,
-) -> None:
-    """Write every channel of numbers as a table, or a flight as a recording for Rerun."""
-    from sim.log.export import export
-
-    if rerun:
-        from sim.log.reader import read
-        from sim.log.recording import write_recording
-
-        out.mkdir(parents=True, exist_ok=True)
-        _say(write_recording(read(log), out / f"{log.stem}.rrd"))
-        return
-    for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
-        _say(file)
-
-
-@log_app.command("import")
-@plain_errors
-def log_import(
-    source: Annotated[Path, typer.Argument(metavar="FILE", help="a factor graph (.pyfg), or NAME.mat or NAME_DR.txt")],
-    out: Annotated[Path, typer.Option(help="the log to write (.mcap)")],
-    beacons: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME", help="keep the ranges to these beacons (default: to all)")
-    ] = None,
-) -> None:
-    """Make a log of a data set: odometry and ranges to beacons, to replay navigation on."""
-    from experiments.command import datasets
-
-    datasets.import_data_set(source, out, beacons)
-
-
-@log_app.command("recover")
-@plain_errors
-def log_recover(log: LogArgument) -> None:
-    """Finish a log that a crash, a full disk or Ctrl-C left behind."""
-    from sim.log.recovery import recover
-
-    _say(recover(log, lambda remark: _say(f"note: {remark}")))
 
 
 def main() -> None:

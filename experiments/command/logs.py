@@ -1,0 +1,78 @@
+"""`laisn log`: what a log holds, its tables, logs of data sets, and logs that were left unfinished."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.command.errors import plain_errors
+from experiments.command.options import folder_option
+
+log_app = typer.Typer(help="Look into logs, export and mend them, and make them of data sets.", no_args_is_help=True)
+
+
+def say(text: object) -> None:
+    """Print a line of text from a file or a user without control characters."""
+    from sim.screen import plain
+
+    typer.echo(plain(text))
+
+
+LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
+
+
+@log_app.command("info")
+@plain_errors
+def log_info(log: LogArgument) -> None:
+    """Say what a log holds."""
+    from experiments.command import replaying
+
+    replaying.show_info(log)
+
+
+@log_app.command("export")
+@plain_errors
+def log_export(
+    log: LogArgument,
+    out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
+    format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="write one recording that Rerun draws in place of tables")
+    ] = False,
+) -> None:
+    """Write every channel of numbers as a table, or a flight as a recording for Rerun."""
+    from sim.log.export import export
+
+    if rerun:
+        from sim.log.reader import read
+        from sim.log.recording import write_recording
+
+        out.mkdir(parents=True, exist_ok=True)
+        say(write_recording(read(log), out / f"{log.stem}.rrd"))
+        return
+    for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
+        say(file)
+
+
+@log_app.command("import")
+@plain_errors
+def log_import(
+    source: Annotated[Path, typer.Argument(metavar="FILE", help="a factor graph (.pyfg), or NAME.mat or NAME_DR.txt")],
+    out: Annotated[Path, typer.Option(help="the log to write (.mcap)")],
+    beacons: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME", help="keep the ranges to these beacons (default: to all)")
+    ] = None,
+) -> None:
+    """Make a log of a data set: odometry and ranges to beacons, to replay navigation on."""
+    from experiments.command import datasets
+
+    datasets.import_data_set(source, out, beacons)
+
+
+@log_app.command("recover")
+@plain_errors
+def log_recover(log: LogArgument) -> None:
+    """Finish a log that a crash, a full disk or Ctrl-C left behind."""
+    from sim.log.recovery import recover
+
+    say(recover(log, lambda remark: say(f"note: {remark}")))
