@@ -13,6 +13,7 @@ import random
 import re
 import tempfile
 import tomllib
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from datetime import date
 from pathlib import Path
@@ -21,7 +22,7 @@ from typing import NamedTuple
 from scipy.stats import binomtest
 
 from experiments.campaign.version import code_version
-from experiments.findings import Finding, Findings, plain
+from experiments.findings import Finding, Findings, plain, read
 from experiments.gallery import house
 from experiments.gallery.house import ROOT
 from tests.mutants.cover import covering
@@ -30,11 +31,14 @@ from tests.mutants.trial import attempt, control
 
 PACKAGES = {
     "laisn": r"laisn/.+",
-    "sim": r"sim/(geometry|water|vehicle|sensing)/.+",
-    "experiments": r"experiments/(intervals|findings|campaign/lane_\w+|campaign/montecarlo"
-    r"|(asymmetry|reproduction|estimators|closed_loop|route_keeping|study)/(?!\w*(page|chart|figure|film|gallery|report|example))\w+)\.py",
+    "sim": r"sim/((geometry|water|vehicle|sensing|control)/.+|scenario/(point_motion|\w*routes|shapes)\.py"
+    r"|(closed_loop|excerpt|flight|\w*fleet|motion|station_keeping|tilt|tracking|trajectory)\.py)",
+    "experiments": r"experiments/(intervals|findings|campaign/(bound|cells|lane_\w+|montecarlo|tight_runs)"
+    r"|pages/(account|bound_panel)|flight/(anatomy|bound|separation|summary|swarm|tables?)|gallery/(tables|hull_trials|flights)"
+    r"|(asymmetry|reproduction|estimators|closed_loop|route_keeping|real_ranges|formation|study)"
+    r"/(?!\w*(page|chart|figure|film|report|example))\w+)\.py",
 }  # fmt: skip
-"""Sources that are tried: navigation; physics and sensing; statistics and tables."""
+"""Sources that are tried: navigation; physics, sensing and steering; statistics, tables and computed sentences."""
 ARGUED = Path(__file__).with_name("argued.toml")
 
 
@@ -80,9 +84,16 @@ def told(mutant: Mutant, noticed: bool) -> Tried:
     return tried
 
 
-def record(found: dict[str, tuple[list[Tried], int]], seed: int, command: str) -> Findings:
-    """What a draw came to, for the documents; it names the code that it tried, and does not age with it."""
-    findings: dict[str, Finding] = {"seed": plain(seed, "of the draw"), "date": plain(str(date.today()), "when")}
+def record(found: dict[str, tuple[list[Tried], int]], seed: int, before: Mapping[str, Finding]) -> Findings:
+    """What a draw came to, for the documents; it names the code that it tried, and does not age with it.
+
+    Args:
+        found: mutants tried of each package, and how many there are.
+        seed: of the draw.
+        before: what the record held; what other packages came to stays.
+    """
+    findings = {name: finding for name, finding in before.items() if name.rpartition(" ")[2] not in found}
+    tried_on = f"version {code_version()}, Python {platform.python_version()}, {date.today()}"
     for package, (tried, of) in found.items():
         noticed, counted = sum(t.noticed for t in tried), len(tried) - sum(bool(t.why) for t in tried)
         limits = binomtest(noticed, counted).proportion_ci(method="wilson")
@@ -94,10 +105,11 @@ def record(found: dict[str, tuple[list[Tried], int]], seed: int, command: str) -
             f"drawn {package}": plain(len(tried), f"mutants tried, of {of}"),
             f"nothing {package}": plain(sum(bool(t.why) for t in tried), "of these that change nothing, as is argued"),
             f"survived {package}": plain(counted - noticed, "of these that no test notices"),
+            f"seed {package}": plain(seed, f"of the draw, from {tried_on}"),
         }  # fmt: skip
     return Findings(
-        study="mutants", command=command, modules=(), version=f"{code_version()}, Python {platform.python_version()}",
-        findings=findings,
+        study="mutants", command='make mutants MUTANTS=60 MUTANTS_ARGS="PACKAGE --seed SEED"', modules=(),
+        version="each package has its own", findings=findings,
     )  # fmt: skip
 
 
@@ -110,7 +122,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, help="how many to draw of each package (default: all, which takes a day)")
     parser.add_argument("--seed", type=int, default=1, help="of the draw")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="how many to try at a time")
-    parser.add_argument("--record", type=Path, help="write what it came to into this file")
+    parser.add_argument("--record", type=Path, help="write what it came to into this file, which keeps other packages")
     given = parser.parse_args()
     patterns = {place: PACKAGES.get(place, re.escape(place)) for place in given.where} or PACKAGES
     chosen = {name: drawn(pattern, given.count, given.seed) for name, pattern in patterns.items()}
@@ -129,8 +141,8 @@ def main() -> None:
                 found[package] = [told(*one) for one in zip(mutants, results, strict=True)], of
                 print(f"\n{summary(package, *found[package])}", flush=True)
     if given.record:
-        command = f'make mutants MUTANTS={given.count} MUTANTS_ARGS="--seed {given.seed}"'
-        record(found, given.seed, command).write(given.record)
+        before = read(given.record).findings if given.record.is_file() else {}
+        record(found, given.seed, before).write(given.record)
 
 
 if __name__ == "__main__":
