@@ -1,4 +1,4 @@
-"""The one base of all exceptions that a user can do something about."""
+"""The one base of all exceptions that a user can do something about: on the ground floor, for every room raises it."""
 
 
 class LaisnError(ValueError):

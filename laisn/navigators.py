@@ -1,4 +1,7 @@
-"""The navigator of a follower by its settings: LAISN's family, or the tightly coupled one."""
+"""The navigator of a follower by its settings: LAISN's family, or the tightly coupled one.
+
+Apart from `navigating`, which the simulator may know, and from both navigators, neither of which knows the other.
+"""
 
 from laisn.arrays import Floats
 from laisn.navigating import AnyNavigator, AnySettings

@@ -7,10 +7,10 @@ import numpy as np
 
 from laisn.failure import LaisnError
 from sim.assembly import ocean_of, route_of, vehicle_names
-from sim.film.cameras import CAMERAS
 from sim.log.clock import Clock
 from sim.scenario.point_motion import Plan, plan
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Misfit, Scenario, Vehicle, Video
+from sim.scenario.video import CAMERAS
 
 MOST_INSTANTS = 2_000_000
 """Most instants times vehicles: two vehicles for a day. A million takes 1.1 GB of memory and 0.45 GB of log."""

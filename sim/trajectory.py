@@ -209,3 +209,24 @@ class Trajectory:
         for name in ("names", "site_names"):
             values[name] = tuple(values[name].tolist())
         return cls(**values)
+
+
+def tilted(trajectory: Trajectory, pitch: npt.ArrayLike, roll: npt.ArrayLike = 0.0) -> Trajectory:
+    """The trajectory with the leader's pitch and roll replaced; its track, depth and heading stay.
+
+    Args:
+        trajectory: to be copied; vehicle 0 is the leader.
+        pitch: positive nose up, one for all instants or shape (n,), [rad].
+        roll: positive starboard down, likewise.
+
+    Returns:
+        A trajectory whose leader's sites sit where that attitude puts them.
+    """
+    quaternion = trajectory.quaternion.copy()
+    quaternion[:, 0] = attitude.from_euler(trajectory.heading[:, 0], pitch, roll)
+    return replace(trajectory, quaternion=quaternion)
+
+
+def leveled(trajectory: Trajectory) -> Trajectory:
+    """The trajectory with a level leader: what the paper's follower assumes."""
+    return tilted(trajectory, 0.0)

@@ -1,4 +1,4 @@
-"""How many examples a property test tries."""
+"""How many examples a property test tries: apart from `conftest`, which would choose its profile anew if imported."""
 
 from hypothesis import settings
 

@@ -10,7 +10,7 @@ import pytest
 
 from experiments.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
 from experiments.gallery import documents
-from experiments.gallery.physics import PUBLISHED_SPEED
+from experiments.gallery.hull_trials import PUBLISHED_SPEED
 from experiments.gallery.tables import changes, closed_loop, markdown, ratios, tracking
 from experiments.intervals import Interval
 from laisn.failure import LaisnError

@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.table import Table
 from typer.testing import CliRunner
 
+from experiments.campaign.progress import literal, tell
 from experiments.command import replaying
 from experiments.command.cli import app
-from experiments.terminal import literal, tell
 from sim.log.info import ChannelInfo, LogInfo
 from sim.screen import plain, screenful
 

@@ -13,8 +13,7 @@ from experiments.pages.figures import Line, panel
 from experiments.pages.style import FRAME, INK, MUTED, SERIES, Colour
 from laisn.arrays import Floats
 from sim.geometry import attitude
-from sim.tilt import leveled
-from sim.trajectory import Trajectory
+from sim.trajectory import Trajectory, leveled
 
 LEVEL, REAL, AWARE = SERIES[2], SERIES[1], SERIES[0]
 """Colours of the level leader, the real one, and of a follower that knows the leader's attitude."""

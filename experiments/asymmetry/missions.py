@@ -16,8 +16,7 @@ from sim.sensing.ahrs import apparent_tilt, measured_attitude, random_error
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import SITES, observe
 from sim.sensing.truth import MissionTruth
-from sim.tilt import leveled
-from sim.trajectory import Trajectory
+from sim.trajectory import Trajectory, leveled
 
 
 @dataclass(frozen=True, kw_only=True)

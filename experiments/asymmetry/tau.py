@@ -22,7 +22,7 @@ from sim.flight import laisn_settings
 from sim.motion import simulate_motion
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
-from sim.tilt import leveled, tilted
+from sim.trajectory import leveled, tilted
 
 TAU_M = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1.6)
 """τ of the rear transmitter; the first is the paper's usual one, 0.03 and 0.06 are those of its Stage 4."""

@@ -1,9 +1,10 @@
-"""The Cramér–Rao bound of a mission: the least error that any estimator of the same ranges can have."""
+"""The Cramér–Rao bound of a mission or a flight: the least error that any estimator of the same ranges can have."""
 
 import numpy as np
 
 from laisn.arrays import Bools, Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
+from sim.flight import Flight
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import propagate
 from sim.sensing.hearing import Hearing
@@ -84,3 +85,13 @@ def geometry_of(
 def least_rms(geometry: Geometry, noise: TrueNoise) -> Floats:
     """Least RMS of the position error after each step, shape (n,), [m]."""
     return np.asarray(np.sqrt(np.trace(position_bound(geometry, noise), axis1=1, axis2=2)))
+
+
+def flight_bound(flight: Flight, follower: int = 0) -> Floats:
+    """Least RMS of one follower's position error after each step, from the pings that it received, shape (n,), [m].
+
+    That of the ranges, log and compass of this flight, with constant biases: sideslip, drift and echoes only raise what
+    can be reached.
+    """
+    scenario, received = flight.scenario, np.isfinite(flight.measurements[follower].ranges)
+    return least_rms(geometry_of(flight.trajectory, Hearing.of(scenario), follower, received), noise_of(scenario))

@@ -16,11 +16,10 @@ import numpy as np
 from experiments.campaign import missions
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.cells import PERCENTILES, Cell, CellResult
-from experiments.campaign.failures import CampaignError
 from experiments.campaign.montecarlo import histories, simulate_many
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
-from experiments.campaign.store import Record, Steps, Store
+from experiments.campaign.store import CampaignError, Record, Steps, Store
 from experiments.campaign.version import code_version
 from laisn import metrics
 from laisn.arrays import Floats

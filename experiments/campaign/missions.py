@@ -13,8 +13,8 @@ from zipfile import ZipFile
 import numpy as np
 from pydantic import BaseModel
 
-from experiments.campaign.failures import CampaignError, DamagedResult
 from experiments.campaign.seal import blank, require_whole, sealed
+from experiments.campaign.store import CampaignError, DamagedResult
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
 from laisn.whole_files import replaced

@@ -12,7 +12,7 @@ from typing import Any, Self, TypeVar
 import joblib
 from joblib.externals.loky import get_reusable_executor
 
-from experiments.campaign.failures import CampaignError
+from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
 from laisn.parent import end_with

@@ -1,4 +1,7 @@
-"""What is told while a user waits: how far it is, how long it will take, and that code is compiled on first use."""
+"""What a terminal shows while a command works: how far it is, how long that will take, what is compiled on first use.
+
+Words of ours may be styled; what files, paths and users say stands as it is.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +22,8 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 from rich.text import Text
 
+from sim.screen import plain
+
 _LINE_EVERY_S = 10.0
 _COMPILING = "compiling (once)"
 
@@ -34,6 +39,16 @@ Update = Callable[[float], None]
 """Told the share that is done, 0 … 1."""
 Phase = Callable[[str], AbstractContextManager[Update]]
 """Shows a named phase for as long as its context lasts."""
+
+
+def literal(text: object, style: str = "") -> Text:
+    """Text of a file, a path or a user as it is: no markup, no emoji code, no control character of it takes effect."""
+    return Text(plain(text), style=style)
+
+
+def tell(console: Console, text: object, label: str = "", style: str = "yellow") -> None:
+    """Print a line of literal text, behind a styled label of ours if there is one."""
+    console.print(Text.assemble((f"{label} ", style) if label else "", literal(text)), soft_wrap=True)
 
 
 class _Rate(ProgressColumn):

@@ -12,7 +12,6 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from experiments.campaign.failures import CampaignError, DamagedResult
 from experiments.campaign.seal import blank, require_whole, sealed
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
@@ -27,6 +26,14 @@ PER_RUN = "run_"
 """Start of the names of columns that hold a list over runs."""
 
 _MANIFEST = "campaign.json"
+
+
+class DamagedResult(UserWarning):
+    """A stored result cannot be read; the text says which file, what is wrong with it, and what is done about it."""
+
+
+class CampaignError(LaisnError):
+    """A campaign cannot go on; every finished cell is stored."""
 
 
 def _parquet(columns: Mapping[str, Any], metadata: Mapping[bytes, bytes]) -> bytes:

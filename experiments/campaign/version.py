@@ -14,7 +14,6 @@ PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyar
 _COMPUTING = (
     "experiments.campaign.campaign",
     "sim.scenario.file",
-    "sim.tilt",
     "experiments.study.facts",
     "experiments.study.closed_runs",
 )

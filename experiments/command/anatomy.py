@@ -7,11 +7,11 @@ import numpy as np
 import rich.table
 from rich.console import Console
 
+from experiments.campaign.progress import literal, tell
 from experiments.campaign.store import Record, columns_of, write_csv, write_table
 from experiments.flight.anatomy import Cause, dissect
 from experiments.flight.source import flight_of
 from experiments.pages.anatomy_page import TRANSMITTERS, share_table
-from experiments.terminal import literal, tell
 from laisn.failure import LaisnError
 from sim.flight import Flight
 

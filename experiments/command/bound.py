@@ -7,7 +7,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from experiments.terminal import literal, tell
+from experiments.campaign.progress import literal, tell
 from laisn.failure import LaisnError
 
 _QUARTERS = 4

@@ -252,10 +252,12 @@ def estimators(
     out: OutOption = None,
 ) -> None:
     """Compare LAISN-2, the tightly coupled navigator, and the least error that is possible."""
-    from experiments.estimators import study
+    from experiments.estimators import report, study
+    from experiments.findings import FILE, read
 
     folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
-    say(f"report in {study.run(folder, quick=quick, workers=workers)}")
+    found = study.run(folder, quick=quick, workers=workers)
+    say(f"report in {report.write_page(read(folder / FILE), found, folder / 'report.html', quick=quick)}")
 
 
 app.command()(plain_errors(formation))

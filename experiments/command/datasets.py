@@ -7,8 +7,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Column, Table
 
+from experiments.campaign.progress import literal, tell
 from experiments.command.replaying import STATE_COLUMNS, require_own_file
-from experiments.terminal import literal, tell
 from laisn.failure import LaisnError
 
 _TIGHT = "tight"
@@ -27,8 +27,7 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     Raises:
         LaisnError: the file cannot be read, lacks a beacon, or the log has the wrong name.
     """
-    from sim.datasets.log import VEHICLE, write_data_set
-    from sim.datasets.source import read_data_set
+    from sim.datasets.log import VEHICLE, read_data_set, write_data_set
 
     require_own_file(out, ".mcap", source)
     data = read_data_set(source)

@@ -14,7 +14,7 @@ from typing import Any, TextIO, TypeVar, cast
 
 import typer
 
-from experiments.campaign.failures import DamagedResult
+from experiments.campaign.store import DamagedResult
 from experiments.command.endings import told
 from laisn.failure import LaisnError
 from sim.screen import plain, screenful

@@ -8,11 +8,10 @@ from typing import NamedTuple
 from rich.console import Console
 
 from experiments.campaign.progress import phases
-from experiments.flight.picture import video_of
+from experiments.flight.picture import require_camera, video_of
 from experiments.flight.source import flight_of
 from experiments.flight.summary import position_and_bearing_errors
 from sim.film import render
-from sim.film.cameras import CAMERAS
 from sim.flyable import film_misfits
 from sim.scenario.settings import Video
 from sim.screen import plain
@@ -59,8 +58,8 @@ def film(source: str, assignments: Iterable[str], options: FilmOptions) -> Path:
         RenderError: the options cannot be met.
         LogError, ScenarioError: the source is at fault.
     """
-    if options.camera is not None and options.camera not in CAMERAS:
-        raise render.RenderError(f"unknown camera {options.camera!r}; available: {', '.join(CAMERAS)}")
+    if options.camera is not None:
+        require_camera(options.camera)
     flight = flight_of(source, list(assignments))
     video = _video(flight.scenario.video, options)
     too_much = film_misfits(flight.scenario.duration_s, video)

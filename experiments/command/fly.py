@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
-from experiments.campaign.progress import phases
+from experiments.campaign.progress import literal, phases, tell
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import FILM, LAYOUT, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
 from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
-from experiments.terminal import literal, tell
 from laisn.arrays import Floats
 from laisn.navigators import new_navigator
 from laisn.parent import alongside

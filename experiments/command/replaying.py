@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from experiments.terminal import literal, tell
+from experiments.campaign.progress import literal, tell
 from laisn.failure import LaisnError
 from sim.scenario.file import values_of
 

@@ -6,7 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from experiments.terminal import literal
+from experiments.campaign.progress import literal
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import Estimates

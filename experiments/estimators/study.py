@@ -138,21 +138,18 @@ def fly(size: Size, workers: int | None = None) -> dict[tuple[Any, ...], Any]:
     return dict(sorted(found.items(), key=lambda item: order.get(item[0], len(order))))
 
 
-def run(folder: Path, *, quick: bool = False, workers: int | None = None) -> Path:
-    """Fly the study; write its record and its page.
+def run(folder: Path, *, quick: bool = False, workers: int | None = None) -> dict[tuple[Any, ...], Any]:
+    """Fly the study and write its record.
 
     Args:
-        folder: for both; made if it is not there.
+        folder: for the record; made if it is not there.
         quick: a first look, of few runs and routes.
         workers: local processes; None: one for each core.
 
     Returns:
-        The page.
+        What the tasks came to, by their names.
     """
-    from experiments.estimators.report import write_page
-
     found = fly(QUICK if quick else Size(), workers)
     folder.mkdir(parents=True, exist_ok=True)
-    findings = findings_of(found)
-    findings.write(folder / FILE)
-    return write_page(findings, found, folder / "report.html", quick=quick)
+    findings_of(found).write(folder / FILE)
+    return found

@@ -22,7 +22,7 @@ from sim.sensing.acoustics import TRANSMITTERS, propagate
 from sim.sensing.echo import Path, locked_path
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of
-from sim.tilt import leveled
+from sim.trajectory import leveled
 
 
 class Cause(IntEnum):

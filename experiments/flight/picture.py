@@ -7,17 +7,21 @@ from pydantic import ValidationError
 
 from experiments.flight.summary import position_and_bearing_errors
 from sim.film import render
-from sim.film.cameras import CAMERAS
 from sim.flight import Flight
 from sim.flyable import film_misfits
 from sim.scenario.settings import Video
+from sim.scenario.video import CAMERAS
+
+
+def require_camera(name: object) -> None:
+    """Raise RenderError, naming the cameras that there are, unless this is one of them."""
+    if name not in CAMERAS:
+        raise render.RenderError(f"unknown camera {name!r}; available: {', '.join(CAMERAS)}")
 
 
 def video_of(video: Video, changes: Mapping[str, object]) -> Video:
     """Settings of a film with some of them changed; RenderError naming each that is at fault."""
-    camera = changes.get("camera", video.camera)
-    if camera not in CAMERAS:
-        raise render.RenderError(f"unknown camera {camera!r}; available: {', '.join(CAMERAS)}")
+    require_camera(changes.get("camera", video.camera))
     try:
         return Video.model_validate(video.model_dump() | dict(changes))
     except ValidationError as error:

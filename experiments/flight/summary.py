@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from experiments.campaign.bound import flight_bound
 from experiments.campaign.version import versions
-from experiments.flight.bound import flight_bound
 from experiments.flight.separation import contact_events, uncertainty_events
 from laisn import metrics
 from laisn.arrays import Floats

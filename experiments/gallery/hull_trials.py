@@ -5,12 +5,15 @@ from pathlib import Path
 import numpy as np
 
 from experiments.findings import FILE, Finding, Findings, plain, version_of
-from experiments.gallery.physics import PUBLISHED_SPEED, PUBLISHED_TURN
 from sim.geometry import attitude
 from sim.water.ocean import Ocean
 
 COMMAND = "python -m experiments.gallery.studies hull-trials"
 MODULES = ("experiments.gallery.hull_trials",)
+PUBLISHED_SPEED = {300: 0.4860, 500: 0.8314, 750: 1.2542, 1000: 1.6741, 1250: 2.0930, 1525: 2.5536}
+"""Final speed [m/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min]."""
+PUBLISHED_TURN = {1000: {5: 2.092, 10: 3.488, 15: 4.644}, 1525: {5: 3.609, 10: 5.894, 15: 7.767}}
+"""Turn rate [°/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min] and rudder [°]."""
 STERN_PLANE_DEG = -5.0
 
 

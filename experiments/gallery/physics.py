@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.gallery.hull_trials import PUBLISHED_SPEED, PUBLISHED_TURN
 from experiments.pages.figures import Line, panel
 from experiments.pages.style import FRAME, MUTED, SERIES, Colour
 from sim.geometry import attitude
@@ -12,11 +13,6 @@ from sim.water.ocean import Ocean
 from sim.water.waves import Waves
 
 Drawn = tuple[Figure, Sequence[tuple[Colour, str]]]
-
-PUBLISHED_SPEED = {300: 0.4860, 500: 0.8314, 750: 1.2542, 1000: 1.6741, 1250: 2.0930, 1525: 2.5536}
-"""Final speed [m/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min]."""
-PUBLISHED_TURN = {1000: {5: 2.092, 10: 3.488, 15: 4.644}, 1525: {5: 3.609, 10: 5.894, 15: 7.767}}
-"""Turn rate [°/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min] and rudder [°]."""
 
 
 def remus_speed() -> Drawn:

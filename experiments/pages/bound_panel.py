@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.flight.bound import flight_bound
+from experiments.campaign.bound import flight_bound
 from experiments.pages import figures
 from experiments.pages.figures import Line
 from experiments.pages.page import Block, Cell, Figures, Section, Table, number, words

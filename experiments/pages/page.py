@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from io import BytesIO
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import jinja2
 from markupsafe import Markup, escape
@@ -20,7 +21,6 @@ from experiments.campaign.version import versions
 from experiments.intervals import Interval
 from experiments.pages.style import css
 from laisn.whole_files import replaced
-from sim.film.poster import poster
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
 """Libraries that shape numbers, by name; the page says with which versions it was made."""
@@ -28,6 +28,7 @@ _SHORT = 44
 """Text of a table cell up to this length stays on one line."""
 EMBEDDED_FILM_BYTES = 2_500_000
 """Larger films are linked: Base64 adds a third, and a page stays below 5 MB."""
+_POSTER_QUALITY = 80
 
 
 _SYMBOL = re.compile(r"\b(?:([EHσμτ]|Δt)_([A-Za-z0-9θ]+)|(Δt))\b")
@@ -161,8 +162,16 @@ class Film:
 
     @property
     def poster(self) -> str:
-        """Data of a frame from the film's middle, seen before it plays."""
-        return "data:image/jpeg;base64," + base64.b64encode(poster(self.path)).decode()
+        """Data of a frame from the film's middle, seen before it plays; FFmpegError if it is no film."""
+        import av
+
+        with av.open(str(self.path)) as source:
+            stream = source.streams.video[0]
+            source.seek((stream.duration or 0) // 2, stream=stream)
+            frame: Any = next(source.decode(stream))
+            target = BytesIO()
+            frame.to_image().save(target, "JPEG", quality=_POSTER_QUALITY, optimize=True)
+        return "data:image/jpeg;base64," + base64.b64encode(target.getvalue()).decode()
 
     @property
     def source(self) -> str:

@@ -11,8 +11,7 @@ from experiments.pages.style import ESTIMATE, INK, MUTED, SERIES, Colour
 from experiments.real_ranges.navigating import among_beacons, dead_reckoning
 from experiments.real_ranges.settings import Beacons
 from experiments.real_ranges.study import DATA
-from sim.datasets.log import read_data_set_log, write_data_set
-from sim.datasets.source import read_data_set
+from sim.datasets.log import read_data_set, read_data_set_log, write_data_set
 
 _BEACONS = ("1", "6")
 

@@ -21,8 +21,7 @@ from laisn.settings import NavigationSettings
 from laisn.sources import ROOT
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
-from sim.datasets.log import Replayable, read_data_set_log, write_data_set
-from sim.datasets.source import read_data_set
+from sim.datasets.log import Replayable, read_data_set, read_data_set_log, write_data_set
 
 COMMAND = "python -m experiments.real_ranges.study"
 MODULES = ("experiments.real_ranges.study",)

@@ -10,10 +10,9 @@ import numpy as np
 
 from experiments.campaign import missions
 from experiments.campaign.campaign import CellPlan, compile_ahead, compute_cells, missing_cells
-from experiments.campaign.failures import CampaignError
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
-from experiments.campaign.store import Record, Store, columns_of
+from experiments.campaign.store import CampaignError, Record, Store, columns_of
 from experiments.campaign.version import code_version
 from experiments.flight.fly import fly
 from experiments.study.closed_runs import records_of_run

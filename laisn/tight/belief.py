@@ -7,9 +7,8 @@ import numpy as np
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.tight.estimates import HYPOTHESES
-from laisn.tight.model import ABSENT, Model
+from laisn.tight.model import ABSENT, COMPASS, LOG, SCALE, Model, X, Y
 from laisn.tight.settings import TightSettings
-from laisn.tight.states import COMPASS, LOG, SCALE, X, Y
 
 ROOM = 2 * HYPOTHESES
 """Hypotheses that there is room for while they are split."""

@@ -7,13 +7,12 @@ from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, hull_to_world
 from laisn.tight.belief import Belief, refresh_output
 from laisn.tight.leader_way import watch_leader
-from laisn.tight.model import ABSENT, Model
+from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
 from laisn.tight.modes import mix_modes
 from laisn.tight.own_motion import begin_interval, move, turned_since_message
 from laisn.tight.ranging import Heard, learn
 from laisn.tight.ring import add_ring, think_again
 from laisn.tight.sides import normalise, split, tidy
-from laisn.tight.states import COMPASS, LOG, X, Y
 
 _BEND = 0.003
 """A compass bias so uncertain that the way bends by more than this is taken from the message first [m]."""

@@ -13,8 +13,7 @@ from laisn.compiled import compiled, inlined
 from laisn.elementary import log, sin_cos
 from laisn.tight.belief import Belief
 from laisn.tight.gaussian import factor
-from laisn.tight.model import ABSENT, Model
-from laisn.tight.states import SCALE, X, Y
+from laisn.tight.model import ABSENT, SCALE, Model, X, Y
 
 _LOG_TURN = math.log(2.0 * math.pi)
 _TOO_SHORT = 6.0

@@ -9,10 +9,9 @@ import math
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.tight.belief import ROOM, Belief, refresh_output
-from laisn.tight.model import ABSENT, Model
+from laisn.tight.model import ABSENT, Model, X, Y
 from laisn.tight.ranging import Heard, learn
 from laisn.tight.sides import copy, normalise, tidy
-from laisn.tight.states import X, Y
 
 _BEARINGS = 96
 _OVERLAP = 0.6

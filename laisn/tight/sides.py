@@ -10,9 +10,8 @@ from laisn.compiled import compiled
 from laisn.tight.belief import ROOM, Belief
 from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.gaussian import blend, half_moments
-from laisn.tight.model import ABSENT, Model
+from laisn.tight.model import ABSENT, Model, X, Y
 from laisn.tight.ranging import Heard
-from laisn.tight.states import X, Y
 
 _SPLIT = 0.3
 """Least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis matters."""

@@ -18,13 +18,12 @@ from laisn.tight.estimates import TightEstimates
 
 # a helper of the filter, so that what it does to a covariance stands once
 from laisn.tight.estimator import _loosen
-from laisn.tight.model import Model
+from laisn.tight.model import COMPASS, LOG, Model
 from laisn.tight.modes import mix_modes
 from laisn.tight.navigator import TightNavigator, Update
 from laisn.tight.own_motion import moments, move
 from laisn.tight.ranging import Heard
 from laisn.tight.settings import TightSettings
-from laisn.tight.states import COMPASS, LOG
 
 _SUMS = ("ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time")
 """Fields of a belief's motion that add up from one message to the next."""

@@ -8,11 +8,10 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimator import place_arms, receive
-from laisn.tight.model import ABSENT, Model, model_of
+from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y, model_of
 from laisn.tight.own_motion import advance, position
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import TightSettings
-from laisn.tight.states import COMPASS, LOG, X, Y
 
 EAST, NORTH, LOG_BIAS, COMPASS_BIAS, CURRENT_EAST, CURRENT_NORTH, SPREAD = range(7)
 """Columns of what is concluded: place [m], biases [m/s] and [rad], current [m/s], and the largest standard deviation

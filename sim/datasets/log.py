@@ -1,4 +1,7 @@
-"""A data set as a log: a leader that lies still, its beacons for transmitters, and a vehicle that hears them."""
+"""A data set from its file to its log, and back from there.
+
+In the log its beacons are transmitters of a leader that lies still, and the vehicle is a follower that hears them.
+"""
 
 import os
 from dataclasses import replace
@@ -12,8 +15,11 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from laisn.arrays import Floats
+from laisn.failure import LaisnError
 from laisn.messages import Measurements, Ranges
+from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData
+from sim.datasets.range_tables import read_range_tables
 from sim.log.clock import timestamp
 from sim.log.contents import Contents, contents
 from sim.log.file import LogError, faults, partial_path
@@ -22,11 +28,27 @@ from sim.log.schema import OWN_MOTION, PLACED_RECEPTION
 
 VEHICLE = "vehicle"
 """Name of the vehicle in the log."""
+_READERS = {".pyfg": read_factor_graph, ".mat": read_range_tables, ".txt": read_range_tables, ".csv": read_range_tables}
 _RECORD = "data set"
 """Metadata record by which such a log is known."""
 _SLOTS = Ranges._fields
 _APART = 1e-6
 """Between ranges of one instant that one reception cannot hold [s]."""
+
+
+def read_data_set(path: Path) -> RangeData:
+    """The odometry and ranges in a file.
+
+    Raises:
+        LaisnError: its name ends in nothing that is known, or it cannot be read.
+    """
+    reader = _READERS.get(path.suffix)
+    if reader is None:
+        raise LaisnError(
+            f"{path}: the name should end in .pyfg (a factor graph), or be that of a .mat or a _DR.txt (a data set of "
+            "ranging radios)"
+        )
+    return reader(path)
 
 
 class Replayable(NamedTuple):

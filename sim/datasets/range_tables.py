@@ -13,7 +13,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-from scipy.io import loadmat
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
@@ -26,6 +25,9 @@ _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
 
 def _from_matlab(path: Path) -> dict[str, Floats]:
+    # data sets in text, and logs, need none of it
+    from scipy.io import loadmat
+
     try:
         found = loadmat(path)
     except OSError as error:

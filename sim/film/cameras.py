@@ -9,18 +9,7 @@ import numpy as np
 from laisn.arrays import Floats
 from sim.film.footage import Footage, Moment
 from sim.geometry import attitude
-
-CAMERAS = {
-    "chase": "behind the follower, looking towards the leader; inset: the leader close by",
-    "pip": "from above, both vehicles in one picture; insets: leader and follower close by",
-    "top": "from above, all vehicles in one picture, north up",
-    "side": "from the side at their depth, between surface and floor; inset: the follower close by",
-    "follower": "what the follower would see, along its hull; inset: the leader close by",
-    "leader": "the leader close by; inset: the follower close by",
-    "profile": "the leader in profile, the follower beyond; inset: follower and estimate from above",
-    "orbit": "around all vehicles, once in forty seconds of film",
-}
-"""Names of the cameras and what they show."""
+from sim.scenario.video import CAMERAS
 
 _SMOOTHING_S = 0.8
 """Standard deviation of the smoothing of a camera's swing, in seconds of film."""
@@ -133,7 +122,7 @@ class Director:
         self._floor = -footage.flight.scenario.ocean.floor_depth_m
         every = max(1, round(0.05 * footage.speed_up / truth.dt))
         self._time = truth.time[::every]
-        # here, for who checks a scenario asks for the names of cameras alone; this import takes a fifth of a second
+        # here, for only the children that render place cameras; this import takes a fifth of a second
         from scipy.ndimage import gaussian_filter1d
 
         sigma = _SMOOTHING_S * footage.speed_up / (truth.dt * every)

@@ -19,10 +19,10 @@ from laisn.failure import LaisnError
 from laisn.whole_files import replaced, scratch
 from sim.film import graphics
 from sim.film.annotations import NOTHING, Annotations
-from sim.film.cameras import CAMERAS
 from sim.film.studio import GROUP, Job, group_file
 from sim.flight import Flight
 from sim.scenario.settings import Video
+from sim.scenario.video import CAMERAS
 
 Errors = Sequence[tuple[Floats, Floats]]
 Progress = Callable[[float], None]

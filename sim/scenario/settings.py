@@ -10,11 +10,12 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 from sim.scenario.formation import Formation, Station, conflicts
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
-from sim.scenario.section import LISTED, Name, Positive, Section
+from sim.scenario.section import LISTED, Name, Section
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.shapes import Shape, followers_of
 from sim.scenario.timing import CONTROL_STEP_S, Timing, is_multiple
 from sim.scenario.vehicles import Follower, Leader, Vehicle
+from sim.scenario.video import Video
 
 __all__ = [
     "APART",
@@ -48,17 +49,6 @@ class Misfit(NamedTuple):
 
 APART = {"misfits": "allowed"}
 """Context of a validation that looks at every key alone; `Scenario.misfits` tells the rest."""
-
-
-class Video(Section):
-    """The film of the mission."""
-
-    camera: Name = Field("chase", description="chase, pip, top, side, follower, leader, profile or orbit")
-    width_px: Annotated[int, Field(ge=160, le=3840, multiple_of=2)] = 1280
-    height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
-    frame_rate_hz: Annotated[int, Field(ge=1, le=60)] = 30
-    speed_up: Positive = Field(20.0, description="seconds of mission in a second of film")
-    in_log: bool = Field(True, description="a rendered film also goes into the log, as channel /camera")
 
 
 class Scenario(Section):

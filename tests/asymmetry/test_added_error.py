@@ -26,7 +26,7 @@ from experiments.asymmetry.missions import Row, _rms_deg, sense
 from experiments.asymmetry.remedies import AHRS, CROOKED, EXACT, LEVEL, LEVEL_BROADCAST, READINGS, REAL, STEADIED
 from experiments.asymmetry.verdict import Verdict
 from sim.sensing.ahrs import random_error
-from sim.tilt import tilted
+from sim.trajectory import tilted
 from tests.synthetic import make_scenario, make_trajectory
 
 LOOKS = (64, 384)

@@ -16,7 +16,7 @@ from experiments.asymmetry import map as chart
 from laisn.geometry import angle_between
 from laisn.settings import VARIANTS, NavigationSettings
 from sim.geometry import attitude
-from sim.tilt import leveled, tilted
+from sim.trajectory import leveled, tilted
 from tests.synthetic import make_scenario, make_trajectory
 
 ANYWHERE = NavigationSettings(side_rule="predicted")

@@ -15,8 +15,8 @@ import pytest
 
 from experiments.campaign import campaign, missions, store
 from experiments.campaign.campaign import CellPlan
-from experiments.campaign.failures import CampaignError, DamagedResult
 from experiments.campaign.processes import Pool, WorkerDiedError
+from experiments.campaign.store import CampaignError, DamagedResult
 from experiments.reproduction.study import fly_command
 from laisn import metrics
 from laisn.failure import LaisnError

@@ -9,9 +9,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from experiments.campaign.failures import DamagedResult
 from experiments.campaign.seal import blank, require_whole, sealed
-from experiments.campaign.store import Record, Steps, Store
+from experiments.campaign.store import DamagedResult, Record, Steps, Store
 from experiments.campaign.version import code_version
 from laisn.sources import ROOT
 

@@ -41,7 +41,7 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/tilt.py", "sim/scenario/file.py", "laisn/variants.py",
+    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/trajectory.py", "sim/scenario/file.py", "laisn/variants.py",
      "laisn/metrics.py", "experiments/campaign/montecarlo.py", "experiments/campaign/missions.py",
      "models/follower.xml", "sim/scenario/data/followers_T2_T9.json"],
 )  # fmt: skip
@@ -89,13 +89,13 @@ def test_a_module_that_nothing_imports_does_not_count(tree: Path, unedited: str)
 
 
 def test_a_renamed_entry_is_noticed(tree: Path) -> None:
-    moved = tree / "sim" / "tilt.py"
-    moved.rename(tree / "tilt.py")
+    moved = tree / "sim" / "scenario" / "file.py"
+    moved.rename(tree / "file.py")
     try:
-        with pytest.raises(FileNotFoundError, match=r"sim\.tilt"):
+        with pytest.raises(FileNotFoundError, match=r"sim\.scenario\.file"):
             version.fingerprint(tree)
     finally:
-        (tree / "tilt.py").rename(moved)
+        (tree / "file.py").rename(moved)
 
 
 def test_whatever_python_loads_for_the_studies_is_among_the_sources() -> None:
@@ -108,7 +108,7 @@ def test_whatever_python_loads_for_the_studies_is_among_the_sources() -> None:
     loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     files = {path.relative_to(ROOT).with_suffix("").as_posix() for path in version.sources() if path.suffix == ".py"}
     known = {file.removesuffix("/__init__").replace("/", ".") for file in files}
-    assert {"sim.motion", "experiments.campaign.montecarlo", "sim.tilt"} <= set(loaded.split())
+    assert {"sim.motion", "experiments.campaign.montecarlo", "sim.trajectory"} <= set(loaded.split())
     assert set(loaded.split()) <= known
 
 

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from experiments.campaign.failures import CampaignError, DamagedResult
 from experiments.campaign.processes import WorkerDiedError
+from experiments.campaign.store import CampaignError, DamagedResult
 from experiments.campaign.version import code_version
 from experiments.command.cli import app
 from laisn.failure import LaisnError

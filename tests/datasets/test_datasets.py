@@ -14,9 +14,8 @@ from typer.testing import CliRunner
 from experiments.command.cli import app
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.datasets.log import is_data_set, read_data_set_log, write_data_set
+from sim.datasets.log import is_data_set, read_data_set, read_data_set_log, write_data_set
 from sim.datasets.range_data import RangeData
-from sim.datasets.source import read_data_set
 from sim.log.file import LogError
 
 PLAZA = Path(__file__).resolve().parents[1] / "data" / "plaza"

@@ -24,7 +24,7 @@ from sim.film.cameras import Director
 from sim.film.footage import Footage
 from sim.film.scene import ESTIMATE
 from sim.scenario.settings import Video
-from sim.tilt import leveled
+from sim.trajectory import leveled
 
 needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL

@@ -17,13 +17,14 @@ from synthetic import make_flight
 
 from sim.assembly import ocean_of
 from sim.film import graphics, render
-from sim.film.cameras import CAMERAS, Director, View
+from sim.film.cameras import Director, View
 from sim.film.footage import Footage
 from sim.film.overlay import TRUTH
 from sim.film.scene import ESTIMATE
 from sim.film.seascape import _RIPPLES, WATER, Sea
 from sim.film.studio import GROUP, Job
 from sim.scenario.settings import Video, Waves
+from sim.scenario.video import CAMERAS
 
 needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
@@ -260,7 +261,7 @@ def test_every_camera_gives_a_picture_and_the_same_one_every_time(flight, tmp_pa
     program = """
 import dataclasses, pickle
 import numpy as np
-from sim.film.cameras import CAMERAS
+from sim.scenario.video import CAMERAS
 from sim.film.studio import Studio, open_stage
 job = pickle.load(open(sys.argv[1], "rb"))
 pictures = {}

@@ -241,7 +241,7 @@ def test_captures_of_single_flights_are_those_of_cells(tmp_path):
 
 def test_a_mission_that_cannot_be_flown_is_named_and_the_others_go_on(tmp_path, monkeypatch):
     from experiments.campaign import missions
-    from experiments.campaign.failures import CampaignError
+    from experiments.campaign.store import CampaignError
 
     plan, whole = plan_of(study()), missions.simulate_mission
 
