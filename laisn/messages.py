@@ -113,6 +113,13 @@ class Measurements:
             return self.dt * np.arange(1, self.speed.size + 1, dtype=np.float64)
         return np.cumsum(self.durations)
 
+    def require_fresh(self, step: int, dt: float) -> None:
+        """Raise ValueError unless a navigator with this filter step [s], now at that step, can navigate on them."""
+        if step:
+            raise ValueError(f"this navigator is at step {step} already; a mission needs a new one")
+        if abs(self.dt - dt) > 1e-9:
+            raise ValueError(f"measurements every {self.dt:g} s, but the filter steps {dt:g} s")
+
     def steps(self) -> Iterator[tuple[OwnMotion, Reception | None]]:
         """Own motion and, where a message arrived, its reception: one pair a step, k = 1 … n."""
         arrival = dict(zip(self.message_step.tolist(), range(self.message_step.size), strict=True))

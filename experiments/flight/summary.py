@@ -31,6 +31,13 @@ def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
     return result
 
 
+def true_bearing(flight: Flight, follower: int) -> Floats:
+    """B of a follower's hydrophone from the leader's true pose, in [0, 2π), shape (n,), [rad]."""
+    steps = flight.step_index()
+    away = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
+    return np.asarray(np.mod(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0], 2 * np.pi))
+
+
 def capture_events(flight: Flight) -> list[Event]:
     """A line for the log where an estimate is captured at the mirror image of the truth, and where it is released."""
     steps = flight.step_index()

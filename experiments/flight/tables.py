@@ -6,7 +6,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
+from experiments.flight.summary import (
+    capture_events,
+    position_and_bearing_errors,
+    stray_events,
+    summarise,
+    true_bearing,
+)
 from experiments.flight.table import Table
 from laisn import metrics
 from sim.flight import Flight
@@ -32,7 +38,7 @@ def errors_table(flight: Flight) -> Table:
             "depth_m": -truth[:, 2],
             "estimate_east_m": estimate[:, 0],
             "estimate_north_m": estimate[:, 1],
-            "bearing_deg": np.rad2deg(np.mod(np.arctan2(away[:, 0], away[:, 1]) - heading, 2 * np.pi)),
+            "bearing_deg": np.rad2deg(true_bearing(flight, i)),
             "distance_m": np.hypot(*away.T),
             "captured": metrics.captured_steps(estimate, truth[:, :2], leader, heading),
         }

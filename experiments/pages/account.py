@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.flight.anatomy import LABELS, Anatomy, Cause, dissect
-from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS, true_bearing
+from experiments.flight.summary import true_bearing
+from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS
 from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
 from laisn.metrics import longest_capture, nees

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.flight.summary import true_bearing
 from experiments.pages.figures import Line, Part, panel, stack, timeline
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, SERIES, TRANSMITTERS
 from laisn.arrays import Floats
@@ -36,13 +37,6 @@ FIX_WORDS = {
 """Names of the kinds of fix in tables and figures."""
 _TRACK_POINTS = 1500
 _DOTS = 1200
-
-
-def true_bearing(flight: Flight, follower: int) -> Floats:
-    """B of a follower's hydrophone from the leader's true pose, in [0, 2π), shape (n,), [rad]."""
-    steps = flight.step_index()
-    away = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
-    return np.asarray(np.mod(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0], 2 * np.pi))
 
 
 def without_wraps(angle_deg: Floats) -> Floats:

@@ -7,6 +7,7 @@ import numpy as np
 from experiments.campaign.store import Steps
 from experiments.reproduction.verdict import Judgement, Results, Verdict
 from laisn.arrays import Floats
+from laisn.geometry import signed_angle
 from laisn.settings import Variant
 
 ASTERN_DEG = 10.0
@@ -49,7 +50,7 @@ def _ratio(
 
 def sector_errors(steps: Steps) -> tuple[float, float]:
     """Mean E_P [m] while the follower is abeam, and while it is astern; NaN where it hardly ever is."""
-    off_bow = np.abs((steps["bearing_deg"] + 180.0) % 360.0 - 180.0)
+    off_bow = np.rad2deg(np.abs(signed_angle(np.deg2rad(steps["bearing_deg"]))))
     lateral = (off_bow >= LATERAL_DEG[0]) & (off_bow <= LATERAL_DEG[1])
     astern = off_bow >= 180.0 - ASTERN_DEG
     error = steps["e_p_mean_m"]

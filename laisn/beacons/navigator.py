@@ -148,8 +148,8 @@ class BeaconNavigator:
             ValueError: the navigator is under way.
             LaisnError: as `step`.
         """
-        if self._step:
-            raise ValueError(f"this navigator is at step {self._step} already; a mission needs a new one")
+        # it takes steps of any length
+        measurements.require_fresh(self._step, measurements.dt)
         n = measurements.speed.size
         state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
         updates: list[Update] = []

@@ -56,7 +56,7 @@ def place_arms(heard: Heard, m: Model, pitch: float, roll: float, deeper: float)
 
 
 @compiled
-def _loosen(b: Belief, m: Model, heard: Heard) -> None:
+def loosen(b: Belief, m: Model, heard: Heard) -> None:
     """Deviations: a compass that has turned may have another bias, the leader's too."""
     own = turned_since_message(b)
     leader = 0.0
@@ -177,7 +177,7 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
         return _begin(b, m, heard, received)
     mix_modes(b, m)
     if m.deviation > 0.0:
-        _loosen(b, m, heard)
+        loosen(b, m, heard)
     for k in range(b.alive * m.modes):
         if not _move_and_look(b, m, k, heard):
             return -1

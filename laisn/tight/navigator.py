@@ -172,10 +172,7 @@ class TightNavigator:
             ValueError: the measurements have another filter step than the settings, or the navigator is under way.
             LaisnError: as `step`.
         """
-        if self._step:
-            raise ValueError(f"this navigator is at step {self._step} already; a mission needs a new one")
-        if abs(measurements.dt - self.settings.dt) > 1e-9:
-            raise ValueError(f"measurements every {measurements.dt:g} s, but the filter steps {self.settings.dt:g} s")
+        measurements.require_fresh(self._step, self.settings.dt)
         n = measurements.speed.size
         state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
         updates: list[Update] = []

@@ -17,7 +17,7 @@ from laisn.tight.belief import Belief
 from laisn.tight.estimates import TightEstimates
 
 # a helper of the filter, so that what it does to a covariance stands once
-from laisn.tight.estimator import _loosen
+from laisn.tight.estimator import loosen
 from laisn.tight.model import COMPASS, LOG, Model
 from laisn.tight.modes import mix_modes
 from laisn.tight.navigator import TightNavigator, Update
@@ -128,7 +128,7 @@ class _Leg:
         self.onward = self.covariance @ self._matrix().T
         self._begin()
         if m.deviation > 0.0:
-            _loosen(before, m, heard)
+            loosen(before, m, heard)
         self.foretold, self.foretold_covariance = self._moved()
 
     def _begin(self) -> None:

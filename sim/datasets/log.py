@@ -3,7 +3,6 @@
 In the log its beacons are transmitters of a leader that lies still, and the vehicle is a follower that hears them.
 """
 
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,12 +16,13 @@ from mcap_protobuf.schema import register_schema
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, Ranges
+from laisn.whole_files import replaced
 from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData
 from sim.datasets.range_tables import read_range_tables
 from sim.log.clock import timestamp
 from sim.log.contents import Contents, contents
-from sim.log.file import LogError, faults, partial_path
+from sim.log.file import LogError, faults
 from sim.log.reader import read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION
 
@@ -144,15 +144,12 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "start_north": repr(float(data.start[1])),
         "range_sigma": "" if data.range_sigma is None else repr(data.range_sigma),
     }
-    partial = partial_path(path)
-    with faults(path):
-        with partial.open("wb") as stream:
-            writer = Writer(stream)
-            writer.start()
-            writer.add_metadata(_RECORD, facts)
-            _write_messages(writer, _messages(data))
-            writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
-        os.replace(partial, path)
+    with faults(path), replaced(path) as part, part.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_metadata(_RECORD, facts)
+        _write_messages(writer, _messages(data))
+        writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
 def _own_log(path: Path) -> Contents:

@@ -16,7 +16,7 @@ from sim.flight import Flight
 from sim.log.file import LogError
 from sim.log.hull import hull
 from sim.log.layout import ESTIMATE, FOLLOWER, LEADER
-from sim.log.scene import CONFIDENCE, TRAIL_S
+from sim.log.scene import TRAIL_S, ellipse
 from sim.trajectory import Trajectory
 
 _TIMELINE = "mission"
@@ -119,16 +119,15 @@ def _follower(rr: Any, to: _Recording, flight: Flight, f: int) -> None:
     each = np.arange(0, time.size, max(1, round(1.0 / heard.dt)))
     each = each[np.isfinite(found.covariance[each, :2, :2]).all(axis=(1, 2))]
     believed = np.column_stack([found.state[each, :2], hydrophone[each, 2]])
-    variance, axes = np.linalg.eigh(found.covariance[each, :2, :2])
-    half_turn = np.arctan2(axes[:, 1, 1], axes[:, 0, 1]) / 2
+    half_axes, direction = ellipse(found.covariance[each, :2, :2])
+    half_turn = direction / 2
     nothing = np.zeros(each.size)
-    half = CONFIDENCE * np.sqrt(np.maximum(variance[:, ::-1], 0.0))
     to.send(
         f"world/estimates/{name}",
         time[each],
         rr.Ellipsoids3D.columns(
             centers=believed,
-            half_sizes=np.column_stack([half, nothing + 0.01]),
+            half_sizes=np.column_stack([half_axes, nothing + 0.01]),
             quaternions=np.column_stack([nothing, nothing, np.sin(half_turn), np.cos(half_turn)]),
             colors=[_rgba(ESTIMATE, 140)] * each.size,
         ),

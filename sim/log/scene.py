@@ -85,11 +85,22 @@ def _trail(points: bytes, i: int) -> bytes:
     return points[29 * max(0, i - TRAIL_S) : 29 * (i + 1)]
 
 
-def _ellipse(x: float, y: float, z: float, covariance: Floats) -> Any:
-    """The 95 % ellipse of a horizontal position with `covariance`, shape (2, 2), as a flat spheroid."""
+def ellipse(covariance: Floats) -> tuple[Floats, Floats]:
+    """The 95 % ellipses of horizontal positions with covariances of shape (…, 2, 2).
+
+    Returns:
+        Longer and shorter half axis, shape (…, 2), [m], and the longer one's direction, shape (…), anticlockwise from
+        east, [rad].
+    """
     variance, axes = np.linalg.eigh(covariance)
-    major, minor = 2 * CONFIDENCE * np.sqrt(np.maximum(variance[::-1], 0.0))
-    half = np.arctan2(axes[1, 1], axes[0, 1]) / 2
+    return CONFIDENCE * np.sqrt(np.maximum(variance[..., ::-1], 0.0)), np.arctan2(axes[..., 1, 1], axes[..., 0, 1])
+
+
+def _disc(x: float, y: float, z: float, covariance: Floats) -> Any:
+    """The 95 % ellipse of a horizontal position with `covariance`, shape (2, 2), as a flat spheroid."""
+    half_axes, direction = ellipse(covariance)
+    major, minor = 2 * half_axes
+    half = direction / 2
     place = pose(np.array([x, y, z]), np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
     return SpherePrimitive(pose=place, size=Vector3(x=major, y=minor, z=DISC_M), color=UNCERTAINTY)
 
@@ -103,7 +114,7 @@ def _other_sides(estimates: Estimates, row: int, z: float) -> list[Any]:
     places, spread = estimates.hypothesis[made], estimates.hypothesis_covariance[made]
     if believed.size < 2:
         return []
-    return [_ellipse(float(places[h, 0]), float(places[h, 1]), z, spread[h]) for h in believed.tolist()]
+    return [_disc(float(places[h, 0]), float(places[h, 1]), z, spread[h]) for h in believed.tolist()]
 
 
 def _entity(name: str, frame: str, stamp: Any, **parts: Any) -> Any:
@@ -148,7 +159,7 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
             x, y, z = beliefs[f][i - skipped].tolist()
             covariance = flight.estimates[f].covariance[row[f, i], :2, :2]
             # a filter that left finite numbers has a trail but no ellipse
-            ellipses = [_ellipse(x, y, z, covariance)] if np.isfinite(covariance).all() else []
+            ellipses = [_disc(x, y, z, covariance)] if np.isfinite(covariance).all() else []
             ellipses += _other_sides(flight.estimates[f], int(row[f, i]), z)
             place = _entity(f"{name}/estimate", "world", stamp, spheres=ellipses)
             entities.append(place.SerializeToString() + _line(strip, BELIEF, _trail(believed[f], i - skipped)))

@@ -17,6 +17,7 @@ import pytest
 import scipy
 from PIL import Image
 
+from experiments.flight.summary import true_bearing
 from experiments.pages import figures, flight_figures, page, style
 from experiments.pages.figures import Line
 from experiments.pages.flight_figures import without_wraps
@@ -189,7 +190,7 @@ def test_the_bearing_is_that_from_the_leaders_bow_clockwise():
     forward = truth.velocity[step, 0, :2] / np.hypot(*truth.velocity[step, 0, :2])
     away = flight.hydrophone(0)[k, :2] - truth.position[step, 0, :2]
     ahead, starboard = away @ forward, forward[1] * away[0] - forward[0] * away[1]
-    bearing = flight_figures.true_bearing(flight, 0)[k]
+    bearing = true_bearing(flight, 0)[k]
     assert np.pi / 2 < bearing < np.pi
     assert np.cos(bearing) == pytest.approx(ahead / np.hypot(*away), abs=1e-6)
     assert np.sin(bearing) == pytest.approx(starboard / np.hypot(*away), abs=1e-6)

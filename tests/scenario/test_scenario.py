@@ -9,6 +9,7 @@ import pytest
 
 from experiments.flight import library
 from laisn.settings import NavigationSettings
+from laisn.tight.settings import TightSettings
 from sim.flight import navigation_settings
 from sim.motion import simulate_motion
 from sim.scenario import file as scenario_file
@@ -34,6 +35,10 @@ def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
     told = navigation_settings(scenario, simulate_motion(scenario), 0)
     # where the hydrophone sits is the hull's, not a default
     assert replace(told, hydrophone_height=0.0) == NavigationSettings()
+    tight = scenario_file.validate(
+        {**MINIMAL, "motion": "kinematic", "duration_s": 1.0, "navigation": {"variant": "tight"}}, "mine.toml"
+    )
+    assert replace(navigation_settings(tight, simulate_motion(tight), 0), hydrophone_height=0.0) == TightSettings()
 
 
 def test_defaults_are_the_papers() -> None:
