@@ -1,5 +1,6 @@
 """Followers that steer by their own estimates."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from laisn.navigators import new_navigator
 from laisn.settings import NavigationSettings
 from laisn.tight.navigator import TightNavigator
 from sim.closed_loop import Pilot
-from sim.flight import navigate
+from sim.flight import Flight, navigate
 from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
@@ -141,6 +142,35 @@ def test_its_path_belongs_to_a_run_so_that_campaigns_refuse_it() -> None:
 def test_the_point_motion_cannot_be_steered() -> None:
     with pytest.raises(ValueError, match="needs motion = 'physics'"):
         mission("motion=kinematic")
+
+
+def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Estimates 3 m east and 4 m south of the truth; followers where their routes have them, but for a last stretch."""
+    asked = []
+
+    def flown(scenario: Scenario) -> tuple[Flight, None]:
+        asked.append(scenario)
+        short = study.scenario(("T3", "T6"), 10.0).model_copy(update={"motion": "kinematic"})
+        flight = navigate(short, simulate_motion(short), Navigator)
+        off = np.where(flight.trajectory.time > 9.05, 8.0, 0.0)
+        position = flight.trajectory.position.copy()
+        position[:, 2, 0] += off
+        flight = replace(flight, trajectory=replace(flight.trajectory, position=position))
+        estimates = []
+        for i, found in enumerate(flight.estimates):
+            state = found.state.copy()
+            state[:, :2] = flight.hydrophone(i)[:, :2] + np.array([3.0, -4.0]) * (i + 1)
+            estimates.append(replace(found, state=state))
+        return replace(flight, estimates=tuple(estimates)), None
+
+    monkeypatch.setattr(study, "fly", flown)
+    one, other = study.measure(3, "laisn-3-1", "estimate")
+    assert one == pytest.approx((5.0, 0.0, 0.0), abs=1e-6)
+    # for the last 10 of 101 instants
+    assert other == pytest.approx((10.0, 8.0 * np.sqrt(10 / 101), 8.0), abs=1e-6)
+    (scenario,) = asked
+    assert (scenario.run, scenario.navigation.variant) == (3, "laisn-3-1")
+    assert {follower.steers_by for follower in scenario.followers} == {"estimate"}
 
 
 def test_the_record_counts_who_is_lost() -> None:

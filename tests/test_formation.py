@@ -191,6 +191,10 @@ def test_figures_of_keeping_a_station_are_those_since_it_was_joined() -> None:
     assert found.station_rms_m == pytest.approx(np.sqrt((800 + 121) / 801))
     assert found.station_p95_m == pytest.approx(1.0)
     assert (found.station_max_m, found.lost) == (11.0, True)
+    # from 2 m, which is not within 2 m, evenly up to 6 m: 95 % of the time less than 19/20 of the way
+    evenly = station_keeping(np.r_[2.0, np.linspace(0.0, 6.0, 1001)], np.arange(1002.0))
+    assert (evenly.joined_s, evenly.station_p95_m) == pytest.approx((1.0, 5.7))
+    assert not station_keeping(np.array([0.0, 10.0]), np.arange(2.0)).lost
     never = station_keeping(np.full(10, 3.0), 0.1 * np.arange(10))
     assert np.isnan(never.joined_s)
     assert never.lost

@@ -1,11 +1,15 @@
 """The study of formations: its conditions, and figures by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from experiments.formation import study
-from experiments.formation.conditions import CONDITIONS
+from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.formation.study import Run, findings_of, measure
+from experiments.study.facts import DISC_DIAMETER_M
+from tests.synthetic import make_scenario, make_trajectory
 
 
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)
@@ -49,3 +53,48 @@ def test_a_short_run_keeps_its_stations() -> None:
     assert run.largest.max() < 3.0
     assert run.closest > 4.0
     assert run.error.max() < 1.0
+
+
+def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """3 s of ten followers, with everything that is measured set by hand, follower by follower."""
+    scenario = make_scenario(3.0, 10)
+    monkeypatch.setattr(Condition, "scenario", lambda *_: scenario)
+    condition, trajectory = study.CONDITIONS[0], make_trajectory(scenario)
+    n, each = trajectory.time.size, np.arange(1.0, 11.0)
+    thrust = np.zeros_like(trajectory.thrust)
+    # the leader's do not count
+    thrust[:, 0], thrust[:, 1:, 3] = 50.0, -each
+    trajectory = replace(trajectory, thrust=thrust)
+    beliefs = np.full((n, 10, 7), 99.0)
+    for i, name in enumerate(trajectory.names[1:]):
+        hydrophone = trajectory.site_path(f"{name}/hydrophone")[1:]
+        beliefs[1:, i, :2] = hydrophone[:, :2] + (i + 1) * np.array([0.3, -0.4])
+    # on legs 0.1 to 1 m off, in the turn, the last 11 of 31 instants, up to 1.2 to 12 m
+    turning = np.arange(n) >= n - 11
+    far = np.where(turning[:, None], np.linspace(-2.4, 1.2, n)[:, None] * each, 0.1 * each)
+    frame = np.zeros((n, 10, 4))
+    frame[turning, :, 3] = -1.1e-3
+    frame[~turning, :, 3] = 0.9e-3
+    monkeypatch.setattr(study, "simulate_swarm", lambda _: (trajectory, beliefs))
+    monkeypatch.setattr(study, "off_station", lambda *_: far)
+    monkeypatch.setattr(study, "true_stations", lambda *_: frame)
+    run = measure(condition, 0, 3.0)
+    np.testing.assert_allclose(run.rms, np.sqrt(np.mean(far**2, axis=0)))
+    np.testing.assert_allclose(
+        run.p95, [sorted(column)[28] + 0.5 * (sorted(column)[29] - sorted(column)[28]) for column in far.T]
+    )
+    np.testing.assert_allclose(run.largest, far.max(axis=0))
+    np.testing.assert_allclose(run.turn, far[turning].max(axis=0))
+    np.testing.assert_allclose(run.leg, 0.1 * each)
+    assert run.lost.tolist() == (far.max(axis=0) > 10.0).astype(float).tolist()
+    assert 0 < run.lost.sum() < 10
+    np.testing.assert_allclose(run.error, 0.5 * each)
+    # discs at rest: T^1.5 / √(2ρA)
+    area = np.pi * DISC_DIAMETER_M**2 / 4
+    assert run.power == pytest.approx(np.mean(each**1.5) / np.sqrt(2 * 1026.0 * area))
+    apart = [
+        np.hypot(*(trajectory.position[:, i, :2] - trajectory.position[:, j, :2]).T).min()
+        for i in range(11)
+        for j in range(i)
+    ]
+    assert run.closest == pytest.approx(min(apart))

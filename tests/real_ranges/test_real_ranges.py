@@ -1,6 +1,8 @@
 """Plaza 1 and 2: what the navigator among beacons reaches on ranges that were really measured."""
 
+from dataclasses import replace
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -86,3 +88,55 @@ def test_settings_follow_the_medium_but_for_what_is_given() -> None:
         beacons_of({"outlier_chance": 1.0, "start_sigma_m": 0})
     assert "beacons.outlier_chance: Input should be less than 1" in str(caught.value)
     assert "beacons.start_sigma_m: Input should be greater than 0" in str(caught.value)
+
+
+def test_the_record_has_the_median_the_worst_and_all() -> None:
+    """Six pairs whose errors are 1 to 6 m, 95 % of them within twice as much, NEES half as much; all four 0.5 m."""
+    pairs = list(combinations("1234", 2))
+    each = {pair: Score(float(k), 1.5 * k, 2.0 * k, 0.5 * k) for k, pair in zip((3, 6, 1, 5, 2, 4), pairs, strict=True)}
+    found = study.findings_of("Plaza1", {"tight": each | {tuple("1234"): Score(0.5, 0.6, 0.7, 0.8)}})
+    assert {key.removesuffix(" tight Plaza1"): finding.value for key, finding in found.items()} == {
+        "pairs": 3.5, "worst-pair": 6.0, "high": 12.0, "nees-least": 0.5, "nees-most": 3.0, "all": 0.5, "all-high": 0.7,
+        "all-nees": 0.8,
+    }  # fmt: skip
+
+
+def test_ranges_are_told_by_their_scale_and_what_it_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every range 3 % too long, and in turns 0.5 m too long and too short; the robot drives 1 m/s east."""
+    time = np.arange(0.0, 100.0)
+    truth = np.column_stack([time, time, np.zeros(100), np.zeros(100)])
+    data = study.read_data_set(study.DATA / "Plaza1.mat")
+    places, beacon = np.array([[0.0, 3000.0], [50.0, -4000.0]]), np.arange(90) % 2
+    heard = np.arange(90) + 0.5
+    true = np.hypot(heard - places[beacon, 0], places[beacon, 1])
+    spread = np.where(np.arange(90) // 2 % 2, 0.5, -0.5)
+    moved = replace(
+        data, truth=truth[:, : data.truth.shape[1]], places=places, range_time=heard, range_beacon=beacon,
+        ranges=1.03 * true + spread,
+    )  # fmt: skip
+    monkeypatch.setattr(study, "read_data_set", lambda _: moved)
+    found = study.ranges_of("Plaza1")
+    assert found["ranges Plaza1"].value == 90
+    assert found["scale Plaza1"].value == pytest.approx(0.03, abs=1e-5)
+    assert found["sigma Plaza1"].value == pytest.approx(0.5, rel=1e-3)
+
+
+def test_errors_have_a_mean_a_root_mean_square_and_a_95th_percentile() -> None:
+    n = 101
+    measured = Measurements(
+        dt=1.0, speed=np.ones(n), heading=np.zeros(n), depth=np.zeros(n), message_step=np.array([5]),
+        message=np.zeros((1, 9)), ranges=np.ones((1, 3)),
+    )  # fmt: skip
+    off = np.linspace(0.0, 10.0, n)
+    state = np.zeros((n, 4))
+    state[:, 0] = off
+    covariance = np.tile(np.diag([4.0, 1.0, 1.0, 1.0]), (n, 1, 1))
+    estimates = Estimates(
+        state=state, covariance=covariance, fix_step=np.array([5]), fix_position=np.zeros((1, 2)),
+        fix_sigma=np.zeros(1), fix_kind=np.array([7]), innovation=np.zeros((1, 2)),
+        innovation_covariance=np.zeros((1, 2, 2)),
+    )  # fmt: skip
+    truth = np.column_stack([measured.time, np.zeros((n, 2))])
+    # of values even from 0 to a: a/2, and a √((2 n − 1) / (6 (n − 1))) of n of them
+    square = 100.0 * (2 * n - 1) / (6 * (n - 1))
+    assert tuple(score(estimates, measured, truth)) == pytest.approx((5.0, np.sqrt(square), 9.5, square / 4.0))

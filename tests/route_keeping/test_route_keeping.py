@@ -1,11 +1,14 @@
 """The eight routes flown by the physics, and how that is measured."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from experiments.route_keeping import study
 from sim import point_fleet
 from sim.fleet import simulate_fleet
+from sim.geometry import attitude
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan
 from sim.scenario.routes import Route, library_route, names
 from sim.tracking import TrackingReport, arrival_errors, cross_track, off_place, tracking
@@ -120,6 +123,30 @@ def test_arrival_is_when_a_waypoint_is_nearest():
     assert arrival_errors(route, time, position)[1:] == pytest.approx([2.0, 2.0], abs=0.1)
     # a trajectory that ends before the last waypoint has not missed it
     assert arrival_errors(route, time[:1500], position[:1500]).size == 2
+
+
+def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:
+    """100 m north at 1 m/s, then off by hand at every instant: aside, fast, deep, pitched and rolled."""
+    route = Route.timed("line", [[0, 0, 0], [100, 0, 100]], 5.0)
+    flown = point_fleet.simulate_points(("vehicle",), (route,), 120.0)
+    wave = np.where(np.arange(flown.time.size) % 2 == 0, 3.0, -1.0)
+    position, velocity = flown.position.copy(), flown.velocity.copy()
+    position[:, 0, 0] += wave
+    position[:, 0, 2] -= 0.1 * wave
+    velocity[:, 0, :2] = np.stack([0.6 + 0.06 * wave, 0.8 + 0.08 * wave], axis=-1)
+    quaternion = attitude.from_euler(np.pi / 2, np.deg2rad(-2.0) * wave, np.deg2rad(4.0) * wave)[:, None]
+    moved = replace(flown, position=position, velocity=velocity, quaternion=quaternion)
+    (report,) = tracking(moved, (route,))
+    # of 1001 instants until the last waypoint one more has +3 than −1; what comes after does not count
+    mean_square, mean = (501 * 9 + 500) / 1001, (501 * 3 - 500) / 1001
+    rms, sigma = np.sqrt(mean_square), np.sqrt(mean_square - mean**2)
+    late = abs(float(arrival_errors(route, moved.time, moved.position[:, 0, :2])[-1]))
+    expected = {
+        "cross_track_rms": rms, "cross_track_max": 3.0, "arrival_error_max": late, "speed_error_rms": 0.1 * rms,
+        "depth_error_rms": 0.1 * rms, "depth_error_max": 0.3, "pitch_max": np.deg2rad(6.0),
+        "pitch_std": np.deg2rad(2.0) * sigma, "roll_max": np.deg2rad(12.0), "roll_std": np.deg2rad(4.0) * sigma,
+    }  # fmt: skip
+    assert {key: value for key, value in vars(report).items() if key != "name"} == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", names())

@@ -1,6 +1,7 @@
 """What studies say of means: intervals over seas and runs in closed form, and differences that are paired."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ from scipy.stats import binomtest
 from experiments.campaign import missions
 from experiments.flight.library import load
 from experiments.study.estimate import Results, over_runs, over_seas
-from experiments.study.facts import DISC_DIAMETER_M, disc_power, facts_of
+from experiments.study.facts import DISC_DIAMETER_M, disc_power, facts_of, thruster_power
+from sim.station_keeping import off_places
+from tests import straight
 
 
 def test_few_seas_have_the_interval_of_student():
@@ -120,3 +123,55 @@ def test_energy_is_mean_power_times_time_and_way_costs_it():
     # no disc can push against the water for less than the work that it does there
     through = np.linalg.norm(trajectory.velocity[:, 1] - trajectory.water_velocity[:, 1], axis=1)
     assert facts["power_mean_w"] > 0.99 * float(np.mean(np.abs(trajectory.thrust[:, 1, 0]) * through))
+
+
+def test_facts_of_a_mission_are_those_of_its_motion():
+    """A leader at rest 1 m too deep, pitched by 5°; a follower that drifts aside by 3 cm/s and down by 1 cm/s."""
+    scenario = straight.make_scenario()
+    depth = scenario.followers[0].depth_m
+    flown = straight.make_trajectory(
+        (0.0, 40.0, -depth), leader=(0.0, 0.0, -9.0), follower_velocity=(0.0, 0.03, -0.01),
+        heading_pitch_roll=(np.pi / 2, np.deg2rad(5.0), 0.0),
+    )  # fmt: skip
+    thrust = np.zeros_like(flown.thrust)
+    thrust[:, 0, 0], thrust[:, 1, 2] = 16.0, -9.0
+    flown = replace(flown, thrust=thrust)
+    (facts,) = facts_of(scenario, flown)
+    time, area = flown.time, math.pi * DISC_DIAMETER_M**2 / 4
+    # at rest a disc takes T^1.5 / √(2ρA)
+    still = math.sqrt(2 * scenario.ocean.density_kg_m3 * area)
+    north, down = 40.0 + 0.03 * time, 0.01 * time
+    off = off_places(scenario, flown)[:, 0]
+    assert facts == pytest.approx(
+        {
+            "off_place_rms_m": math.sqrt(sum(off**2) / off.size),
+            "off_place_max_m": max(off),
+            "depth_error_rms_m": math.sqrt(sum(down**2) / time.size),
+            "depth_error_max_m": 0.2,
+            "closest_approach_m": min(np.hypot(north, depth + down - 9.0)),
+            "range_mean_m": 40.3,
+            "pitch_rms_deg": 0.0,
+            "power_mean_w": 27.0 / still,
+            "energy_j": 20.0 * 27.0 / still,
+            "leader_pitch_rms_deg": 5.0,
+            "leader_depth_error_rms_m": 1.0,
+            "leader_power_mean_w": 64.0 / still,
+            "leader_energy_j": 20.0 * 64.0 / still,
+        },
+        abs=1e-9,
+    )
+
+
+def test_a_thruster_works_against_the_water_that_it_meets_along_the_hull():
+    """1.2 m/s over ground in a current of 0.4 m/s from behind, nose up by 60°: 0.4 m/s along the hull."""
+    flown = straight.make_trajectory(
+        (0.0, 40.0, -10.0), leader_velocity=(1.2, 0.0, 0.0), heading_pitch_roll=(np.pi / 2, np.pi / 3, 0.0)
+    )
+    thrust, water = np.zeros_like(flown.thrust), np.zeros_like(flown.water_velocity)
+    thrust[:, 0, 0], water[..., 0] = 8.0, 0.4
+    flown = replace(flown, thrust=thrust, water_velocity=water)
+    forward = disc_power(np.array(8.0), np.array(0.4), 1026.0)
+    assert thruster_power(flown, 0, 1026.0) == pytest.approx(np.full(201, forward))
+    # against its way it pushes into its own wake
+    backwards = disc_power(np.array(8.0), np.array(0.0), 1026.0)
+    assert thruster_power(replace(flown, thrust=-thrust), 0, 1026.0) == pytest.approx(np.full(201, backwards))

@@ -1,0 +1,169 @@
+"""Each claim at the edges of its criterion, and the figures that it quotes, on results made by hand."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.flight.library import ROUTES
+from experiments.reproduction.claims import CLAIMS
+from experiments.reproduction.stages import METRICS, SETTINGS
+from experiments.reproduction.verdict import Judgement, Results
+
+Figure = Callable[[str, str, str, str], float | None]
+"""Setting, mission, variant, metric; None: 1."""
+
+
+def judged(number: int, figure: Figure, steps: Mapping[Any, Any] | None = None) -> Judgement:
+    """What becomes of a claim where every figure is 1 but for those that are given."""
+    rows = {
+        (s.name, m, v): {x: figure(s.name, m, v, x) or 1.0 for x in (*METRICS, "distance_m")}
+        for s in SETTINGS
+        for m in ROUTES
+        for v in s.variants
+    }
+    claim = next(claim for claim in CLAIMS if claim.number == number)
+    return claim.judge(Results(rows=rows, missions=ROUTES, steps=steps or {}))
+
+
+def on_routes(setting: str, variants: tuple[str, ...], *values: float) -> Figure:
+    """These values of every metric in a setting, route by route, the last of them for all that are left."""
+    of = dict(zip(ROUTES, [*values, *[values[-1]] * len(ROUTES)], strict=False))
+    return lambda s, m, v, x: of[m] if s == setting and v in variants else None
+
+
+TWO, THREE, BOTH = ("laisn-2",), ("laisn-3-2",), ("laisn-2", "laisn-3-2")
+
+
+@pytest.mark.parametrize(
+    ("number", "figure", "verdict"),
+    [
+        (3, on_routes("L1", BOTH, 1.25), "holds"),
+        (3, on_routes("L1", BOTH, 1.26), "depends"),
+        # the nine tenths of sixteen lie between the fourteenth and the fifteenth
+        (3, on_routes("L1", BOTH, 1.6, 1.0), "holds"),
+        (3, on_routes("L1", BOTH, 1.6, 1.6, 1.0), "depends"),
+        (3, on_routes("L1", BOTH, 1.6), "does not hold"),
+        (4, on_routes("HT0.2", THREE, 1.09), "holds"),
+        (4, on_routes("HT0.2", THREE, 0.92), "holds"),
+        (4, on_routes("HT0.2", THREE, 0.89), "depends"),
+        (4, on_routes("HT0.2", THREE, 1.11), "depends"),
+        (4, on_routes("HT0.2", THREE, 1.21), "does not hold"),
+        (4, on_routes("HT0.2", THREE, 0.82), "does not hold"),
+        (5, on_routes("5s", THREE, 0.96), "holds"),
+        (5, on_routes("5s", THREE, 0.94), "depends"),
+        (5, on_routes("base", THREE, 0.94), "depends"),
+        (5, on_routes("base", THREE, 0.89, 1.0), "depends"),
+        (5, on_routes("base", THREE, 0.91, 1.0), "holds"),
+        (5, lambda s, m, v, x: 0.89 if v == "laisn-3-2" else None, "does not hold"),
+        (6, on_routes("base", ("laisn-3-1",), 1.01), "holds"),
+        (6, on_routes("base", ("laisn-3-1",), 0.99, 1.01), "depends"),
+        (6, on_routes("base", ("laisn-3-1",), 1.0), "does not hold"),
+        (6, lambda s, m, v, x: 1.1 if v == "laisn-3-1" and x == "e_p_mean_m" else None, "depends"),
+        (7, on_routes("asymmetric", THREE, 0.8), "holds"),
+        (7, on_routes("asymmetric", THREE, 0.81), "does not hold"),
+        (8, on_routes("muD0.3", TWO, 1.25), "holds"),
+        (8, on_routes("muD0.3", TWO, 1.26), "depends"),
+        # three tenths of the way from the seventh of eight to the last: 1 + 0.3 · 1.5, and 1 + 0.3 · 2
+        (8, on_routes("muD0.3", TWO, 2.5, 1.0), "holds"),
+        (8, on_routes("muD0.3", TWO, 3.0, 1.0), "depends"),
+        (8, on_routes("muD0.3", TWO, 1.6), "does not hold"),
+    ],
+)
+def test_a_claim_holds_up_to_the_edge_of_its_criterion(number: int, figure: Figure, verdict: str) -> None:
+    assert judged(number, figure).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("number", "setting", "variants", "said"),
+    [
+        (2, "5s", TWO, "5 s over 1 s: {}; 10 s over 1 s: median 1.00, from 1.00 (T2) to 1.00 (T2)"),
+        (4, "HT0.2", THREE, "0.2 m over 0.1 m: {}"),
+        (5, "5s", THREE, "LAISN-3(2) over LAISN-2, 1 s: median 1.00, from 1.00 (T2) to 1.00 (T2); 5 s: {}"),
+        (6, "base", ("laisn-3-1",), "mean: {0}; max: {0}"),
+        (8, "muD0.3", TWO, "0.3 m over 0.1 m: {}"),
+    ],
+)
+def test_ratios_are_told_with_their_median_and_the_missions_at_both_ends(
+    number: int, setting: str, variants: tuple[str, ...], said: str
+) -> None:
+    found = judged(number, on_routes(setting, variants, 3.0, 0.5, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2))
+    # between 1.6 and 1.8 of eight
+    assert found.figures == said.format("median 1.70, from 0.50 (T3) to 3.00 (T2)")
+
+
+def steps(bearing: list[float], error: list[float], **others: list[float]) -> dict[str, Any]:
+    """Three hundred steps of each value."""
+    given = {"bearing_deg": bearing, "e_p_mean_m": error, **others}
+    return {name: np.repeat(values, 300) for name, values in given.items()}
+
+
+def test_followers_abeam_are_held_against_the_others() -> None:
+    def top(t3: float, t4: float) -> Figure:
+        return lambda s, m, v, x: {"T3": t3, "T4": t4}.get(m) if x == "e_p_max_m" else None
+
+    assert judged(1, top(0.9, 0.5)).verdict == "holds"
+    assert judged(1, top(1.1, 0.5)).verdict == "depends"
+    assert judged(1, top(1.5, 0.5)).verdict == "does not hold"
+    assert judged(1, top(0.9, 0.5)).figures == "E_P max of T3, T4: 0.50 … 0.90 m; of the others 1.00 … 1.00 m"
+    abeam, astern = steps([80.0, 175.0], [1.0, 3.0]), steps([-100.0, 190.0], [2.0, 1.0])
+    never = steps([20.0, 160.0], [1.0, 1.0])
+    kept = {("base", m, "laisn-2"): s for m, s in (("T2", abeam), ("T5", astern), ("T6", abeam), ("T7", never))}
+    found = judged(1, top(0.9, 0.5), kept)
+    assert found.verdict == "holds"
+    assert found.figures.endswith(
+        "mean E_P astern over abeam within a mission: median 3.00, from 0.50 (T5) to 3.00 (T2), abeam better on 2 of 3"
+    )
+    del kept["base", "T6", "laisn-2"]
+    assert judged(1, top(0.9, 0.5), kept).verdict == "depends"
+
+
+def test_the_heading_claim_says_how_much_a_line_explains() -> None:
+    distance = dict(zip(ROUTES, (40.0, 55.0, 75.0, 76.0, 38.0, 47.0, 41.0, 77.0), strict=True))
+    error = dict(zip(ROUTES, (4.0, 5.0, 8.0, 7.0, 4.5, 4.0, 5.0, 7.5), strict=True))
+
+    def grown(lateral: float, others: float) -> Figure:
+        def figure(setting: str, mission: str, variant: str, metric: str) -> float:
+            if metric == "distance_m":
+                return distance[mission]
+            before = lateral if mission in ("T3", "T4") else others
+            return error[mission] if setting == "heading5" else error[mission] / before
+
+        return figure
+
+    found = judged(9, grown(5.1, 5.0))
+    d, e = np.array([*distance.values()]), np.array([*error.values()])
+    ((slope,), (left,), *_) = np.linalg.lstsq(d[:, None], e, rcond=None)
+    share = 100 * (1 - left / (e.size * e.var()))
+    assert share > 80.0
+    assert found.verdict == "holds"
+    assert found.figures == (
+        "E_P grows 5.1 times on T3, T4, 5.0 times on the others (medians); "
+        f"E_P = {slope:.3f} × mean distance ({np.degrees(slope):.1f}°) explains {share:.0f} % of its variance"
+    )
+    assert judged(9, grown(4.9, 4.0)).verdict == "depends"
+    assert judged(9, grown(5.1, 5.2)).verdict == "depends"
+
+
+def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
+    def bearing(t8: float, t2: float = 1.0) -> Figure:
+        return lambda s, m, v, x: {"T8": t8, "T2": t2}.get(m) if x == "e_b_max_deg" else None
+
+    def peak(lag: float) -> dict[Any, Any]:
+        """The follower is at 95 % of its top speed or more from 100 to 110 s, and furthest off `lag` later."""
+        time = np.arange(0.0, 300.0)
+        speed = np.where((time >= 100) & (time <= 110), 1.91, 1.0)
+        speed[105], error = 2.0, np.where(time == 110 + lag, 9.0, 1.0)
+        return {("base", "T8", "laisn-2"): {"time_s": time, "speed_m_s": speed, "e_b_max_deg": error}}
+
+    assert judged(10, bearing(2.0)).verdict == "holds"
+    assert judged(10, bearing(2.0, 3.0)).verdict == "depends"
+    assert judged(10, bearing(0.5, 3.0)).verdict == "does not hold"
+    found = judged(10, bearing(2.0), peak(30.0))
+    assert found.verdict == "holds"
+    assert found.figures == (
+        "largest E_B 2.0° on T8; T8 2.0°, others: median 1.00, from 1.00 (T2) to 1.00 (T2); "
+        "it peaks 30 s from the burst"
+    )
+    assert judged(10, bearing(2.0), peak(31.0)).verdict == "depends"

@@ -1,0 +1,127 @@
+"""The paper's tables beside ours: which figure stands in which cell."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments.pages.page import Cell, Table, ratio_tone
+from experiments.reproduction import paper_tables
+from experiments.reproduction.record import Reproduction
+from experiments.reproduction.stages import METRICS, SETTINGS, Key, Setting
+from experiments.reproduction.verdict import Results
+
+BASE, GATE, SLOW, ASYMMETRIC, TEXT = (
+    replace(next(s for s in SETTINGS if s.name == name), variants=("laisn-2",))
+    for name in ("base", "measured-gate", "10s", "asymmetric", "muD0.3")
+)
+OURS = {"T2": 3.0, "T3": 1.0}
+THEIRS = {"T2": 1.0, "T3": 1.25}
+
+
+def figures(mean: float, **changes: Any) -> dict[str, Any]:
+    """A row whose six figures are 1, 2, 3 … times `mean`, in the paper's order."""
+    return {metric: (i + 1) * mean for i, metric in enumerate(METRICS)} | {
+        "runs": 60, "captured_runs": 0, "e_p_p50_m": 0.11, "e_p_p95_m": 0.22, "e_b_p95_deg": 0.33, "nees": 4000.0,
+        "nis": 2.5, "fixes_gated": 7, "worst_run": 42,
+    } | changes  # fmt: skip
+
+
+def made(*given: tuple[Setting, dict[str, dict[str, Any]]]) -> Reproduction:
+    """What came of settings, mission by mission; the paper has `THEIRS` of some."""
+    flown: dict[Key, Any] = {(s.name, mission, "laisn-2"): row for s, rows in given for mission, row in rows.items()}
+    published: dict[Key, dict[str, float]] = {
+        (s.name, mission, "laisn-2"): {metric: figures(mean)[metric] for metric in METRICS}
+        for s in (BASE, SLOW, ASYMMETRIC)
+        for mission, mean in THEIRS.items()
+    }
+    return Reproduction(
+        motion="kinematic", runs=60, seed=1, settings=tuple(s for s, _ in given), plans={}, rows=flown, steps={},
+        published=published, results=Results(rows=flown, missions=tuple(OURS)), judgements=[], folder=Path(),
+    )  # fmt: skip
+
+
+def texts(row: Any) -> list[str]:
+    return [cell.text for cell in row]
+
+
+def both(mission_ratio: float, theirs: float, places: range) -> list[str]:
+    """Pairs of cells: the paper's figure and ours, of the figures at these places."""
+    return [f"{(i + 1) * value:.2f}" for i in places for value in (theirs, mission_ratio * theirs)]
+
+
+ALL = {mission: figures(mean) for mission, mean in OURS.items()}
+
+
+def test_each_figure_stands_beside_the_papers() -> None:
+    table = paper_tables.one_setting(made((BASE, ALL)), BASE, "")
+    assert texts(table.rows[0])[1:] == both(3.0, 1.0, range(6))
+    assert texts(table.rows[1])[1:] == both(0.8, 1.25, range(6))
+    assert [name for name, _ in table.groups][1:] == [
+        "E_P max [m]", "E_B max [°]", "E_P mean [m]", "E_B mean [°]", "σ E_P [m]", "σ E_B [°]",
+    ]  # fmt: skip
+    assert [cell.tone for cell in table.rows[0]][1:3] == ["theirs", "ratio-high3"]
+    assert {cell.tone for cell in table.rows[1][2::2]} == {ratio_tone(0.8)} == {"ratio-low1"}
+    assert table.rows[1][4].title == "2 / 2.5 = 0.80"
+
+
+def test_what_the_paper_only_describes_stands_alone() -> None:
+    table = paper_tables.one_setting(made((TEXT, ALL)), TEXT, "")
+    assert texts(table.rows[0])[1:] == [f"{3.0 * i:.2f}" for i in range(1, 7)]
+    assert len(table.heads) == 7
+
+
+def test_two_figures_of_several_settings_stand_side_by_side() -> None:
+    found = made((BASE, ALL), (SLOW, {m: figures(2 * mean) for m, mean in OURS.items()}))
+    table = paper_tables.several_settings(found, [BASE, SLOW], METRICS[2:4], "")
+    assert texts(table.rows[0])[1:] == both(3.0, 1.0, range(2, 4)) + both(6.0, 1.0, range(2, 4))
+
+
+def test_alternatives_are_held_against_the_rows_that_they_are_like() -> None:
+    found = made((GATE, ALL))
+    (row,) = paper_tables.alternatives_table(found, [GATE]).rows
+    assert texts(row)[1:] == ["LAISN-2", *both(3.0, 1.0, range(2, 3)), *both(0.8, 1.25, range(2, 3))]
+    assert [cell.title for cell in row[3::2]] == ["3.00", "0.80"]
+    assert row[3].tone == "ratio-high3"
+
+
+def test_rows_that_are_far_off_are_told_with_what_is_known() -> None:
+    captured = figures(3.0, captured_runs=6, e_p_mean_uncaptured_m=1.5)
+    # 2.0 times as much is far off, 1.99 times is not
+    found = made(
+        (BASE, {"T2": captured, "T3": figures(1.99 * 1.25)}),
+        (SLOW, {"T2": figures(9.0), "T3": figures(1.25)}),
+        (ASYMMETRIC, {"T2": figures(1.0), "T3": figures(0.5 * 1.25)}),
+        (TEXT, {"T2": figures(99.0)}),
+    )
+    said, table = paper_tables.far_off(found)
+    assert isinstance(table, Table)
+    assert said.text.startswith("3 of 6 rows differ by more than a factor of 2 in mean E_P. 1 of them have a message")  # type: ignore[union-attr]
+    assert said.text.endswith("The other 2:")  # type: ignore[union-attr]
+    first, second = table.rows
+    assert texts(first)[:2] == ["Table 1", "Δt_D = 1 s"]
+    assert texts(first)[3:] == [
+        "3.00", "9.00", "3.00",
+        "6 of 60 runs were on the mirror side for a while; the others have 1.50 m (0.50 of the paper's)",
+    ]  # fmt: skip
+    assert texts(second)[3:6] == ["3.75", "1.88", "0.50"]
+    assert texts(second)[6].startswith("unequal errors act most near astern")
+    (alone,) = paper_tables.far_off(made((BASE, {"T3": figures(1.0)})))
+    assert alone.text == "0 of 1 rows differ by more than a factor of 2 in mean E_P. "  # type: ignore[union-attr]
+
+
+def test_all_rows_have_percentiles_consistency_and_counts() -> None:
+    (row,) = paper_tables.all_rows(made((BASE, {"T2": figures(1.0, captured_runs=3)}))).rows
+    assert texts(row)[2:] == ["0.11", "0.22", "0.33", "4000.0", "2.5", "3", "7", "42"]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "tone"),
+    [(1.0, "ratio-even"), (1.19, "ratio-even"), (0.84, "ratio-even"), (1.21, "ratio-high1"), (0.82, "ratio-low1"),
+     (1.49, "ratio-high1"), (1.51, "ratio-high2"), (0.51, "ratio-low2"), (2.01, "ratio-high3"), (0.49, "ratio-low3"),
+     (float("nan"), "")],
+)  # fmt: skip
+def test_ratios_are_coloured_alike_either_way(ratio: float, tone: str) -> None:
+    assert ratio_tone(ratio) == tone
+    assert Cell(text="", tone=ratio_tone(ratio)).style.strip() == f"short {tone}".strip()
