@@ -5,7 +5,11 @@ import pytest
 
 from experiments.estimators import table
 from experiments.estimators.cases import CASES, ECHO_CHANCE, LOSS_CHANCE, Case, spoiled
-from experiments.estimators.paired import compare, mission
+from experiments.estimators.paired import compare, mission, pair
+from laisn import lanes
+from laisn.settings import NavigationSettings
+from laisn.tight.mission import run_mission
+from laisn.tight.settings import TightSettings
 from sim.sensing.sensor_errors import measure
 
 BY_NAME = {case.name: case for case in CASES}
@@ -62,3 +66,34 @@ def test_the_table_prints_a_line_for_each_route(
     assert printed.count("T7 5 s: E_P") == printed.count("T8 5 s: E_P") == 1
     assert "× bound" in printed
     assert "median ratio" in printed
+
+
+def test_runs_are_scored_against_the_truth_as_covariances_have_them() -> None:
+    """Two runs by both navigators, each figure once more by loops over the states of each run alone."""
+    truth, errors = mission("T7", 5.0, 0.0)
+    settings = TightSettings()
+    measured = [measure(truth, errors, seed=2, run=run) for run in range(2)]
+    found = pair(truth, measured, settings, 50)
+    summed = np.zeros(truth.speed.size)
+    for i, given in enumerate(measured):
+        states, spread, outcome = run_mission(settings, given, truth.start)
+        off = states[:, :2] - truth.hydrophone
+        matrix = spread[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+        squares = np.einsum("ni,ni->n", off, np.linalg.solve(matrix, off[..., None])[..., 0])
+        summed += squares
+        distance = np.linalg.norm(off, axis=1)
+        alone = lanes.run([given], truth.start, NavigationSettings()).state[:, :2, 0] - truth.hydrophone
+        heard = outcome[np.isfinite(outcome[:, 2])]
+        expected = {
+            "laisn_means": np.linalg.norm(alone, axis=1).sum() / len(alone),
+            "tight_means": distance.sum() / distance.size,
+            "tight_squares": (distance @ distance) / distance.size,
+            "largest": max(distance),
+            "normalised": squares.sum() / squares.size,
+            "residuals": sum(heard[:, 2]) / sum(heard[:, 1]),
+        }
+        assert {name: found[name][i] for name in expected} == pytest.approx(expected, rel=1e-9)
+        # ranges of a filter that knows its sensors miss by their σ: 600 of them, half of them with a state
+        assert found["residuals"][i] == pytest.approx(1.0, abs=0.25)
+    np.testing.assert_allclose(found["instants"], summed)
+    assert found["tight_lost"].tolist() == found["laisn_lost"].tolist() == [0.0, 0.0]

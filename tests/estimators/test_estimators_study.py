@@ -69,6 +69,38 @@ def test_a_ratio_over_missions_is_the_median_of_theirs() -> None:
     assert (mean.high - mean.low) / 2 == pytest.approx(half, rel=0.15)
 
 
+def of_hand(route: str, error: float, laisn: float, lost: int, laisn_lost: int, runs: int = 20) -> Paired:
+    """A mission all of whose runs are alike, but for those that are captured."""
+    each = np.ones(runs)
+    return Paired(
+        route=route, interval=5.0, laisn_means=laisn * each, tight_means=error * each,
+        tight_squares=(2.0 * error) ** 2 * each, tight_max=7.0 * error, normalised=10.0 * error * each,
+        inside=error, residuals=3.0 * error * each, laisn_lost=np.arange(runs) < laisn_lost,
+        tight_lost=np.arange(runs) < lost, bound_rms=0.5,
+    )  # fmt: skip
+
+
+def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
+    missions = [of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6), of_hand("T4", 0.9, 1.5, 0, 1)]
+    named: dict[str, Any] = {}
+    study._of_missions("G", missions, named)
+    values = {key.removesuffix(" G"): finding.value for key, finding in named.items()}
+    assert values == pytest.approx(
+        {
+            "ratio": 0.4, "worst": 0.6, "error": 0.5, "laisn-2": 3.5 / 3, "largest": 6.3, "nees": 5.0,
+            "nees-least": 2.0, "nees-most": 9.0, "inside": 0.5, "nis": 1.5, "captured": 3 / 60, "captured-runs": 3,
+            "captured-laisn-2": 12 / 60, "bound": 1.6, "bound-worst": 3.6,
+        },
+        rel=1e-5,
+    )  # fmt: skip
+    exact = stats.binomtest(12, 60).proportion_ci(0.95, "exact")
+    limits = named["captured-laisn-2 G"]
+    assert (limits.low, limits.high) == pytest.approx((exact.low, exact.high), rel=1e-5)
+    assert named["captured-runs G"].what == "runs captured of 60"
+    even = study.ratio(missions[:2])
+    assert even.value == pytest.approx(0.3)
+
+
 def test_captures_are_those_of_the_runs_that_are_compared() -> None:
     runs = 5
     for case in CASES[:2]:

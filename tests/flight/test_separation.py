@@ -29,6 +29,19 @@ def test_the_gap_of_two_hulls_is_that_of_their_axes(
     assert found == pytest.approx(gap, abs=1e-9)
 
 
+def test_no_two_points_of_hulls_are_nearer_than_their_gap() -> None:
+    """By trial of places along both hulls, 1 cm apart: the distance is convex in them."""
+    rng, halves = np.random.default_rng(8), (1.0, 0.7)
+    places = np.stack(np.meshgrid(np.linspace(-1.0, 1.0, 201), np.linspace(-0.7, 0.7, 141)), axis=-1)
+    for _ in range(40):
+        one, other = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+        between = rng.normal(0.0, 1.0, 3)
+        points = between + places[..., 1:] * other - places[..., :1] * one
+        least = np.linalg.norm(points, axis=-1).min()
+        assert hull_gap(between, one, other, halves) == pytest.approx(least, abs=0.008)
+        assert hull_gap(between, one, other, halves) <= least + 1e-12
+
+
 def test_vehicles_that_meet_on_their_routes_touch_once() -> None:
     head_on = [
         {"waypoints": [[0, 0, 100], [60, 60, 100]], "depth_m": 12.0},
