@@ -52,7 +52,9 @@ def flown(scenario: Scenario) -> tuple[Trajectory, Swarm]:
 
 
 NOISY = {
-    "sensors": {"depth_sigma_m": 0.05, "leader_heading_bias_deg": 3.0, "leader_heading_sigma_deg": 1.0},
+    "sensors": {"depth_sigma_m": 0.05, "leader_heading_bias_deg": 3.0, "leader_heading_sigma_deg": 1.0,
+                "leader_depth_sigma_m": 0.1, "leader_attitude_sigma_deg": 1.0,
+                "leader_attitude_offset_sigma_deg": 2.0},
     "acoustics": {"loss_chance": 0.2, "burst_chance": 0.1, "surface_echo_chance": 0.1, "bottom_echo_chance": 0.1,
                   "max_range_m": 33.0, "clock_offset_s": 1e-4, "clock_drift_ppm": 30.0, "sound_speed_bias_m_s": 2.0},
     "ocean": {"current_speed_m_s": 0.3, "waves": {"kind": "regular"}},

@@ -9,11 +9,12 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
-from experiments.estimators import paired, study
+from experiments.estimators import paired, report, study
 from experiments.estimators.cases import CASES
 from experiments.estimators.paired import WEAVE, Paired, captures, compare
 from experiments.estimators.plan import ON_AXIS, QUICK, SEAS, Size, at_sea, tasks
 from experiments.estimators.report import write_page
+from experiments.findings import Findings
 from sim.scenario.routes import library_route
 
 
@@ -99,6 +100,31 @@ def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
     assert named["captured-runs G"].what == "runs captured of 60"
     even = study.ratio(missions[:2])
     assert even.value == pytest.approx(0.3)
+
+
+def test_cells_of_the_page_are_the_figures_of_its_heads() -> None:
+    missions = [of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6), of_hand("T4", 0.9, 1.5, 0, 1)]
+    named: dict[str, Any] = {}
+    study._of_missions("G", missions, named)
+    cells = report._row(Findings(study="", command="", modules=(), version="", findings=named), "G")
+    assert len(cells) == len(report._HEADS)
+    assert [cell.text.partition(" (")[0] for cell in cells] == [
+        "0.50", "1.17", "0.40", "0.60", "1.60", "3.60", "5.00", "2.00", "9.00", "50", "1.50", "5.0", "20.0",
+    ]  # fmt: skip
+    (row,) = report._routes({("case", "G1", 5.0, "T3"): missions[1], ("sea", "calm", "T3"): missions[0]}).rows
+    assert [cell.text for cell in row] == [
+        "G1", "5", "T3", "0.400", "1.000", "0.400", "0.800", "1.60", "2.8", "4.00", "3", "6",
+    ]  # fmt: skip
+
+
+def test_captures_of_many_runs_are_told_with_their_limits(found: dict[tuple[Any, ...], Any]) -> None:
+    """Of 64 runs 7 of LAISN-2 and none of the other, wherever they were flown."""
+    rows = [[cell.text for cell in row] for row in report._many(study.findings_of(found)).rows]
+    low, high = (100 * limit for limit in stats.binomtest(7, 64).proportion_ci(0.95, "exact"))
+    most = 100 * stats.binomtest(0, 64).proportion_ci(0.95, "exact").high
+    assert [row[:2] for row in rows] == [["3", "T2"], ["3", "T5"], ["2", "T2"], ["2", "T5"]]
+    for row in rows:
+        assert row[2:] == ["64", "0", f"0.0 (0.0 … {most:.1f})", f"10.9 ({low:.1f} … {high:.1f})"]
 
 
 def test_captures_are_those_of_the_runs_that_are_compared() -> None:

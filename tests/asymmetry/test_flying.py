@@ -1,0 +1,89 @@
+"""Missions of the pitch study: what becomes of an arm's settings, and of the results of its runs."""
+
+from dataclasses import fields
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.asymmetry import flying, tau
+from experiments.asymmetry.missions import Row
+from experiments.asymmetry.remedies import ARMS, CROOKED, EXACT, INFLATED, LEVEL, READINGS, REAL, ROUGH, STEADIED, Arm
+from experiments.campaign.cells import Cell, CellResult, RunTable
+from laisn.metrics import Summary
+from laisn.settings import NavigationSettings
+from sim.sensing.ahrs import random_error
+from sim.sensing.sensor_errors import SensorErrors
+
+TABLE = RunTable(
+    run=np.arange(700, 703), e_p_max_m=np.array([5.0, 6.0, 7.0]), e_p_mean_m=np.array([0.5, 0.6, 0.7]),
+    e_b_max_deg=np.array([15.0, 16.0, 17.0]), e_b_mean_deg=np.array([1.5, 1.6, 1.7]),
+    captured=np.array([True, False, True]), gated=np.array([1, 2, 3]),
+)  # fmt: skip
+RESULT = CellResult(
+    seed=1, runs=3, steps=100,
+    errors=Summary(e_p_max_m=7.0, e_p_mean_m=0.6, e_p_std_m=0.25, e_b_max_deg=17.0, e_b_mean_deg=1.6, e_b_std_deg=0.9),
+    e_p_percentiles_m=(0.51, 0.92, 0.953, 0.994), e_b_percentiles_deg=(1.0, 2.0, 3.0, 4.0), nees=2.0, nis=2.1,
+    captured=2, fixes={"gated": 6, "lost": 9}, worst_run=702, table=TABLE,
+)  # fmt: skip
+
+
+def test_a_row_has_the_results_of_its_runs() -> None:
+    own = {
+        "first_run": 700, "runs": 3, "e_p_mean_m": 0.6, "e_p_run_mean_m": (0.5, 0.6, 0.7),
+        "captured_run": (True, False, True), "e_p_std_m": 0.25, "e_p_95_m": 0.953, "e_p_max_m": 7.0,
+        "e_b_mean_deg": 1.6, "captured": 2, "gated": 6,
+    }  # fmt: skip
+    others: dict[str, Any] = {f.name: f.name for f in fields(Row) if f.name not in own and "verdict" not in f.name}
+    row = flying.row_of(RESULT, **others)
+    assert {name: getattr(row, name) for name in own} == own
+    longer = flying._extended(row, RESULT)
+    assert longer.e_p_run_mean_m == (0.5, 0.6, 0.7, 0.5, 0.6, 0.7)
+    assert longer.captured_run == (True, False, True) * 2
+    assert (longer.runs, longer.e_p_mean_m) == (3, 0.6)
+
+
+def cell_of(arm: Arm) -> Cell:
+    """What is flown in an arm behind a leader that pitches by 6° rms."""
+    truths: dict[str, Any] = {seen: SimpleNamespace(dt=0.1) for seen in ("real", "level", "ahrs")}
+    sensed: Any = SimpleNamespace(**truths, settings=NavigationSettings(), facts={"pitch_rms_deg": 6.0})
+    made = flying.cell(sensed, SensorErrors(), arm, "laisn-2", range(5))
+    assert made.truth is truths[arm.seen]
+    return made
+
+
+def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it() -> None:
+    made = {arm: cell_of(arm) for arm in ARMS}
+    aware = {arm.key for arm, cell in made.items() if getattr(cell.settings, "use_attitude")}  # noqa: B009
+    assert aware == {"level-0.5", "attitude-0", "ahrs-0.5", "attitude-0.5", "attitude-2", "offset-0.5"}
+    for arm, degrees in ((REAL, 0.0), (LEVEL, 0.0), (EXACT, 0.0), (READINGS, 0.5), (ROUGH, 2.0), (CROOKED, 0.0)):
+        errors = made[arm].errors
+        assert (errors.leader_pitch_sigma, errors.leader_roll_sigma) == pytest.approx((np.deg2rad(degrees),) * 2)
+    steadied = made[STEADIED].errors
+    assert steadied.leader_pitch_sigma == random_error(STEADIED.sensors).sigma > 0.0
+    assert steadied.leader_attitude_time == 30.0
+    offsets = {arm: cell.errors.leader_attitude_offset_sigma for arm, cell in made.items()}
+    assert offsets == {arm: np.deg2rad(0.5) if arm is CROOKED else 0.0 for arm in ARMS}
+    expected = {arm: getattr(cell.settings, "expected_pitch") for arm, cell in made.items()}  # noqa: B009
+    assert expected == {arm: np.deg2rad(6.0) if arm is INFLATED else 0.0 for arm in ARMS}
+
+
+def test_the_excess_of_a_curve_is_paired_run_by_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs scatter by 1 m alike at all values, and by 0.1 m about what the second value adds, 0.4 m."""
+    rng = np.random.default_rng(2)
+    noise, own = rng.normal(size=400), 0.1 * rng.normal(size=400)
+    errors = [2.0 + noise, 2.4 + noise + own]
+
+    def simulated(cell: Any, keep_runs: bool) -> Any:
+        table = SimpleNamespace(e_p_mean_m=errors[cell])
+        return SimpleNamespace(table=table, errors=SimpleNamespace(e_p_mean_m=float(errors[cell].mean())))
+
+    monkeypatch.setattr(tau, "simulate", simulated)
+    key = {"route": "T3", "variant": "laisn-2", "interval_s": 5.0, "depth_offset_m": 2.0, "value": (0.0, -2.0)}
+    curve = tau._curve([0, 1], **key)  # type: ignore[list-item]
+    excess = curve.excess_at(-2.0)
+    assert excess.value == pytest.approx(0.4 + own.mean())
+    half = 1.959964 * own.std(ddof=1) / 20.0
+    assert (excess.low, excess.high) == pytest.approx((excess.value - half, excess.value + half))
+    assert curve.excess_half_m[0] == 0.0
