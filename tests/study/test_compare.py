@@ -1,14 +1,18 @@
 """Flights and studies side by side: what differs is named, differences are paired."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from experiments.campaign.store import columns_of, write_table
 from experiments.command.cli import app
 from experiments.command.fly import fly_and_write
 from experiments.flight.library import load
 from experiments.study.compare import differing, page_of, paired
 from experiments.study.file import of_table
-from experiments.study.study import run_study
+from experiments.study.study import RESULTS, RUNS, run_study
 from laisn.failure import LaisnError
 from sim.log.reader import read
 
@@ -19,6 +23,20 @@ def test_flights_are_compared_with_the_settings_that_differ(tmp_path):
         fly_and_write(scenario, tmp_path / name, with_video=False)
     flights = [read(tmp_path / name / "flight.mcap") for name in "ab"]
     assert differing(flights) == {"sensors.speed_bias_m_s": [0.1, 0.3]}
+    errors, settings = page_of([str(tmp_path / "a"), str(tmp_path / "b")]).sections
+    rows = [[cell.text for cell in row] for row in errors.blocks[1].rows]
+    off = []
+    for name, flight, row in zip("ab", flights, rows, strict=True):
+        truth, leader = flight.hydrophone(0)[:, :2], flight.trajectory.position[flight.step_index(), 0, :2]
+        found = flight.estimates[0].state[:, :2]
+        off.append(np.linalg.norm(found - truth, axis=1))
+        seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (found, truth))
+        turned = np.abs(np.rad2deg(np.angle(seen / true)))
+        expected = (off[-1].mean(), off[-1].max(), turned.mean(), turned.max(), (off[-1] - off[0]).mean())
+        assert row == [name, *(f"{value:.3f}".replace("-", "−") for value in expected)]
+    assert [[cell.text for cell in row] for row in settings.blocks[0].rows] == [
+        ["sensors.speed_bias_m_s", "0.1", "0.3"]
+    ]
     out = tmp_path / "page.html"
     result = CliRunner().invoke(app, ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(out)])
     assert result.exit_code == 0, result.output
@@ -47,6 +65,39 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
     assert differences.title == "Paired differences"
     ((key, here, there),) = [[cell.text for cell in row] for row in settings.blocks[0].rows]
     assert (key, here, there) == ("runs", "3", "2")
+
+
+def kept(folder: Path, seeds: tuple[int, ...], added: float) -> Path:
+    """A study of two baselines, each run with 1 m and a tenth of seed and number; the second 1 m more; and `added`."""
+    folder.mkdir()
+    runs = [
+        {"leader.baseline_m": base, "arm": "", "follower": "f", "point": p, "sea": sea, "run": run, "captured": False,
+         "e_p_mean_m": 1.0 + 0.1 * seed + 0.1 * run + p + added * (1 + run)}
+        for p, base in enumerate((1.0, 2.0)) for sea, seed in enumerate(seeds) for run in range(30)
+    ]  # fmt: skip
+    write_table(folder / RUNS, columns_of(runs))
+    write_table(folder / RESULTS, columns_of([{"sea": sea, "seed": seed} for sea, seed in enumerate(seeds)]))
+    return folder
+
+
+def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
+    """Every run is off by a tenth of its number more: by Student's t over three seas, whose differences are alike."""
+    first, more = kept(tmp_path / "a", (7, 8, 9), 0.0), kept(tmp_path / "b", (9, 7, 8), 0.1)
+    found = paired([first, more], "e_p_mean_m")
+    assert [place[:1] for place in found] == [("leader.baseline_m = 1.0",), ("leader.baseline_m = 2.0",)]
+    for p, (mean, apart) in enumerate(found.values()):
+        # seas differ by 0.1 m: t(0.975, 2) s / √3
+        half = 4.302653 * 0.1 / np.sqrt(3)
+        middle = 1.0 + 0.8 + 0.1 * 14.5 + p
+        assert tuple(mean) == pytest.approx((middle, middle - half, middle + half))
+        assert apart.value == pytest.approx(0.1 * 15.5)
+    assert next(iter(paired([first, kept(tmp_path / "c", (7, 8, 10), 0.1)], "e_p_mean_m").values()))[1] is None
+    one, other = kept(tmp_path / "d", (7,), 0.0), kept(tmp_path / "e", (7,), 0.1)
+    _, apart = next(iter(paired([one, other], "e_p_mean_m").values()))
+    # 0.1 to 3 m of 30 runs: 1.96 σ / √30, nearly
+    sigma = 0.1 * np.sqrt((30**2 - 1) / 12)
+    assert apart.value == pytest.approx(1.55)
+    assert (apart.high - apart.low) / 2 == pytest.approx(1.96 * sigma / np.sqrt(30), rel=0.1)
 
 
 def test_what_is_neither_is_refused(tmp_path):

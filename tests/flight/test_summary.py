@@ -1,0 +1,100 @@
+"""What is said of a flight: figures of its summary and events for its log, from a flight of formulas."""
+
+from collections import Counter
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
+from laisn.arrays import Floats
+from laisn.estimates import FixKind
+from sim.assembly import routes_of
+from sim.flight import Flight
+from sim.tracking import off_place
+from tests.synthetic import make_flight
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return make_flight(30.0, 2)
+
+
+def turned(found: Floats, truth: Floats, leader: Floats) -> Floats:
+    """Angle at the leader between estimate and truth [°], by complex numbers."""
+    seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (found, truth))
+    return np.abs(np.rad2deg(np.angle(seen / true)))
+
+
+def figures(position: Floats, bearing: Floats) -> dict[str, float]:
+    return {
+        "e_p_max_m": position.max(), "e_p_mean_m": position.mean(), "e_p_std_m": position.std(),
+        "e_b_max_deg": bearing.max(), "e_b_mean_deg": bearing.mean(), "e_b_std_deg": bearing.std(),
+    }  # fmt: skip
+
+
+def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) -> None:
+    summary = summarise(flight, position_and_bearing_errors(flight))
+    leader = flight.trajectory.position[flight.step_index(), 0, :2]
+    pairs = [(e.state[:, :2], flight.hydrophone(i)[:, :2]) for i, e in enumerate(flight.estimates)]
+    position = [np.linalg.norm(found - truth, axis=1) for found, truth in pairs]
+    bearing = [turned(found, truth, leader) for found, truth in pairs]
+    whole = figures(np.concatenate(position), np.concatenate(bearing))
+    assert {name: summary[name] for name in whole} == pytest.approx(whole)
+    assert (summary["seed"], summary["run"], summary["flown_s"]) == (1, 0, pytest.approx(30.0))
+    routes = routes_of(flight.scenario)
+    for i, name in enumerate(("follower1", "follower2")):
+        row = summary["followers"][name]
+        own = figures(position[i], bearing[i])
+        assert {key: row[key] for key in own} == pytest.approx(own)
+        off = off_place(routes[i + 1], flight.trajectory.time, flight.trajectory.position[:, i + 1, :2])
+        assert row["off_place_rms_m"] == pytest.approx(np.sqrt(np.mean(off**2)))
+        kinds = Counter(FixKind(kind).name.lower() for kind in flight.estimates[i].fix_kind.tolist())
+        assert {kind: count for kind, count in row["fixes"].items() if count} == kinds
+
+
+def test_the_summary_names_those_that_came_nearest(flight: Flight) -> None:
+    summary, trajectory = summarise(flight, position_and_bearing_errors(flight)), flight.trajectory
+    for axes, what in ((3, "approach"), (2, "horizontal")):
+        apart = {
+            (i, j): np.linalg.norm(trajectory.position[:, i, :axes] - trajectory.position[:, j, :axes], axis=1)
+            for i, j in combinations(range(3), 2)
+        }
+        pair = min(apart, key=lambda two: apart[two].min())
+        assert summary[f"closest_{what}_m"] == pytest.approx(apart[pair].min())
+        assert sorted(summary[f"closest_{what}_pair"]) == sorted(trajectory.names[i] for i in pair)
+        assert summary[f"closest_{what}_s"] == pytest.approx(trajectory.time[apart[pair].argmin()], abs=0.11)
+
+
+def test_captures_are_told_when_they_begin_and_end(flight: Flight) -> None:
+    """The second follower's estimate is mirrored in the leader's axis from 10 s to 15 s, and from 28 s on."""
+    steps = flight.step_index()
+    time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
+    heading, found = flight.trajectory.heading[steps, 0], flight.estimates[1]
+    truth = flight.hydrophone(1)[:, :2]
+    starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
+    side = np.einsum("ni,ni->n", truth - leader, starboard)
+    mirrored = ((time > 9.95) & (time < 14.95)) | (time > 27.95)
+    state = found.state.copy()
+    state[:, :2] = truth - np.where(mirrored, 2 * side, 0.0)[:, None] * starboard
+    caught = replace(flight, estimates=(flight.estimates[0], replace(found, state=state)))
+    events = capture_events(caught)
+    assert [event.time_s for event in events] == pytest.approx([10.0, 15.0, 28.0])
+    assert [event.level for event in events] == ["warning", "info", "warning"]
+    assert [event.text for event in events][1] == "mirror capture ends"
+    assert {event.source for event in events} == {"follower2"}
+
+
+def test_who_leaves_its_water_is_told_once(flight: Flight) -> None:
+    """The leader rises above the surface at 12 s, the first follower sinks below the floor at 20 s, and both again."""
+    trajectory = flight.trajectory
+    position, time = trajectory.position.copy(), trajectory.time
+    position[(time > 11.95) & (time < 13) | (time > 25), 0, 2] = 0.05
+    position[time > 19.95, 1, 2] = -flight.scenario.ocean.floor_depth_m - 0.05
+    events = stray_events(replace(flight, trajectory=replace(trajectory, position=position)))
+    told = [(event.time_s, event.text) for event in events if "touch" not in event.text]
+    assert told == [
+        (pytest.approx(12.0), "leader breaks the surface"), (pytest.approx(20.0), "follower1 goes below the sea floor"),
+    ]  # fmt: skip
+    assert stray_events(flight) == []
