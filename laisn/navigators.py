@@ -6,7 +6,6 @@ Apart from `navigating`, which the simulator may know, and from both navigators,
 from laisn.arrays import Floats
 from laisn.navigating import AnyNavigator, AnySettings
 from laisn.navigator import Navigator
-from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
 
 
@@ -17,4 +16,9 @@ def new_navigator(settings: AnySettings, start: Floats) -> AnyNavigator:
         ValueError: the start is not four finite numbers.
         NotImplementedError: naming a choice that no formula knows.
     """
-    return TightNavigator(settings, start) if isinstance(settings, TightSettings) else Navigator(settings, start)
+    if isinstance(settings, TightSettings):
+        # its compiled code takes long to import, and few missions use it
+        from laisn.tight.navigator import TightNavigator
+
+        return TightNavigator(settings, start)
+    return Navigator(settings, start)

@@ -7,7 +7,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 
@@ -33,44 +33,58 @@ class _ElsewhereError(Exception):
     """Cause of an exception that came from another process; its text is the traceback there."""
 
 
-def _report(task: Callable[[], None], parent: int, answer: Connection) -> None:
-    """Run a task in a copy of its parent, and answer with what it raised, or with nothing."""
+def _report(prepare: Callable[[], Callable[..., None]], parent: int, line: Connection) -> None:
+    """In a copy of the parent, prepare a task, run it on what is sent, and answer with what it raised, or nothing."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
     end_with(parent)
     # whatever shows progress in the parent may have held its lock when it was copied
     sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
     try:
-        task()
+        task = prepare()
+        task(*line.recv())
     except BaseException as error:
-        answer.send((error, traceback.format_exc()))
+        line.send((error, traceback.format_exc()))
     else:
-        answer.send(None)
+        line.send(None)
 
 
 @contextmanager
-def alongside(task: Callable[[], None]) -> Iterator[None]:
-    """Run a task in a copy of this process while the block runs; the end of the block waits for it.
+def alongside(prepare: Callable[[], Callable[..., None]]) -> Iterator[Callable[..., AbstractContextManager[None]]]:
+    """Keep a copy of this process at hand while the block runs, for a task that goes on beside it.
 
-    The copy shares memory with this process until one of them writes to it, so that nothing is handed over. Of what the
-    task does, files stay, and what it raises is raised here. If the block fails, the task is ended.
+    The copy calls `prepare` at once, which may import what takes long, and gives the task. It shares memory with this
+    process until one of them writes to it.
+
+    Yields:
+        Called with the task's arguments once, it runs the task while a block of its own runs; the end of that waits for
+        the task. Of what the task does, files stay, and what it raises is raised here. If a block fails, or nothing was
+        asked for, the copy is ended.
     """
     fork = get_context("fork")
-    receiver, sender = fork.Pipe(duplex=False)
-    process = fork.Process(target=_report, args=(task, os.getpid(), sender), daemon=True)
+    line, other = fork.Pipe()
+    process = fork.Process(target=_report, args=(prepare, os.getpid(), other), daemon=True)
     process.start()
-    sender.close()
-    try:
+    other.close()
+
+    @contextmanager
+    def run(*arguments: object) -> Iterator[None]:
+        # a copy that is gone says why below
+        with suppress(BrokenPipeError, ConnectionResetError):
+            line.send(arguments)
         yield
         try:
-            raised = receiver.recv()
-        except EOFError:
+            raised = line.recv()
+        except (EOFError, ConnectionResetError):
             process.join()
             raise RuntimeError(f"a process ended with exit code {process.exitcode} and without an answer") from None
+        if raised is not None:
+            error, where = raised
+            raise error from _ElsewhereError(where)
+
+    try:
+        yield run
     finally:
         process.kill()
         process.join()
-        receiver.close()
-    if raised is not None:
-        error, where = raised
-        raise error from _ElsewhereError(where)
+        line.close()

@@ -14,7 +14,6 @@ from typing import Any, TextIO, TypeVar, cast
 
 import typer
 
-from experiments.campaign.store import DamagedResult
 from experiments.command.endings import told
 from laisn.failure import LaisnError
 from sim.screen import plain, screenful
@@ -32,6 +31,12 @@ def _tell(lines: Iterable[str], colour: str) -> None:
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
     """Show a damaged result as one line; other warnings as Python does."""
+
+    def damaged(category: type[Warning]) -> bool:
+        # what reads results takes long to import; where none was read, none is damaged
+        store = sys.modules.get("experiments.campaign.store")
+        return store is not None and issubclass(category, store.DamagedResult)
+
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
@@ -43,7 +48,7 @@ def _plain_warnings() -> Iterator[None]:
             file: TextIO | None = None,
             line: str | None = None,
         ) -> None:
-            if issubclass(category, DamagedResult):
+            if damaged(category):
                 _tell([f"laisn: {plain(message)}"], "yellow")
             else:
                 usual(message, category, filename, lineno, file, line)

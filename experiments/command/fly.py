@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +13,13 @@ from rich.table import Table
 from experiments.campaign.progress import literal, phases, tell
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import FILM, LAYOUT, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
-from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
+from experiments.flight.summary import (
+    capture_events,
+    flight_bounds,
+    position_and_bearing_errors,
+    stray_events,
+    summarise,
+)
 from laisn.arrays import Floats
 from laisn.navigators import new_navigator
 from laisn.parent import alongside
@@ -105,6 +111,13 @@ def _film(
     return "", None
 
 
+def _report_drawing() -> Callable[..., None]:
+    """What draws the report; it imports the libraries of figures and pages."""
+    from experiments.pages.flight_report import flight_report
+
+    return flight_report
+
+
 def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
     """Fly a scenario and write its files.
 
@@ -121,7 +134,8 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
     from sim.log.layout import layout
 
     watch = Stopwatch()
-    with phases(console) as shown:
+    # a report without a film is drawn beside the log, by a process that gets ready while the mission is flown
+    with nullcontext() if with_video else alongside(_report_drawing) as beside, phases(console) as shown:
 
         @contextmanager
         def phase(name: str) -> Iterator[Callable[[float], None]]:
@@ -139,26 +153,23 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         errors = position_and_bearing_errors(flight)
         strays = stray_events(flight)
         events = sorted([*capture_events(flight), *strays], key=lambda event: event.time_s)
-        summary = summarise(flight, errors)
+        bounds = flight_bounds(flight)
+        summary = summarise(flight, errors, bounds)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, errors=errors, events=events)
         film, no_film, fault = folder / FILM, "not asked for", None
-
-        def draw_report() -> None:
-            from experiments.pages.flight_report import flight_report
-
-            flight_report(flight, errors, summary, folder / REPORT, None if no_film else film)
+        told = (flight, errors, summary, folder / REPORT)
 
         # the log comes first: whatever happens to the film, what was flown is kept
-        if with_video:
+        if beside is None:
             with phase("log"):
                 write_log()
             with phase("video") as update:
                 no_film, fault = _film(flight, film, errors, update, write_log)
             with phase("report"):
-                draw_report()
+                _report_drawing()(*told, None if no_film else film, bounds)
         else:
-            with phase("report"), alongside(draw_report), phase("log"):
+            with phase("report"), beside(*told, None, bounds), phase("log"):
                 write_log()
     factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
     timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"

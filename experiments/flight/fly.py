@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from experiments.flight.swarm import swarm_of
 from laisn.navigating import NavigatorFactory
 from laisn.navigators import new_navigator
 from sim.flight import Flight, Outcome, navigate, navigation_settings
@@ -36,8 +35,15 @@ def motion_and_outcome(
     scenario: Scenario, progress: Callable[[float], None] | None = None
 ) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario; if it leaves finite numbers, what was flown before, and an outcome that says so."""
+
+    def swarm(*given: Any) -> Any:
+        # navigators of whole swarms take a tenth of a second to import, and few missions have a station to keep
+        from experiments.flight.swarm import swarm_of
+
+        return swarm_of(*given)
+
     try:
-        return simulate_motion(scenario, progress, new_navigator, swarm_of), Outcome.COMPLETED
+        return simulate_motion(scenario, progress, new_navigator, swarm), Outcome.COMPLETED
     except DivergedError as error:
         return error.trajectory, Outcome.DIVERGED
 

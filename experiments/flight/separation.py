@@ -54,8 +54,11 @@ def _first_contacts(position: Floats, axis: Floats, half: Floats, reach: float, 
         for i in range(position.shape[1]):
             for j in range(i):
                 between = position[k, i] - position[k, j]
-                limit = half[i] + half[j] + reach
-                if first[i, j] >= 0.0 or np.dot(between, between) > limit * limit:
+                limit, squared = half[i] + half[j] + reach, 0.0
+                # not by np.dot, for which numba loads a library of linear algebra in an eighth of a second
+                for part in between:
+                    squared += part * part
+                if first[i, j] >= 0.0 or squared > limit * limit:
                     continue
                 if hull_gap(between, axis[k, j], axis[k, i], (half[j], half[i])) < reach:
                     first[i, j] = k

@@ -114,8 +114,22 @@ def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float
     }
 
 
-def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, Any]:
-    """What `summary.json` holds: the same for the same scenario and version, whatever the machine."""
+def flight_bounds(flight: Flight) -> list[Floats]:
+    """Cramér–Rao bound of every follower, as of `flight_bound`."""
+    return [flight_bound(flight, i) for i in range(len(flight.estimates))]
+
+
+def summarise(
+    flight: Flight, errors: list[tuple[Floats, Floats]], bounds: list[Floats] | None = None
+) -> dict[str, Any]:
+    """What `summary.json` holds: the same for the same scenario and version, whatever the machine.
+
+    Args:
+        flight: as flown.
+        errors: E_P and E_B of every follower.
+        bounds: `flight_bounds`, which take a while; None: they are computed here.
+    """
+    bounds = flight_bounds(flight) if bounds is None else bounds
     errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(errors, flight.estimates, strict=True)]
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
     names, off = flight.trajectory.names[1:], off_places(flight.scenario, flight.trajectory)
@@ -130,7 +144,7 @@ def summarise(flight: Flight, errors: list[tuple[Floats, Floats]]) -> dict[str, 
         **_nearest(flight),
         "followers": {
             name: asdict(metrics.summarise(*errors[i]))
-            | consistency(flight, i, flight_bound(flight, i))
+            | consistency(flight, i, bounds[i])
             | _kept(flight, i, off[:, i])
             | {"fixes": metrics.fix_counts(flight.estimates[i])}
             for i, name in enumerate(names)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.campaign.bound import flight_bound
 from experiments.pages import figures
 from experiments.pages.figures import Line
 from experiments.pages.page import Block, Cell, Figures, Section, Table, number, words
@@ -18,14 +17,14 @@ _LEAST_WEIGHT = 1e-3
 _IN_DEGREES = {"compass_bias_rad": "compass_bias_deg", "leader_compass_bias_rad": "leader_compass_bias_deg"}
 
 
-def _error_panel(flight: Flight, follower: int, error: Floats) -> str:
+def _error_panel(flight: Flight, follower: int, error: Floats, bound: Floats) -> str:
     """E_P of a follower, what its covariance says of it, and the bound."""
     time, covariance = flight.trajectory.time[flight.step_index()], flight.estimates[follower].covariance
     believed = np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1])
     lines = [
         Line(x=time, y=error, colour=ESTIMATE),
         Line(x=time, y=believed, colour=INK),
-        Line(x=time, y=flight_bound(flight, follower), colour=MUTED, width=1.6),
+        Line(x=time, y=bound, colour=MUTED, width=1.6),
     ]
     name = flight.trajectory.names[follower + 1]
     figure = figures.panel(lines, x_label="time [s]", y_label="position error [m]", title=name, width=HALF)
@@ -65,9 +64,9 @@ def _found(flight: Flight, followers: Sequence[int]) -> list[Block]:
     return [Table(heads=heads, rows=rows, caption="What the navigator believes of its sensors after the last message.")]
 
 
-def section(flight: Flight, errors: Sequence[tuple[Floats, Floats]], drawn: int) -> Section:
+def section(flight: Flight, errors: Sequence[tuple[Floats, Floats]], bounds: Sequence[Floats], drawn: int) -> Section:
     """Error, believed error and least possible error of the first `drawn` followers over time."""
-    panels = [_error_panel(flight, i, errors[i][0]) for i in range(drawn)]
+    panels = [_error_panel(flight, i, errors[i][0], bounds[i]) for i in range(drawn)]
     panels += [panel for i in range(drawn) for panel in _weight_panel(flight, i)]
     figure = Figures(
         panels=panels,

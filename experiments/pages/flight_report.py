@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.flight.summary import flight_bounds
 from experiments.pages import account, anatomy_page, bound_panel, flight_figures
 from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
@@ -199,7 +200,14 @@ def _scenario(flight: Flight) -> Section:
     return Section(title="Scenario", blocks=[Text(text=about), code])
 
 
-def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], path: Path, film: Path | None) -> None:
+def flight_report(
+    flight: Flight,
+    errors: Errors,
+    summary: Mapping[str, Any],
+    path: Path,
+    film: Path | None,
+    bounds: Sequence[Floats] | None = None,
+) -> None:
     """Write the report of one flight.
 
     Args:
@@ -208,6 +216,7 @@ def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], pa
         summary: as `summary.json` holds it; `followers` has a row each.
         path: of the HTML file; the film and the log lie beside it.
         film: MP4, embedded if it is small; None: there is none.
+        bounds: `flight_bounds` of the flight, which take a while; None: they are computed here.
 
     Raises:
         OSError: the file cannot be written.
@@ -229,7 +238,7 @@ def flight_report(flight: Flight, errors: Errors, summary: Mapping[str, Any], pa
             *routes,
             *_stations(flight),
             _errors(flight, errors),
-            bound_panel.section(flight, errors, len(_drawn(flight))),
+            bound_panel.section(flight, errors, bounds or flight_bounds(flight), len(_drawn(flight))),
             _ranges(flight),
             anatomy_page.section(flight),
             _motion(flight),

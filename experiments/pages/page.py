@@ -12,15 +12,18 @@ from functools import cache
 from importlib import resources
 from io import BytesIO
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import jinja2
 from markupsafe import Markup, escape
 
 from experiments.campaign.version import versions
-from experiments.intervals import Interval
 from experiments.pages.style import css
 from laisn.whole_files import replaced
+
+if TYPE_CHECKING:
+    # its special functions take a tenth of a second to import, and a page needs none
+    from experiments.intervals import Interval
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
 """Libraries that shape numbers, by name; the page says with which versions it was made."""
@@ -218,7 +221,7 @@ def number(value: float | int | None, digits: int = 2, tone: str = "", title: st
     return Cell(text=shown, sort=value, tone=tone, title=title)
 
 
-def percent(share: Interval, digits: int = 1, tone: str = "", title: str = "") -> Cell:
+def percent(share: "Interval", digits: int = 1, tone: str = "", title: str = "") -> Cell:
     """A share in per cent with its interval in brackets; a dash for limits that the data do not give."""
     value, low, high = (number(100 * v, digits).text for v in share)
     return Cell(text=f"{value} ({low} … {high})", sort=number(share.value).sort, tone=tone, title=title)

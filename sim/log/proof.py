@@ -9,12 +9,15 @@ says how the mission ended.
 import hashlib
 import json
 import struct
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Any, Self
 
-from mcap.records import Schema
+from mcap.records import Schema, Statistics
 from mcap.writer import CompressionType, Writer
+
+from sim.log.chunks import CHUNK_BYTES, Chunk
 
 CORE = ("/pose", "/state", "/motion", "/reception", "/filter", "/innovation")
 """How the topics end that make up a flight; everything else in its log is drawn from them."""
@@ -113,7 +116,10 @@ class ProvingWriter(Writer):
     """Writes an MCAP file, and proofs of what it wrote."""
 
     def __init__(self, stream: IO[bytes]) -> None:
-        super().__init__(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        super().__init__(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        # under the names that Python gives to private attributes of the library's class
+        self._chunk = self._Writer__chunk_builder = Chunk()
+        self._statistics: Statistics = self._Writer__statistics  # type: ignore[attr-defined]
         self._digests = Digests()
         self._known: dict[int, Schema] = {}
         self._topics: dict[int, str] = {}
@@ -152,6 +158,28 @@ class ProvingWriter(Writer):
         if topic is not None:
             self._digests.add_message(topic, log_time, data)
         super().add_message(channel_id, log_time, data, publish_time, sequence)
+
+    def add_messages(self, messages: Sequence[tuple[int, int, bytes]]) -> None:
+        """Write messages (time [ns], channel, data), in order of time: the same bytes as one by one, but quickly."""
+        if not messages:
+            return
+        framed: dict[int, list[bytes]] = {channel: [] for channel in self._topics}
+        for at, channel, data in messages:
+            if channel in framed:
+                framed[channel].append(_MESSAGE.pack(at, len(data)) + data)
+        for channel, parts in framed.items():
+            self._digests.add_framed(self._topics[channel], b"".join(parts))
+        written = 0
+        while written < len(messages):
+            written = self._chunk.extend(messages, written)
+            if self._chunk.count > CHUNK_BYTES:
+                self.flush()  # type: ignore[no-untyped-call]  # the library leaves it bare
+        known, first, last = self._statistics, messages[0][0], messages[-1][0]
+        known.message_start_time = min(known.message_start_time, first) if known.message_count else first
+        known.message_end_time = max(known.message_end_time, last)
+        known.message_count += len(messages)
+        for channel, count in Counter(channel for _, channel, _ in messages).items():
+            known.channel_message_counts[channel] += count
 
     def prove(self, until_ns: int, outcome: str = "") -> None:
         """Add a proof of everything so far, which lies before `until_ns`; an outcome makes it the last one.

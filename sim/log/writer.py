@@ -147,8 +147,7 @@ def _write(
             messages.append((frame[0], camera, frame[1]))
             frame = next(frames, None)
         messages.sort(key=itemgetter(0))
-        for at, channel, data in messages:
-            writer.add_message(channel, at, data, at)
+        writer.add_messages(messages)
         count += len(messages)
     while frame is not None:
         writer.add_message(camera, frame[0], frame[1], frame[0])

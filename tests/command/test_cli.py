@@ -335,7 +335,7 @@ def press_ctrl_c(*_: object, **__: object) -> None:
     signal.raise_signal(signal.SIGINT)
 
 
-def press_ctrl_c_after_the_log(flight: object, errors: object, summary: object, path: Path, film: object) -> None:
+def press_ctrl_c_after_the_log(flight: object, errors: object, summary: object, path: Path, *_: object) -> None:
     """A report, drawn in a process of its own, that would take a minute."""
     while not path.with_name("flight.mcap").exists():
         time.sleep(0.01)

@@ -195,13 +195,13 @@ def test_more_transmitters_and_more_messages_can_be_better(flight: Flight) -> No
 
 
 def _panels(flight: Flight, errors: list[Any]) -> Iterator[str]:
-    for block in bound_panel.section(flight, errors, 1).blocks:
+    for block in bound_panel.section(flight, errors, [flight_bound(flight)], 1).blocks:
         yield from getattr(block, "panels", ())
 
 
 def test_the_report_draws_bound_and_weights_and_says_what_was_found(flight: Flight, errors: list[Any]) -> None:
     assert len(list(_panels(flight, errors))) == 2
-    table = bound_panel.section(flight, errors, 1).blocks[-1]
+    table = bound_panel.section(flight, errors, [flight_bound(flight)], 1).blocks[-1]
     names = [row[1].text for row in table.rows]  # type: ignore[union-attr]
     assert names == ["log_bias_m_s", "compass_bias_deg", "range_scale_m"]
     laisn = fly(load("T2", ["duration_s=20", "motion=kinematic"]))[0]

@@ -3,6 +3,8 @@
 import time
 import zlib
 from functools import cache
+from io import BytesIO
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError
 from hypothesis import example, given
 from hypothesis import strategies as st
+from mcap._chunk_builder import ChunkBuilder
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
@@ -23,6 +26,7 @@ from synthetic import short_flight, write_log
 from sim.log import wire
 from sim.log.batches import records
 from sim.log.contents import Messages
+from sim.log.proof import CORE, ProvingWriter
 from sim.log.reader import read_recording
 from sim.log.records import HEAD, Budget, places
 from sim.log.schema import OWN_MOTION, RECEPTION
@@ -205,3 +209,34 @@ def test_a_million_messages_take_little_time_and_memory(tmp_path: Path) -> None:
     assert time.process_time() - begun < 1.5
     # 48 are what remains, speed, heading and depth twice
     assert memory("VmHWM") - before < 110e6
+
+
+MANY = [(10 * k + k % 7, k % 5, bytes([k % 251]) * (k % 4000)) for k in range(1500)]
+"""Messages (time, channel, data) for more than one chunk."""
+
+
+@pytest.mark.parametrize("messages", [MANY, MANY[:1], []], ids=["chunks", "one", "none"])
+def test_messages_written_at_once_are_byte_for_byte_the_librarys(messages: list[tuple[int, int, bytes]]) -> None:
+    """A log, its chunks, indices, statistics and proofs, written in two portions, and message by message."""
+    written = []
+    messages = sorted(messages, key=itemgetter(0))
+    for at_once in (True, False):
+        writer = ProvingWriter(stream := BytesIO())
+        if not at_once:
+            writer._Writer__chunk_builder = ChunkBuilder()
+        schema = writer.register_schema("one", "jsonschema", b"{}")
+        numbers = [writer.register_channel(f"/{i}{CORE[i % 2]}", "json", schema) for i in range(4)]
+        numbers.append(writer.register_channel("/aside", "json", schema))
+        writer.prove(0)
+        for portion in (messages[:700], messages[700:]):
+            if at_once:
+                writer.add_messages([(at, numbers[channel], data) for at, channel, data in portion])
+            else:
+                for at, channel, data in portion:
+                    writer.add_message(numbers[channel], at, data, at)
+        writer.prove(2**63, "done")
+        writer.finish()
+        written.append(stream.getvalue())
+    assert written[0] == written[1]
+    summary = make_reader(BytesIO(written[0])).get_summary()
+    assert (summary.statistics.chunk_count > 1) == (len(messages) > 1)

@@ -32,9 +32,9 @@ from tests.mutants.trial import attempt, control
 PACKAGES = {
     "laisn": r"laisn/.+",
     "sim": r"sim/((geometry|water|vehicle|sensing|control)/.+|scenario/(point_motion|\w*routes|shapes)\.py"
-    r"|(closed_loop|excerpt|flight|\w*fleet|motion|station_keeping|tilt|tracking|trajectory)\.py)",
+    r"|(closed_loop|excerpt|flight|\w*fleet|motion|station_keeping|tracking|trajectory)\.py)",
     "experiments": r"experiments/(intervals|findings|campaign/(bound|cells|lane_\w+|montecarlo|tight_runs)"
-    r"|pages/(account|bound_panel)|flight/(anatomy|bound|separation|summary|swarm|tables?)|gallery/(tables|hull_trials|flights)"
+    r"|pages/(account|bound_panel)|flight/(anatomy|separation|summary|swarm|tables?)|gallery/(tables|hull_trials|flights)"
     r"|(asymmetry|reproduction|estimators|closed_loop|route_keeping|real_ranges|formation|study)"
     r"/(?!\w*(page|chart|figure|film|report|example))\w+)\.py",
 }  # fmt: skip
