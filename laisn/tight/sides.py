@@ -44,7 +44,7 @@ def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, f
 def copy(b: Belief, m: Model, source: int, target: int) -> None:
     """Copy a component."""
     b.weight[target], b.evidence[target] = b.weight[source], b.evidence[source]
-    b.surprise[target] = b.surprise[source]
+    b.squared[target], b.surprise[target] = b.squared[source], b.surprise[source]
     for g in range(m.size):
         b.state[target, g] = b.state[source, g]
         for h in range(m.size):
@@ -165,7 +165,7 @@ def _merge(b: Belief, m: Model, g: int, h: int) -> None:
         total = b.weight[i] + b.weight[j]
         if total > 0.0:
             if b.weight[j] > b.weight[i]:
-                b.surprise[i] = b.surprise[j]
+                b.squared[i], b.surprise[i] = b.squared[j], b.surprise[j]
             blend(b.state, b.covariance, i, j, b.weight[j] / total, m.size)
         b.weight[i] = total
     _remove(b, m, h)

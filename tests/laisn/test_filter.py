@@ -24,8 +24,10 @@ def test_updates_agree_with_the_information_form() -> None:
     """P⁺ = (P⁻¹ + Hᵀ R⁻¹ H)⁻¹ and x⁺ = P⁺ (P⁻¹ x + Hᵀ R⁻¹ z)."""
     kalman = Filter(0.1, np.array([1.0, 2.0, 0.5, -0.5]), np.array([1.0, 1.0, 0.3, 0.3]))
     kalman.predict(60.0)
-    x, prior = kalman.state, np.linalg.inv(kalman.covariance)
-    kalman.update_position((1.4, 1.7), 0.2)
+    x, prior, spread = kalman.state, np.linalg.inv(kalman.covariance), kalman.covariance
+    innovation = kalman.update_position((1.4, 1.7), 0.2)
+    np.testing.assert_allclose(innovation.residual, [1.4 - x[0], 1.7 - x[1]])
+    np.testing.assert_allclose(innovation.covariance, spread[:2, :2] + 0.04 * np.eye(2))
     information = prior + H_POSITION.T @ H_POSITION / 0.04
     x = np.linalg.solve(information, prior @ x + H_POSITION.T @ [1.4, 1.7] / 0.04)
     np.testing.assert_allclose(kalman.state, x)

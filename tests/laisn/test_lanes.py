@@ -191,6 +191,29 @@ def test_circles_that_touch_give_one_point() -> None:
         assert estimates.state[0, :2, 0] == pytest.approx([0.0, -4.0], abs=1e-12)
 
 
+def test_transmitters_above_each_other_leave_the_hulls_heading_for_an_axis() -> None:
+    """A leader that stands upright, far enough away for its transmitters' offsets to be lost in rounding."""
+    heading, leader = 0.6, np.array([1000.0, -2000.0])
+    mission = Measurements(
+        dt=0.1,
+        speed=np.ones(1),
+        heading=np.zeros(1),
+        depth=np.array([8.0]),
+        message_step=np.array([1]),
+        message=np.array([[0.1, *leader, heading, 1.0, 8.0, np.pi / 2, 0.0, np.nan]]),
+        # 20 m away, and 1 m above or below
+        ranges=np.full((1, 3), np.sqrt(401.0)),
+    )
+    behind = leader - 20.0 * np.array([np.sin(heading), np.cos(heading)])
+    # nowhere near: a certain fix is taken over
+    start, navigation = np.zeros(4), NavigationSettings(gate="off", use_attitude=True)
+    together = lanes.run([mission], start, navigation)
+    alone = Navigator(navigation, start).run(mission)
+    np.testing.assert_allclose(together.state[0, :2, 0], behind, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(alone.state[0, :2], behind, rtol=0, atol=1e-9)
+    assert together.fix_kind.ravel().tolist() == alone.fix_kind.tolist() == [FixKind.ASTERN]
+
+
 def test_lanes_do_not_see_each_other() -> None:
     # More missions than a block has lanes, and the same ones alone.
     measurements, start = missions(ABEAM, LANES + 3)

@@ -1,0 +1,159 @@
+"""The tightly coupled navigator against one that is written independently, message by message."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats
+from laisn.geometry import place_on_body
+from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
+from laisn.tight.estimator import place_arms
+from laisn.tight.model import model_of
+from laisn.tight.navigator import TightNavigator, Update
+from laisn.tight.ranging import new_heard
+from laisn.tight.settings import Assume, TightSettings
+from tests.laisn.tight_mixture import heaviest, moments, weight_of
+from tests.laisn.tight_oracle import Oracle
+
+EVERYTHING = Assume(exact_leader=False, drift=True, current=True, offsets=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Voyage:
+    """What happens to a leader and a follower, of whom all else follows from the seed."""
+
+    seed: int = 0
+    messages: int = 20
+    every: int = 3
+    """Steps from message to message."""
+    offset: tuple[float, float] = (-14.0, 9.0)
+    """Of the follower from the leader at the start: ahead and to port [m]."""
+    turns: float = 0.2
+    """Rate at which the leader's heading wanders, in a step [rad]."""
+    echoes: float = 0.0
+    """Share of ranges that are those of echoes."""
+    lost: float = 0.0
+    alone: tuple[int, int] = (0, 0)
+    """Messages of which only the rear transmitter is heard, by an echo."""
+    current: tuple[float, float] = (0.0, 0.0)
+    jitter: float = 0.0
+    """By how much steps differ in length, as a share of Δt."""
+    dt: float = 0.5
+
+    def readings(self) -> tuple[list[tuple[OwnMotion, Reception | None, float]], Floats]:
+        """What the follower reads and hears in each step, and where it begins."""
+        rng, n = np.random.default_rng(self.seed), self.messages * self.every
+        times = self.dt * (1.0 + self.jitter * rng.uniform(-1.0, 1.0, n))
+        clock = np.cumsum(times)
+        theta = rng.uniform(-np.pi, np.pi) + np.cumsum(self.turns * rng.normal(size=n))
+        heading, speed = theta + 0.2 * np.sin(0.5 * clock), 1.2 + 0.4 * np.sin(0.8 * clock)
+
+        def way(speed: Floats, heading: Floats) -> Floats:
+            through = speed[:, None] * np.column_stack([np.sin(heading), np.cos(heading)])
+            return np.cumsum(times[:, None] * (through + np.array(self.current)), axis=0)
+
+        ahead = np.array([np.sin(theta[0]), np.cos(theta[0])])
+        start = self.offset[0] * ahead + self.offset[1] * np.array([-ahead[1], ahead[0]])
+        leader, follower = way(np.full(n, 1.1), theta), start + way(speed, heading)
+        steps = []
+        for k in range(n):
+            own = OwnMotion(speed[k] + 0.1 + 0.2 * rng.normal(), heading[k] + 0.06 + 0.02 * rng.normal(), 9.0)
+            reception = None
+            if (k + 1) % self.every == 0:
+                pitch, roll = 0.15 * rng.normal(size=2)
+                bow = np.array([np.sin(theta[k]) * np.cos(pitch), np.cos(theta[k]) * np.cos(pitch), np.sin(pitch)])
+                aside = np.array([-np.cos(theta[k]), np.sin(theta[k]), 0.0])
+                sites = np.array([-bow, bow, 0.1 * aside]) + np.array([*leader[k], -7.5])
+                ranges = np.linalg.norm(sites - np.array([*follower[k], -9.2]), axis=1)
+                ranges = ranges * (1.0 + 0.05 * rng.normal() / ranges.max()) + 0.003 * rng.normal(size=3) + 0.08
+                ranges[rng.random(3) < self.echoes] += rng.uniform(0.5, 3.0)
+                ranges[rng.random(3) < self.lost] = np.nan
+                if self.alone[0] <= k // self.every < self.alone[1]:
+                    ranges = np.array([30.0, np.nan, np.nan])
+                message = LeaderMessage(
+                    clock[k],
+                    *leader[k],
+                    theta[k] + 0.05 + 0.02 * rng.normal(),
+                    1.1 + 0.05 * rng.normal(),
+                    7.5,
+                    pitch,
+                    roll,
+                )
+                reception = Reception(message, Ranges(*ranges.tolist()))
+            steps.append((own, reception, float(times[k])))
+        return steps, start
+
+
+def assert_alike(update: Update, oracle: Oracle) -> None:
+    """What a navigator tells of a message is what the oracle's mixture is."""
+    assert update.used == oracle.used
+    if not oracle.sides:
+        assert np.all(np.isnan(update.full_state))
+        assert update.weight.size == 0
+        return
+    mean, covariance = moments(oracle.all)
+    known = ~np.isnan(update.full_state)
+    np.testing.assert_allclose(update.full_state[known], mean[known], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(update.full_sigma[known], np.sqrt(np.diag(covariance))[known], rtol=1e-6, atol=1e-9)
+    assert not covariance[~known].any()
+    sides = sorted(oracle.sides, key=weight_of, reverse=True)
+    np.testing.assert_allclose(update.weight, [weight_of(side) for side in sides], rtol=1e-6, atol=1e-9)
+    for i, side in enumerate(sides):
+        mean, covariance = moments(side)
+        np.testing.assert_allclose(update.hypothesis[i], mean[:2], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(update.hypothesis_covariance[i], covariance[:2, :2], rtol=1e-5, atol=1e-8)
+    assert update.nis == pytest.approx(heaviest(sides[0]).squared if update.used else np.nan, rel=1e-6, nan_ok=True)
+
+
+TWO, THREE = TightSettings(transmitters=2), TightSettings()
+ALL_OF_2 = TightSettings(assume=EVERYTHING, transmitters=2, slip=0.03, hydrophone_height=-0.2, use_attitude=True)
+ALL_OF_3 = replace(ALL_OF_2, transmitters=3)
+TURNED = replace(THREE, assume=Assume(exact_leader=False), leader_heading_sigma=0.05)
+DRIFTING = replace(TWO, assume=Assume(drift=True, current=True), heading_bias_sigma=0.03)
+ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("told", "voyage"),
+    [
+        (THREE, Voyage(turns=0.05, lost=0.1)),
+        (TWO, Voyage(offset=(-20.0, 0.3), turns=0.03)),
+        (TURNED, Voyage(seed=6, turns=0.05)),
+        (DRIFTING, Voyage(seed=7, turns=0.03, offset=(-12.0, 4.0), current=(0.3, 0.1))),
+        (ALL_OF_3, Voyage(seed=1, turns=0.1, echoes=0.1, lost=0.1, **ABOUT)),  # type: ignore[arg-type]
+        (ALL_OF_2, Voyage(seed=2, turns=0.05, echoes=0.05, lost=0.1, offset=(-25.0, 1.0), **ABOUT)),  # type: ignore[arg-type]
+        (replace(THREE, known_start=False), Voyage(seed=3, turns=0.05, lost=0.3)),
+        (replace(ALL_OF_2, known_start=False), Voyage(seed=4, turns=0.05, messages=8)),
+        (ALL_OF_3, Voyage(seed=5, turns=0.05, alone=(5, 10))),
+    ],
+    ids=["3", "2 astern", "leader's compass", "drift", "all of 3", "all of 2", "start of 3", "start of 2", "lost"],
+)
+def test_an_independent_navigator_agrees(told: TightSettings, voyage: Voyage) -> None:
+    """Mixtures, biases and covariances to rounding; hypotheses, echoes, alarms and doubts one by one."""
+    steps, start = voyage.readings()
+    begin = np.array([*start, 0.0, 0.0]) if told.known_start else None
+    navigator, oracle = TightNavigator(told, begin), Oracle(told, begin)
+    for own, reception, dt in steps:
+        updates = navigator.step(own, reception, dt)
+        oracle.step(own, reception, dt)
+        for update in updates:
+            assert_alike(update, oracle)
+        mean, covariance = oracle.now()
+        np.testing.assert_allclose(navigator.state, mean, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(navigator.covariance, covariance, rtol=1e-5, atol=1e-8)
+
+
+@pytest.mark.parametrize("use_attitude", [False, True])
+@pytest.mark.parametrize("known", [False, True])
+def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(use_attitude: bool, known: bool) -> None:
+    """A leader whose attitude is not broadcast, or not used, is level."""
+    told = TightSettings(baseline=3.0, middle_offset=0.4, use_attitude=use_attitude)
+    heard, heading, pitch, roll = new_heard(), 0.7, 0.2, -0.3
+    heard.heading = heading
+    place_arms(heard, model_of(told), pitch, roll if known else np.nan, 1.5)
+    tilt = (pitch, roll) if use_attitude and known else (0.0, 0.0)
+    body = np.array([[-1.5, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 0.4, 0.0]])
+    # east, north and depth of places on a body at the origin, which is 1.5 m deeper than the hydrophone
+    expected = place_on_body((0.0, 0.0, 1.5), (heading, *tilt), body)
+    np.testing.assert_allclose(heard.arms, expected, rtol=0, atol=1e-12)

@@ -1,0 +1,261 @@
+"""The tightly coupled navigator written a second time, from docs/tight.md: ways are complex numbers, the rest matrices.
+
+It shares no code with `laisn.tight`, and is in no hurry: all ten states are always there, those that are switched off
+with a variance of 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.messages import OwnMotion, Reception
+from laisn.tight.settings import TightSettings
+from tests.laisn.tight_mixture import (
+    BENT,
+    COMPASS,
+    EAST,
+    LEADER,
+    LOG,
+    NORTH,
+    PLACE,
+    SCALE,
+    Component,
+    N,
+    Side,
+    mix,
+    moments,
+    normalise,
+    tidy,
+)
+from tests.laisn.tight_ranges import Heard, aside, hear, learn, pair, rotation, split
+
+
+@dataclass
+class Oracle:
+    """One follower. `step` is that of `TightNavigator`."""
+
+    told: TightSettings
+    start: Floats | None
+    sides: list[Side] = field(default_factory=list)
+    used: int = 0
+
+    def __post_init__(self) -> None:
+        told, assume = self.told, self.told.assume
+        self.fresh = np.zeros(N)
+        self.fresh[PLACE] = told.start_sigma**2
+        self.fresh[LOG], self.fresh[COMPASS] = told.speed_bias_sigma**2, told.heading_bias_sigma**2
+        self.fresh[SCALE] = told.range_scale_bias_sigma**2
+        self.fresh[LEADER] = 0.0 if assume.exact_leader else told.leader_heading_bias_sigma**2
+        self.fresh[[EAST, NORTH]] = told.current_sigma**2 if assume.current else 0.0
+        self.fresh[8 : 7 + told.transmitters] = told.offset_sigma**2 if assume.offsets else 0.0
+        self.most = self.v = 0.0 if assume.exact_leader else told.leader_heading_sigma**2
+        # variances that biases gain in a second: 0.2 mm/s and 0.15 mrad, or drift, a quarter and 2.5 times of it
+        drift = np.array([0.25, 2.5]) if assume.drift else np.ones(1)
+        rates = (2.5e-3, 1.7e-3) if assume.drift else (2e-4, 1.5e-4)
+        current = 1e-3 if assume.current else 0.0
+        self.walks = [{LOG: rates[0] * d, COMPASS: rates[1] * d, EAST: current, NORTH: current} for d in drift]
+        if self.start is not None:
+            x = np.concatenate([self.start[:2], np.zeros(N - 2)])
+            self.sides = [[Component(x, np.diag(self.fresh), 1 / drift.size, mode) for mode in range(drift.size)]]
+        self.readings: list[tuple[float, complex, float]] = []
+        self.trapezoids = np.zeros(2, dtype=complex)
+        self.last: tuple[float, complex] | None = None
+        self.at_message: complex = 0.0
+        self.leader: list[Heard] = []
+        self.first_time = self.logged = 0.0
+        self.smoothed, self.silent = 1.0, 0
+
+    @property
+    def all(self) -> list[Component]:
+        return [c for side in self.sides for c in side]
+
+    def step(self, own: OwnMotion, reception: Reception | None, dt: float) -> None:
+        direction = complex(np.sin(own.heading), np.cos(own.heading))
+        if self.last is None:
+            self.last, self.at_message = (own.speed, direction), direction
+        for speed, towards in (self.last, (own.speed, direction)):
+            self.trapezoids = self.trapezoids + 0.5 * dt * towards * np.array([speed, 1.0])
+        self.readings.append((own.speed, direction, dt))
+        self.last = own.speed, direction
+        if reception is not None:
+            self.receive(hear(self.told, own, reception))
+
+    def way(self) -> tuple[complex, complex, Floats, float]:
+        """A = Σ v u Δt, B = Σ u Δt, the covariance of A's random errors, and the time since the last message."""
+        noise, time = np.zeros((2, 2)), 0.0
+        for speed, direction, dt in self.readings:
+            along, across = pair(direction), pair(1j * direction)
+            noise += (self.told.speed_sigma * dt) ** 2 * np.outer(along, along)
+            noise += (self.told.heading_sigma * speed * dt) ** 2 * np.outer(across, across)
+            time += dt
+        return complex(self.trapezoids[0]), complex(self.trapezoids[1]), noise, time
+
+    def moved(self, c: Component, log: float, compass: float) -> tuple[Component, Floats]:
+        """A component after the way since the last message, linearised at some biases; and the derivatives F."""
+        a, b, noise, time = self.way()
+        turn = np.exp(1j * compass)
+        r = turn * (a - log * b)
+        F = np.eye(N)
+        F[:2, LOG], F[:2, COMPASS], F[0, EAST], F[1, NORTH] = pair(-turn * b), pair(1j * r), time, time
+        x = F @ c.x
+        x[:2] += pair(r) - F[:2, LOG] * log - F[:2, COMPASS] * compass
+        Q = np.zeros((N, N))
+        Q[:2, :2] = rotation(compass) @ noise @ rotation(compass).T + self.told.slip**2 * time * np.eye(2)
+        for state, rate in self.walks[c.mode].items():
+            # a bias that wanders from 0, and its integral along a straight way
+            own, through = np.eye(N)[state], np.concatenate([F[:2, state], np.zeros(N - 2)])
+            half = 0.5 * (np.outer(own, through) + np.outer(through, own))
+            Q += rate**2 * time * (np.outer(own, own) + half + np.outer(through, through) / 3.0)
+        return replace(c, x=x, P=F @ c.P @ F.T + Q), F
+
+    def now(self) -> tuple[Floats, Floats]:
+        """Mean and covariance of x, y, vx, vy over the mixture."""
+        if not self.sides or self.last is None:
+            return np.full(4, np.nan), np.full((4, 4), np.nan)
+        parts = []
+        for c in self.all:
+            moved, F = self.moved(c, c.x[LOG], c.x[COMPASS])
+            direction = np.exp(1j * c.x[COMPASS]) * self.last[1]
+            velocity, rows = (self.last[0] - c.x[LOG]) * direction, np.vstack([F[:2], np.zeros((2, N))])
+            rows[2:, LOG], rows[2:, COMPASS] = pair(-direction), pair(1j * velocity)
+            rows[2, EAST] = rows[3, NORTH] = 1.0
+            spread = rows @ c.P @ rows.T
+            spread[:2, :2] = moved.P[:2, :2]
+            along, across = pair(direction), pair(1j * direction)
+            spread[2:, 2:] += self.told.speed_sigma**2 * np.outer(along, along)
+            spread[2:, 2:] += (self.told.heading_sigma * self.last[0]) ** 2 * np.outer(across, across)
+            mean = np.concatenate([moved.x[:2], pair(velocity) + c.x[[EAST, NORTH]]])
+            parts.append(Component(mean, spread, c.weight))
+        return moments(parts)
+
+    def receive(self, heard: Heard) -> None:
+        """Mix, loosen, move, split, learn, weigh, tidy, doubt; then watch the leader's way."""
+        self.used = 0
+        if not heard.which:
+            return
+        if not self.sides:
+            if len(heard.which) > 1:
+                self.add_ring(heard, 1.0)
+                self.used = len(heard.which)
+                self.begin()
+            return
+        for side in self.sides:
+            mix(side)
+        if self.told.assume.drift:
+            self.loosen(heard)
+        self.sides = [[self.moved_to(c, heard) for c in side] for side in self.sides]
+        if {0, 1} <= set(heard.which):
+            split(self.told, self.sides, heard)
+        self.used = max(learn(self.told, self.v, c, heard) for c in self.all)
+        best = max(c.evidence for c in self.all)
+        for c in self.all:
+            c.weight *= float(np.exp(c.evidence - best))
+        normalise(self.sides)
+        if not self.told.assume.exact_leader:
+            variance = self.v + 0.1 * sum(c.weight * c.excess for c in self.all)
+            self.v = min(max(variance, np.deg2rad(0.1) ** 2), self.most)
+        tidy(self.sides)
+        self.smoothed += 0.15 * (sum(c.weight * c.surprise for c in self.all) - self.smoothed)
+        if len(heard.which) > 1 and self.smoothed >= 3.0:
+            self.smoothed = 1.0
+            self.add_ring(heard, 0.002)
+        self.silent = 0 if self.used else self.silent + 1
+        for c in self.all if self.silent >= 3 else []:
+            c.P += np.diag([1.0, 1.0, 0.0, np.deg2rad(2.0) ** 2, *np.zeros(6)])
+        self.watch(heard)
+        self.begin()
+
+    def begin(self) -> None:
+        assert self.last is not None
+        self.readings, self.at_message, self.trapezoids = [], self.last[1], np.zeros(2, dtype=complex)
+
+    def loosen(self, heard: Heard) -> None:
+        """A deviation of 3 % of the turn, where it is more than 0.1 rad, of the leader's 0.15 rad."""
+        assert self.last is not None
+        own = abs(np.angle(self.last[1] / self.at_message))
+        leader = abs(np.angle(np.exp(1j * (heard.heading - self.leader[-1].heading)))) if self.leader else 0.0
+        for c in self.all:
+            c.P[COMPASS, COMPASS] += (0.03 * own) ** 2 if own > 0.1 else 0.0
+            turns = leader > 0.15 and self.fresh[LEADER] > 0.0
+            c.P[LEADER, LEADER] += (0.03 * leader) ** 2 if turns else 0.0
+
+    def moved_to(self, c: Component, heard: Heard) -> Component:
+        """Linearised at the biases that the message suggests, where the way bends by more than 3 mm."""
+        there, _ = self.moved(c, c.x[LOG], c.x[COMPASS])
+        if 0.5 * c.P[COMPASS, COMPASS] * abs(self.way()[0]) < 0.003:
+            return there
+        learn(self.told, self.v, there, heard)
+        return self.moved(c, there.x[LOG], there.x[COMPASS])[0]
+
+    def add_ring(self, heard: Heard, share: float) -> None:
+        """Sides of what this message alone says: 96 Gaussians on a ring, those left of the axis and those right of it.
+
+        The ring is 5 m wide, its Gaussians 0.6 of their distance; near the belief so far, to 10 m, they weigh more.
+        """
+        here, modes = moments(self.all)[0][:2] - heard.place if self.sides else None, len(self.walks)
+        variance, self.v = self.v, 0.0
+        near = replace(heard, place=np.zeros(2))
+        distance = np.sqrt(max(heard.ranges.min() ** 2 - heard.axis[0, 2] ** 2, 1.0))
+        tried: list[Component] = []
+        for bearing in 2.0 * np.pi * (np.arange(96) + 0.5) / 96:
+            out = np.array([np.sin(bearing), np.cos(bearing)])
+            around = np.array([out[1], -out[0]])
+            P = np.diag(self.fresh)
+            P[LEADER, LEADER] = 0.0
+            P[:2, :2] = 25.0 * np.outer(out, out) + (0.6 * 2 * np.pi / 96 * distance) ** 2 * np.outer(around, around)
+            c = Component(np.concatenate([distance * out, np.zeros(N - 2)]), P, 1.0)
+            learn(self.told, self.v, c, near)
+            if here is not None:
+                c.evidence += np.log(0.01 + np.exp(-0.5 * np.sum((c.x[:2] - here) ** 2) / 100.0))
+            tried.append(c)
+        self.v = variance
+        best = max(c.evidence for c in tried)
+        for c in tried:
+            c.weight = float(np.exp(c.evidence - best))
+        total = sum(c.weight for c in tried)
+        for c in self.all:
+            c.weight *= 1.0 - share
+        for left in (True, False):
+            part = [c for c in tried if (aside(c, near)[0] > 0.0) == left]
+            weight = sum(c.weight for c in part)
+            if weight > 0.0:
+                x, P = moments(part)
+                turn = np.zeros(N)
+                turn[BENT] = -x[1], x[0], 1.0
+                P += self.fresh[LEADER] * np.outer(turn, turn)
+                P[:2, :2] += self.v * np.outer(turn[:2], turn[:2])
+                x[:2] += heard.place
+                weight *= share / total / modes
+                self.sides.append([Component(x.copy(), P.copy(), weight, mode) for mode in range(modes)])
+        tidy(self.sides)
+
+    def watch(self, heard: Heard) -> None:
+        """The leader's way over ground less that of its log: the current, and what its compass turns the log's way by.
+
+        Windows grow from 1 s to 10 s, and begin anew after a turn of more than 0.2 rad.
+        """
+        if self.told.assume.exact_leader and not self.told.assume.current:
+            return
+        if not self.leader:
+            self.leader, self.first_time, self.logged = [heard], heard.time, 0.0
+            return
+        first, last = self.leader[0], self.leader[-1]
+        velocity = [h.speed * complex(np.sin(h.heading), np.cos(h.heading)) for h in (last, heard)]
+        self.logged += 0.5 * (heard.time - last.time) * sum(velocity)
+        window = heard.time - first.time
+        self.leader.append(heard)
+        if abs(np.angle(np.exp(1j * (heard.heading - first.heading)))) > 0.2:
+            self.leader, self.logged = [heard], 0.0
+        elif window >= min(10.0, 1.0 + 0.2 * (heard.time - self.first_time)) - 1e-6:
+            logged = self.logged / window
+            seen = (heard.place - first.place) / window - pair(logged)
+            for c in self.all:
+                turned = np.exp(1j * c.x[LEADER]) * logged
+                H = np.zeros((2, N))
+                H[:, [EAST, NORTH]], H[:, LEADER] = np.eye(2), pair(1j * turned)
+                residual = seen - c.x[[EAST, NORTH]] - pair(turned - logged)
+                c.update(residual, H, H @ c.P @ H.T + 0.05**2 * 10.0 / window * np.eye(2))
+            self.leader, self.logged = [heard], 0.0

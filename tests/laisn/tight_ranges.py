@@ -1,0 +1,144 @@
+"""Ranges and the sides of the leader's axis for `tight_oracle`: rotations and derivatives as matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.special import ndtr
+
+from laisn.arrays import Floats
+from laisn.messages import OwnMotion, Reception
+from laisn.tight.settings import TightSettings
+from tests.laisn.tight_mixture import BENT, LEADER, SCALE, Component, N, Side, heaviest, log_density
+
+
+def pair(z: complex) -> Floats:
+    return np.array([z.real, z.imag])
+
+
+def rotation(angle: float) -> Floats:
+    """Anticlockwise."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+@dataclass
+class Heard:
+    """A message: where the leader is, where its transmitters are beside it, and the ranges that came."""
+
+    time: float
+    place: Floats
+    heading: float
+    speed: float
+    arms: Floats
+    """East, north, and how much deeper than the hydrophone, shape (t, 3), of the ranges that came."""
+    ranges: Floats
+    which: list[int]
+    axis: Floats
+    """Arms of the rear and front transmitter, heard or not, shape (2, 3)."""
+
+
+def hear(told: TightSettings, own: OwnMotion, reception: Reception) -> Heard:
+    """Transmitters by Euler rotations: about up, then nose up, then starboard down."""
+    message = reception.message
+    tilted = told.use_attitude and not np.isnan(message.pitch) and not np.isnan(message.roll)
+    pitch, roll = (message.pitch, message.roll) if tilted else (0.0, 0.0)
+    level = np.array([pair(1j * np.exp(-1j * message.heading)), pair(-np.exp(-1j * message.heading))])
+    forward = np.array([*np.cos(pitch) * level[0], np.sin(pitch)])
+    up = np.array([*-np.sin(pitch) * level[0], np.cos(pitch)])
+    port = np.cos(roll) * np.array([*level[1], 0.0]) + np.sin(roll) * up
+    arms = np.outer([-0.5, 0.5, 0.0], told.baseline * forward) + np.outer([0.0, 0.0, told.middle_offset], port)
+    arms[:, 2] = message.depth - (own.depth - told.hydrophone_height) - arms[:, 2]
+    which = [i for i in range(told.transmitters) if not np.isnan(reception.ranges[i])]
+    place, ranges = np.array([message.east, message.north]), np.array(reception.ranges)[which]
+    return Heard(message.timestamp, place, message.heading, message.speed, arms[which], ranges, which, arms[:2])
+
+
+def expected(
+    told: TightSettings, v: float, c: Component, heard: Heard, turn: float, left: float
+) -> tuple[Floats, Floats, Floats]:
+    """Residuals, H and S of the ranges, about an error `turn` of the leader's heading, whose variance v is `left`."""
+    q, t = c.x[:2] - heard.place, len(heard.which)
+    C = c.P[np.ix_(BENT, BENT)].copy()
+    C[2, 2] += left
+    residual, H, bent = np.empty(t), np.zeros((t, N)), []
+    for j, (arm, i) in enumerate(zip(heard.arms, heard.which, strict=True)):
+        s = rotation(c.x[LEADER] + turn) @ arm[:2]
+        apart = q - s
+        rho = max(np.linalg.norm([*apart, arm[2]]), 0.01)
+        J = np.array([[1.0, 0.0, s[1]], [0.0, 1.0, -s[0]]])
+        g = J.T @ apart / rho
+        second = (J.T @ J + np.diag([0.0, 0.0, apart @ s]) - np.outer(g, g)) / rho
+        bent.append(second @ C)
+        H[j, BENT], H[j, SCALE] = g, rho / max(heard.ranges.max(), 0.01)
+        if i > 0 and told.assume.offsets:
+            H[j, 7 + i] = 1.0
+        mean = rho + H[j, SCALE] * c.x[SCALE] + H[j, 8:] @ c.x[8:] - g[2] * turn + 0.5 * np.trace(bent[-1])
+        residual[j] = heard.ranges[j] - mean
+    S = H @ c.P @ H.T + told.range_scale_sigma**2 * np.outer(H[:, SCALE], H[:, SCALE])
+    S += v * np.outer(H[:, LEADER], H[:, LEADER]) + told.range_sigma**2 * np.eye(t)
+    return residual, H, S + 0.5 * np.array([[np.trace(a @ b) for a in bent] for b in bent])
+
+
+def learn(told: TightSettings, v: float, c: Component, heard: Heard) -> int:
+    """Update with the likeliest subset of the ranges; how many it has."""
+    t = len(heard.which)
+    residual, H, S = expected(told, v, c, heard, 0.0, v)
+    direct, echo = np.log(1.0 - told.outlier_chance), np.log(told.outlier_chance / told.outlier_span)
+    cost = echo - np.where(residual < 0.0, 6.0, 0.0)
+    subsets = [list(u) for size in range(t, -1, -1) for u in combinations(range(t), size)]
+
+    def likelihood(u: list[int]) -> float:
+        return log_density(residual[u], S[np.ix_(u, u)])[0] + len(u) * direct + np.delete(cost, u).sum()
+
+    u = max(subsets, key=likelihood)
+    c.evidence, c.excess = likelihood(u), 0.0
+    _, c.squared = log_density(residual[u], S[np.ix_(u, u)])
+    c.surprise = (c.squared + 2.0 * (t - len(u)) * (direct - echo)) / t
+    if u and not told.assume.exact_leader:
+        says = np.linalg.solve(S[np.ix_(u, u)], H[u, LEADER])
+        turn, left = v * (says @ residual[u]), v - v**2 * (says @ H[u, LEADER])
+        c.excess = turn**2 + left - v
+        if left < 0.5 * v:
+            residual, H, S = expected(told, v, c, heard, turn, left)
+    if u:
+        c.update(residual[u], H[u], S[np.ix_(u, u)])
+    return len(u)
+
+
+def aside(c: Component, heard: Heard) -> tuple[float, Floats]:
+    """How far a component lies left of the leader's axis, and the derivatives of that."""
+    q = c.x[:2] - heard.place
+    axis = rotation(c.x[LEADER]) @ (heard.axis[1, :2] - heard.axis[0, :2])
+    axis /= np.linalg.norm(axis)
+    off = q - rotation(c.x[LEADER]) @ heard.axis[0, :2]
+    row = np.zeros(N)
+    row[BENT] = -axis[1], axis[0], -axis @ q
+    return float(axis[0] * off[1] - axis[1] * off[0]), row
+
+
+def half(c: Component, heard: Heard, sign: float) -> Component:
+    """The part of a component on one side of the axis, by the moments of a truncated normal variable."""
+    lateral, row = aside(c, heard)
+    column = c.P @ row / np.sqrt(row @ c.P @ row)
+    z = sign * lateral / np.sqrt(row @ c.P @ row)
+    mass = ndtr(z)
+    if mass < 1e-12:
+        return replace(c, weight=0.0)
+    more = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) / mass
+    P = c.P - more * (more + z) * np.outer(column, column)
+    return replace(c, x=c.x + sign * more * column, P=P, weight=c.weight * mass)
+
+
+def split(told: TightSettings, sides: list[Side], heard: Heard) -> None:
+    """Into halves, where the axis is within 3.5 σ and σ is more than 0.3 of where the axis matters."""
+    for side in list(sides):
+        top = heaviest(side)
+        lateral, row = aside(top, heard)
+        length = np.linalg.norm(heard.axis[1, :2] - heard.axis[0, :2])
+        matters = np.linalg.norm(top.x[:2] - heard.place) * np.sqrt(2.8 * told.range_sigma / length)
+        sigma = np.sqrt(row @ top.P @ row)
+        if len(sides) < 8 and sigma > 0.3 * matters and abs(lateral) < 3.5 * sigma:
+            sides.append([half(c, heard, -1.0) for c in side])
+            side[:] = [half(c, heard, 1.0) for c in side]
