@@ -87,3 +87,38 @@ def test_fix_counts_name_every_kind() -> None:
     assert counts["gated"] == 1
     assert sum(counts.values()) == 3
     assert len(counts) == len(FixKind)
+
+
+def test_errors_and_captures_of_anything_are_those_of_complex_numbers() -> None:
+    """Angles as arguments of quotients, mirror images as conjugates about the leader's axis."""
+    rng = np.random.default_rng(9)
+    n = 4000
+    truth, leader = rng.normal(0, 8, (n, 2)), rng.normal(0, 3, (n, 2))
+    heading = rng.uniform(-7, 7, n)
+    z, origin, axis = truth @ [1, 1j], leader @ [1, 1j], 1j * np.exp(-1j * heading)
+    mirror = origin + axis * np.conj((z - origin) / axis)
+    # near the mirror image, near the truth, and anywhere
+    guess = np.select([np.arange(n) % 3 == 0, np.arange(n) % 3 == 1], [mirror, z], 0.0)
+    guess = guess + rng.normal(0, 4, n) + 1j * rng.normal(0, 4, n)
+    estimate = np.column_stack([guess.real, guess.imag])
+    np.testing.assert_allclose(metrics.position_errors(estimate, truth), np.abs(guess - z), rtol=1e-12)
+    angle = np.abs(np.angle((guess - origin) / (z - origin)))
+    np.testing.assert_allclose(metrics.bearing_errors(estimate, truth, leader), angle, rtol=0, atol=1e-12)
+    captured = (np.abs(guess - z) > 5.0) & (2.0 * np.abs(guess - mirror) < np.abs(guess - z))
+    assert 0.1 < captured.mean() < 0.9
+    np.testing.assert_array_equal(metrics.captured_steps(estimate, truth, leader, heading), captured)
+
+
+def test_consistency_of_any_covariance_is_that_of_a_linear_solver() -> None:
+    rng = np.random.default_rng(10)
+    root = rng.normal(size=(3, 2, 2))
+    spread, error = root @ root.transpose(0, 2, 1), rng.normal(size=(3, 2))
+    whole = np.tile(np.eye(4), (3, 1, 1))
+    whole[:, :2, :2] = spread
+    kinds = np.array([FixKind.TWO_POINTS, FixKind.ASTERN, FixKind.FUSED])
+    given = estimates(covariance=whole, innovation=error, innovation_covariance=spread, fix_kind=kinds)
+    expected = [e @ np.linalg.solve(p, e) for e, p in zip(error, spread, strict=True)]
+    np.testing.assert_allclose(metrics.nees(given, -error), expected, rtol=1e-10)
+    np.testing.assert_allclose(metrics.nis(given), expected, rtol=1e-10)
+    for kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.ONE_RANGE):
+        assert np.isnan(metrics.nis(estimates(fix_kind=np.full(3, kind), innovation=error))).all()

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
+from laisn.estimates import FixKind
 from laisn.geometry import place_on_body
-from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
-from laisn.tight.estimator import place_arms
+from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
+from laisn.tight.belief import new_belief
+from laisn.tight.estimator import place_arms, receive
 from laisn.tight.model import model_of
 from laisn.tight.navigator import TightNavigator, Update
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import Assume, TightSettings
-from tests.laisn.tight_mixture import heaviest, moments, weight_of
+from tests.laisn.tight_mixture import SCALE, heaviest, moments, weight_of
 from tests.laisn.tight_oracle import Oracle
 
 EVERYTHING = Assume(exact_leader=False, drift=True, current=True, offsets=True)
@@ -157,3 +159,49 @@ def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(use_attitude: bool, 
     # east, north and depth of places on a body at the origin, which is 1.5 m deeper than the hydrophone
     expected = place_on_body((0.0, 0.0, 1.5), (heading, *tilt), body)
     np.testing.assert_allclose(heard.arms, expected, rtol=0, atol=1e-12)
+
+
+def test_a_start_whose_covariance_is_not_positive_definite_is_refused() -> None:
+    """As `receive` says: −1."""
+    told = replace(THREE, known_start=False)
+    belief, model, heard = new_belief(told, model_of(told), None), model_of(told), new_heard()
+    heard.ranges = 20.0, 20.5, 20.2
+    place_arms(heard, model, 0.0, 0.0, 1.0)
+    belief.fresh[SCALE] = -1.0
+    assert receive(belief, model, heard) == -1
+
+
+def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
+    """σ of a fix is the root of half the trace; absent sides weigh nothing; kinds are told by the ranges."""
+    told, dt = replace(ALL_OF_2, dt=0.5, known_start=False), 0.5
+    steps, _ = Voyage(seed=4, turns=0.05, echoes=0.1, lost=0.2).readings()
+    given = [(k, r) for k, (_, r, _) in enumerate(steps, start=1) if r is not None]
+    own = np.array([o for o, _, _ in steps])
+    measured = Measurements(
+        dt=dt, speed=own[:, 0], heading=own[:, 1], depth=own[:, 2], message_step=np.array([k for k, _ in given]),
+        message=np.array([r.message for _, r in given]), ranges=np.array([r.ranges for _, r in given]),
+    )  # fmt: skip
+    result, online = TightNavigator(told, None).run(measured), TightNavigator(told, None)
+    updates = [u for o, r, _ in steps for u in online.step(o, r)]
+    kinds = []
+    for i, u in enumerate(updates):
+        sides = u.weight.size
+        assert (result.fix_step[i], result.used[i]) == (u.step, u.used)
+        np.testing.assert_array_equal(result.fix_position[i], u.full_state[:2])
+        mean_variance = 0.5 * (u.full_sigma[0] ** 2 + u.full_sigma[1] ** 2)
+        assert result.fix_sigma[i] == pytest.approx(np.sqrt(mean_variance), nan_ok=True)
+        np.testing.assert_array_equal(result.nis[i], u.nis)
+        np.testing.assert_array_equal(result.full_state[i], u.full_state)
+        np.testing.assert_array_equal(result.full_sigma[i], u.full_sigma)
+        np.testing.assert_array_equal(result.weight[i], [*u.weight, *[0.0] * (4 - sides)])
+        np.testing.assert_array_equal(result.hypothesis[i, :sides], u.hypothesis)
+        np.testing.assert_array_equal(result.hypothesis_covariance[i, :sides], u.hypothesis_covariance)
+        assert np.isnan(result.hypothesis[i, sides:]).all()
+        assert np.isnan(result.hypothesis_covariance[i, sides:]).all()
+        assert u.received == np.isfinite(measured.ranges[i, :2]).sum()
+        whole = FixKind.ONE_RANGE if u.received == 1 else FixKind.RANGES
+        believed = FixKind.GATED if u.used == 0 else (FixKind.PARTLY if u.used < u.received else whole)
+        kinds.append(FixKind.LOST if u.received == 0 or not sides else believed)
+    assert result.fix_kind.tolist() == kinds
+    assert len(set(kinds)) > 3
+    assert np.isnan(result.innovation).all()

@@ -1,0 +1,99 @@
+"""Navigators of a swarm, all followers in one call, against navigators of one follower each."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from laisn import lane_swarm
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from laisn.messages import OwnMotion, Ranges, Reception
+from laisn.navigator import Navigator
+from laisn.settings import NavigationSettings
+from laisn.tight import swarm
+from laisn.tight.navigator import TightNavigator
+from laisn.tight.settings import TightSettings
+from tests.laisn.test_tight_oracle import ALL_OF_2, Voyage
+
+FOLLOWERS, DT = 3, 0.5
+Step = tuple[list[OwnMotion], list[Reception] | None]
+
+
+def shared_voyage() -> tuple[list[Step], Floats]:
+    """What followers read who hear the messages of one leader, each with errors of its own; and where they begin."""
+    rng = np.random.default_rng(8)
+    steps, start = Voyage(seed=2, messages=8, turns=0.05, offset=(-15.0, 9.0)).readings()
+    mine: list[Step] = []
+    for own, reception, _ in steps:
+        owns = [OwnMotion(*(np.array(own) + 0.02 * rng.normal(size=3))) for _ in range(FOLLOWERS)]
+        heard = None
+        if reception is not None:
+            ranges = np.array(reception.ranges) + 0.02 * rng.normal(size=(FOLLOWERS, 3))
+            ranges[rng.random(ranges.shape) < 0.1] = np.nan
+            heard = [Reception(reception.message, Ranges(*row)) for row in ranges.tolist()]
+        mine.append((owns, heard))
+    starts = np.column_stack([start + 0.3 * rng.normal(size=(FOLLOWERS, 2)), rng.normal(size=(FOLLOWERS, 2))])
+    return mine, starts
+
+
+def tables(step: Step) -> tuple[Floats, bool, Floats, Floats]:
+    """Readings, whether there is a message, the message and the ranges, as compiled swarms take them."""
+    owns, heard = step
+    if heard is None:
+        return np.array(owns), False, np.full(9, np.nan), np.full((FOLLOWERS, 3), np.nan)
+    return np.array(owns), True, np.array(heard[0].message), np.array([h.ranges for h in heard])
+
+
+@pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1"])
+def test_a_swarm_of_lanes_is_so_many_navigators(variant: str) -> None:
+    settings = NavigationSettings(variant=variant, dt=DT, use_attitude=True, hydrophone_height=0.2)  # type: ignore[arg-type]
+    steps, starts = shared_voyage()
+    together, alone = lane_swarm.new_navigators(settings, starts), [Navigator(settings, row) for row in starts]
+    out = np.zeros((FOLLOWERS, 7))
+    for k, step in enumerate(steps, start=1):
+        assert lane_swarm.navigate(together, k, *tables(step), out) == -1
+        for i, navigator in enumerate(alone):
+            navigator.step(step[0][i], None if step[1] is None else step[1][i])
+            np.testing.assert_allclose(out[i, :2], navigator.state[:2], rtol=0, atol=1e-9)
+    # LAISN concludes nothing else
+    assert not out[:, 2:].any()
+
+
+def test_there_is_a_lane_for_each_of_sixty_four_followers_and_no_more() -> None:
+    starts = np.arange(4.0 * 64).reshape(64, 4)
+    block, _ = lane_swarm.new_navigators(NavigationSettings(), starts)
+    np.testing.assert_array_equal(block[: 4 * 64].reshape(4, 64).T, starts)
+    with pytest.raises(LaisnError, match="65 followers cannot navigate together, at most 64"):
+        lane_swarm.new_navigators(NavigationSettings(), np.zeros((65, 4)))
+
+
+@pytest.mark.parametrize("told", [ALL_OF_2, TightSettings(known_start=False)], ids=["all of 2", "start of 3"])
+def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSettings) -> None:
+    """Spread is the largest standard deviation of the place at the last message, the rest means over the mixture."""
+    told = replace(told, dt=DT)
+    steps, starts = shared_voyage()
+    together, alone = swarm.new_navigators(told, starts), [TightNavigator(told, row) for row in starts]
+    out = np.zeros((FOLLOWERS, 7))
+    for step in steps:
+        assert swarm.navigate(together, *tables(step), out) == -1
+        for i, navigator in enumerate(alone):
+            updates = navigator.step(step[0][i], None if step[1] is None else step[1][i])
+            assert out[i, :2].tobytes() == navigator.state[:2].tobytes()
+            for update in updates:
+                x = update.full_state
+                current = x[6:8] if told.assume.current else np.zeros(2)
+                found = [out[i, swarm.LOG_BIAS], out[i, swarm.COMPASS_BIAS], *out[i, 4:6]]
+                np.testing.assert_allclose(found, [x[2], x[3], *current], rtol=0, atol=1e-12)
+                off = update.hypothesis - x[:2]
+                spread = update.hypothesis_covariance + off[:, :, None] * off[:, None, :]
+                largest = np.linalg.eigvalsh(np.einsum("h,hij->ij", update.weight, spread))[-1]
+                assert out[i, swarm.SPREAD] == pytest.approx(np.sqrt(largest), rel=1e-9)
+
+
+def test_the_follower_whose_covariance_is_not_positive_definite_is_told() -> None:
+    steps, starts = shared_voyage()
+    together = swarm.new_navigators(replace(ALL_OF_2, dt=DT), starts)
+    together[0][1].covariance[:] = -np.eye(10)
+    answers = [swarm.navigate(together, *tables(step), np.zeros((FOLLOWERS, 7))) for step in steps[:3]]
+    assert answers == [-1, -1, 1]
