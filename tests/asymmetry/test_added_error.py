@@ -191,13 +191,14 @@ def test_errors_over_time_and_random_ones_add_in_squares() -> None:
 
 def test_facts_of_a_mission_are_those_of_its_motion() -> None:
     """The leader pitched by a constant angle and level otherwise, a follower that stands off: all is known."""
-    pitch = np.deg2rad(5.0)
+    pitch = np.deg2rad(-5.0)
     flown = tilted(make_trajectory(make_scenario(60.0)), pitch, 0.0)
     facts = sense(flown, QUICK_CONDITIONS[0], "T6", 5.0, 60.0).facts
     apart = flown.position[:, 1] - flown.position[:, 0]
     assert facts["pitch_rms_deg"] == pytest.approx(5.0)
     assert facts["pitch_max_deg"] == pytest.approx(5.0)
     assert facts["depth_offset_rms_m"] == pytest.approx(np.sqrt(np.mean(apart[:, 2] ** 2)))
+    assert facts["range_mean_m"] == pytest.approx(np.mean(np.hypot(apart[:, 0], apart[:, 1])))
     # messages every second; bearings from the heading by hand
     sent = np.arange(10, flown.time.size, 10)
     off = np.arctan2(apart[sent, 0], apart[sent, 1]) - flown.heading[sent, 0]

@@ -327,6 +327,15 @@ def test_errors_at_each_step_agree_with_the_summary(tmp_path):
     assert steps["e_p_mean_m"].astype(float).mean() == pytest.approx(row["e_p_mean_m"], rel=1e-6)
     assert steps["e_b_mean_deg"].astype(float).mean() == pytest.approx(row["e_b_mean_deg"], rel=1e-5)
     assert len(steps["time_s"]) == row["steps"] == round(DURATION / 0.1)
+    assert steps["e_b_max_deg"].max() == pytest.approx(row["e_b_max_deg"], rel=1e-5)
+    flown = campaign.mission(plan.scenario, store.Store(tmp_path))
+    hydrophone = flown.site_path(f"{flown.names[1]}/hydrophone")[1:]
+    east, north, _ = (hydrophone - flown.position[1:, 0]).T
+    assert steps["distance_m"] == pytest.approx(np.hypot(east, north), rel=1e-5)
+    turned = np.deg2rad(steps["bearing_deg"].astype(float)) + flown.heading[1:, 0]
+    assert np.abs(np.exp(1j * turned) - (north + 1j * east) / np.hypot(east, north)).max() < 1e-5
+    assert 0 <= steps["bearing_deg"].min() <= steps["bearing_deg"].max() < 360
+    assert steps["speed_m_s"] == pytest.approx(flown.forward_speed[1:, 1], rel=1e-5)
 
 
 def test_steps_that_are_asked_for_later_are_added(computed):

@@ -1,0 +1,123 @@
+"""Numbers in the report of a flight: each cell and each curve against what was put into the flight."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.flight.anatomy import Anatomy, Cause
+from experiments.pages import anatomy_page, bound_panel, flight_figures
+from experiments.pages.flight_report import _results, _troubles
+from experiments.pages.page import Table
+from laisn.arrays import Floats
+from laisn.estimates import FixKind
+from laisn.tight.estimates import TightEstimates
+from sim.flight import Flight
+from tests.synthetic import make_flight
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return make_flight(20.0)
+
+
+def texts(row: Any) -> list[str]:
+    return [cell.text for cell in row]
+
+
+def test_the_table_of_results_has_each_figure_under_its_head() -> None:
+    route = {
+        "e_p_max_m": 1.1, "e_p_mean_m": 1.2, "e_p_std_m": 1.3, "e_b_max_deg": 2.1, "e_b_mean_deg": 2.2,
+        "e_b_std_deg": 2.3, "off_place_rms_m": 3.1, "fixes": {"gated": 4, "lost": 0, "two_points": 5},
+    }  # fmt: skip
+    station = route | {
+        "station_rms_m": 6.1, "station_p95_m": 6.2, "station_max_m": 6.3, "joined_s": 7.0, "lost": True,
+        "fixes": {"gated": 0, "lost": 0, "two_points": 8},
+    }  # fmt: skip
+    table = _results({"followers": {"one": station, "two": route | {"fixes": {}}, "three": route}})
+    errors = ["1.10", "1.20", "1.30", "2.10", "2.20", "2.30", "3.10"]
+    kinds = [flight_figures.FIX_WORDS[kind] for kind in sorted((FixKind.GATED, FixKind.TWO_POINTS))]
+    assert list(table.heads)[-2:] == kinds
+    first, second, third = ([*texts(row)] for row in table.rows)
+    counts = {"gated": "0", "two_points": "8"}
+    of = [counts["two_points" if word == flight_figures.FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds]
+    assert first == ["one", *errors, "6.10", "6.20", "6.30", "7", "lost", *of]
+    assert second == ["two", *errors, "–", "–", "–", "–", "", "0", "0"]
+    assert sorted(third[-2:]) == ["4", "5"]
+    alone = _results({"followers": {"three": route}})
+    assert texts(alone.rows[0])[:8] == ["three", *errors]
+    assert len(alone.heads) == 10
+
+
+def test_a_capture_is_told_with_its_share_of_the_mission(flight: Flight) -> None:
+    steps = flight.step_index()
+    heading, leader = flight.trajectory.heading[steps, 0], flight.trajectory.position[steps, 0, :2]
+    truth, (found,) = flight.hydrophone(0)[:, :2], flight.estimates
+    starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
+    side = np.einsum("ni,ni->n", truth - leader, starboard)
+    state = found.state.copy()
+    # for 25 of 200 steps
+    state[:, :2] = truth - np.where(np.arange(200) < 25, 2 * side, 0.0)[:, None] * starboard
+    caught = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
+    (notice,) = _troubles(caught, [(np.zeros(200), np.zeros(200))])
+    assert "more than 5 m off" in notice.text
+    assert "for 12.5 % of the mission" in notice.text
+
+
+def test_causes_are_told_in_centimetres_by_their_root_mean_square() -> None:
+    """A lever arm of ±3 cm at the rear and ∓1 cm at the front in turns, an echo of 1 m once at the rear."""
+    share = np.zeros((4, 3, len(Cause)))
+    share[:, 0, Cause.LEVER_ARM] = [0.03, -0.03, 0.03, -0.03]
+    share[:, 1, Cause.LEVER_ARM] = [-0.01, 0.01, -0.01, 0.01]
+    share[1, 0, Cause.ECHO] = 1.0
+    anatomy = Anatomy(time=np.arange(4.0), level_range=np.ones((4, 3)), used_range=np.ones((4, 3)), share=share)
+    table = anatomy_page.share_table(anatomy, transmitters=2)
+    assert [texts(row) for row in table.rows] == [
+        ["lever arm", "3.0", "1.0", "4.0", "4.0"], ["echo", "50.0", "0.0", "50.0", "100.0"],
+    ]  # fmt: skip
+    figure = anatomy_page.asymmetry_over_time(anatomy.time, {Cause.LEVER_ARM: anatomy.asymmetry[:, 1]}, "")
+    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), [-4.0, 4.0, -4.0, 4.0])
+
+
+def test_beliefs_of_sensors_are_told_in_degrees_where_they_are_angles(flight: Flight) -> None:
+    names = ("east_m", "north_m", "log_bias_m_s", "compass_bias_rad", "leader_compass_bias_rad")
+    found = object.__new__(TightEstimates)
+    told: dict[str, Any] = {
+        "names": names, "fix_step": np.array([1, 2]),
+        "full_state": np.array([[9.0] * 5, [1.0, 2.0, 0.3, np.deg2rad(4.0), np.nan]]),
+        "full_sigma": np.array([[9.0] * 5, [0.1, 0.2, 0.03, np.deg2rad(0.5), 1.0]]),
+    }  # fmt: skip
+    for name, value in told.items():
+        object.__setattr__(found, name, value)
+    known = dataclasses.replace(flight, estimates=(found,))
+    (table,) = bound_panel._found(known, [0])
+    assert isinstance(table, Table)
+    assert [texts(row) for row in table.rows] == [
+        ["follower", "log_bias_m_s", "0.30", "0.03"], ["follower", "compass_bias_deg", "4.00", "0.50"],
+    ]  # fmt: skip
+
+
+def lines(figure: Any) -> list[Floats]:
+    return [np.column_stack(line.get_data()) for line in figure.axes[0].lines]
+
+
+def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
+    truth, (found,), (heard,) = flight.trajectory, flight.estimates, flight.measurements
+    drawn = dict(flight_figures.motion(flight))
+    for title, values in (
+        ("Depth", -truth.position[..., 2]),
+        ("Pitch", np.rad2deg(truth.pitch)),
+        ("Speed", truth.forward_speed),
+    ):
+        follower, leader = lines(drawn[title])
+        np.testing.assert_allclose(follower[:, 1], values[:, 1])
+        np.testing.assert_allclose(leader[:, 1], values[:, 0])
+    *_, last = lines(flight_figures.ranges(flight, 0))
+    np.testing.assert_allclose(last[:, 0], 1.0 * np.arange(1, 21))
+    np.testing.assert_allclose(last[:, 1], heard.ranges[:, 0])
+    leader, swum, believed, *ends = lines(flight_figures.track_map(flight, [0]))
+    np.testing.assert_allclose(leader, truth.position[1:, 0, :2])
+    np.testing.assert_allclose(swum, flight.hydrophone(0)[:, :2])
+    np.testing.assert_allclose(believed, found.state[:, :2])
+    np.testing.assert_allclose(np.concatenate(ends), [truth.position[-1, 0, :2], flight.hydrophone(0)[-1, :2]])
