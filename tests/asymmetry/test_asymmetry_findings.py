@@ -45,7 +45,8 @@ def rows() -> list[Row]:
 CURVES = Curves(
     tau=tuple(
         Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=float("nan"), value=(0.01, 0.03, 0.06),
-              e_p_mean_m=(0.2, 0.4, e), excess_half_m=(0.0, 0.1, 0.2)) for r, e in (("T3", 0.6), ("T4", 1.0), ("T5", 0.7))
+              e_p_mean_m=(0.2, 0.4, e), excess_half_m=(0.0, 0.1, 0.2))
+        for r, e in (("T3", 0.6), ("T4", 1.0), ("T5", 0.7))
     ),
     pitch=tuple(
         Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=10.0, value=(0.0, -5.0, -10.0),
