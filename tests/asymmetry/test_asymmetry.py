@@ -94,6 +94,16 @@ def test_map_holds_every_point_once():
     assert deep["error_laisn-2_m"] == pytest.approx(deep["error_closed_form_m"], abs=1e-6)
     slant = np.hypot(20.0, 10.0)
     assert deep["range_error_front_m"] == pytest.approx(10 * np.sin(np.deg2rad(5)) / slant, rel=0.02)
+    assert deep["range_error_rear_m"] == pytest.approx(-10 * np.sin(np.deg2rad(5)) / slant, rel=0.02)
+    for row in table.to_pylist():
+        pitch, offset, bearing = np.deg2rad(row["pitch_deg"]), row["depth_offset_m"], np.deg2rad(row["bearing_deg"])
+        if row["bearing_deg"] == 90:
+            assert row["error_first_order_m"] == pytest.approx(offset * np.sin(pitch) / np.sin(bearing), abs=1e-6)
+        # a fix keeps its range, so that it moves along a chord, ahead as well as aside
+        _, error = chart.sweep(
+            np.array([[pitch, offset, row["range_m"], bearing]]), replace(ANYWHERE, variant="laisn-2")
+        )
+        assert row["error_laisn-2_m"] == pytest.approx(np.linalg.norm(error), abs=1e-5)
 
 
 def test_tilting_moves_nothing_but_the_leaders_attitude():

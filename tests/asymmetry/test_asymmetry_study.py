@@ -130,6 +130,23 @@ def test_planner_abeam_is_the_bound_over_sin_pitch(pitch_deg, bound):
     assert worst_error(pitch, deepest, np.pi / 2, 40.0) == pytest.approx(bound, rel=1e-6)
 
 
+@pytest.mark.parametrize("reach", [40.0, 100.0])
+@pytest.mark.parametrize("off_axis_deg", [30.0, 60.0])
+def test_the_planner_reckons_with_nose_up_and_down_ahead_and_astern_and_far_away(reach, off_axis_deg):
+    """cos B̂ = cos B cos φ − (Δz / D) sin φ, error = 2 D sin(|B̂ − B| / 2), searched on a fine grid of ranges."""
+    pitch, offset = np.deg2rad(4.0), 3.0
+    away, worst = np.linspace(5.0, reach, 4001), 0.0
+    for sign in (1.0, -1.0):
+        for bearing in np.deg2rad([off_axis_deg, 180.0 - off_axis_deg]):
+            turned = np.arccos(np.cos(bearing) * np.cos(pitch) - sign * offset / away * np.sin(pitch))
+            worst = max(worst, float((2.0 * away * np.sin(np.abs(turned - bearing) / 2.0)).max()))
+    assert worst_error(pitch, offset, np.deg2rad(off_axis_deg), reach) == pytest.approx(worst, rel=1e-3)
+
+
+def test_beyond_fifty_metres_any_offset_will_do():
+    assert deepest_offset(np.deg2rad(1.0), np.pi / 2, 40.0, 1.0) == 50.0 < 1.0 / np.sin(np.deg2rad(1.0))
+
+
 def test_planner_says_where_no_offset_will_do():
     # foreshortening alone, D cos B (1 − cos φ) / sin B to first order, is more than the bound
     assert np.isnan(deepest_offset(np.deg2rad(10.0), np.deg2rad(30.0), 100.0, 0.5))

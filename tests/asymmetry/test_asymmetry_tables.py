@@ -87,7 +87,8 @@ def test_a_condition_is_told_by_its_means_over_routes() -> None:
     missions = paired(rows(condition.key))
     table, lines = mission_table(missions, [condition], [10.0], CURVES)
     found = texts(table, 0)
-    assert found[1] == "10"
+    # pitch as of `row`
+    assert found[1:4] == ["10", "5.0", "6.0"]
     assert found[4] == f"0.50 ± {half(0.1):.2f}"
     assert found[5] == f"2.50 ± {half(0.3):.2f}"
     assert found[6] == f"2.00 ± {half(0.2):.2f}"
@@ -106,6 +107,15 @@ def test_a_condition_is_told_by_its_means_over_routes() -> None:
     assert found[11] == f"3.00 ± {1.959964 * 0.2 / np.sqrt(RUNS - 1):.2f}"
     assert "laisn fly T4" in lines
     assert "T3" not in lines
+
+
+def test_three_transmitters_have_a_column_of_their_own() -> None:
+    """What pitch adds to them is half of what it adds to two."""
+    condition = QUICK_CONDITIONS[0]
+    two = rows(condition.key)
+    three = [replace(r, variant="laisn-3-2", e_p_run_mean_m=tuple(0.5 * e for e in r.e_p_run_mean_m)) for r in two]
+    found = texts(mission_table(paired([*two, *three]), [condition], [10.0], CURVES)[0], 0)
+    assert found[6:8] == [f"2.00 ± {half(0.2):.2f}", f"1.00 ± {half(0.1):.2f}"]
 
 
 def test_routes_and_what_sensors_leave() -> None:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from experiments.asymmetry import flying, tau
-from experiments.asymmetry.missions import Row
+from experiments.asymmetry.missions import Plan, Row
 from experiments.asymmetry.remedies import ARMS, CROOKED, EXACT, INFLATED, LEVEL, READINGS, REAL, ROUGH, STEADIED, Arm
+from experiments.asymmetry.tau import Curve
 from experiments.campaign.cells import Cell, CellResult, RunTable
 from laisn.metrics import Summary
 from laisn.settings import NavigationSettings
@@ -87,3 +88,30 @@ def test_the_excess_of_a_curve_is_paired_run_by_run(monkeypatch: pytest.MonkeyPa
     half = 1.959964 * own.std(ddof=1) / 20.0
     assert (excess.low, excess.high) == pytest.approx((excess.value - half, excess.value + half))
     assert curve.excess_half_m[0] == 0.0
+
+
+def test_a_curve_that_dips_counts_as_flat_there() -> None:
+    curve = Curve(route="T3", variant="laisn-2", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
+                  e_p_mean_m=(0.3, 0.6, 0.5, 1.0), excess_half_m=(0.0, 0.1, 0.1, 0.1))  # fmt: skip
+    assert tau.equivalent(0.35, curve) == pytest.approx(2.25)
+
+
+def test_curves_widen_the_rear_error_and_lower_the_bow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a transmitter 1 m before and behind: R_rear² − R_front² = 4 (x cos φ − Δz sin φ), φ the pitch."""
+    seen: list[tuple[list[Cell], dict[str, Any]]] = []
+    monkeypatch.setattr(tau, "_curve", lambda cells, **key: seen.append((list(cells), key)))
+    monkeypatch.setattr(tau, "INTERVALS_S", (5.0,))
+    tau.fly_curves(Plan(routes=("T3",), offsets_m=(2.0,), looks=(4,), duration_s=20.0), ("laisn-2",))
+    (over_pitch, of_pitch), (over_tau, of_tau) = seen
+    assert (of_pitch["value"], of_pitch["depth_offset_m"]) == (tau.PITCH_DEG, 2.0)
+    assert of_tau["value"] == tau.TAU_M
+    assert [cell.errors.range_tau for cell in over_tau] == [(t, 0.01, 0.01) for t in tau.TAU_M]
+    assert {cell.errors.range_tau for cell in over_pitch} == {(0.01, 0.01, 0.01)}
+    ranges = [cell.truth.slant_range for cell in over_pitch]
+    differences = np.array([r[:, 0] ** 2 - r[:, 1] ** 2 for r in ranges])
+    ahead = differences[0] / 4.0
+    pitch = np.deg2rad(tau.PITCH_DEG)[:, None]
+    assert pitch.min() < -0.2
+    assert differences == pytest.approx(4.0 * (ahead * np.cos(pitch) - 2.0 * np.sin(pitch)), abs=0.15)
+    assert all(len(cell.runs) == 4 for cell in over_pitch)
+    np.testing.assert_array_equal(over_tau[0].truth.slant_range, ranges[0])

@@ -26,6 +26,9 @@ def test_conditions_say_what_their_titles_say() -> None:
     assert min(abs(port) for port in ports) > 3.0
     speeds = [by_name["current"].scenario(run).ocean.current_speed_m_s for run in range(5)]
     assert sorted(speeds) == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+    # from all around, however many runs there are: no gap between directions is three times the mean one
+    ways = sorted(by_name["current"].scenario(run).ocean.current_direction_deg for run in range(20))
+    assert max(np.diff([*ways, ways[0] + 360.0])) < 3 * 360.0 / 20
     # 40 % are lost: a burst begins with p = 2/15 and lasts 5 messages, so that p / (p + 1/5) of the time is one
     assert by_name["bursts"].scenario(0).acoustics.burst_chance == pytest.approx(2 / 15, abs=1e-4)
     assert not any(f.believes for f in by_name["truth"].scenario(0).followers)
@@ -98,3 +101,16 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
         for j in range(i)
     ]
     assert run.closest == pytest.approx(min(apart))
+
+
+@pytest.mark.parametrize(
+    ("given", "asked"), [([], (study.RUNS, 1000.0)), (["--quick"], (2, 100.0)), (["--runs", "7"], (7, 1000.0))]
+)
+def test_the_command_flies_as_many_runs_as_it_is_told(
+    given: list[str], asked: tuple[int, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown: list[object] = []
+    monkeypatch.setattr("sys.argv", ["study", *given])
+    monkeypatch.setattr(study, "run", lambda _, *told: flown.append(told))
+    study.main()
+    assert flown == [asked]
