@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from laisn.beacons.belief import new_belief
-from laisn.beacons.mixture import tidy
+from laisn.beacons.belief import new_belief, with_beacon
+from laisn.beacons.mixture import split, tidy
 from laisn.beacons.navigator import BeaconNavigator
+from laisn.beacons.ranging import Ranging
+from laisn.beacons.ring import add_ring
 from laisn.beacons.settings import MEDIA, BeaconSettings
 from laisn.estimates import FixKind
+from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from tests.beacons.beacon_oracle import BeaconOracle
 
@@ -116,6 +119,24 @@ def test_the_heaviest_components_are_kept_and_the_heaviest_of_all_comes_first() 
     np.testing.assert_allclose(np.sort(weight[(b.state[:256, 0] / 100.0).astype(int)]), kept, rtol=1e-12)
 
 
+def test_where_there_is_no_room_for_more_nothing_is_split_and_no_ring_is_added() -> None:
+    """1024 components at most: of 1022 that are wide one is split, and a ring of 48 must leave a place free."""
+    b, z = with_beacon(new_belief(RADIO, None), RADIO), Ranging(0, 0.0, 0.0, 0.0, 20.0, 0.25, -0.05, -6.0)
+    for alive, after in ((1022, 1024), (1023, 1023)):
+        b.alive[0], b.weight[:alive], b.state[:alive, 1] = alive, 1.0 / alive, 20.0
+        b.covariance[:alive] = 100.0 * np.eye(b.fresh.size)
+        split(b, z)
+        assert b.alive[0] == after
+    # what is not alive any more is left alone
+    b.alive[0], b.covariance[0] = 1, 0.01 * np.eye(b.fresh.size)
+    split(b, z)
+    assert b.alive[0] == 1
+    for alive, after in ((976, 976), (975, 1023)):
+        b.alive[0], b.weight[:alive] = alive, 1.0 / alive
+        add_ring(b, z, 0.1, False)
+        assert b.alive[0] == after
+
+
 def test_positions_are_one_within_a_third_of_their_spread() -> None:
     """Squared distance 0.3 in units of the mean covariance, across a correlated one."""
     spread = np.array([[4.0, 1.5], [1.5, 1.0]])
@@ -147,3 +168,20 @@ def test_settings_of_media_are_those_of_the_documents() -> None:
                 told += 1
     others = {"dt", "hydrophone_height", "known_start"}
     assert told == 2 * len({item.name for item in fields(BeaconSettings)} - others)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: float) -> None:
+    """50 m/s of the odometry, ranges of 100 km."""
+
+    def step(speed: float = 1.0, farthest: float = 20.0) -> None:
+        message = LeaderMessage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        reception = Reception(message, Ranges(np.nan, farthest, np.nan), PLACES)
+        BeaconNavigator(RADIO, np.zeros(4)).step(OwnMotion(speed, 0.0, 4.5), reception)
+
+    step(50.0 * sign)
+    step(farthest=1e5 if sign > 0.0 else 0.0)
+    with pytest.raises(LaisnError, match="the odometry reads"):
+        step(50.0 * sign * (1.0 + 1e-12))
+    with pytest.raises(LaisnError, match="expected 0"):
+        step(farthest=1e5 * (1.0 + 1e-12) if sign > 0.0 else -1e-9)

@@ -7,8 +7,11 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
+from laisn.failure import LaisnError
 from laisn.geometry import place_on_body
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
+from laisn.navigator import Navigator
+from laisn.settings import NavigationSettings
 from laisn.tight.belief import new_belief
 from laisn.tight.estimator import place_arms, receive
 from laisn.tight.model import model_of
@@ -205,3 +208,59 @@ def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
     assert result.fix_kind.tolist() == kinds
     assert len(set(kinds)) > 3
     assert np.isnan(result.innovation).all()
+
+
+@pytest.mark.parametrize("use_attitude", [False, True])
+@pytest.mark.parametrize("known", [False, True])
+def test_offsets_of_a_hull_are_that_hull(use_attitude: bool, known: bool) -> None:
+    """The same transmitters told as offsets and as baseline and middle offset, tilted where that is told and used."""
+    steps, start = Voyage(seed=9, turns=0.05, messages=6, offset=(2.0, 14.0)).readings()
+    begin = np.array([*start, 0.0, 0.0])
+    offsets = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
+    navigators: list[TightNavigator | Navigator] = []
+    for places in ((), offsets):
+        told = TightSettings(use_attitude=use_attitude, hydrophone_height=0.3, transmitter_offsets=places)
+        paper = NavigationSettings(
+            use_attitude=use_attitude,
+            hydrophone_height=0.3,
+            transmitter_offsets=places,
+            variant="laisn-3-2",
+            gate="off",
+        )
+        navigators += [TightNavigator(told, begin), Navigator(paper, begin)]
+    tight, paper_alone, free, paper_free = navigators
+    for own, reception, dt in steps:
+        if reception is not None and not known:
+            reception = reception._replace(message=reception.message._replace(roll=np.nan))
+        for navigator in navigators:
+            navigator.step(own, reception, dt)
+        np.testing.assert_allclose(free.state, tight.state, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(paper_free.state, paper_alone.state, rtol=0, atol=1e-7)
+
+
+FAR = LeaderMessage(0.1, 1e8, -1e8, 0.3, 1.0, 8.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: float) -> None:
+    """50 m/s of the log, ranges of 100 km, places within 100 000 km."""
+
+    def step(speed: float = 1.0, farthest: float = 20.0, message: LeaderMessage = FAR, place: float = 0.0) -> None:
+        navigator = TightNavigator(THREE, np.array([1e8, -1e8, 0.0, 0.0]))
+        places = np.full((3, 3), place) if place else None
+        navigator.step(OwnMotion(speed, 0.0, 8.0), Reception(message, Ranges(farthest, np.nan, np.nan), places))
+
+    beyond = 1.0 + 1e-12
+    step(50.0 * sign)
+    step(farthest=1e5 if sign > 0.0 else 0.0)
+    step(place=1e8 * sign)
+    for broken, says in (
+        ({"speed": 50.0 * beyond * sign}, "the log reads"),
+        ({"farthest": 1e5 * beyond if sign > 0.0 else -1e-9}, "expected 0"),
+        ({"message": FAR._replace(east=1e8 * beyond * sign)}, "farther than"),
+        ({"message": FAR._replace(north=1e8 * beyond * sign)}, "farther than"),
+        ({"message": FAR._replace(depth=1e8 * beyond * sign)}, "farther than"),
+        ({"place": 1e8 * beyond * sign}, "farther than"),
+    ):
+        with pytest.raises(LaisnError, match=says):
+            step(**broken)  # type: ignore[arg-type]

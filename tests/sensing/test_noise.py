@@ -7,9 +7,7 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from laisn.arrays import Floats
 from laisn.compiled import compiled
-from laisn.elementary import exp, half_turn_angle, log, sin_cos
 from sim.sensing import noise
 from sim.sensing.noise import Stream, normals, uniforms
 
@@ -29,55 +27,10 @@ def _philox(numbers: npt.NDArray[np.uint64]) -> tuple[int, int, int, int]:
     return noise.philox(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
 
 
-@compiled
-def _functions(x: Floats, y: Floats) -> Floats:
-    out = np.empty((x.size, 4))
-    for i in range(x.size):
-        out[i, 0] = log(abs(x[i]))
-        out[i, 1], out[i, 2] = sin_cos(x[i])
-        out[i, 3] = half_turn_angle(x[i], y[i])
-    return out
-
-
-@compiled
-def _exponentials(x: Floats) -> Floats:
-    out = np.empty(x.size)
-    for i in range(x.size):
-        out[i] = exp(x[i])
-    return out
-
-
 @pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS)
 def test_philox_gives_the_published_answers(counter: str, key: str, answer: str) -> None:
     numbers = np.array([int(word, 16) for word in f"{counter} {key}".split()], dtype=np.uint64)
     assert [int(word) for word in _philox(numbers)] == [int(word, 16) for word in answer.split()]
-
-
-def test_elementary_functions_agree_with_the_library() -> None:
-    generator = np.random.default_rng(7)
-    x = np.concatenate([generator.uniform(-1000, 1000, 20_000), generator.normal(size=20_000) * 1e-6])
-    y = generator.normal(size=x.size) * 10.0 ** generator.uniform(-8, 3, x.size)
-    result = _functions(x, y)
-    assert result[:, 0] == pytest.approx(np.log(np.abs(x)), abs=1e-14)
-    assert result[:, 1] == pytest.approx(np.sin(x), abs=1e-14)
-    assert result[:, 2] == pytest.approx(np.cos(x), abs=1e-14)
-    assert result[:, 3] == pytest.approx(np.arctan2(np.abs(x), y), abs=1e-14)
-
-
-def test_logarithm_keeps_its_relative_accuracy_near_one() -> None:
-    x = 1.0 + np.linspace(-1e-3, 1e-3, 2001)
-    assert _functions(x, x)[:, 0] == pytest.approx(np.log(x), rel=1e-14, abs=1e-300)
-
-
-def test_exponential_keeps_its_relative_accuracy_over_its_whole_range() -> None:
-    x = np.concatenate([np.linspace(-708.0, 709.0, 40_001), np.linspace(-1.0, 1.0, 40_001), [0.0, 0.5 * math.log(2.0)]])
-    np.testing.assert_allclose(_exponentials(x), np.exp(x), rtol=4e-16)
-    assert _exponentials(np.zeros(1))[0] == 1.0
-
-
-def test_angle_of_axes_and_of_nothing() -> None:
-    angles = _functions(np.array([1e-300, 1.0, -1.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0, -1e300, 0.0]))[:, 3]
-    assert angles == pytest.approx([0.0, math.pi / 2, math.pi / 2, math.pi, 0.0], abs=1e-15)
 
 
 def test_normals_are_those_of_box_and_muller() -> None:
