@@ -212,6 +212,7 @@ BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "physics": benchmarks_mission.physics,
     "log": benchmarks_mission.log,
     "film": benchmarks_mission.film,
+    "command": benchmarks_mission.command,
 }
 
 
@@ -267,8 +268,8 @@ def main() -> None:
     measured: dict[str, list[list[Row]]] = {}
     for name in names:
         if cores:
-            # the film is rendered by several processes, all else is measured on one core
-            os.sched_setaffinity(0, cores if name == "film" else {min(cores)})
+            # what several processes do is measured on all cores, all else on one
+            os.sched_setaffinity(0, cores if name in ("film", "command") else {min(cores)})
         measured[name] = [BENCHMARKS[name]() for _ in range(given.rounds)]
         print(f"{name}\n{table(measured[name][-1])}\n", flush=True)
     if given.record:

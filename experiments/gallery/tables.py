@@ -157,6 +157,9 @@ def speed(records: Records) -> str:
     film = "film: frames a second, once running"
     if film in found.findings:
         rows.append(["film at 1280×720, rendered and encoded", f"{found[film]:.0f i} frames/s", ""])
+    command = "command: laisn fly T5 --no-video"
+    if command in found.findings:
+        rows.append(["`laisn fly T5 --no-video` as a whole", f"{found[command]:.1f i} s by the clock", ""])
     return markdown(["what", "measured (least to largest)", "for comparison"], rows)
 
 

@@ -85,5 +85,7 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
     assert lines[7].startswith("| LAISN-3(2), with noise and metrics | 19.0 (19.0 to 19.0) ns a step |")
     assert "120 (120 to 120) thousand messages/s | 8.6 MB" in lines[8]
     filmed = record({"physics": [physics], "navigation": [navigation], "log": [log],
-                     "film": [[Row("frames a second, once running", 25.0, "1/s")]]})  # fmt: skip
+                     "film": [[Row("frames a second, once running", 25.0, "1/s")]],
+                     "command": [[Row("laisn fly T5 --no-video", t, "s")] for t in (2.25, 2.5, 2.0)]})  # fmt: skip
     assert "25 (25 to 25) frames/s" in speed({"benchmarks": filmed})
+    assert "| 2.2 (2.0 to 2.5) s by the clock |" in speed({"benchmarks": filmed})
