@@ -92,3 +92,19 @@ def test_a_record_shares_no_array_with_whoever_made_it(made: dict[str, Any], nam
             kept[...] = 7
         with pytest.raises(ValueError, match="cannot set WRITEABLE"):
             held[key][...].flags.writeable = True
+
+
+def test_what_nobody_can_write_is_shared(made: dict[str, Any]) -> None:
+    record = made["Measurements"]
+    assert np.shares_memory(replace(record, dt=0.2).speed, record.speed)
+    n = record.speed.size
+    table = np.zeros((3, n))
+    seen, apart = table[0], np.zeros((n, 2))
+    for array in (seen, apart):
+        array.flags.writeable = False
+    # whoever has the whole can write its rows
+    other = replace(record, speed=seen, depth=apart[:, 1])
+    table[...] = 7
+    assert not other.speed.any()
+    # compiled code takes arrays in one piece
+    assert other.depth.flags.forc

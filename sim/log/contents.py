@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,18 +17,37 @@ from sim.log import wire
 from sim.log.batches import records
 from sim.log.file import LogError, check, faults
 from sim.log.records import KEPT_COST, Budget
+from sim.log.spool import Spool
 
-_BLOCK = 1 << 16
-"""Messages that are decoded at a time."""
+_MESSAGES, _BYTES = 1 << 16, 8 << 20
+"""As many messages are decoded at a time, of so many bytes together if there is more than one."""
 
 
 def _nothing() -> Ints:
     return np.empty(0, dtype=np.int64)
 
 
-def blocks(count: int, size: int = _BLOCK) -> Iterator[slice]:
-    """Stretches of so many elements that cover them all."""
-    return (slice(start, min(start + size, count)) for start in range(0, count, size))
+class Stretch(NamedTuple):
+    """Some messages that follow each other."""
+
+    data: Bytes
+    """The bytes that they lie in."""
+    start: Ints
+    """Where each begins in them, shape (n,)."""
+    stop: Ints
+    """Where it ends."""
+
+
+def _found(descriptor: Any, stretch: Stretch, name: str) -> tuple[Any, wire.Field]:
+    """Descriptor and place of the field "name" or "name.of.a.nested.one"."""
+    data, start, stop = stretch
+    *parents, last = name.split(".")
+    for parent in parents:
+        outer = descriptor.fields_by_name[parent]
+        start, stop = wire.find(data, start, stop, outer)
+        descriptor = outer.message_type
+    leaf = descriptor.fields_by_name[last]
+    return leaf, wire.find(data, start, stop, leaf)
 
 
 @dataclass
@@ -41,7 +60,7 @@ class Messages:
     """Log times since 1970, shape (n,), [ns]."""
     stop: Ints = field(default_factory=_nothing)
     """Where each ends in `data`, and the next one begins, shape (n,)."""
-    data: Bytes = field(default_factory=lambda: np.frombuffer(b"", dtype=np.uint8))
+    data: Spool = field(default_factory=Spool)
 
     def is_like(self, other: "Messages") -> bool:
         """Whether messages of the other channel are understood in the same way."""
@@ -53,17 +72,29 @@ class Messages:
         n = int(np.searchsorted(self.time_ns, time_ns))
         return Messages(self.schema, self.encoding, self.time_ns[:n], self.stop[:n], self.data)
 
-    def bounds(self, part: slice = slice(None)) -> tuple[Ints, Ints]:
-        """Where messages begin and end in `data`."""
-        first, stop = part.start or 0, self.stop[part]
-        start = np.empty_like(stop)
-        start[1:], start[:1] = stop[:-1], self.stop[first - 1] if first else 0
-        return start, stop
+    def parts(self, most: int = _MESSAGES) -> Iterator[slice]:
+        """All messages, some of them at a time: `most` at most, and not too many bytes."""
+        first, count = 0, self.stop.size
+        while first < count:
+            begin = int(self.stop[first - 1]) if first else 0
+            fit = int(np.searchsorted(self.stop, begin + _BYTES, side="right"))
+            last = min(max(fit, first + 1), first + most, count)
+            yield slice(first, last)
+            first = last
+
+    def stretch(self, part: slice) -> Stretch:
+        """Some of the messages."""
+        begin = int(self.stop[part.start - 1]) if part.start else 0
+        stop = self.stop[part] - begin
+        start = np.append(0, stop[:-1]) if stop.size else stop
+        return Stretch(self.data.read(begin, begin + int(stop[-1]) if stop.size else begin), start, stop)
 
     def each(self) -> Iterator[bytes]:
         """The bytes of one message after the other."""
-        for start, stop in zip(*(x.tolist() for x in self.bounds()), strict=True):
-            yield self.data[start:stop].tobytes()
+        for part in self.parts():
+            data, starts, stops = self.stretch(part)
+            for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+                yield data[start:stop].tobytes()
 
     @cached_property
     def descriptor(self) -> Any:
@@ -76,36 +107,33 @@ class Messages:
             raise ValueError(f"messages are encoded as {self.encoding or 'nothing known'}, expected protobuf")
         return decode(b"").DESCRIPTOR
 
-    def _found(self, name: str, part: slice) -> tuple[Any, wire.Field]:
-        """Descriptor and place of the field "name" or "name.of.a.nested.one"."""
-        descriptor, (start, stop) = self.descriptor, self.bounds(part)
-        *parents, last = name.split(".")
-        for parent in parents:
-            outer = descriptor.fields_by_name[parent]
-            start, stop = wire.find(self.data, start, stop, outer)
-            descriptor = outer.message_type
-        leaf = descriptor.fields_by_name[last]
-        return leaf, wire.find(self.data, start, stop, leaf)
-
-    def numbers(self, name: str, part: slice = slice(None)) -> npt.NDArray[Any]:
-        """Numbers by the name of their field ("pose.position.x"), shape (n,), of the type that holds them all."""
-        leaf, found = self._found(name, part)
+    def numbers_in(self, stretch: Stretch, name: str) -> npt.NDArray[Any]:
+        """Numbers of some messages by the name of their field ("pose.position.x"), shape (n,), of a type that fits."""
+        leaf, found = _found(self.descriptor, stretch, name)
         return wire.numbers(found, leaf)
 
-    def texts(self, name: str, part: slice = slice(None)) -> list[str]:
-        """Texts by the name of their field; empty where it is not there."""
-        leaf, found = self._found(name, part)
+    def texts_in(self, stretch: Stretch, name: str) -> list[str]:
+        """Texts of some messages by the name of their field; its default where it is not there."""
+        leaf, found = _found(self.descriptor, stretch, name)
         if leaf.type != leaf.TYPE_STRING:
             raise ValueError(f"field {name} holds no texts")
         places = zip(found.value.tolist(), found.end.tolist(), strict=True)
-        return [self.data[a:b].tobytes().decode() if b else leaf.default_value for a, b in places]
+        return [stretch.data[a:b].tobytes().decode() if b else leaf.default_value for a, b in places]
+
+    def numbers(self, name: str) -> npt.NDArray[Any]:
+        """Numbers of all messages by the name of their field."""
+        # of no messages too: their type is known
+        parts = list(self.parts()) or [slice(0, 0)]
+        return np.concatenate([self.numbers_in(self.stretch(part), name) for part in parts])
 
     def columns(self, names: Sequence[str]) -> Floats:
-        """Numbers by the names of their fields, each column in one piece, shape (n, len(names))."""
+        """Numbers by the names of their fields, each column in one piece, not to be written, shape (n, len(names))."""
         result = np.empty((len(names), self.time_ns.size))
-        for part in blocks(self.time_ns.size):
+        for part in self.parts():
+            stretch = self.stretch(part)
             for k, name in enumerate(names):
-                result[k, part] = self.numbers(name, part)
+                result[k, part] = self.numbers_in(stretch, name)
+        result.flags.writeable = False
         return result.T
 
 
@@ -115,26 +143,35 @@ class _Gathered:
     def __init__(self, messages: Messages) -> None:
         self.messages = messages
         # they grow in place: a list of arrays would lie beside what is made of it
-        self._times, self._sizes, self._data = bytearray(), bytearray(), bytearray()
+        self._times, self._sizes = bytearray(), bytearray()
 
     def add(self, batch: wire.Batch, chosen: Ints) -> None:
         start, stop = batch.start[chosen], batch.stop[chosen]
         self._times += batch.log_time[chosen].data
         self._sizes += (stop - start).data
-        self._data += wire.gather(batch.data, start, stop).data
+        self.messages.data.append(wire.gather(batch.data, start, stop).data)
+
+    def _sort(self) -> None:
+        """Bring the messages into the order of their log time; those of equal time stay as they came."""
+        messages = self.messages
+        order = np.argsort(messages.time_ns, kind="stable")
+        start, stop = np.append(0, messages.stop[:-1])[order], messages.stop[order]
+        data = Spool()
+        sorted_ = Messages(None, "", messages.time_ns[order], np.cumsum(stop - start), data)
+        for part in sorted_.parts():
+            # times that are a little out of order mean bytes that lie nearly side by side
+            begin, end = int(start[part].min()), int(stop[part].max())
+            near = messages.data.read(begin, end)
+            data.append(wire.gather(near, start[part] - begin, stop[part] - begin).data)
+        messages.time_ns, messages.stop, messages.data = sorted_.time_ns, sorted_.stop, data
 
     def settle(self) -> Messages:
         """All of them, in order of their log time."""
         messages, stop = self.messages, np.frombuffer(self._sizes, dtype=np.int64)
         np.cumsum(stop, out=stop)
         messages.time_ns, messages.stop = np.frombuffer(self._times, dtype=np.int64), stop
-        # not to be written: compiled code would otherwise come in two versions
-        messages.data = np.frombuffer(memoryview(self._data).toreadonly(), dtype=np.uint8)
         if np.any(messages.time_ns[1:] < messages.time_ns[:-1]):
-            order = np.argsort(messages.time_ns, kind="stable")
-            first, last = (x[order] for x in messages.bounds())
-            messages.time_ns, messages.stop = messages.time_ns[order], np.cumsum(last - first)
-            messages.data = np.frombuffer(wire.gather(messages.data, first, last).tobytes(), dtype=np.uint8)
+            self._sort()
         return messages
 
 

@@ -14,7 +14,7 @@ from mcap.well_known import MessageEncoding
 
 from laisn.whole_files import replaced
 from sim.log.clock import Clock
-from sim.log.contents import Contents, Messages, blocks, contents
+from sim.log.contents import Contents, Messages, Stretch, contents
 from sim.log.file import SCENARIO, LogError, faults
 from sim.scenario import file as scenario_file
 
@@ -65,19 +65,19 @@ def _enum_name(leaf: Any, number: int) -> str:
     return str(number) if known is None else str(known.name)
 
 
-def _values(messages: Messages, name: str, leaf: Any, part: slice) -> Any:
+def _values(messages: Messages, stretch: Stretch, name: str, leaf: Any) -> Any:
     """The values of a leaf in some of the messages."""
     if leaf.type == leaf.TYPE_STRING:
-        return messages.texts(name, part)
-    numbers = messages.numbers(name, part)
+        return messages.texts_in(stretch, name)
+    numbers = messages.numbers_in(stretch, name)
     return numbers if leaf.enum_type is None else [_enum_name(leaf, number) for number in numbers.tolist()]
 
 
 def _batches(messages: Messages, leaves: Sequence[tuple[str, Any]], schema: Any, start_ns: int) -> Iterator[Any]:
     """Rows of a table, some thousands at a time."""
-    for part in blocks(messages.time_ns.size, _ROWS):
-        time_ns = messages.time_ns[part]
-        columns = [(time_ns - start_ns) / 1e9, time_ns, *(_values(messages, *named, part) for named in leaves)]
+    for part in messages.parts(_ROWS):
+        time_ns, stretch = messages.time_ns[part], messages.stretch(part)
+        columns = [(time_ns - start_ns) / 1e9, time_ns, *(_values(messages, stretch, *named) for named in leaves)]
         yield pa.record_batch([pa.array(c, type=t) for c, t in zip(columns, schema.types, strict=True)], schema=schema)
 
 

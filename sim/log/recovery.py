@@ -8,6 +8,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
@@ -25,7 +26,8 @@ from sim.log.file import (
     faults,
     unprotected,
 )
-from sim.log.proof import LIBRARY, PROOF, ProvingWriter, is_core, proofs
+from sim.log.proof import LIBRARY, PROOF, is_core, proofs
+from sim.log.proving import ProvingWriter
 from sim.log.records import Budget, places, read_content
 from sim.log.wholeness import proved_times, strangers
 from sim.log.wire import Batch
@@ -128,11 +130,12 @@ def _copy(source: Path, stream: IO[bytes], rescue: _Rescue, before_ns: int) -> N
                 record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
             )
         elif isinstance(record, Batch):
-            for channel, log_time, publish_time, data in record.each():
-                if log_time < before_ns:
-                    while proved and proved[0] <= log_time:
-                        writer.prove(proved.pop(0))
-                    writer.add_message(channels[channel], log_time, data, publish_time)
+            kept = np.flatnonzero(record.log_time < before_ns)
+            while proved and (late := np.flatnonzero(record.log_time[kept] >= proved[0])).size:
+                writer.add_batch(record, kept[: late[0]], channels)
+                writer.prove(proved.pop(0))
+                kept = kept[late[0] :]
+            writer.add_batch(record, kept, channels)
     if rescue.remarks:
         writer.add_metadata(f"{_RECOVERY} {recoveries}", {str(i): text for i, text in enumerate(rescue.remarks)})
     if flight:

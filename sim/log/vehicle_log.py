@@ -91,7 +91,7 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
     topic, heard = f"/{follower}/motion", f"/{follower}/reception"
     motion, reception = channels_of(path, log, follower)
     with faults(path):
-        time_ns, own, heard_ns = motion.time_ns, motion.columns(OWN_MOTION.fields), reception.time_ns
+        time_ns, own, heard_ns = motion.time_ns, motion.columns(OWN_MOTION.fields).T, reception.time_ns
         message, ranges = optional_columns(reception, LEADER_MESSAGE), optional_columns(reception, RANGES)
         absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
         ranges[absurd] = np.nan
@@ -100,12 +100,14 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
     # hours of messages would fill the memory beside their numbers
     log.topics.clear()
     del motion, reception
-    finite = np.all(np.isfinite(own), axis=1)
+    finite = np.all(np.isfinite(own), axis=0)
     if not finite.all():
-        time_ns, own = time_ns[finite], own[finite]
+        time_ns, own = time_ns[finite], own[:, finite]
     last = _last_of_equals(time_ns)
     if not last.all():
-        time_ns, own = time_ns[last], own[last]
+        time_ns, own = time_ns[last], own[:, last]
+    # what nobody can write any more needs no copy
+    own.flags.writeable = False
     if time_ns.size < 2:
         raise LogError(
             f"{path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to know the "
@@ -114,7 +116,10 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))
     remarks = _gaps(path, topic, time_ns, spacing, dt_ns, longest_gap_s)
-    durations = None if np.all(spacing == dt_ns) else np.append(dt_ns, spacing) / 1e9
+    durations = None if np.all(spacing == dt_ns) else np.append(float(dt_ns), spacing)
+    if durations is not None:
+        durations /= 1e9
+        durations.flags.writeable = False
     del spacing
 
     step = np.searchsorted(time_ns, heard_ns).astype(np.int64) + 1
@@ -136,9 +141,9 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
         remarks.append(f"{_count(int(absurd.sum()), 'range')} of {heard} taken as not received: no positive number")
     measurements = Measurements(
         dt=dt_ns / 1e9,
-        speed=own[:, 0],
-        heading=own[:, 1],
-        depth=own[:, 2],
+        speed=own[0],
+        heading=own[1],
+        depth=own[2],
         message_step=step[kept],
         message=message[kept],
         ranges=ranges[kept],

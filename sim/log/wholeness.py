@@ -4,7 +4,7 @@ from bisect import bisect_left
 from pathlib import Path
 
 from sim.log import wire
-from sim.log.contents import Contents, blocks
+from sim.log.contents import Contents
 from sim.log.file import LogError, faults
 from sim.log.proof import Digests, is_core, proofs
 
@@ -20,9 +20,8 @@ def _digests(log: Contents, until_ns: int | None = None) -> Digests:
         if is_core(topic):
             digests.add_channel(topic, messages.encoding, messages.schema)
             proved = messages if until_ns is None else messages.before(until_ns)
-            for part in blocks(proved.time_ns.size):
-                framed = wire.framed(proved.time_ns[part], proved.data, *proved.bounds(part))
-                digests.add_framed(topic, framed.data)
+            for part in proved.parts():
+                digests.add_framed(topic, wire.framed(proved.time_ns[part], *proved.stretch(part)).data)
     return digests
 
 

@@ -30,6 +30,14 @@ _WIRE_TYPES |= dict.fromkeys((_F.TYPE_FLOAT, _F.TYPE_FIXED32, _F.TYPE_SFIXED32),
 _WIRE_TYPES |= dict.fromkeys((_F.TYPE_STRING, _F.TYPE_BYTES, _F.TYPE_MESSAGE), DELIMITED)
 
 
+def grouped(numbers: Ints) -> Iterator[tuple[int, Ints]]:
+    """Every number that there is, in order, and where it stands."""
+    order = np.argsort(numbers, kind="stable")
+    edges = np.flatnonzero(np.diff(numbers[order])) + 1
+    for places in np.split(order, edges) if order.size else ():
+        yield int(numbers[places[0]]), places
+
+
 class Batch(NamedTuple):
     """Messages that follow each other in some bytes, in the order of the file."""
 
@@ -52,11 +60,7 @@ class Batch(NamedTuple):
 
     def by_channel(self) -> Iterator[tuple[int, Ints]]:
         """Numbers of the channels, and which messages are theirs."""
-        order = np.argsort(self.channel, kind="stable")
-        ordered = self.channel[order]
-        edges = np.flatnonzero(np.diff(ordered)) + 1
-        for chosen in np.split(order, edges) if order.size else ():
-            yield int(self.channel[chosen[0]]), chosen
+        return grouped(self.channel)
 
     def each(self) -> Iterator[tuple[int, int, int, bytes]]:
         """One message after the other: channel, log and publish time [ns], and content."""

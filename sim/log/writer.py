@@ -23,7 +23,7 @@ from sim.log.channels import Channel, Errors, channels
 from sim.log.clock import Clock, timestamp
 from sim.log.events import Event
 from sim.log.file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
-from sim.log.proof import ProvingWriter
+from sim.log.proving import ProvingWriter
 from sim.scenario import file as scenario_file
 
 BLOCK_NS = 10 * 10**9
