@@ -1,14 +1,19 @@
 """Hulls that touch, stations that are too near: by geometry."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from experiments.flight import separation
 from experiments.flight.fly import fly
-from experiments.flight.separation import contact_events, hull_gap, uncertainty_events
+from experiments.flight.separation import _spread, contact_events, hull_gap, uncertainty_events
 from sim import flyable
+from sim.geometry import attitude
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.scenario.shapes import Shape, followers_of
+from tests.synthetic import make_flight
 
 
 @pytest.mark.parametrize(
@@ -52,6 +57,44 @@ def test_vehicles_that_meet_on_their_routes_touch_once() -> None:
     # noses meet when both have swum 30 m, less half a hull each
     assert event.time_s == pytest.approx(30.0 - 0.7, abs=0.5)
     assert event.text == "follower-2 and follower-1 touch"
+
+
+def test_hulls_touch_where_their_skins_meet() -> None:
+    """All head north at 0.1 m of radius: one closes in from astern at 1 m/s, 1 + 0.7 m of hulls; another abeam."""
+    flight = make_flight(10.0, 2)
+    trajectory, time = flight.trajectory, flight.trajectory.time
+    position = np.zeros_like(trajectory.position)
+    position[:, 1, 1] = -10.05 + time
+    position[:, 2, 0], position[:, 2, 1] = 5.07 - 0.5 * time, 1.65
+    quaternion = np.broadcast_to(attitude.from_euler(0.0), trajectory.quaternion.shape).copy()
+    events = contact_events(replace(flight, trajectory=replace(trajectory, position=position, quaternion=quaternion)))
+    # 10.05 − t < 1.9 m, and 5.07 − t / 2 < 0.2 m
+    assert [(event.time_s, event.text) for event in events] == [
+        (pytest.approx(8.2), "follower1 and leader touch"), (pytest.approx(9.8), "follower2 and leader touch"),
+    ]  # fmt: skip
+
+
+def test_an_ellipse_is_as_wide_as_its_larger_half_axis() -> None:
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    assert _spread((turn @ np.diag([9.0, 4.0]) @ turn.T)[None]) == pytest.approx([3.0])
+
+
+@pytest.mark.parametrize(("apart", "near"), [(8.4, True), (8.6, False)])
+def test_stations_are_near_within_three_sigma_of_both(
+    apart: float, near: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both know their places to 2 m, so that 3 √(2² + 2²) = 8.49 m."""
+    flight = make_flight(10.0, 2)
+    table = {"name": "s", "followers": [{"station": {"behind_m": 20.0, "port_m": p, "depth_m": 12.0}} for p in (0, 9)]}
+    covariance = np.tile(4.0 * np.eye(4), (100, 1, 1))
+    known = replace(
+        flight, scenario=validate(table, "test"),
+        estimates=tuple(replace(e, covariance=covariance) for e in flight.estimates),
+    )  # fmt: skip
+    places = np.zeros((flight.trajectory.time.size, 2, 4))
+    places[:, 1, 0] = apart
+    monkeypatch.setattr(separation, "true_stations", lambda *_: places)
+    assert [event.time_s for event in uncertainty_events(known)] == ([pytest.approx(0.1)] if near else [])
 
 
 def test_stations_nearer_than_three_sigma_are_told() -> None:
