@@ -1,0 +1,87 @@
+"""What the bound of a scenario is made of: its noise, in the words of the bound, and the geometry of its mission."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.campaign.bound import geometry_of, least_rms, noise_of
+from experiments.flight.library import load
+from laisn.bound import TrueNoise
+from sim.sensing.hearing import Hearing
+from tests import straight
+
+ASSUMED = ["speed_bias_sigma_m_s=0.31", "heading_bias_sigma_deg=7", "range_scale_bias_sigma_m=0.23",
+           "leader_heading_bias_sigma_deg=6", "current_sigma_m_s=0.41", "offset_sigma_m=0.013"]  # fmt: skip
+NOISY = [
+    "sensors.speed_sigma_m_s=0.25", "sensors.heading_sigma_deg=3", "sensors.leader_heading_sigma_deg=1.5",
+    "acoustics.range_tau_m=[0.03,0.04,0.12]", "acoustics.range_scale_sigma_m=0.07",
+    *(f"navigation.assume.{told}" for told in ASSUMED),
+]  # fmt: skip
+
+
+def folded(sigma_deg: float) -> float:
+    """Standard deviation of |N(0, σ)|: its mean square is σ², its mean σ √(2/π) [rad]."""
+    return float(np.sqrt(np.deg2rad(sigma_deg) ** 2 - (np.deg2rad(sigma_deg) * np.sqrt(2 / np.pi)) ** 2))
+
+
+def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
+    found = noise_of(load("T5", NOISY))
+    expected = TrueNoise(
+        # a uniform error of width τ has the variance τ²/12; the widths' mean square is 0.13²/3
+        speed_sigma=0.25, heading_sigma=folded(3.0), range_sigma=0.13 / 6, range_scale_sigma=0.07,
+        leader_heading_sigma=folded(1.5), speed_bias=0.31, heading_bias=float(np.deg2rad(7.0)),
+        range_scale_bias=0.23,
+    )  # fmt: skip
+    assert vars(found) == pytest.approx(vars(expected), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("settings", "unknown"),
+    [
+        (["sensors.leader_heading_bias_deg=2"], {"leader_heading_bias": np.deg2rad(6.0)}),
+        (["ocean.current_speed_m_s=0.1"], {"current": 0.41}),
+        (["navigation.variant=tight"], {}),
+        (
+            ["navigation.variant=tight", "navigation.assume.exact_leader=false"],
+            {"leader_heading_bias": np.deg2rad(6.0)},
+        ),
+        (["navigation.variant=tight", "navigation.assume.current=true"], {"current": 0.41}),
+        (["navigation.variant=tight", "navigation.assume.offsets=true"], {"range_offset": 0.013}),
+    ],
+)  # fmt: skip
+def test_what_is_not_there_or_known_is_no_unknown(settings: list[str], unknown: dict[str, float]) -> None:
+    plain, found = noise_of(load("T5", NOISY)), noise_of(load("T5", [*NOISY, *settings]))
+    assert vars(found) == pytest.approx(vars(replace(plain, **unknown)), rel=1e-12)
+
+
+def test_geometry_is_that_of_straight_ways() -> None:
+    """The leader heads east, 1 m from its middle to either end; the follower is 3 m deeper, and 4 m north."""
+    scenario = straight.make_scenario()
+    flown = straight.make_trajectory(
+        (0.0, 4.0, -11.0), leader_velocity=(1.0, 0.0, 0.0), follower_velocity=(1.5, 0.0, 0.0)
+    )
+    found = geometry_of(flown, Hearing.of(scenario), transmitters=3)
+    assert found.dt == 0.1
+    assert found.speed == pytest.approx(np.full(200, 1.5))
+    assert found.heading == pytest.approx(np.full(200, np.pi / 2))
+    assert found.message_step.tolist() == list(range(10, 201, 10))
+    seconds = np.arange(1.0, 21.0)
+    assert found.from_leader == pytest.approx(np.column_stack([0.5 * seconds, np.full(20, 4.0)]))
+    # rear, front, and 0.1 m to port, which is north
+    assert found.arms == pytest.approx(np.tile([[-1.0, 0.0, -3.0], [1.0, 0.0, -3.0], [0.0, 0.1, -3.0]], (20, 1, 1)))
+    heard = np.ones((20, 3), dtype=bool)
+    heard[4, 1] = heard[5] = False
+    some = geometry_of(flown, Hearing.of(scenario), received=heard, transmitters=3).arms
+    assert np.argwhere(np.isnan(some).all(axis=2)).tolist() == [[4, 1], [5, 0], [5, 1], [5, 2]]
+    assert geometry_of(flown, Hearing.of(scenario), transmitters=2).arms.shape == (20, 2, 3)
+
+
+def test_the_least_error_grows_as_the_root_of_two_noisy_ways_before_any_message() -> None:
+    """Straight north at 1 m/s for a second: the log errs along, the compass across; each step adds their squares."""
+    scenario = straight.make_scenario()
+    flown = straight.make_trajectory((0.0, 4.0, -11.0), follower_velocity=(1.0, 0.0, 0.0))
+    geometry = geometry_of(flown, Hearing.of(scenario), transmitters=3)
+    noise = TrueNoise(speed_sigma=0.2, heading_sigma=0.05, speed_bias=0.0, heading_bias=0.0)
+    steps = np.arange(1.0, 10.0)
+    assert least_rms(geometry, noise)[:9] == pytest.approx(0.1 * np.sqrt(steps * (0.2**2 + 0.05**2)), rel=1e-6)
