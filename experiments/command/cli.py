@@ -11,9 +11,8 @@ import typer
 from experiments.command import studying
 from experiments.command.endings import run
 from experiments.command.errors import plain_errors
-from experiments.command.formation import formation
-from experiments.command.logs import log_app, say
-from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption
+from experiments.command.logs import log_app
+from experiments.command.options import OutOption, SetOption, say
 
 app = typer.Typer(
     name="laisn",
@@ -177,90 +176,10 @@ def anatomy(
     ranges.anatomise(source, set_ or (), out)
 
 
-@app.command()
-@plain_errors
-def reproduce(
-    stage: Annotated[
-        list[int] | None, typer.Option(help="a stage of the paper, 1 … 5; repeatable (default: all)")
-    ] = None,
-    motion: Annotated[str, typer.Option(help="physics, or the paper's point motion: kinematic")] = "physics",
-    runs: Annotated[int, typer.Option(min=1, max=1_000_000, help="runs of each cell")] = 60,
-    missions: Annotated[
-        int | None,
-        typer.Option(min=2, max=10_000, help="draw this many routes for each class instead of the paper's eight"),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="key of all random numbers")] = 1,
-    workers: WorkersOption = None,
-    out: OutOption = None,
-    force: ForceOption = False,
-    cluster: ClusterOption = None,
-) -> None:
-    """Fly the paper's five stages; tables beside the published ones, figures, and its claims judged."""
-    from experiments.reproduction import study as reproduction
-
-    report = reproduction.reproduce(
-        stage,
-        motion=motion,  # type: ignore[arg-type]  # reproduce names the motions
-        runs=runs,
-        missions=missions,
-        seed=seed,
-        workers=workers,
-        out=out,
-        force=force,
-        cluster=cluster,
-    )
-    say(f"report in {report}")
-
-
-@app.command()
-@plain_errors
-def asymmetry(
-    quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
-    workers: WorkersOption = None,
-    out: OutOption = None,
-    force: ForceOption = False,
-    cluster: ClusterOption = None,
-    film: Annotated[
-        bool | None, typer.Option("--film/--no-film", help="film one condition (default: unless --quick)")
-    ] = None,
-) -> None:
-    """Study what a leader that pitches does to the ranges, and what helps."""
-    from experiments.asymmetry import film as asymmetry_film
-    from experiments.asymmetry import study
-    from sim.film import graphics
-
-    folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
-    wanted = not quick if film is None else film
-    if wanted and graphics.working() is None:
-        typer.echo(f"no film: {graphics.MISSING}", err=True)
-    report = study.run(
-        folder,
-        quick=quick,
-        workers=workers,
-        cluster=cluster,
-        force=force,
-        film=asymmetry_film.film if wanted else None,
-    )
-    say(f"report in {report}")
-
-
-@app.command()
-@plain_errors
-def estimators(
-    quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
-    workers: WorkersOption = None,
-    out: OutOption = None,
-) -> None:
-    """Compare LAISN-2, the tightly coupled navigator, and the least error that is possible."""
-    from experiments.estimators import report, study
-    from experiments.findings import FILE, read
-
-    folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
-    found = study.run(folder, quick=quick, workers=workers)
-    say(f"report in {report.write_page(read(folder / FILE), found, folder / 'report.html', quick=quick)}")
-
-
-app.command()(plain_errors(formation))
+app.command()(plain_errors(studying.reproduce))
+app.command()(plain_errors(studying.asymmetry))
+app.command()(plain_errors(studying.estimators))
+app.command()(plain_errors(studying.formation))
 
 
 @app.command()

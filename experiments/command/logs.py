@@ -6,16 +6,9 @@ from typing import Annotated
 import typer
 
 from experiments.command.errors import plain_errors
-from experiments.command.options import folder_option
+from experiments.command.options import folder_option, say
 
 log_app = typer.Typer(help="Look into logs, export and mend them, and make them of data sets.", no_args_is_help=True)
-
-
-def say(text: object) -> None:
-    """Print a line of text from a file or a user without control characters."""
-    from sim.screen import plain
-
-    typer.echo(plain(text))
 
 
 LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]

@@ -1,4 +1,4 @@
-"""Options that several subcommands share."""
+"""What several subcommands share: options, and how a line is printed."""
 
 from pathlib import Path
 from typing import Annotated
@@ -29,3 +29,10 @@ WorkersOption = Annotated[
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
 ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]
+
+
+def say(text: object) -> None:
+    """Print a line of text from a file or a user without control characters."""
+    from sim.screen import plain
+
+    typer.echo(plain(text))

@@ -1,4 +1,4 @@
-"""`laisn study`, of a file or of a scenario and what the command varies of it, and `laisn compare`."""
+"""The subcommands of studies: `laisn study` for a user's own, those that ship, and `laisn compare`."""
 
 import tomllib
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption
+from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption, say
 
 if TYPE_CHECKING:
     from experiments.study.estimate import Results
@@ -94,7 +94,6 @@ def study(
     from experiments.study.file import study_of
     from experiments.study.study import run_study
     from laisn.failure import LaisnError
-    from sim.screen import plain
 
     if film not in (None, "worst"):
         raise LaisnError(f"--film {film}: only the worst run can be asked for: --film worst")
@@ -114,7 +113,7 @@ def study(
         asked, out or Path("out") / asked.name, workers=workers, cluster=cluster, force=force,
         film=_film_worst if film else None,
     )  # fmt: skip
-    typer.echo(plain(f"report in {report}"))
+    say(f"report in {report}")
 
 
 def compare(
@@ -124,7 +123,100 @@ def compare(
     """Set flights or studies side by side on one page: errors, paired differences, settings that differ."""
     from experiments.pages.page import write
     from experiments.study.compare import page_of
-    from sim.screen import plain
 
     write(page_of(sources), out)
-    typer.echo(plain(f"page in {out}"))
+    say(f"page in {out}")
+
+
+def reproduce(
+    stage: Annotated[
+        list[int] | None, typer.Option(help="a stage of the paper, 1 … 5; repeatable (default: all)")
+    ] = None,
+    motion: Annotated[str, typer.Option(help="physics, or the paper's point motion: kinematic")] = "physics",
+    runs: Annotated[int, typer.Option(min=1, max=1_000_000, help="runs of each cell")] = 60,
+    missions: Annotated[
+        int | None,
+        typer.Option(min=2, max=10_000, help="draw this many routes for each class instead of the paper's eight"),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="key of all random numbers")] = 1,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
+) -> None:
+    """Fly the paper's five stages; tables beside the published ones, figures, and its claims judged."""
+    from experiments.reproduction import study as reproduction
+
+    report = reproduction.reproduce(
+        stage,
+        motion=motion,  # type: ignore[arg-type]  # reproduce names the motions
+        runs=runs,
+        missions=missions,
+        seed=seed,
+        workers=workers,
+        out=out,
+        force=force,
+        cluster=cluster,
+    )
+    say(f"report in {report}")
+
+
+def asymmetry(
+    quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
+    film: Annotated[
+        bool | None, typer.Option("--film/--no-film", help="film one condition (default: unless --quick)")
+    ] = None,
+) -> None:
+    """Study what a leader that pitches does to the ranges, and what helps."""
+    from experiments.asymmetry import film as asymmetry_film
+    from experiments.asymmetry import study
+    from sim.film import graphics
+
+    folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
+    wanted = not quick if film is None else film
+    if wanted and graphics.working() is None:
+        typer.echo(f"no film: {graphics.MISSING}", err=True)
+    report = study.run(
+        folder,
+        quick=quick,
+        workers=workers,
+        cluster=cluster,
+        force=force,
+        film=asymmetry_film.film if wanted else None,
+    )
+    say(f"report in {report}")
+
+
+def estimators(
+    quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+) -> None:
+    """Compare LAISN-2, the tightly coupled navigator, and the least error that is possible."""
+    from experiments.estimators import report, study
+    from experiments.findings import FILE, read
+
+    folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
+    found = study.run(folder, quick=quick, workers=workers)
+    say(f"report in {report.write_page(read(folder / FILE), found, folder / 'report.html', quick=quick)}")
+
+
+def formation(
+    quick: Annotated[bool, typer.Option("--quick", help="two runs of 100 s, a first look")] = False,
+    runs: Annotated[
+        int | None, typer.Option(min=1, max=10_000, help="runs of each condition, in place of the study's own number")
+    ] = None,
+    out: OutOption = None,
+) -> None:
+    """Fly ten followers in formation through currents, waves, losses and navigators."""
+    from experiments.findings import FILE, read
+    from experiments.formation import report, study
+
+    folder = out or Path("out") / ("formation-quick" if quick else "formation")
+    study.run(folder, runs or (2 if quick else study.RUNS), 100.0 if quick else study.DURATION_S)
+    page = report.write_page(read(folder / FILE), folder / "report.html", quick=quick)
+    say(f"report in {page}")
