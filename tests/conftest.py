@@ -1,5 +1,6 @@
 """Settings of all tests."""
 
+import gc
 import signal
 import subprocess
 import sys
@@ -55,6 +56,15 @@ def pytest_configure(config: pytest.Config) -> None:
         children = [subprocess.Popen([sys.executable, "-c", program]) for program in (FLIGHT, CAMPAIGN, TIGHT)]
         for child in children:
             child.wait()
+
+
+def pytest_unconfigure() -> None:
+    """Take what is left out of pytest's last search for garbage.
+
+    Its five rounds through all modules take a worker seconds on a busy machine, and xdist interrupts one that is not
+    done in five.
+    """
+    gc.freeze()
 
 
 @pytest.fixture
