@@ -36,7 +36,7 @@ PACKAGES = {
     "experiments": r"experiments/(intervals|findings|campaign/(bound|cells|lane_\w+|montecarlo|tight_runs)"
     r"|pages/(account|bound_panel)|flight/(anatomy|separation|summary|swarm|tables?)|gallery/(tables|hull_trials|flights)"
     r"|(asymmetry|reproduction|estimators|closed_loop|route_keeping|real_ranges|formation|study)"
-    r"/(?!\w*(page|chart|figure|film|report|example))\w+)\.py",
+    r"/(?!\w*(page|chart|figure|film|gallery|report|example))\w+)\.py",
 }  # fmt: skip
 """Sources that are tried: navigation; physics, sensing and steering; statistics, tables and computed sentences."""
 ARGUED = Path(__file__).with_name("argued.toml")

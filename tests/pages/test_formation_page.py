@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
-from experiments.findings import Findings
+from experiments.findings import Finding, Findings
 from experiments.formation import report, study
 from experiments.formation.conditions import CONDITIONS
 from experiments.formation.study import Run, findings_of
@@ -62,6 +62,43 @@ def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: P
     assert (lost, share) == ("6 of 20", "30.0 (11.9 … 54.3)")
     assert (closest, power.split()[0]) == ("10.5", "8.0")
     assert found[CONDITIONS[4].title][5] == "–", "no turn, no distance in it"
+
+
+def test_rules_quote_the_conditions_that_they_name() -> None:
+    """Every finding has a number of its own, and every phrase the number of its condition."""
+    whats = ("run-median", "worst", "max", "closest", "lost")
+    keys = [f"{what} {condition.name}" for what in whats for condition in CONDITIONS]
+    values = {key: i + 0.25 if not key.startswith("lost") else (i - 80) / 100 for i, key in enumerate(keys)}
+    made = {key: Finding(value=value, low=0.0, high=1.0) for key, value in values.items()}
+    said = " ".join(report._rules(Findings(study="", command="", modules=(), version="", findings=made)))
+    for phrase, key in (
+        ("every second the median follower is {} off", "run-median calm"),
+        ("every 5 s {}, every", "run-median 5 s"),
+        ("every 10 s {};", "run-median 10 s"),
+        ("a fifth of the messages lost {},", "run-median loss"),
+        ("40 % lost in bursts {}. Shares", "run-median bursts"),
+        ("worst follower was {} off with stations on it", "worst two"),
+        ("on it, {} without", "worst two aside"),
+        ("with three transmitters {}.", "worst calm"),
+        ("It was {} in calm water", "max calm"),
+        ("and {} in a current", "max current"),
+        ("came within {} and", "closest calm"),
+        (" and {} of each other horizontally", "closest current"),
+        ("they came within {} with 40 %", "closest bursts"),
+        ("{} for the median follower that steers by the truth", "run-median truth"),
+        ("truth, and {} at most", "max truth"),
+    ):
+        assert phrase.format(f"{values[key]:.2f} m") in said
+    shares = {
+        name: f"{values[f'lost {name}']:.0%} (0 to 100 %)".replace("%", " %", 1)
+        for name in ("calm", "5 s", "10 s", "loss", "bursts", "laisn-2", "laisn-3-1", "laisn-3-2")
+    }
+    five = [shares[name] for name in ("calm", "5 s", "10 s", "loss", "bursts")]
+    assert f"Shares of followers lost: {', '.join(five[:4])} and {five[4]}." in said
+    assert (
+        f"lost were {shares['laisn-2']} of the followers with LAISN-2, {shares['laisn-3-1']} with LAISN-3(1), " in said
+    )
+    assert f"{shares['laisn-3-2']} with LAISN-3(2), and {shares['calm']} with the tightly coupled" in said
 
 
 def test_a_first_look_says_so(findings: Findings, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.reproduction import routes_study
+from experiments.reproduction import routes_page, routes_study
 from experiments.reproduction.claims import Claim
 from experiments.reproduction.routes_study import distributions, evidence_of, geometry, judge
 from experiments.reproduction.stages import METRICS, SETTINGS, Key
@@ -85,3 +85,21 @@ def test_verdicts_are_counted_over_resampled_routes(monkeypatch: pytest.MonkeyPa
     assert shares["holds"] + shares["does not hold"] == pytest.approx(1.0)
     # 200 resamples: four standard deviations
     assert shares["holds"] == pytest.approx(0.75, abs=4 * np.sqrt(0.75 * 0.25 / routes_study.CLAIM_RESAMPLES))
+
+
+def test_the_page_shows_means_with_their_intervals_class_by_class() -> None:
+    table = [
+        {"setting": "base", "variant": "laisn-2", "class": name}
+        | {f"{m}{end}": 10.0 * k + i + part for i, m in enumerate(METRICS) for end, part in
+           (("", 0.5), ("_low", 0.25), ("_high", 0.75))}
+        for k, name in enumerate([*routes_study.CLASSES, "all"])
+    ]  # fmt: skip
+    n = 10.0 * len(routes_study.CLASSES)
+    (row,) = routes_page._overall(table, {"base": "often"}).rows
+    assert [cell.text for cell in row] == [
+        "often", "LAISN-2", *(f"{n + i + 0.5:.2f} ({n + i + 0.25:.2f} … {n + i + 0.75:.2f})" for i in range(6)),
+    ]  # fmt: skip
+    (row,) = routes_page._by_class(table, {"base": "often"}).rows
+    assert [cell.text for cell in row][2:] == [
+        f"{10 * k + 2.5:.2f} ({10 * k + 2.25:.2f} … {10 * k + 2.75:.2f})" for k in range(len(routes_study.CLASSES))
+    ]
