@@ -133,3 +133,30 @@ def test_a_far_station_is_approached_at_the_greatest_speed_and_a_near_one_in_pro
     target = Target(0.0, 0.0, 1.0, 0.0, 1.0, 0.0)
     assert approach(LAW, target, (-1e6, 0.0), (0.0, 0.0), 0.1, 0.0)[:2] == pytest.approx((2.0, 0.0))
     assert approach(LAW, target, (-0.05, 0.0), (0.0, 0.0), 0.1, 0.0)[:2] == pytest.approx((1.01, 0.0), abs=1e-5)
+
+
+@given(st.floats(-40, 40), st.floats(-40, 40), st.floats(-20, 20), st.floats(-3, 3))
+def test_lines_of_sight_are_those_of_their_papers(x: float, y: float, integral: float, course: float) -> None:
+    """ILOS and ALOS, with the error e across the way and its integral or the crab angle β.
+
+    ILOS: ψ = χ − arctan((e + σ ∫) / Δ) and ∫' = Δ e / (Δ² + (e + σ ∫)²).
+    ALOS: ψ = χ − β − arctan(e / Δ) and β' = γ Δ e / √(Δ² + e²).
+    """
+    law = LAW._replace(least_way=-99.0, slowest=0.0, fastest=99.0)
+    ahead, dt, delta, sigma = np.array([np.sin(course), np.cos(course)]), 0.1, law.lookahead, law.integral
+    target = Target(3.0, -4.0, *(1.2 * ahead), *(1.2 * ahead))
+    along, e = np.array([x, y]) @ ahead, np.array([x, y]) @ np.array([ahead[1], -ahead[0]])
+    speed = 1.2 - law.speed * along / np.hypot(along, delta)
+    for kind, heading, rate in (
+        (
+            ILOS,
+            course - np.arctan((e + sigma * integral) / delta),
+            delta * e / (delta**2 + (e + sigma * integral) ** 2),
+        ),
+        (ALOS, None, sigma / delta**2 * delta * e / np.hypot(delta, e)),
+    ):
+        held = integral if kind == ILOS else 0.02 * integral
+        grown = held + dt * rate
+        wanted = course - grown - np.arctan(e / delta) if heading is None else heading
+        found = approach(law._replace(law=kind), target, (3.0 + x, y - 4.0), (0.0, 0.0), dt, held)
+        assert found == pytest.approx((speed * np.sin(wanted), speed * np.cos(wanted), grown), abs=1e-9)

@@ -1,0 +1,128 @@
+"""What a follower makes of its readings and beliefs, tick by tick: against filters and limits worked out by hand."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats
+from sim.control import follower
+from sim.control.follower import Steering, embark, keep_station, listen
+from sim.control.guidance import DEPTH, SINKING
+from sim.control.trail import TRAIL
+from sim.formation_fleet import law_of
+from sim.scenario.formation import Formation
+from sim.scenario.point_motion import ACCELERATION, TURN_RATE
+
+DT = 0.1
+
+
+class Deck:
+    """A follower 20 m behind a leader that goes north at 1 m/s, as it hears it for half a minute."""
+
+    def __init__(self, aside: float = 0.0, **formation: Any) -> None:
+        self.law, self.memory = law_of(Formation(**formation)), np.zeros(follower.FOLLOWER_MEMORY)
+        self.trail, self.count = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64)
+        self.station, self.reference = np.array([20.0, 0.0, 12.0]), np.zeros(8)
+        self.reading, self.belief = np.zeros(follower.READINGS), np.zeros(follower.BELIEFS)
+        self.reading[:3], self.belief[:2] = (1.0, 0.0, 12.0), (aside, 10.0)
+        embark((0.0, 1.0, 12.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
+        for second in range(1, 31):
+            said = np.array([second, 0.0, second, 0.0, 1.0])
+            listen(self.law.frame, self.station, said, self.trail, self.count, DT, self.memory)
+
+    def tick(self, now: float = 30.0) -> Steering:
+        known = self.trail, self.count[0]
+        senses = self.reading, self.belief
+        return keep_station(self.law, self.station, senses, known, (now, DT), self.memory, self.reference)
+
+    def ticks(self, n: int) -> Floats:
+        """What it feels of surge and heading, and what it wants of heading and speed, shape (n, 4)."""
+        rows = []
+        for _ in range(n):
+            told = self.tick()
+            rows.append((told.felt.surge, told.felt.heading, told.wanted[0], told.wanted[2]))
+        return np.array(rows)
+
+
+def test_the_log_is_smoothed_over_a_second_and_the_compass_over_two() -> None:
+    """Of a step in each, what is left after n ticks of Euler's rule is (1 − Δt / T)ⁿ."""
+    deck = Deck()
+    deck.tick()
+    deck.reading[0], deck.reading[1] = 1.5, 0.2
+    felt = deck.ticks(30)
+    left = np.arange(1, 31)
+    np.testing.assert_allclose(felt[:, 0], 1.5 - 0.5 * (1 - DT / 1.0) ** left)
+    np.testing.assert_allclose(felt[:, 1], 0.2 - 0.2 * (1 - DT / 2.0) ** left)
+
+
+def test_gyros_are_followed_at_once_and_biases_are_taken_off() -> None:
+    deck = Deck()
+    deck.tick()
+    deck.reading[4], deck.belief[2], deck.belief[3] = 0.05, 0.25, 0.1
+    told = deck.tick()
+    # to port is the other way round than headings are counted; the compass still says 0
+    turned = -0.05 * DT
+    assert told.felt.heading == pytest.approx(turned * (1 - DT / 2.0) - 0.1)
+    assert told.felt.surge == pytest.approx(0.75)
+    assert told.felt.turning == 0.05
+
+
+def test_pitch_and_depth_are_felt_as_they_are_read() -> None:
+    deck = Deck()
+    deck.reading[2], deck.reading[3], deck.reading[5] = 11.5, -0.2, 0.03
+    felt = deck.tick().felt
+    assert (felt.depth, felt.pitch, felt.pitching, felt.sway) == (11.5, -0.2, 0.03, 0.0)
+    assert felt.sinking == pytest.approx(np.sin(0.2))
+
+
+def test_what_is_wanted_changes_no_faster_than_a_hull_can_follow() -> None:
+    deck = Deck(aside=50.0)
+    wanted = deck.ticks(5)
+    np.testing.assert_allclose(wanted[:, 2], -TURN_RATE * DT * np.arange(1, 6))
+    assert deck.tick().wanted[1] == pytest.approx(-TURN_RATE)
+    far = Deck()
+    far.belief[1] = -500.0
+    np.testing.assert_allclose(far.ticks(3)[:, 3], 1.0 + ACCELERATION * DT * np.arange(1, 4))
+
+
+@pytest.mark.parametrize(("spread", "aims"), [(0.99, True), (1.01, False), (np.nan, False)])
+def test_who_does_not_know_its_side_goes_parallel(spread: float, aims: bool) -> None:
+    deck = Deck(aside=10.0, unsure_m=1.0)
+    deck.belief[6] = spread
+    deck.tick()
+    assert (deck.memory[follower.HEADING_WANTED] < -0.001) == aims
+    # along the way it closes up all the same
+    deck.belief[1] = 4.0
+    before = deck.memory[follower.SPEED_WANTED]
+    deck.tick()
+    assert deck.memory[follower.SPEED_WANTED] > before
+
+
+def test_a_new_depth_is_taken_up_at_a_fifth_of_a_metre_a_second() -> None:
+    deck = Deck()
+    deck.station[2] = 11.0
+    for n in range(1, 4):
+        deck.tick()
+        assert (deck.reference[DEPTH], deck.reference[SINKING]) == pytest.approx((12.0 - 0.02 * n, -0.2))
+    deck.station[2] = 12.0 - 0.07
+    deck.tick()
+    assert (deck.reference[DEPTH], deck.reference[SINKING]) == pytest.approx((11.93, -0.1))
+
+
+def test_silence_is_borne_then_it_goes_slowly_then_gives_up() -> None:
+    """With patience for 5 s and a limit of 8 s, to the tick."""
+    given = {"patience_s": 5.0, "silence_s": 8.0, "silent_speed_m_s": 0.5, "when_silent": "circle"}
+    for now, aims, circles in (
+        (34.95, True, False),
+        (35.05, False, False),
+        (37.95, False, False),
+        (38.05, False, True),
+    ):
+        deck = Deck(aside=10.0, **given)
+        deck.belief[1] = now - 20.0
+        deck.memory[follower.SPEED_WANTED] = 0.5
+        told = deck.tick(now)
+        assert (told.wanted[0] < -0.001) == aims, now
+        assert (told.wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now
+        assert (told.wanted[2] == pytest.approx(0.5)) == (not aims)
