@@ -16,7 +16,8 @@ from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from laisn.geometry import signed_angle
 from sim.control.allocation import clip
-from sim.control.approach import Approach, approach
+from sim.control.anticipation import in_time
+from sim.control.approach import CONSTANT_BEARING, Approach, approach
 from sim.control.autopilot import Felt
 from sim.control.guidance import DEPTH, SINKING, SPEED_LEAST
 from sim.control.station import FRAME, FRAME_MEMORY, FRAME_RATE, STATION_DEPTH, Frame, Target, station_at, turn_frame
@@ -146,6 +147,24 @@ def _feel(reading: Floats, belief: Floats, dt: float, memory: Floats) -> Felt:
 
 
 @compiled
+def _current(law: Law, belief: Floats) -> tuple[float, float]:
+    """Current that the law takes off [m/s]; those with an integral have that instead."""
+    if law.approach.law != CONSTANT_BEARING:
+        return 0.0, 0.0
+    return belief[BELIEVED_CURRENT_EAST], belief[BELIEVED_CURRENT_NORTH]
+
+
+@compiled
+def _foreseen(
+    law: Law, station: Floats, known: tuple[Floats, int], now: float, belief: Floats, memory: Floats
+) -> Target:
+    """The station, and the velocity that takes a hull along with it."""
+    t = station_at(law.frame, station, known, now, memory)
+    east, north = in_time(law.frame, station, known, now, _current(law, belief), memory)
+    return Target(t.east, t.north, east, north, t.way_east, t.way_north)
+
+
+@compiled
 def _to_station(law: Law, target: Target, belief: Floats, dt: float, memory: Floats) -> tuple[float, float]:
     """Velocity through the water towards the station [m/s]."""
     place = belief[BELIEVED_EAST], belief[BELIEVED_NORTH]
@@ -208,7 +227,7 @@ def keep_station(
     else:
         if silent > 0.5 * dt:
             turn_frame(law.frame, station, known, (now - dt, now), dt, memory)
-        target = station_at(law.frame, station, known, now, memory)
+        target = _foreseen(law, station, known, now, belief, memory)
         east, north = _to_station(law, target, belief, dt, memory)
         heading, speed = np.arctan2(east, north), np.hypot(east, north)
         if silent > quiet.patience:

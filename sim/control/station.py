@@ -23,8 +23,6 @@ FRAME_MEMORY = 2
 
 _NEAREST = 5.0
 """A station nearer to the trail is turned as if it were this far aside [m]."""
-_BENDING = 0.2
-"""A station that loses this share of the leader's speed in a turn is inside of it."""
 
 
 class Frame(NamedTuple):
@@ -47,7 +45,7 @@ class Frame(NamedTuple):
     fastest: float
     """Greatest speed through the water of a station [m/s]."""
     preview: float
-    """A hull turns at a limited rate, and begins so early to go as its station will [s]."""
+    """Hull and thrusters lag; a follower begins so early to go as its station will [s]."""
 
 
 class Target(NamedTuple):
@@ -57,7 +55,7 @@ class Target(NamedTuple):
     """[m]."""
     north: float
     velocity_east: float
-    """Over ground, on the inside of a turn `Frame.preview` from now [m/s]."""
+    """Over ground [m/s]."""
     velocity_north: float
     way_east: float
     """Velocity over ground of the leader, when it was there [m/s]."""
@@ -69,14 +67,17 @@ def _turn(f: Frame, speeds: tuple[float, float], port: float, towards: float, dt
     """Turn the frame towards a course; the leader's speeds are those over ground now, and through the water then."""
     over_ground, through = speeds
     width = max(abs(port), _NEAREST)
-    wanted = signed_angle(towards - memory[FRAME]) / f.time
+    off = signed_angle(towards - memory[FRAME])
+    wanted = off / f.time
     outside = wanted * port > 0.0
     if outside:
         room = min(f.outer * over_ground, max(f.fastest - through, 0.1))
     else:
         room = min(f.inner * over_ground, max(through - f.slowest, 0.1))
-    wanted = clip(wanted, -room / width, room / width)
     most = f.acceleration / width
+    # what is turned has to be stopped again
+    limit = min(room / width, np.sqrt(most * abs(off)))
+    wanted = clip(wanted, -limit, limit)
     memory[FRAME_RATE] += dt * clip((wanted - memory[FRAME_RATE]) / f.lag, -most, most)
     memory[FRAME] += dt * memory[FRAME_RATE]
 
@@ -120,15 +121,11 @@ def station_at(f: Frame, station: Floats, trail: tuple[Floats, int], time: float
     arc = arc_at(points, count, time) - station[BEHIND]
     east, north, course, _ = at(points, count, arc)
     sine, cosine, rate = np.sin(memory[FRAME]), np.cos(memory[FRAME]), memory[FRAME_RATE]
-    # the path of a station on the inside of a turn bends more than the trail
-    inside = clip(-port * rate / (_BENDING * max(over_ground, 0.1)), 0.0, 1.0)
-    soon = at(points, count, arc + inside * f.preview * over_ground)[2]
-    frame_soon = memory[FRAME] + inside * f.preview * rate
     return Target(
         east - port * cosine,
         north + port * sine,
-        over_ground * np.sin(soon) + port * rate * np.sin(frame_soon),
-        over_ground * np.cos(soon) + port * rate * np.cos(frame_soon),
+        over_ground * np.sin(course) + port * rate * sine,
+        over_ground * np.cos(course) + port * rate * cosine,
         over_ground * np.sin(course),
         over_ground * np.cos(course),
     )

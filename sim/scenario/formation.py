@@ -41,12 +41,10 @@ class Formation(Section):
     fastest_m_s: Speed = Field(2.5, description="greatest speed through the water")
     frame_time_s: Positive = Field(12.0, description="time constant with which the formation turns after its trail")
     frame_lag_s: Positive = Field(4.0, description="time constant of its rate of turn")
-    frame_ahead_m: NonNegative = Field(
-        10.0, description="it turns towards the trail's course so far ahead of a station"
-    )
-    frame_acceleration_m_s2: Positive = Field(0.06, description="greatest change of a station's speed in a turn")
+    frame_ahead_m: NonNegative = Field(0.0, description="it turns towards the trail's course so far ahead of a station")
+    frame_acceleration_m_s2: Positive = Field(0.02, description="greatest change of a station's speed in a turn")
     inner_share: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.35, description="share of the leader's speed that inner stations lose at most"
+        0.3, description="share of the leader's speed that inner stations lose at most"
     )
     outer_share: Annotated[float, Field(gt=0, le=2)] = Field(
         0.7, description="share of the leader's speed that outer stations gain at most"
@@ -54,7 +52,7 @@ class Formation(Section):
     inner_least_m_s: Speed = Field(0.3, description="least speed through the water that a turn asks of a station")
     outer_most_m_s: Speed = Field(2.0, description="greatest speed through the water that a turn asks of a station")
     preview_s: NonNegative = Field(
-        2.0, description="a follower begins so early to go as its station will; hulls turn at a limited rate"
+        0.7, description="a follower begins so early to go as its station will, for hull and thrusters lag"
     )
     unsure_m: Positive = Field(
         5.0, description="with a larger standard deviation of its place, a follower keeps a parallel course"

@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 
 from laisn.arrays import Floats, Ints
 from sim.control import trail as way
+from sim.control.anticipation import AGILITY, in_time
 from sim.control.approach import ALOS, CONSTANT_BEARING, ILOS, Approach, approach
 from sim.control.station import FRAME_MEMORY, Frame, Target, station_at, turn_frame
 
-FRAME = Frame(12.0, 4.0, 10.0, 0.06, 0.35, 0.7, 0.3, 2.0, 0.0)
+FRAME = Frame(12.0, 4.0, 0.0, 0.02, 0.35, 0.7, 0.3, 2.0, 0.0)
 
 
 def laid(points: Floats, times: Floats, headings: Floats | None = None, through: float = 1.0) -> tuple[Floats, Ints]:
@@ -89,11 +90,40 @@ def test_stations_in_a_turn_ask_no_more_than_can_be_swum(port: float) -> None:
         frames.append(memory.copy())
     rate = np.array(frames)[:, 1]
     assert np.abs(rate * port).max() <= (0.35 if port > 0 else 0.7) + 1e-6
-    assert np.abs(np.diff(rate) / 0.1 * max(abs(port), 5.0)).max() <= 0.06 + 1e-9
+    assert np.abs(np.diff(rate) / 0.1 * max(abs(port), 5.0)).max() <= 0.02 + 1e-9
     assert frames[-1][0] == pytest.approx(0.0, abs=0.01)
+    # a frame that turns is stopped in time
+    assert min(frame[0] for frame in frames) > -0.01
     # the velocity that is told is that of the place, once the trail has bent
     moved = np.gradient(np.array(places), 0.1, axis=0)
     np.testing.assert_allclose(np.array(velocities)[300:-2], moved[300:-2], atol=0.12)
+
+
+@pytest.mark.parametrize("current", [(0.0, 0.0), (0.3, 0.3), (-0.2, 0.1)])
+def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple[float, float]) -> None:
+    """Leader north, then east, at 1 m/s; a station on the axis passes the corner at 60 s."""
+    times = np.arange(0.0, 121.0)
+    points = np.column_stack([np.maximum(times - 40.0, 0.0), np.minimum(times, 40.0)])
+    trail, count = laid(points, times, np.where(times > 40.0, np.pi / 2, 0.0))
+    station, memory = np.array([20.0, 0.0, 12.0]), np.zeros(FRAME_MEMORY)
+    before, after = np.array([-current[0], 1.0 - current[1]]), np.array([1.0 - current[0], -current[1]])
+    start, end = np.arctan2(*before), np.arctan2(*after)
+    for late in (-8.0, -5.0, -2.0, 2.0, 5.0, 8.0):
+        told = in_time(FRAME, station, (trail, count[0]), 60.0 + late, current, memory)
+        through = np.array(told) - current
+        # half way between what a hull may have turned to already and what it may still have to turn from
+        upper = max(start, end - AGILITY * max(-late, 0.0))
+        lower = min(end, start + AGILITY * max(late, 0.0))
+        expected = 0.5 * (upper + lower)
+        # the corner of the trail is rounded over the two metres about it
+        assert np.arctan2(*through) == pytest.approx(expected, abs=0.1)
+        assert np.hypot(*through) == pytest.approx(np.hypot(*(before if late < 0.0 else after)), abs=1e-6)
+
+
+def test_on_a_straight_way_nothing_is_foreseen() -> None:
+    trail, count, ahead = straight()
+    told = in_time(FRAME, np.array([20.0, 7.0, 12.0]), (trail, count[0]), 60.0, (0.2, -0.1), np.array([0.3, 0.0]))
+    assert told == pytest.approx(tuple(1.5 * ahead))
 
 
 LAW = Approach(CONSTANT_BEARING, 1.0, 5.0, 0.2, 0.2, 0.2, 2.5)
