@@ -1,15 +1,21 @@
 """Benchmarks: the peers that lanes are compared with do the same work, and the table says what was measured."""
 
+from time import process_time
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from experiments.benchmarks import mission
 from experiments.benchmarks import run as benchmarks
-from experiments.benchmarks.row import Row
+from experiments.benchmarks.row import Row, least_time
 from experiments.benchmarks.run import BENCHMARKS, record, steady_mission, table
 from experiments.gallery.tables import speed
 from laisn import lanes
+from laisn.lane_rows import LANES
 from laisn.settings import NavigationSettings
 from sim.sensing.sensor_errors import SensorErrors, measure
+from tests import synthetic
 
 
 def test_peers_come_to_the_same_state() -> None:
@@ -89,3 +95,62 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
                      "command": [[Row("laisn fly T5 --no-video", t, "s")] for t in (2.25, 2.5, 2.0)]})  # fmt: skip
     assert "25 (25 to 25) frames/s" in speed({"benchmarks": filmed})
     assert "| 2.2 (2.0 to 2.5) s by the clock |" in speed({"benchmarks": filmed})
+
+
+def by_name(rows: list[Row]) -> dict[tuple[str, str], Row]:
+    return {(row.name, row.against): row for row in rows}
+
+
+def test_times_of_navigation_are_told_for_a_step_of_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every work takes 3 s: of 300 steps of one run, of 2000 steps of 60 runs, or of five times as many."""
+    monkeypatch.setattr(benchmarks, "least_time", lambda *_: 3.0)
+    monkeypatch.setattr(benchmarks, "simulate", lambda _: None)
+    found = by_name(benchmarks.navigation())
+    # 8 fused operations of 2 flops each, 200 000 times in every lane
+    peak = 16 * LANES * 200_000 / 3.0
+    assert found["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx((peak * 1e-9, "GF/s"))
+    alone, together = 3e9 / 300, 3e9 / (2000 * 60)
+    assert found["filterpy: predict and updates only", ""].value == pytest.approx(alone)
+    readable = found["navigator (readable engine)", "filterpy"]
+    assert (readable.value, readable.ratio) == pytest.approx((alone, 1.0))
+    for against, ratio in (("filterpy", alone / together), ("NumPy", 1.0)):
+        row = found["lanes, LAISN-2 filter only", against]
+        assert (row.value, row.unit) == (pytest.approx(together), "ns/step")
+        assert (row.ratio, row.floor) == pytest.approx((ratio, 200 / peak * 1e9))
+        whole = found["lanes, LAISN-3-2 with noise and metrics", against]
+        assert (whole.value, whole.ratio) == pytest.approx((together / 5, 5 * ratio))
+
+
+def test_times_of_physics_are_told_for_a_step_of_a_fleet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In turns 0.1 s of MuJoCo, 0.05 s of what a step needs of it, 0.2 s with water and 0.25 s with autopilots."""
+    monkeypatch.setattr(mission, "FLEETS", {1: 100.0})
+    times = iter([0.1, 0.05, 0.2, 0.25])
+    monkeypatch.setattr(mission, "least_time", lambda *_: next(times))
+    found = {row.name.removeprefix("leader + 1: "): row for row in mission.physics()}
+    # 5000 steps of 0.02 s
+    assert found["mj_step alone, no water"].value == pytest.approx(20.0)
+    assert found["with hydrodynamics"][1:] == pytest.approx((40.0, "µs/step", 0.5, "mj_step", 10.0))
+    assert found["with autopilot and recording"][1:] == pytest.approx((50.0, "µs/step", 0.4, "mj_step", 10.0))
+    assert found["real-time factor"][1:4] == pytest.approx((400.0, "x", 400.0 / mission.AIMS[1]))
+
+
+def test_a_log_is_told_in_thousand_messages_and_megabytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mission, "fly", lambda _: (synthetic.make_flight(5.0), None))
+    monkeypatch.setattr(mission, "least_time", lambda *_: 0.5)
+    written = SimpleNamespace(messages=30_000, size=2_500_000)
+    monkeypatch.setattr(mission.writer, "write", lambda *_, **__: written)
+    found = {row.name: row for row in mission.log()}
+    assert found["messages"][1:3] == (30.0, "k")
+    assert found["writing"][1:4] == pytest.approx((60.0, "k/s", 1.2))
+    assert found["size"][1:3] == (2.5, "MB")
+
+
+def test_the_least_of_several_times_counts() -> None:
+    seconds = iter([0.05, 0.004, 0.02, 0.03])
+
+    def work() -> None:
+        until = process_time() + next(seconds)
+        while process_time() < until:
+            pass
+
+    assert 0.004 <= least_time(work, 3) < 0.015
