@@ -60,7 +60,8 @@ _BELIEF = np.dtype([
     ("covariance", np.float64, (_COMPONENTS, MOST_STATES, MOST_STATES)),
     ("weight", np.float64, _COMPONENTS),  # sum 1 over those alive
     ("evidence", np.float64, _COMPONENTS),  # logarithm of what a message says for each component
-    ("squared", np.float64, _COMPONENTS),  # squared residuals of the ranges that it used, in units of S
+    ("taken", np.int64, _COMPONENTS),  # ranges that each used
+    ("squared", np.float64, _COMPONENTS),  # their squared residuals, in units of S
     ("surprise", np.float64, _COMPONENTS),  # the same for each range received, an echo counting as what it costs
     ("turn_excess", np.float64, _COMPONENTS),  # by how much `leader_variance` should be larger [rad²]
     ("alive", np.int64),  # hypotheses

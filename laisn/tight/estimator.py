@@ -154,6 +154,7 @@ def _begin(b: Belief, m: Model, heard: Heard, received: int) -> int:
         return 0
     if not add_ring(b, m, heard, 1.0):
         return -1
+    b.taken[: b.alive * m.modes] = received
     begin_interval(b)
     refresh_output(b, m)
     return received

@@ -33,14 +33,15 @@ class Found(NamedTuple):
 def _note(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
     """Note what became of a message."""
     outcome[0] = count_received(m, heard)
-    outcome[1] = used if b.alive else 0
-    outcome[2] = np.nan
+    outcome[1], outcome[2] = 0, np.nan
     if used > 0 and b.alive > 0:
         top = 0
         for h in range(1, b.alive):
             if hypothesis_weight(b, m, h) > hypothesis_weight(b, m, top):
                 top = h
-        outcome[2] = b.squared[heaviest(b, m, top)]
+        k = heaviest(b, m, top)
+        outcome[1] = b.taken[k]
+        outcome[2] = b.squared[k] if b.taken[k] > 0 else np.nan
 
 
 @compiled_run

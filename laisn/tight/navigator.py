@@ -230,6 +230,7 @@ class TightNavigator:
         full_sigma[self._places] = np.sqrt(weight @ (variance + (states - mean) ** 2))
         sides = sorted(range(int(b.alive)), key=lambda h: -hypothesis_weight(b, self._model, h))
         top = heaviest(b, self._model, sides[0])
+        taken = int(b.taken[top]) if used else 0
         where, spread = [], []
         for h in sides:
             part = slice(h * modes, (h + 1) * modes)
@@ -241,8 +242,8 @@ class TightNavigator:
         return Update(
             step=self._step,
             received=received,
-            used=used,
-            nis=float(b.squared[top]) if used else float("nan"),
+            used=taken,
+            nis=float(b.squared[top]) if taken else float("nan"),
             full_state=full_state,
             full_sigma=full_sigma,
             weight=np.array([hypothesis_weight(b, self._model, h) for h in sides]),

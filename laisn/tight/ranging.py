@@ -245,7 +245,7 @@ def _choose(b: Belief, m: Model, k: int, received: int, density: float) -> int:
 def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
     """Update component k with the ranges of a message, of which it leaves out those that look like echoes.
 
-    Sets `b.evidence[k]`, `b.squared[k]`, `b.surprise[k]` and `b.turn_excess[k]`. Where the leader's heading errs at
+    Sets `taken`, `evidence`, `squared`, `surprise` and `turn_excess` of it. Where the leader's heading errs at
     random and the ranges tell by how much, they are linearised about that: about the broadcast heading, the derivatives
     would err together with the residuals, which in hundreds of messages adds up to a bias.
 
@@ -254,7 +254,7 @@ def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
     """
     v = b.leader_variance
     received = expect(b, m, k, heard, 0.0, v)
-    b.evidence[k], b.surprise[k], b.turn_excess[k] = 0.0, 0.0, 0.0
+    b.taken[k], b.evidence[k], b.surprise[k], b.turn_excess[k] = 0, 0.0, 0.0, 0.0
     if received == 0:
         return 0
     density, squared = _likelihood(b, received)
@@ -265,7 +265,7 @@ def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
     if not _certain(b, m, received, squared):
         used = _choose(b, m, k, received, density)
         density, squared = _likelihood(b, used)
-    b.squared[k] = squared
+    b.taken[k], b.squared[k] = used, squared
     b.surprise[k] = (squared + 2.0 * (received - used) * (m.log_accepted - m.log_rejected)) / received
     if m.leader != ABSENT and used > 0:
         turn, left = _leader_turn(b, used)

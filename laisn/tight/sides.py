@@ -6,7 +6,7 @@ nearly linear. Halves that the data do not support lose their weight; halves tha
 
 import math
 
-from laisn.compiled import compiled
+from laisn.compiled import compiled, inlined
 from laisn.tight.belief import ROOM, Belief
 from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.gaussian import blend, half_moments
@@ -40,11 +40,18 @@ def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, f
     return tx * oy - ty * ox, -ty, tx, -(tx * qx + ty * qy), math.sqrt(qx * qx + qy * qy)
 
 
+@inlined
+def _copy_outcome(b: Belief, source: int, target: int) -> None:
+    """Copy what the last message was to a component."""
+    b.taken[target], b.squared[target] = b.taken[source], b.squared[source]
+    b.surprise[target] = b.surprise[source]
+
+
 @compiled
 def copy(b: Belief, m: Model, source: int, target: int) -> None:
     """Copy a component."""
     b.weight[target], b.evidence[target] = b.weight[source], b.evidence[source]
-    b.squared[target], b.surprise[target] = b.squared[source], b.surprise[source]
+    _copy_outcome(b, source, target)
     for g in range(m.size):
         b.state[target, g] = b.state[source, g]
         for h in range(m.size):
@@ -165,7 +172,7 @@ def _merge(b: Belief, m: Model, g: int, h: int) -> None:
         total = b.weight[i] + b.weight[j]
         if total > 0.0:
             if b.weight[j] > b.weight[i]:
-                b.squared[i], b.surprise[i] = b.squared[j], b.surprise[j]
+                _copy_outcome(b, j, i)
             blend(b.state, b.covariance, i, j, b.weight[j] / total, m.size)
         b.weight[i] = total
     _remove(b, m, h)

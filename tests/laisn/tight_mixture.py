@@ -24,6 +24,7 @@ class Component:
     weight: float
     mode: int = 0
     evidence: float = 0.0
+    taken: int = 0
     squared: float = 0.0
     surprise: float = 0.0
     excess: float = 0.0
@@ -108,7 +109,7 @@ def tidy(sides: list[Side]) -> None:
                     x, P = moments([one, other]) if one.weight + other.weight > 0.0 else (one.x, one.P)
                     top = heaviest([one, other])
                     one.x, one.P, one.weight = x, P, one.weight + other.weight
-                    one.squared, one.surprise = top.squared, top.surprise
+                    one.taken, one.squared, one.surprise = top.taken, top.squared, top.surprise
                 drop(h)
             else:
                 h += 1

@@ -140,6 +140,8 @@ class Oracle:
             if len(heard.which) > 1:
                 self.add_ring(heard, 1.0)
                 self.used = len(heard.which)
+                for c in self.all:
+                    c.taken = self.used
                 self.begin()
             return
         for side in self.sides:

@@ -94,7 +94,7 @@ def learn(told: TightSettings, v: float, c: Component, heard: Heard) -> int:
 
     u = max(subsets, key=likelihood)
     c.evidence, c.excess = likelihood(u), 0.0
-    _, c.squared = log_density(residual[u], S[np.ix_(u, u)])
+    c.taken, (_, c.squared) = len(u), log_density(residual[u], S[np.ix_(u, u)])
     c.surprise = (c.squared + 2.0 * (t - len(u)) * (direct - echo)) / t
     if u and not told.assume.exact_leader:
         says = np.linalg.solve(S[np.ix_(u, u)], H[u, LEADER])
