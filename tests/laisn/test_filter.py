@@ -58,6 +58,20 @@ def test_a_certain_fix_is_taken_over_and_a_second_one_skipped() -> None:
     assert kalman.update_position((3.1, 4.0), 0.01).applied
 
 
+def test_a_line_that_is_known_exactly_is_left_alone() -> None:
+    """Of an exact state one range without error says nothing; one with an error of a millimetre does as little."""
+    kalman = Filter(0.1, np.array([1.0, 2.0, 0.0, 0.0]), np.zeros(4))
+    skipped = kalman.update_along((4.0, 6.0), (0.6, 0.8), 0.0)
+    assert not skipped.applied
+    np.testing.assert_allclose(skipped.residual, [3.0, 4.0])
+    np.testing.assert_array_equal(skipped.covariance, np.zeros((2, 2)))
+    np.testing.assert_array_equal(kalman.state, [1.0, 2.0, 0.0, 0.0])
+    taken = kalman.update_along((4.0, 6.0), (0.6, 0.8), 1e-3)
+    assert taken.applied
+    np.testing.assert_allclose(taken.covariance, 1e-6 * np.eye(2))
+    np.testing.assert_allclose(kalman.state, [1.0, 2.0, 0.0, 0.0])
+
+
 def test_position_gain_is_about_one_with_the_papers_settings() -> None:
     """σa0 = 60 m/s² dwarfs β/sep, so that a fix is believed: the gain is P / (P + σp²)."""
     kalman = Filter(0.1, np.zeros(4), np.zeros(4))

@@ -103,6 +103,28 @@ def test_a_follower_ahead_is_snapped_behind_as_published_and_ahead_with_the_othe
     np.testing.assert_allclose(place(still_behind), (-31.0, 0))
 
 
+def test_the_predicted_end_is_that_on_whose_side_of_the_pairs_middle_the_prediction_lies() -> None:
+    circles = heard(32.2, 30.0, 31.0)
+    assert place(found_by("laisn-2", circles, (0.05, 3.0), PREDICTED)) == pytest.approx((31.0, 0.0))
+    assert place(found_by("laisn-2", circles, (-0.05, 3.0), PREDICTED)) == pytest.approx((-33.2, 0.0))
+    # of the pair (1, 3), 1.005 m long on its own axis, the middle lies at (−0.5, 0.05)
+    ahead, behind = (pair_fixes(heard(32.2, 30.0, 31.0), (-0.5 + s, 0.05), PREDICTED)[1] for s in (0.05, -0.05))
+    assert np.hypot(ahead.east, ahead.north - 0.1) == pytest.approx(31.0)
+    assert np.hypot(behind.east + 1.0, behind.north) == pytest.approx(32.2)
+    assert ahead.east > 0.0 > behind.east
+
+
+def test_of_two_points_equally_near_the_one_to_port_is_taken() -> None:
+    assert found_by("laisn-2", exact(3.0, -20.0), (3.0, 0.0)).north == pytest.approx(20.0)
+
+
+def test_points_as_far_apart_as_t_are_clear() -> None:
+    """Radii of 1.25 m about centres 2 m apart meet 1.5 m apart, which binary numbers have exactly."""
+    circles = heard(1.25, 1.25, 1.0)
+    for threshold, kind in ((1.5, FixKind.TWO_POINTS), (np.nextafter(1.5, 2.0), FixKind.ASTERN)):
+        assert found_by("laisn-2", circles, (0.0, 1.0), NavigationSettings(threshold=threshold)).kind == kind
+
+
 def test_snap_of_every_pair_uses_its_own_axis() -> None:
     """Eq. 23: from P1 against P3 − P1 for (1, 3), from P2 against P2 − P3 for (2, 3)."""
     circles = heard(30.0, 40.0, 20.0)
