@@ -4,6 +4,6 @@
 class LaisnError(ValueError):
     """What was given cannot be used, or the machine lacks something; the text says what was expected and what exists.
 
-    The command shows the text alone. Any other exception is a fault of the program. It is a `ValueError`, so that
-    who calls a function from Python may catch it without knowing this class.
+    The command shows the text alone. Any other exception is a bug. It is a `ValueError`, so that
+    whoever calls a function from Python may catch it without knowing this class.
     """

@@ -21,7 +21,7 @@ from sim.screen import plain, screenful
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 MENDABLE, OURS, INTERRUPTED = 2, 1, 130
-"""Exit codes: what the user can do something about, a fault of the program, Ctrl-C."""
+"""Exit codes: what the user can do something about, a bug, Ctrl-C."""
 
 
 def _tell(lines: Iterable[str], colour: str) -> None:
@@ -100,7 +100,7 @@ def _report(error: Exception) -> str:
 
 
 def plain_errors(command: Command) -> Command:
-    """Show an error as one message: exit code 2 for what a user can do something about, 1 for a fault of the program.
+    """Show an error as one message: exit code 2 for what a user can do something about, 1 for a bug.
 
     The traceback of such a fault goes into a file that the message names. LAISN_DEBUG=1 shows tracebacks instead.
     """
@@ -127,7 +127,7 @@ def plain_errors(command: Command) -> Command:
                 _tell([f"laisn: {words[0] if words else type(error).__name__}", *words[1:], *_notes(error)], "red")
                 raise typer.Exit(MENDABLE) from None
             what = f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__
-            _tell([f"laisn: this is a fault of the program ({what[:200]}); {_report(error)}", *_notes(error)], "red")
+            _tell([f"laisn: this is a bug in the program ({what[:200]}); {_report(error)}", *_notes(error)], "red")
             raise typer.Exit(OURS) from None
 
     return cast(Command, wrapped)

@@ -94,7 +94,7 @@ def _film(
     update: Callable[[float], None],
     write_log: Callable[..., Any],
 ) -> tuple[str, Exception | None]:
-    """Render the film and put it into the log; why there is none, and the fault of the program that cost it."""
+    """Render the film and put it into the log; why there is none, and the bug that cost it."""
     from sim.film import render
 
     try:
@@ -105,7 +105,7 @@ def _film(
         raise
     except Exception as error:
         # what was flown is whole without a film
-        return "a fault of the program", error
+        return "a bug in the program", error
     if flight.scenario.video.in_log:
         write_log(video=frames)
     return "", None
@@ -195,7 +195,7 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     Raises:
         LaisnError: the flight would replace files in the folder that no flight has written.
         OSError, LogError: the folder cannot be written; nothing half-written is left under a final name.
-        Exception: a fault of the program cost the film; all else is written.
+        Exception: a bug cost the film; all else is written.
     """
     console = Console()
     require_safe(folder, source, partial(dumps, scenario))

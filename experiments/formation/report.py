@@ -1,4 +1,4 @@
-"""The page of the study of formations, for who plans one."""
+"""The page of the study of formations, for whoever plans one."""
 
 from pathlib import Path
 

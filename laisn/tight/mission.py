@@ -25,7 +25,7 @@ class Found(NamedTuple):
     covariance: Floats
     """Covariance of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out."""
     outcome: Floats
-    """Of each message: ranges received, ranges that the heaviest hypothesis used, and their squared residuals in units
+    """For each message: ranges received, ranges that the heaviest hypothesis used, and their squared residuals in units
     of S (NaN if none was used), shape (m, 3); of shape (0, 3), it is left out."""
 
 

@@ -42,11 +42,11 @@ class Chain(NamedTuple):
     mean: Floats
     """After the message, shape (m, s)."""
     covariance: Floats
-    """Of the same, shape (m, s, s)."""
+    """Covariance after the message, shape (m, s, s)."""
     foretold: Floats
     """Mean just before the message, shape (m, s)."""
     foretold_covariance: Floats
-    """Of the same, shape (m, s, s)."""
+    """Covariance just before the message, shape (m, s, s)."""
     onward: Floats
     """Covariance of x after this message with x just before the next one, shape (m, s, s)."""
 

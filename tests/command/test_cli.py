@@ -240,7 +240,7 @@ def test_a_fault_of_the_program_is_one_line_that_says_where_its_traceback_is(
     assert result.exit_code == 1
     [report] = tmp_path.iterdir()
     line, note = result.output.splitlines()
-    assert line.startswith(f"laisn: this is a fault of the program ({type(error).__name__}")
+    assert line.startswith(f"laisn: this is a bug in the program ({type(error).__name__}")
     assert line.endswith(f"the traceback is in {report}")
     assert note == "nothing of this flight is kept"
     assert stat.S_IMODE(report.stat().st_mode) == 0o600
@@ -483,7 +483,7 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
     monkeypatch.setattr("tempfile.tempdir", None)
     result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=20", "--out", str(tmp_path / "o")])
     assert result.exit_code == 1
-    assert "no film: a fault of the program" in result.stdout.splitlines()
+    assert "no film: a bug in the program" in result.stdout.splitlines()
     assert f"results in {tmp_path / 'o'}" in result.stdout.splitlines()
     [fault] = tmp_path.glob("laisn-failure-*.txt")
     assert len(result.stderr.splitlines()) == 1
