@@ -111,7 +111,7 @@ class Scenario(Section):
     @field_validator("followers")
     @classmethod
     def _numbered(cls, followers: tuple[Follower, ...]) -> tuple[Follower, ...]:
-        """Followers with names: where there are several, those without one are called follower-1 and so on, in order."""
+        """Followers with names: of several, those without one are called follower-1 and so on, in order."""
         if len(followers) == 1:
             return followers
         return tuple(
