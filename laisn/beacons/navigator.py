@@ -1,5 +1,6 @@
 """One vehicle among beacons, online, step by step: odometry and ranges in, estimates out."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -37,11 +38,11 @@ class Update(NamedTuple):
 
 def _check(step: int, own: OwnMotion, reception: Reception | None, duration: float) -> None:
     """LaisnError naming what is broken of a step's readings."""
-    if not np.all(np.isfinite(own)):
+    if not all(map(math.isfinite, own)):
         raise LaisnError(f"step {step}: own motion {own} is not finite")
     if not -FASTEST <= own.speed <= FASTEST:
         raise LaisnError(f"step {step}: the odometry reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
-    if not 0.0 < duration < np.inf:
+    if not 0.0 < duration < math.inf:
         raise LaisnError(f"step {step}: it takes {duration} s, expected a positive time")
     if reception is None:
         return
@@ -50,6 +51,13 @@ def _check(step: int, own: OwnMotion, reception: Reception | None, duration: flo
     for value in reception.ranges:
         if value < 0.0 or value > FARTHEST:
             raise LaisnError(f"step {step}: ranges {reception.ranges}, expected 0 … {FARTHEST:g} m, NaN for none")
+
+
+def _heard(reception: Reception) -> list[tuple[Floats, float]]:
+    """Places of the beacons that were heard, shape (3,) [m], and the ranges to them [m]."""
+    places = np.empty((0, 3)) if reception.transmitters is None else reception.transmitters
+    pairs = zip(places, map(float, reception.ranges), strict=False)
+    return [(place, measured) for place, measured in pairs if np.isfinite(measured + place.sum())]
 
 
 def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> Estimates:
@@ -135,11 +143,11 @@ class BeaconNavigator:
         time = self.settings.dt if duration is None else duration
         _check(self._step, own, reception, time)
         advance(self._belief, self.settings.slip, own.speed, own.heading, time)
-        updates = [] if reception is None else [self._receive(own, reception)]
+        used = None if reception is None else [self._hear(*heard, own.depth) for heard in _heard(reception)]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
-        if self._belief.alive[0] and not np.all(np.isfinite(self._covariance)):
+        if self._belief.alive[0] and not np.isfinite(self._covariance).all():
             raise ArithmeticError(f"step {self._step}: the covariance is not finite after {reception}")
-        return updates
+        return [] if used is None else [self._update(used)]
 
     def run(self, measurements: Measurements) -> Estimates:
         """Estimates of a whole mission from the start, step by step; the same to the bit as `step` in a loop.
@@ -188,10 +196,8 @@ class BeaconNavigator:
             self._starter = self._starter + 1 if self._starter + 1 < STARTERS else -1
         return bool(used)
 
-    def _receive(self, own: OwnMotion, reception: Reception) -> Update:
-        places = np.empty((0, 3)) if reception.transmitters is None else reception.transmitters
-        heard = [i for i, place in enumerate(places) if np.isfinite(reception.ranges[i] + place.sum())]
-        used = [self._hear(places[i], float(reception.ranges[i]), own.depth) for i in heard]
-        kind = FixKind.ONE_RANGE if any(used) else (FixKind.GATED if heard else FixKind.LOST)
-        mean, covariance = moments(self._belief, own.speed, own.heading)
-        return Update(self._step, kind, mean[:2], float(np.sqrt(0.5 * np.trace(covariance[:2, :2]))))
+    def _update(self, used: Sequence[bool]) -> Update:
+        """What a message changed, of which each range was used or not."""
+        kind = FixKind.ONE_RANGE if any(used) else (FixKind.GATED if used else FixKind.LOST)
+        variance = 0.5 * (self._covariance[0, 0] + self._covariance[1, 1])
+        return Update(self._step, kind, self._state[:2].copy(), math.sqrt(variance))

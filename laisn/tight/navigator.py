@@ -1,5 +1,6 @@
 """One follower, online, step by step: messages in, estimates out."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -51,7 +52,7 @@ class Update(NamedTuple):
 
 def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
     """LaisnError naming what is broken of a step's readings."""
-    if not np.all(np.isfinite(own)):
+    if not all(map(math.isfinite, own)):
         raise LaisnError(f"step {step}: own motion {own} is not finite")
     if not -FASTEST <= own.speed <= FASTEST:
         raise LaisnError(f"step {step}: the log reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
@@ -61,7 +62,7 @@ def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
     places = reception.transmitters
     if places is not None and not np.nanmax(np.abs(places), initial=0.0) <= 1e3 * FARTHEST:
         raise LaisnError(f"step {step}: a transmitter is farther than {1e3 * FARTHEST:g} m; NaN stands for none")
-    if not np.all(np.isfinite(message[:6])):
+    if not all(map(math.isfinite, message[:6])):
         raise LaisnError(f"step {step}: leader message {message} is not finite")
     if max(abs(message.east), abs(message.north), abs(message.depth)) > 1e3 * FARTHEST:
         raise LaisnError(f"step {step}: the leader is at {message}, farther than {1e3 * FARTHEST:g} m")
@@ -156,7 +157,7 @@ class TightNavigator:
         """
         self._step += 1
         _check(self._step, own, reception)
-        if duration is not None and not 0.0 < duration < np.inf:
+        if duration is not None and not 0.0 < duration < math.inf:
             raise LaisnError(f"step {self._step}: it takes {duration} s, expected a positive time")
         model = self._model if duration is None else self._model._replace(dt=duration)
         advance(self._belief, model, own.speed, own.heading)

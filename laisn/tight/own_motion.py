@@ -63,7 +63,7 @@ def _way(o: Any, log_bias: float, compass_bias: float) -> tuple[float, float, fl
     return c, s, way_x, way_y, -along_x, -along_y
 
 
-@inlined
+@compiled
 def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> None:
     """Move component k by the way since the last message, linearised at some biases.
 

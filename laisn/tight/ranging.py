@@ -42,7 +42,7 @@ def new_heard() -> Heard:
     return np.zeros(1, dtype=_HEARD).view(np.recarray)[0]
 
 
-@inlined
+@compiled
 def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance: float) -> int:
     """Residuals of the ranges for component k, with rows of derivatives and covariances; all into `b.work`.
 
@@ -140,7 +140,7 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
     return count
 
 
-@inlined
+@compiled
 def _likelihood(b: Belief, count: int) -> tuple[float, float]:
     """Logarithm of the density of the ranges in `work.used`, and their squared residuals in units of S.
 
