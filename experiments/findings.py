@@ -1,17 +1,15 @@
 """What a study found, number by number: `results.json`, from which documents take every number that they print."""
 
-import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from experiments.campaign.version import sources
+from experiments.campaign.version import version_of as version_of
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
-from laisn.sources import ROOT, Sources
 from laisn.whole_files import replaced
 
 SCHEMA = 1
@@ -74,21 +72,6 @@ def of(interval: Interval, what: str, unit: str = "") -> Finding:
 def plain(value: float | int | str, what: str, unit: str = "") -> Finding:
     """A finding without limits."""
     return Finding(value=_rounded(value) if isinstance(value, float) else value, unit=unit, what=what)
-
-
-def version_of(modules: Iterable[str], root: Path = ROOT) -> str:
-    """Hash of every source that may change the numbers of a study.
-
-    Args:
-        modules: where its numbers are made; all that these can reach counts, and all that any campaign computes with.
-        root: folder of the packages.
-    """
-    files = {*Sources(root).reached(modules).values(), *sources(root)}
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        digest.update(path.relative_to(root).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 @dataclass(frozen=True, kw_only=True)

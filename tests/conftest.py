@@ -31,7 +31,7 @@ from experiments.flight.library import load
 fly(load("T5", ["duration_s=2"]))
 """
 CAMPAIGN = """
-from experiments.campaign.campaign import CellPlan, compute
+from experiments.campaign.plans import CellPlan, compute
 from experiments.flight.library import load
 from sim.motion import simulate_motion
 scenario = load("T5", ["duration_s=2", 'motion="kinematic"'])

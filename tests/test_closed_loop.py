@@ -165,9 +165,9 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(study, "fly", flown)
     one, other = study.measure(3, "laisn-3-1", "estimate")
-    assert one == pytest.approx((5.0, 0.0, 0.0), abs=1e-6)
+    assert one == pytest.approx({"error": 5.0, "off": 0.0, "end": 0.0}, abs=1e-6)
     # for the last 10 of 101 instants
-    assert other == pytest.approx((10.0, 8.0 * np.sqrt(10 / 101), 8.0), abs=1e-6)
+    assert other == pytest.approx({"error": 10.0, "off": 8.0 * np.sqrt(10 / 101), "end": 8.0}, abs=1e-6)
     (scenario,) = asked
     assert (scenario.run, scenario.navigation.variant) == (3, "laisn-3-1")
     assert {follower.steers_by for follower in scenario.followers} == {"estimate"}
@@ -176,7 +176,10 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
 def test_the_record_counts_who_is_lost() -> None:
     """Follower i of run r: error i + r, off its place 10 i, and lost in the first run where i is even."""
     runs = [
-        [(float(i + r), 10.0 * i, 60.0 if r == 0 and i % 2 == 0 else 50.0) for i in range(len(ROUTES))]
+        [
+            {"error": float(i + r), "off": 10.0 * i, "end": 60.0 if r == 0 and i % 2 == 0 else 50.0}
+            for i in range(len(ROUTES))
+        ]
         for r in range(len(study.RUNS))
     ]
     found = study.findings_of({(v, by): runs for v in study.VARIANTS for by in ("truth", "estimate")})

@@ -1,8 +1,12 @@
 """What makes the leader pitch in the study, and the scenarios that follow: each can be flown alone with `laisn fly`."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
 
-from experiments.flight.library import ROUTES, load
+from experiments.flight.library import ROUTES, fly_line, table_of
+from sim.scenario.file import assigned, validate
 from sim.scenario.settings import Scenario
 
 OFFSETS_M = (0.0, 2.0, 5.0, 10.0)
@@ -23,7 +27,7 @@ class Condition:
     cause: str
     """trim, dive or waves."""
     leader_depth_m: float = 8.0
-    assignments: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
     """What the cause changes in a scenario."""
 
 
@@ -32,7 +36,7 @@ def _trim(force: float) -> Condition:
         key=f"trim-{force:g}N",
         label=f"{force:g} N of excess buoyancy, held by trim",
         cause="trim",
-        assignments=(f"leader.excess_buoyancy_n={force}",),
+        settings={"leader.excess_buoyancy_n": force},
     )
 
 
@@ -41,7 +45,7 @@ def _dive(amplitude: float) -> Condition:
         key=f"dive-{amplitude:g}m",
         label=f"saw-tooth of ±{amplitude:g} m in 120 s",
         cause="dive",
-        assignments=(f"leader.saw_tooth_amplitude_m={amplitude}", "leader.saw_tooth_period_s=120.0"),
+        settings={"leader.saw_tooth_amplitude_m": amplitude, "leader.saw_tooth_period_s": 120.0},
     )
 
 
@@ -62,13 +66,13 @@ def _waves(height: float, sea: str, depth: float) -> Condition:
         label=f"Hs {height:g} m, {sea} sea, leader at {depth:g} m",
         cause="waves",
         leader_depth_m=depth,
-        assignments=(
-            "ocean.waves.kind=jonswap",
-            f"ocean.waves.height_m={height}",
-            f"ocean.waves.period_s={period}",
-            f"ocean.waves.direction_deg={SEAS_DEG[sea]}",
-            f"ocean.waves.components={_COMPONENTS}",
-        ),
+        settings={
+            "ocean.waves.kind": "jonswap",
+            "ocean.waves.height_m": height,
+            "ocean.waves.period_s": period,
+            "ocean.waves.direction_deg": SEAS_DEG[sea],
+            "ocean.waves.components": _COMPONENTS,
+        },
     )
 
 
@@ -88,39 +92,37 @@ def first_run(condition: Condition, route: str, offset: float) -> int:
     return _ROOM * (len(OFFSETS_M) * place + OFFSETS_M.index(offset))
 
 
-def _assignments(condition: Condition, offset: float) -> list[str]:
+def settings_of(condition: Condition, offset: float) -> dict[str, Any]:
     """What differs from the built-in scenario of a route."""
-    return [
-        f"leader.depth_m={condition.leader_depth_m}",
-        *condition.assignments,
-        f"followers.0.depth_m={condition.leader_depth_m + offset}",
-        "leader.broadcast_attitude=true",
-        f"timing.physics_step_s={PHYSICS_STEP_S}",
-        f"seed={SEED}",
-    ]
+    return {
+        "leader.depth_m": condition.leader_depth_m,
+        **condition.settings,
+        "followers.0.depth_m": condition.leader_depth_m + offset,
+        "leader.broadcast_attitude": True,
+        "timing.physics_step_s": PHYSICS_STEP_S,
+        "seed": SEED,
+    }
 
 
-def scenario(condition: Condition, route: str, offset: float, duration: float = 1000.0) -> Scenario:
-    """One follower on a route, `offset` metres below the leader."""
-    return load(route, [*_assignments(condition, offset), f"duration_s={duration}"])
-
-
-def _flown(condition: Condition, route: str, offset: float, run: int, variant: str) -> tuple[str, list[str]]:
-    chosen = [f"navigation.variant={variant}"] if variant != "laisn-2" else []
-    settings = [f"--set {assignment}" for assignment in [*_assignments(condition, offset), *chosen]]
-    return f"laisn fly {route} --run {first_run(condition, route, offset) + run}", settings
+def scenario(
+    condition: Condition, route: str, offset: float, duration: float = 1000.0,
+    settings: Mapping[str, Any] = MappingProxyType({}),
+) -> Scenario:  # fmt: skip
+    """One follower on a route, `offset` metres below the leader; `settings` are those of an arm."""
+    told = {**settings_of(condition, offset), "duration_s": duration, **settings}
+    return validate(assigned(table_of(route), told), f"{condition.key} on {route}")
 
 
 def command_line(condition: Condition, route: str, offset: float, run: int = 0, variant: str = "laisn-2") -> str:
     """The command that flies the same alone, with the noise of the mission's run 0, 1, …, in one line."""
-    start, settings = _flown(condition, route, offset, run, variant)
-    return " ".join([start, *settings])
+    chosen = {} if variant == "laisn-2" else {"navigation.variant": variant}
+    return fly_line(route, settings_of(condition, offset) | chosen, first_run(condition, route, offset) + run)
 
 
 def command(condition: Condition, route: str, offset: float, run: int = 0, variant: str = "laisn-2") -> str:
     """The command that flies one run of a mission, broken into lines that a page has room for."""
-    start, settings = _flown(condition, route, offset, run, variant)
-    lines = [" ".join(settings[i : i + 3]) for i in range(0, len(settings), 3)]
+    start, *settings = command_line(condition, route, offset, run, variant).split(" --set ")
+    lines = [" ".join(f"--set {setting}" for setting in settings[i : i + 3]) for i in range(0, len(settings), 3)]
     return " \\\n  ".join([start, *lines])
 
 

@@ -13,13 +13,14 @@ from sim.motion import simulate_motion
 ROUTE, OFFSET_M = "T6", 10.0
 """Close by on the quarter and far below: where pitch does much and is easy to see."""
 EVERYTHING = {
-    "travel_time": True,
-    "ping_slot_s": 0.1,
-    "sound_speed_bias_m_s": 3.0,
-    "clock_offset_s": 1e-4,
+    "acoustics.travel_time": True,
+    "acoustics.ping_slot_s": 0.1,
+    "acoustics.sound_speed_bias_m_s": 3.0,
+    "acoustics.clock_offset_s": 1e-4,
+    "sensors.depth_sigma_m": 0.05,
+    "sensors.leader_depth_sigma_m": 0.05,
 }
-"""Acoustics of the anatomy: all causes at work at once. 0.1 ms is 15 cm."""
-DEPTH_SIGMA_M = 0.05
+"""Settings of the anatomy: all causes at work at once. 0.1 ms is 15 cm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,14 +39,7 @@ def fly_example(condition: Condition, duration: float) -> Example:
     one = scenario(condition, ROUTE, OFFSET_M, duration)
     trajectory = simulate_motion(one)
     flight = navigate(one, trajectory, new_navigator)
-    everything = one.model_copy(
-        update={
-            "acoustics": one.acoustics.model_copy(update=EVERYTHING),
-            "sensors": one.sensors.model_copy(
-                update={"depth_sigma_m": DEPTH_SIGMA_M, "leader_depth_sigma_m": DEPTH_SIGMA_M}
-            ),
-        }
-    )
+    everything = scenario(condition, ROUTE, OFFSET_M, duration, EVERYTHING)
     away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
     return Example(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.asymmetry.example import OFFSET_M, Example
-from experiments.asymmetry.remedies import AHRS
+from experiments.asymmetry.remedies import STEADIED
 from experiments.flight.anatomy import Cause, dissect
 from experiments.flight.summary import position_and_bearing_errors
 from laisn.arrays import Floats
@@ -16,6 +16,7 @@ from sim.film import graphics
 from sim.film.annotations import Annotations, OtherEstimate, RayErrors
 from sim.film.render import render
 from sim.flight import Flight, navigate
+from sim.scenario.file import assigned, validate
 from sim.scenario.settings import Scenario, Video
 
 BEFORE_S, AFTER_S = 40.0, 20.0
@@ -26,14 +27,7 @@ AWARE_COLOUR = (0.30, 1.0, 0.60)
 
 def _attitude_aware(scenario: Scenario) -> Scenario:
     """A mission whose follower places the transmitters by the attitude that the leader's AHRS measures."""
-    sensor = {name: getattr(AHRS, name) for name in AHRS.model_fields_set}
-    return scenario.model_copy(
-        update={
-            "leader": scenario.leader.model_copy(update={"broadcast_attitude": True}),
-            "navigation": scenario.navigation.model_copy(update={"use_attitude": True}),
-            "sensors": scenario.sensors.model_copy(update=sensor),
-        }
-    )
+    return validate(assigned(scenario.model_dump(mode="json"), STEADIED.settings), scenario.name)
 
 
 def pitch_errors(flight: Flight) -> Floats:

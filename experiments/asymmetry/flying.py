@@ -9,42 +9,23 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from experiments.asymmetry.added_error import paired, undecided, with_verdicts
-from experiments.asymmetry.conditions import SEED, Condition, first_run, fleet, scenario
-from experiments.asymmetry.missions import Plan, Row, Sensed, pair, sense
-from experiments.asymmetry.remedies import ARM, ARMS, Arm
+from experiments.asymmetry.conditions import Condition, fleet
+from experiments.asymmetry.missions import Pair, Plan, Row, pair
+from experiments.asymmetry.remedies import ARMS, Arm
 from experiments.campaign.cells import PERCENTILES, Cell, CellResult
 from experiments.campaign.montecarlo import simulate
 from laisn.settings import Variant
 from sim.motion import simulate_motion
-from sim.sensing.ahrs import random_error
-from sim.sensing.observation import errors_of
-from sim.sensing.sensor_errors import SensorErrors
-from sim.sensing.truth import MissionTruth
 
 
-def cell(sensed: Sensed, errors: SensorErrors, arm: Arm, variant: Variant, runs: range) -> Cell:
-    """The runs of one arm and variant of a mission."""
-    random = random_error(arm.sensors)
-    expected = float(np.deg2rad(sensed.facts["pitch_rms_deg"])) if arm.expect_pitch else 0.0
-    truth: MissionTruth = getattr(sensed, arm.seen)
-    return Cell(
-        truth=truth,
-        errors=replace(
-            errors,
-            leader_pitch_sigma=random.sigma,
-            leader_roll_sigma=random.sigma,
-            leader_attitude_time=random.time,
-            leader_attitude_offset_sigma=float(np.deg2rad(arm.sensors.leader_attitude_offset_sigma_deg)),
-        ),
-        settings=replace(
-            sensed.settings, variant=variant, use_attitude=arm.use_attitude, expected_pitch=expected
-        ),
-        seed=SEED,
-        runs=runs,
-    )  # fmt: skip
+def cell(mission: Pair, arm: Arm, variant: Variant, runs: int) -> Cell:
+    """The first runs of one arm and variant of a mission."""
+    told = {**arm.settings, "navigation.variant": variant}
+    if arm.expect_pitch:
+        told["navigation.expected_pitch_deg"] = mission.facts["pitch_rms_deg"]
+    numbers = range(mission.first_run, mission.first_run + runs)
+    return Cell.of(mission.scenario(told), 0, numbers, mission=mission.level if arm.leader == "level" else mission.real)
 
 
 def row_of(result: CellResult, **others: Any) -> Row:
@@ -90,36 +71,29 @@ def fly_condition(condition: Condition, offset: float, plan: Plan) -> list[Row]:
     trajectory = simulate_motion(fleet(condition, plan.routes, (offset,), plan.duration_s))
     rows = []
     for follower, route in enumerate(plan.routes):
-        sensed = sense(pair(trajectory, follower), condition, route, offset, plan.duration_s)
-        errors = errors_of(scenario(condition, route, offset, plan.duration_s))
-        first = first_run(condition, route, offset)
-
-        def fly(
-            arm: Arm, variant: str, begin: int, end: int, sensed: Sensed = sensed,
-            errors: SensorErrors = errors, first: int = first,
-        ) -> CellResult:  # fmt: skip
-            runs = range(first + begin, first + end)
-            named = next(v for v in arm.variants if v == variant)
-            return simulate(cell(sensed, errors, arm, named, runs), keep_runs=True)
-
-        flown: dict[tuple[str, str], Row] = {
-            (arm.key, variant): row_of(
-                fly(arm, variant, 0, plan.runs),
-                **sensed.facts,
+        mission = pair(trajectory, follower, condition, route, offset)
+        cells: dict[tuple[str, str], Cell] = {
+            (arm.key, variant): cell(mission, arm, variant, plan.runs) for arm, variant in _arms(plan)
+        }
+        flown = {
+            (arm, variant): row_of(
+                simulate(told, keep_runs=True),
+                **mission.facts,
                 condition=condition.key,
                 cause=condition.cause,
                 route=route,
                 depth_offset_m=offset,
                 variant=variant,
-                arm=arm.key,
+                arm=arm,
             )
-            for arm, variant in _arms(plan)
+            for (arm, variant), told in cells.items()
         }
         for look, further in zip(plan.looks, plan.looks[1:], strict=False):
-            for (*_, variant), mission in paired(flown.values()).items():
-                for key in undecided(mission, plan.looks, look):
-                    more = fly(ARM[key], variant, look, further)
-                    flown[key, variant] = _extended(flown[key, variant], more)
-        for mission in paired(flown.values()).values():
-            rows += with_verdicts(mission, plan.looks)
+            runs = range(mission.first_run + look, mission.first_run + further)
+            for (*_, variant), compared in paired(flown.values()).items():
+                for arm in undecided(compared, plan.looks, look):
+                    more = simulate(replace(cells[arm, variant], runs=runs), keep_runs=True)
+                    flown[arm, variant] = _extended(flown[arm, variant], more)
+        for compared in paired(flown.values()).values():
+            rows += with_verdicts(compared, plan.looks)
     return rows

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
+from experiments.asymmetry.conditions import CALM, SEED, fleet
 from experiments.asymmetry.missions import Plan, pair
 from experiments.intervals import Interval, bootstrap_mean, bootstrap_ratios
 from laisn import lanes
@@ -14,13 +14,12 @@ from laisn.settings import GateRule
 from sim.flight import laisn_settings
 from sim.motion import simulate_motion
 from sim.sensing.echo import Path, locked_path
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import errors_of, observe
+from sim.sensing.observation import errors_of
 from sim.sensing.sensor_errors import measure
 
 RULES: tuple[GateRule, ...] = ("off", "v-max", "v-measured")
 INTERVALS_S = (1.0, 5.0)
-ECHO_CHANCE = (0.05, 0.02)
+ECHO_CHANCE = {"acoustics.surface_echo_chance": 0.05, "acoustics.bottom_echo_chance": 0.02}
 """Chances of a ping that its surface echo and its bottom echo is taken for it."""
 _OFFSET_M = 2.0
 _RUNS = 20
@@ -61,21 +60,12 @@ def fly_gates(plan: Plan) -> list[GateRow]:
     trajectory = simulate_motion(fleet(CALM, plan.routes, (_OFFSET_M,), plan.duration_s))
     rows = []
     for follower, route in enumerate(plan.routes):
-        both = pair(trajectory, follower)
+        flown = pair(trajectory, follower, CALM, route, _OFFSET_M)
         for interval in INTERVALS_S:
-            one = scenario(CALM, route, _OFFSET_M, plan.duration_s)
-            surface, bottom = ECHO_CHANCE
-            one = one.model_copy(
-                update={
-                    "timing": one.timing.model_copy(update={"message_interval_s": interval}),
-                    "acoustics": one.acoustics.model_copy(
-                        update={"surface_echo_chance": surface, "bottom_echo_chance": bottom}
-                    ),
-                }
-            )
-            truth, errors, told = observe(both, Hearing.of(one)), errors_of(one), laisn_settings(one, both, 0)
-            first, used = first_run(CALM, route, _OFFSET_M), told.transmitters
-            runs = range(first, first + _RUNS)
+            one = flown.scenario({"timing.message_interval_s": interval, **ECHO_CHANCE})
+            (motion, truth), errors = flown.real.seen(one, 0), errors_of(one)
+            told = laisn_settings(one, motion, 0)
+            runs, used = range(flown.first_run, flown.first_run + _RUNS), told.transmitters
             heard = [measure(truth, errors, seed=SEED, run=run, transmitters=used) for run in runs]
             silent = replace(errors, echo_chance=(0.0, 0.0))
             quiet = [measure(truth, silent, seed=SEED, run=run, transmitters=used) for run in runs]

@@ -1,22 +1,24 @@
-"""Missions of the pitch study: what one follower's sensors see of a condition, and the results of one arm on it."""
+"""Missions of the pitch study: a leader and one follower in a condition, and the results of one arm on it."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from experiments.asymmetry.conditions import OFFSETS_M, Condition, scenario
+from experiments.asymmetry.conditions import OFFSETS_M, Condition, first_run, scenario
 from experiments.asymmetry.map import fix_error
-from experiments.asymmetry.remedies import AHRS
+from experiments.asymmetry.remedies import STEADIED
+from experiments.campaign.missions import Mission
 from experiments.flight.library import ROUTES
 from laisn.arrays import Floats
-from laisn.settings import NavigationSettings, Variant
-from sim.flight import laisn_settings
-from sim.scenario.settings import CONTROL_STEP_S
+from laisn.settings import Variant
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.ahrs import apparent_tilt, measured_attitude, random_error
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import SITES, observe
-from sim.sensing.truth import MissionTruth
-from sim.trajectory import Trajectory, leveled
+from sim.sensing.observation import SITES
+from sim.trajectory import Trajectory, leveled, tilted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,46 +89,59 @@ class Row:
     """Verdict on a remedy by captures; empty where none is given."""
 
 
-def pair(trajectory: Trajectory, follower: int) -> Trajectory:
-    """Leader and one follower out of a fleet, with the sites that sensing needs."""
-    return trajectory.only((0, follower + 1), SITES)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sensed:
-    """What one follower's sensors see behind the real leader, behind a level one, and of the real one's AHRS."""
-
-    real: MissionTruth
-    level: MissionTruth
-    ahrs: MissionTruth
-    """What sensors see behind the real leader, which broadcasts the attitude that `AHRS` measures."""
-    settings: NavigationSettings
-    facts: dict[str, float]
-    """Pitch and geometry of the mission: fields of `Row`."""
-
-
 def _rms_deg(error: Floats, sigma: float) -> float:
     """Root mean square of an error over time and of an independent random one, both in [rad]."""
     return float(np.rad2deg(np.sqrt(np.mean(error**2) + sigma**2)))
 
 
-def sense(both: Trajectory, condition: Condition, route: str, offset: float, duration: float) -> Sensed:
-    """Observe a pair of vehicles twice."""
-    one = scenario(condition, route, offset, duration)
-    apart = both.position[:, 1] - both.position[:, 0]
-    pitch = np.rad2deg(both.pitch[:, 0])
-    steadied = measured_attitude(both, AHRS)
-    reading, left = np.deg2rad(AHRS.leader_attitude_sigma_deg), random_error(AHRS).sigma
-    real = observe(both, Hearing.of(one))
-    sent = real.emission_step * round(real.dt / CONTROL_STEP_S)
-    bearing = np.arctan2(apart[sent, 0], apart[sent, 1]) - both.heading[sent, 0]
-    moved = fix_error(both.pitch[sent, 0], -apart[sent, 2], np.hypot(*apart[sent, :2].T), bearing)
-    return Sensed(
-        real=real,
-        level=observe(leveled(both), Hearing.of(one)),
-        ahrs=replace(real, sent_attitude=steadied[sent]),
-        settings=laisn_settings(one, both, 0),
-        facts={
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """A leader and one follower on a mission."""
+
+    motion: Trajectory
+    condition: Condition
+    route: str
+    offset: float
+    """Depth of the follower below the leader's mean depth [m]."""
+
+    def scenario(self, settings: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
+        """The mission's scenario, with settings of an arm."""
+        duration = round(float(self.motion.time[-1]), 6)
+        return scenario(self.condition, self.route, self.offset, duration, settings)
+
+    @property
+    def first_run(self) -> int:
+        """Number of its run 0."""
+        return first_run(self.condition, self.route, self.offset)
+
+    @cached_property
+    def real(self) -> Mission:
+        """Behind the leader as it moved."""
+        return Mission(self.scenario(), self.motion)
+
+    @cached_property
+    def level(self) -> Mission:
+        """Behind a leader that kept level on the same track."""
+        return Mission(self.scenario(), leveled(self.motion))
+
+    def tilted(self, pitch_deg: float) -> Mission:
+        """Behind a leader that kept a constant pitch on the same track."""
+        return Mission(self.scenario(), tilted(leveled(self.motion), np.deg2rad(pitch_deg)))
+
+    @cached_property
+    def facts(self) -> dict[str, float]:
+        """Pitch and geometry of the mission: fields of `Row`."""
+        both = self.motion
+        ahrs = self.scenario(STEADIED.settings).sensors
+        apart = both.position[:, 1] - both.position[:, 0]
+        pitch = np.rad2deg(both.pitch[:, 0])
+        steadied = measured_attitude(both, ahrs)
+        reading, left = np.deg2rad(ahrs.leader_attitude_sigma_deg), random_error(ahrs).sigma
+        _, truth = self.real.seen(self.scenario(), 0)
+        sent = truth.emission_step * round(truth.dt / CONTROL_STEP_S)
+        bearing = np.arctan2(apart[sent, 0], apart[sent, 1]) - both.heading[sent, 0]
+        moved = fix_error(both.pitch[sent, 0], -apart[sent, 2], np.hypot(*apart[sent, :2].T), bearing)
+        return {
             "pitch_rms_deg": float(np.sqrt(np.mean(pitch**2))),
             "pitch_max_deg": float(np.abs(pitch).max()),
             "range_mean_m": float(np.hypot(*apart[:, :2].T).mean()),
@@ -134,5 +149,10 @@ def sense(both: Trajectory, condition: Condition, route: str, offset: float, dur
             "fix_error_m": float(moved.mean()),
             "inclinometer_rms_deg": _rms_deg(apparent_tilt(both)[:, 0] - both.pitch[:, 0], reading),
             "ahrs_rms_deg": _rms_deg(steadied[:, 0] - both.pitch[:, 0], left),
-        },
-    )
+        }
+
+
+def pair(fleet: Trajectory, follower: int, condition: Condition, route: str, offset: float) -> Pair:
+    """Leader and one follower out of a fleet, with the sites that sensing needs."""
+    motion = fleet.only((0, follower + 1), SITES)
+    return Pair(motion=motion, condition=condition, route=route, offset=offset)

@@ -5,7 +5,7 @@ import pyarrow as pa
 
 from experiments.asymmetry import figures as drawing
 from experiments.asymmetry.conditions import command
-from experiments.asymmetry.example import DEPTH_SIGMA_M, EVERYTHING, OFFSET_M, ROUTE, Example
+from experiments.asymmetry.example import EVERYTHING, OFFSET_M, ROUTE, Example
 from experiments.asymmetry.figures import LEVEL, REAL
 from experiments.flight.anatomy import Cause
 from experiments.pages.anatomy_page import asymmetry_over_time, share_table
@@ -90,10 +90,11 @@ def one_message(example: Example) -> Section:
             Text(
                 text="What both ends have in common moves the fix to and fro along its ray; what differs turns it "
                 "about the leader. For this table every cause but echoes is switched on at once: travel time, pings "
-                f"{EVERYTHING['ping_slot_s']:g} s apart, a speed of sound believed "
-                f"{EVERYTHING['sound_speed_bias_m_s']:g} m/s too high, a clock "
-                f"{1e3 * float(EVERYTHING['clock_offset_s']):g} ms ahead, depths measured to {100 * DEPTH_SIGMA_M:g} "
-                "cm. Everywhere else in this report they are off, as in the paper."
+                f"{EVERYTHING['acoustics.ping_slot_s']:g} s apart, a speed of sound believed "
+                f"{EVERYTHING['acoustics.sound_speed_bias_m_s']:g} m/s too high, a clock "
+                f"{1e3 * float(EVERYTHING['acoustics.clock_offset_s']):g} ms ahead, depths measured to "
+                f"{100 * EVERYTHING['sensors.depth_sigma_m']:g} cm. Everywhere else in this report they are off, "
+                "as in the paper."
             ),
             Code(text=command(example.condition, ROUTE, OFFSET_M), title="Fly it, with film and report:"),
         ],

@@ -5,14 +5,11 @@ that each message has anew, one that stays, and what gyros leave of an inclinome
 and takes the accelerations of waves for tilt: an attitude and heading reference system (AHRS), as vehicles carry them.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from laisn.settings import Variant
-from sim.scenario.settings import Sensors
-
-AHRS = Sensors(leader_attitude_sigma_deg=0.5, leader_attitude_feels_acceleration=True, leader_gyro_time_constant_s=30.0)
-"""An inclinometer of 0.5° that feels accelerations, steadied by gyros of 0.3°/√h as in small MEMS units."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,12 +20,11 @@ class Arm:
     label: str
     short: str = ""
     """Label where there is little room."""
-    seen: Literal["real", "level", "ahrs"] = "real"
-    """What the follower's sensors see: field of `Sensed`."""
-    use_attitude: bool = False
-    """The leader broadcasts pitch and roll, and the follower places the transmitters by them."""
-    sensors: Sensors = field(default_factory=Sensors)
-    """The leader's attitude sensor; no other of these errors is used."""
+    leader: Literal["real", "level"] = "real"
+    """Behind which leader: the one that pitches, or one that has its track and keeps level."""
+    settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    """What differs from the condition's scenario: the leader's attitude sensor, and whether the follower places the
+    transmitters by the attitude that is broadcast."""
     expect_pitch: bool = False
     """The follower inflates σp by the root mean square pitch of the mission."""
     wanted: float = 0.9
@@ -37,32 +33,37 @@ class Arm:
     """Flown in this arm."""
 
 
+def _broadcast(**sensor: Any) -> dict[str, Any]:
+    """The attitude is used, and comes from this sensor."""
+    return {"navigation.use_attitude": True} | {f"sensors.leader_{key}": value for key, value in sensor.items()}
+
+
 _TWO: tuple[Variant, ...] = ("laisn-2",)
-_HALF_DEGREE = Sensors(leader_attitude_sigma_deg=0.5)
-LEVEL = Arm(key="level", label="level leader", seen="level")
+LEVEL = Arm(key="level", label="level leader", leader="level")
 REAL = Arm(key="real", label="real leader")
 LEVEL_BROADCAST = Arm(
-    key="level-0.5", label="level leader that broadcasts readings 0.5° off", seen="level", use_attitude=True,
-    sensors=_HALF_DEGREE, variants=_TWO,
+    key="level-0.5", label="level leader that broadcasts readings 0.5° off", leader="level",
+    settings=_broadcast(attitude_sigma_deg=0.5), variants=_TWO,
 )  # fmt: skip
 EXACT = Arm(
-    key="attitude-0", label="attitude broadcast, exact", short="attitude, exact", use_attitude=True, wanted=0.99,
+    key="attitude-0", label="attitude broadcast, exact", short="attitude, exact", settings=_broadcast(), wanted=0.99,
 )  # fmt: skip
 STEADIED = Arm(
-    key="ahrs-0.5", label="AHRS: inclinometer of 0.5°, gyros", short="AHRS of 0.5°", seen="ahrs", use_attitude=True,
-    sensors=AHRS,
+    key="ahrs-0.5", label="AHRS: inclinometer of 0.5°, gyros", short="AHRS of 0.5°",
+    # gyros of 0.3°/√h, the default, as in small MEMS units
+    settings=_broadcast(attitude_sigma_deg=0.5, attitude_feels_acceleration=True, gyro_time_constant_s=30.0),
 )  # fmt: skip
 READINGS = Arm(
-    key="attitude-0.5", label="each message 0.5° off", short="each message 0.5°", use_attitude=True,
-    sensors=_HALF_DEGREE,
+    key="attitude-0.5", label="each message 0.5° off", short="each message 0.5°",
+    settings=_broadcast(attitude_sigma_deg=0.5),
 )  # fmt: skip
 ROUGH = Arm(
-    key="attitude-2", label="each message 2° off", short="each message 2°", use_attitude=True,
-    sensors=Sensors(leader_attitude_sigma_deg=2.0), variants=_TWO,
+    key="attitude-2", label="each message 2° off", short="each message 2°",
+    settings=_broadcast(attitude_sigma_deg=2.0), variants=_TWO,
 )  # fmt: skip
 CROOKED = Arm(
-    key="offset-0.5", label="a constant 0.5° off", short="constant 0.5°", use_attitude=True,
-    sensors=Sensors(leader_attitude_offset_sigma_deg=0.5), variants=_TWO,
+    key="offset-0.5", label="a constant 0.5° off", short="constant 0.5°",
+    settings=_broadcast(attitude_offset_sigma_deg=0.5), variants=_TWO,
 )  # fmt: skip
 INFLATED = Arm(
     key="expected", label="σp inflated by the expected pitch", short="σp inflated", expect_pitch=True, variants=_TWO

@@ -6,23 +6,20 @@ angle with τ left at 0.01 m. Two that raise the mean position error by the same
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
+from experiments.asymmetry.conditions import CALM, fleet
 from experiments.asymmetry.missions import Plan, pair
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
 from experiments.intervals import Interval, mean_over_missions
 from laisn.arrays import Floats
 from laisn.settings import Variant
-from sim.flight import laisn_settings
 from sim.motion import simulate_motion
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import errors_of, observe
-from sim.trajectory import leveled, tilted
 
 TAU_M = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1.6)
 """τ of the rear transmitter; the first is the paper's usual one, 0.03 and 0.06 are those of its Stage 4."""
@@ -113,23 +110,18 @@ def fly_curves(plan: Plan, variants: Sequence[Variant] = ("laisn-2", "laisn-3-2"
     tau, pitch = [], []
     missions = [(follower, route, offset) for follower, route in enumerate(plan.routes) for offset in offsets]
     for follower, route, offset in missions:
-        level = leveled(pair(fleets[offset], follower))
-        for interval in INTERVALS_S:
-            one = scenario(CALM, route, offset, plan.duration_s)
-            one = one.model_copy(update={"timing": one.timing.model_copy(update={"message_interval_s": interval})})
-            errors, settings = errors_of(one), laisn_settings(one, level, 0)
-            first = first_run(CALM, route, offset)
-            truths = [observe(tilted(level, np.deg2rad(degrees)), Hearing.of(one)) for degrees in PITCH_DEG]
-            for variant in variants:
-                cell = Cell(
-                    truth=truths[0], errors=errors, settings=replace(settings, variant=variant), seed=SEED,
-                    runs=range(first, first + plan.runs),
-                )  # fmt: skip
-                key = {"route": route, "variant": variant, "interval_s": interval}
-                tilts = [replace(cell, truth=truth) for truth in truths]
-                pitch.append(_curve(tilts, **key, depth_offset_m=offset, value=PITCH_DEG))
-                if offset == offsets[0]:
-                    taus = [(t, *errors.range_tau[1:]) for t in TAU_M]
-                    wider = [replace(cell, errors=replace(errors, range_tau=widths)) for widths in taus]
-                    tau.append(_curve(wider, **key, depth_offset_m=float("nan"), value=TAU_M))
+        flown = pair(fleets[offset], follower, CALM, route, offset)
+        runs = range(flown.first_run, flown.first_run + plan.runs)
+        tilts = [flown.tilted(degrees) for degrees in PITCH_DEG]
+        for interval, variant in product(INTERVALS_S, variants):
+            key = {"route": route, "variant": variant, "interval_s": interval}
+            told = {"timing.message_interval_s": interval, "navigation.variant": variant}
+            one = flown.scenario(told)
+            cells = [Cell.of(one, 0, runs, mission=tilt) for tilt in tilts]
+            pitch.append(_curve(cells, **key, depth_offset_m=offset, value=PITCH_DEG))
+            if offset == offsets[0]:
+                widths = [[value, *one.acoustics.range_tau_m[1:]] for value in TAU_M]
+                wider = [flown.scenario({**told, "acoustics.range_tau_m": width}) for width in widths]
+                cells = [Cell.of(scenario, 0, runs, mission=tilts[0]) for scenario in wider]
+                tau.append(_curve(cells, **key, depth_offset_m=float("nan"), value=TAU_M))
     return Curves(tau=tuple(tau), pitch=tuple(pitch))

@@ -180,6 +180,18 @@ class Store:
         self._write(key, ".parquet", columns_of([row]))
         self._rows[key] = {name: value for name, value in row.items() if not name.startswith(PER_RUN)}
 
+    def rows(self, key: str) -> list[Record] | None:
+        """Rows that belong together, as `write_rows` stored them; None if they must be computed."""
+        row = self.read(key)
+        if row is None:
+            return None
+        columns = {name: values for name, values in row.items() if name != "version"}
+        return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+    def write_rows(self, key: str, rows: Sequence[Record]) -> None:
+        """Store rows that belong together, under one key, as lists; errors as of `write`."""
+        self.write(key, columns_of(rows) | {"version": code_version()})
+
     def _write(self, key: str, suffix: str, columns: Mapping[str, Any]) -> None:
         with replaced(self._cells / f"{key}{suffix}") as part:
             part.write_bytes(sealed(_parquet(columns, {b"seal": blank(key)})))

@@ -2,6 +2,7 @@
 
 import hashlib
 import platform
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -11,13 +12,8 @@ from laisn.sources import ROOT, Sources
 PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
 """Packages that shape results."""
 
-_COMPUTING = (
-    "experiments.campaign.campaign",
-    "sim.scenario.file",
-    "experiments.study.facts",
-    "experiments.study.closed_runs",
-)
-"""Where numbers begin: cells of runs, settings as a scenario, and what studies measure of missions besides."""
+_COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file")
+"""Where the numbers of cells begin: runs, and settings as a scenario. Tasks and facts add sources of their own."""
 _DATA = {".xml", ".json"}
 """Files beside the modules of a package that its modules read: vehicles, routes."""
 
@@ -45,6 +41,21 @@ def fingerprint(root: Path = ROOT) -> str:
     """Hash of names and bytes of `sources`, 12 hexadecimal digits."""
     digest = hashlib.sha256()
     for path in sources(root):
+        digest.update(path.relative_to(root).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def version_of(modules: Iterable[str], root: Path = ROOT) -> str:
+    """Hash of every source that may change the numbers of a study.
+
+    Args:
+        modules: where its numbers are made; all that these can reach counts, and all that any campaign computes with.
+        root: folder of the packages.
+    """
+    files = {*Sources(root).reached(modules).values(), *sources(root)}
+    digest = hashlib.sha256()
+    for path in sorted(files):
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:12]

@@ -3,15 +3,16 @@
 Flies the leader with eight followers and writes `out/closed-loop/results.json`.
 """
 
-import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
-from experiments.campaign.processes import Pool
-from experiments.campaign.progress import progress
+from experiments.campaign import campaign
+from experiments.campaign.campaign import Design
+from experiments.campaign.store import Record
 from experiments.findings import FILE, Finding, Findings, of, plain, version_of
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
@@ -43,31 +44,29 @@ def steering(run: int, variant: Variant, steers_by: str) -> Scenario:
     )
 
 
-def measure(run: int, variant: Variant, steers_by: str) -> list[tuple[float, float, float]]:
+def measure(run: int, variant: Variant, steers_by: str) -> list[Record]:
     """Mean E_P, RMS distance off its place, and that distance at the end, of each follower, [m]."""
     flight, _ = fly(steering(run, variant, steers_by))
     time, routes, rows = flight.trajectory.time, routes_of(flight.scenario), []
     for i, estimates in enumerate(flight.estimates):
         error = metrics.position_errors(estimates.state[:, :2], flight.hydrophone(i)[:, :2])
         off = off_place(routes[i + 1], time, flight.trajectory.position[:, i + 1, :2])
-        rows.append((float(error.mean()), float(np.sqrt(np.mean(off**2))), float(off[-1])))
+        rms = float(np.sqrt(np.mean(off**2)))
+        rows.append({"error": float(error.mean()), "off": rms, "end": float(off[-1])})
     return rows
 
 
-def _labelled(run: int, variant: Variant, steers_by: str) -> tuple[tuple[Variant, str], list[tuple[float, ...]]]:
-    return (variant, steers_by), [tuple(row) for row in measure(run, variant, steers_by)]
-
-
-def findings_of(found: Mapping[tuple[Variant, str], Sequence[Sequence[tuple[float, ...]]]]) -> Findings:
+def findings_of(found: Mapping[tuple[Variant, str], Sequence[Sequence[Record]]]) -> Findings:
     """The record: of each variant and way of steering the rows of all followers, run by run."""
     named: dict[str, Finding] = {"runs": plain(len(RUNS), "runs of each route"), "lost-from": plain(LOST_M, "", "m")}
     for variant in VARIANTS:
         ends = []
         for i, route in enumerate(ROUTES):
             told, own = ([rows[i] for rows in found[variant, by]] for by in ("truth", "estimate"))
-            lost = sum(end > LOST_M for _, _, end in own)
-            ends += [end for _, _, end in own]
-            error, off = median(error for error, _, _ in told), median(off for _, off, _ in own)
+            far = [row["end"] for row in own]
+            lost = sum(end > LOST_M for end in far)
+            ends += far
+            error, off = median(row["error"] for row in told), median(row["off"] for row in own)
             named[f"error {variant} {route}"] = plain(error, "mean E_P, steering by the truth; median of runs", "m")
             named[f"off {variant} {route}"] = plain(off, "RMS off its place, by its estimate; median of runs", "m")
             named[f"lost {variant} {route}"] = of(proportion(lost, len(own)), "share of runs lost, 95 %")
@@ -80,15 +79,11 @@ def findings_of(found: Mapping[tuple[Variant, str], Sequence[Sequence[tuple[floa
 
 
 def run(folder: Path) -> None:
-    """Fly all runs and write the record into a folder."""
-    found: dict[tuple[Variant, str], list[list[tuple[float, ...]]]] = {}
-    tasks = [(run, variant, by) for variant in VARIANTS for by in ("estimate", "truth") for run in RUNS]
-    with Pool(len(os.sched_getaffinity(0))) as pool, progress("fleets", len(tasks)) as advance:
-        for key, rows in pool.each(_labelled, iter(tasks)):
-            found.setdefault(key, []).append(rows)
-            advance()
-    folder.mkdir(parents=True, exist_ok=True)
-    findings_of(found).write(folder / FILE)
+    """Fly all runs, or those that are missing, and write the record into a folder."""
+    ways = [(variant, by) for variant in VARIANTS for by in ("estimate", "truth")]
+    tasks = {(*way, run): partial(measure, run, *way) for way in ways for run in RUNS}
+    flown = campaign.fly(Design(tasks=tasks, what="fleets"), folder).tasks
+    findings_of({way: [flown[*way, run] for run in RUNS] for way in ways}).write(folder / FILE)
 
 
 if __name__ == "__main__":

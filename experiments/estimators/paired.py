@@ -102,6 +102,18 @@ class Paired:
         return self.tight_mean / self.laisn_mean
 
 
+@dataclass(frozen=True, kw_only=True)
+class Captured:
+    """How many runs were captured at the mirror image."""
+
+    runs: int
+    """Of each navigator."""
+    laisn: int
+    """Of LAISN-2."""
+    tight: int
+    """Of the tightly coupled navigator."""
+
+
 def _weaving(route: Route) -> tuple[tuple[float, float, float], ...]:
     """Waypoints (time, east, north) of legs that alternate by `WEAVE` about those of a route, its corners kept."""
     half = 0.5 * WEAVE_PERIOD
@@ -270,7 +282,7 @@ def compare(
     return paired(route, interval, pair(truth, measured, given, round(interval / truth.dt)), bound)
 
 
-def captures(route: str, interval: float, transmitters: int, runs: range, seed: int) -> tuple[int, int]:
+def captures(route: str, interval: float, transmitters: int, runs: range, seed: int) -> Captured:
     """How many runs of LAISN-2 and of the tightly coupled navigator are captured at the mirror image."""
     truth, errors = mission(route, interval, 0.0)
     settings, steps = TightSettings(transmitters=transmitters), round(interval / truth.dt)
@@ -282,4 +294,4 @@ def captures(route: str, interval: float, transmitters: int, runs: range, seed: 
             found = run_mission(settings, given, truth.start, covariance=False).state
             laisn += _captured(heard[:, :, i], truth, steps)
             tight += _captured(found, truth, steps)
-    return laisn, tight
+    return Captured(runs=len(runs), laisn=laisn, tight=tight)

@@ -1,6 +1,6 @@
 """What the study of the estimators flies: one mission after another, each a few seconds of computing."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.missions import mission_of, motion_of
+from experiments.campaign.tasks import Task
 from experiments.estimators import paired
 from experiments.estimators.cases import CASES, WRONG
 from experiments.flight.library import ROUTES, load
@@ -57,7 +58,7 @@ class Size:
 
 
 QUICK = Size(runs=4, varied=2, captures=64, routes=("T2", "T6"), few=("T2",))
-Task = tuple[tuple[Any, ...], Callable[[], Any]]
+Named = tuple[tuple[Any, ...], Task]
 """Name of a task, its parts from general to special, and what it computes."""
 
 
@@ -83,7 +84,7 @@ def _scaled(sigma: str, factor: float) -> TightSettings:
     return replace(usual, **{sigma: factor * getattr(usual, sigma)})
 
 
-def tasks(size: Size) -> Iterator[Task]:
+def tasks(size: Size) -> Iterator[Named]:
     """All tasks, the longest first."""
     compare = partial(paired.compare, seed=SEED)
     plain, two = CASES[0], CASES[1]

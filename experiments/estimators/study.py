@@ -1,6 +1,5 @@
 """The study of the estimators: `laisn estimators`. LAISN-2, the tightly coupled navigator and the bound, paired."""
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
@@ -8,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.campaign.processes import Pool
-from experiments.campaign.progress import progress
+from experiments.campaign import campaign
+from experiments.campaign.campaign import Design
+from experiments.campaign.store import Record
+from experiments.campaign.tasks import with_arrays
 from experiments.estimators.cases import CASES
-from experiments.estimators.paired import Paired
+from experiments.estimators.paired import Captured, Paired
 from experiments.estimators.plan import INTERVALS, ON_AXIS, QUICK, SEAS, SEED, SIGMAS, Size, tasks
 from experiments.findings import FILE, Finding, Findings, of, plain, version_of
 from experiments.intervals import Interval, bootstrap_ratios, proportion
@@ -22,13 +23,8 @@ Found = Mapping[tuple[Any, ...], Any]
 """What the tasks came to, by their names."""
 
 
-def _flown(name: tuple[Any, ...], size: Size) -> tuple[tuple[Any, ...], Any]:
-    """A task by its name: what is to be computed need not be sent to another process."""
-    return name, dict(tasks(size))[name]()
-
-
-def chosen(found: Found, *first: Any) -> list[Paired]:
-    """The missions whose names begin so."""
+def chosen(found: Found, *first: Any) -> list[Any]:
+    """What tasks whose names begin so came to."""
     return [value for name, value in found.items() if name[: len(first)] == first]
 
 
@@ -107,9 +103,8 @@ def findings_of(found: Found) -> Findings:
             named[f"rms-bound {key}"] = plain(one.bound_rms, "its bound", "m")
     for transmitters in (2, 3):
         for route in ON_AXIS:
-            parts = [(name[3], value) for name, value in found.items() if name[:3] == ("captures", transmitters, route)]
-            runs = named_runs(found, transmitters, route)
-            laisn, tight = (sum(value[i] for _, value in parts) for i in (0, 1))
+            parts: list[Captured] = chosen(found, "captures", transmitters, route)
+            runs, laisn, tight = (sum(getattr(part, name) for part in parts) for name in ("runs", "laisn", "tight"))
             key = f"{transmitters} {route}"
             named[f"many-runs {key}"] = plain(runs, "runs")
             named[f"many {key}"] = of(proportion(tight, runs), "share of runs captured, 95 %")
@@ -118,24 +113,14 @@ def findings_of(found: Found) -> Findings:
     return Findings(study="estimators", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
 
 
-def named_runs(found: Found, transmitters: int, route: str) -> int:
-    """How many runs were flown to see which are captured."""
-    return int(found["capture runs", transmitters, route])
+def _result(name: tuple[Any, ...], row: Record) -> Paired | Captured:
+    return Captured(**row) if name[0] == "captures" else Paired(**with_arrays(row))
 
 
-def fly(size: Size, workers: int | None = None) -> dict[tuple[Any, ...], Any]:
-    """Fly all tasks, in parallel."""
-    names = [name for name, _ in tasks(size)]
-    found: dict[tuple[Any, ...], Any] = {}
-    with Pool(workers or len(os.sched_getaffinity(0))) as pool, progress("missions", len(names)) as advance:
-        for name, value in pool.each(_flown, ((name, size) for name in names)):
-            found[name] = value
-            advance()
-    for transmitters in (2, 3):
-        for route in ON_AXIS:
-            found["capture runs", transmitters, route] = size.captures
-    order = {name: number for number, name in enumerate(names)}
-    return dict(sorted(found.items(), key=lambda item: order.get(item[0], len(order))))
+def fly(size: Size, folder: Path, workers: int | None = None) -> dict[tuple[Any, ...], Any]:
+    """Fly all tasks, or those that are missing, in parallel."""
+    flown = campaign.fly(Design(tasks=dict(tasks(size)), what="missions"), folder, workers=workers).tasks
+    return {name: _result(name, row) for name, (row,) in flown.items()}
 
 
 def run(folder: Path, *, quick: bool = False, workers: int | None = None) -> dict[tuple[Any, ...], Any]:
@@ -149,7 +134,6 @@ def run(folder: Path, *, quick: bool = False, workers: int | None = None) -> dic
     Returns:
         What the tasks came to, by their names.
     """
-    found = fly(QUICK if quick else Size(), workers)
-    folder.mkdir(parents=True, exist_ok=True)
+    found = fly(QUICK if quick else Size(), folder, workers)
     findings_of(found).write(folder / FILE)
     return found

@@ -1,6 +1,8 @@
 """The built-in scenarios, and how a user's scenario is found."""
 
+import json
 import re
+import shlex
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -112,6 +114,29 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
     else:
         table, name = table_of(str(source)), str(source)
     return validate(assigned(table, changes), name, further=misfits)
+
+
+def text_of(value: Any) -> str:
+    """A value as `--set` takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return value if re.fullmatch(r"[A-Za-z][\w-]*", value) and value not in ("true", "false", "inf", "nan") else (
+            json.dumps(value, ensure_ascii=False)
+        )  # fmt: skip
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(text_of, value))}]"
+    if isinstance(value, dict):
+        return f"{{{','.join(f'{k}={text_of(v)}' for k, v in value.items())}}}"
+    return repr(value)
+
+
+def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
+    """The command that flies one run of a scenario with other settings, alone and with the very same noise."""
+    words = ["laisn", "fly", source, "--run", str(run)]
+    for key, value in settings.items():
+        words += ["--set", f"{key}={text_of(value)}"]
+    return shlex.join(words)
 
 
 def show() -> None:

@@ -4,15 +4,16 @@ Writes `out/formation/results.json`. `--quick` flies two runs of 100 s.
 """
 
 import argparse
-import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from experiments.campaign.processes import Pool
-from experiments.campaign.progress import progress
+from experiments.campaign import campaign
+from experiments.campaign.campaign import Design
+from experiments.campaign.tasks import with_arrays
 from experiments.findings import FILE, Finding, Findings, of, plain, version_of
 from experiments.flight.swarm import simulate_swarm
 from experiments.formation.conditions import CONDITIONS, Condition
@@ -29,7 +30,8 @@ TURNING = 1e-3
 """A formation whose frame turns faster is in a turn [rad/s]."""
 
 
-class Run(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class Run:
     """What one run came to, for each of f followers where an array, shape (f,)."""
 
     rms: Floats
@@ -75,10 +77,6 @@ def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> R
     )
 
 
-def _labelled(condition: Condition, run: int, duration_s: float) -> tuple[str, int, Run]:
-    return condition.name, run, measure(condition, run, duration_s)
-
-
 def _of_condition(name: str, runs: Sequence[Run]) -> dict[str, Finding]:
     """Findings of one condition; intervals are over runs."""
     rms = np.array([run.rms for run in runs])
@@ -113,18 +111,14 @@ def findings_of(found: Mapping[str, Sequence[Run]]) -> Findings:
 
 
 def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S) -> None:
-    """Fly all conditions and write the record into a folder."""
-    # compile once, not in each process
-    measure(CONDITIONS[0], 0, 3.0)
-    found: dict[str, dict[int, Run]] = {condition.name: {} for condition in CONDITIONS}
-    tasks = [(condition, number, duration_s) for number in range(runs) for condition in CONDITIONS]
-    with Pool(len(os.sched_getaffinity(0))) as pool, progress("formations", len(tasks)) as advance:
-        for name, number, result in pool.each(_labelled, iter(tasks)):
-            found[name][number] = result
-            advance()
-    folder.mkdir(parents=True, exist_ok=True)
-    ordered = {name: [results[number] for number in sorted(results)] for name, results in found.items()}
-    findings_of(ordered).write(folder / FILE)
+    """Fly all conditions, or what is missing of them, and write the record into a folder."""
+    tasks = {(c.name, number): partial(measure, c, number, duration_s) for number in range(runs) for c in CONDITIONS}
+    design = Design(tasks=tasks, what="formations", ahead=partial(measure, CONDITIONS[0], 0, 3.0))
+    flown = campaign.fly(design, folder).tasks
+    found: dict[str, list[Run]] = {condition.name: [] for condition in CONDITIONS}
+    for (name, _), (row,) in flown.items():
+        found[name].append(Run(**with_arrays(row)))
+    findings_of(found).write(folder / FILE)
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import CellPlan
+from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Record, Steps, Store
 from experiments.flight.library import ROUTES
 from experiments.reproduction import stages

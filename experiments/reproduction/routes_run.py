@@ -1,37 +1,34 @@
-"""The stages on drawn routes, from drawing to report."""
+"""The stages on drawn routes: tables and report of what was flown."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
-from experiments.campaign.campaign import CellPlan
-from experiments.campaign.store import Record, Store, columns_of, write_csv, write_table
+from experiments.campaign.campaign import Flown
+from experiments.campaign.plans import CellPlan
+from experiments.campaign.store import columns_of, write_csv, write_table
 from experiments.pages.page import write
-from experiments.reproduction.record import fly_once, plan_cells
+from experiments.reproduction.record import fly_once
 from experiments.reproduction.routes_page import page_of
-from experiments.reproduction.routes_study import Study, distributions, draw_followers, evidence_of, judge
-from experiments.reproduction.stages import Motion, Setting
+from experiments.reproduction.routes_study import Study, distributions, evidence_of, judge
+from experiments.reproduction.stages import Key, Setting
 
 
-def study(
-    settings: tuple[Setting, ...], *, motion: Motion, runs: int, missions: int, seed: int, folder: Path,
-    run: Callable[[Sequence[CellPlan]], list[Record]],
-) -> Path:  # fmt: skip
-    """Draw routes, fly the stages on them, write tables and report; arguments and errors as in `reproduce`."""
-    followers = draw_followers(missions, seed)
-    classes = {name: name.rsplit("-", 1)[0] for name in followers}
-    plans = plan_cells(settings, followers, motion=motion, runs=runs, seed=seed, keep_steps=False)
-    rows = dict(zip(plans, run(list(plans.values())), strict=True))
-    flights = fly_once(plans, Store(folder))
+def write_routes(settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], flown: Flown) -> Path:
+    """Write tables and report of the stages on drawn routes, `CLASS-0`, `CLASS-1` and so on; gives the report."""
+    folder, first = flown.store.folder, next(iter(plans.values()))
+    classes = {name: name.rsplit("-", 1)[0] for _, name, _ in plans}
+    rows, seed = dict(zip(plans, flown.rows, strict=True)), first.scenario.seed
+    flights = fly_once(plans, flown.store)
     table = distributions(settings, rows, classes, seed)
     write_table(folder / "distributions.parquet", columns_of(table))
     write_csv(folder / "distributions.csv", table)
     cells = [{"setting": key[0], "class": classes[key[1]], **row} for key, row in rows.items()]
     write_table(folder / "tables.parquet", columns_of(cells))
     result = Study(
-        motion=motion,
-        runs=runs,
+        motion=first.scenario.motion,
+        runs=first.runs,
         seed=seed,
-        routes=missions,
+        routes=len(classes) // len(set(classes.values())),
         settings=settings,
         rows=rows,
         classes=classes,

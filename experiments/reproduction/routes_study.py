@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.campaign.store import Record
+from experiments.intervals import Interval
 from experiments.reproduction import stages
 from experiments.reproduction.claims import CLAIMS, Claim
 from experiments.reproduction.record import mean_distance
@@ -28,15 +29,6 @@ RESAMPLES = 1000
 CLAIM_RESAMPLES = 200
 CONFIDENCE = 0.95
 BURST_QUANTILE = 0.9
-
-
-@dataclass(frozen=True, kw_only=True)
-class Interval:
-    """A mean over routes and its confidence interval."""
-
-    mean: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +80,7 @@ def bootstrap(values: Floats, rng: np.random.Generator) -> Interval:
     """Mean of values over routes, shape (m,), and its percentile interval (Efron & Tibshirani 1993, Section 13.3)."""
     means = values[rng.integers(values.size, size=(RESAMPLES, values.size))].mean(axis=1)
     low, high = np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return Interval(mean=float(values.mean()), low=float(low), high=float(high))
+    return Interval(float(values.mean()), float(low), float(high))
 
 
 def geometry(flight: Trajectory) -> tuple[float, float]:
@@ -154,7 +146,7 @@ def distributions(
                 for metric in METRICS:
                     values = np.array([rows[setting.name, m, variant][metric] for m in members])
                     interval = bootstrap(values, rng)
-                    line |= {metric: interval.mean, f"{metric}_low": interval.low, f"{metric}_high": interval.high}
+                    line |= {metric: interval.value, f"{metric}_low": interval.low, f"{metric}_high": interval.high}
                 captured = sum(rows[setting.name, m, variant]["captured_runs"] for m in members)
                 table.append({**line, "captured_runs": captured})
     return table

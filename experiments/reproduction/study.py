@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import CellPlan
-from experiments.campaign.store import Record, Store, columns_of, write_csv, write_table
+from experiments.campaign.campaign import Design, Flown
+from experiments.campaign.plans import CellPlan
+from experiments.campaign.store import Record, columns_of, write_csv, write_table
 from experiments.findings import FILE
-from experiments.flight.library import ROUTES
+from experiments.flight.library import ROUTES, fly_line
 from experiments.pages.page import write
 from experiments.reproduction import stages
 from experiments.reproduction.claims import CLAIMS, Claim
@@ -22,6 +23,7 @@ from experiments.reproduction.record import (
     mean_distance,
     plan_cells,
 )
+from experiments.reproduction.routes_study import draw_followers
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.reproduction.verdict import Judgement, Results
 from laisn.failure import LaisnError
@@ -42,8 +44,7 @@ def fly_command(scenario: Scenario, run: int) -> str:
     """The command that flies one run of a cell of a built-in mission alone, with the very same noise."""
     default = Scenario(name=scenario.name, followers=(Follower(route=scenario.name),)).model_dump(mode="json")
     changed = _differences(scenario.model_dump(mode="json"), default, "")
-    texts = [f"--set {key}={str(value).lower() if isinstance(value, bool) else value}" for key, value in changed]
-    return " ".join(["laisn fly", scenario.name, f"--run {run}", *(t.replace(", ", ",") for t in texts)])
+    return fly_line(scenario.name, dict(changed), run)
 
 
 def table_rows(
@@ -113,37 +114,30 @@ def reproduce(
     settings = stages.settings_of(stage or None)
     if motion not in ("physics", "kinematic"):
         raise LaisnError(f"unknown motion {motion!r}; available: physics, kinematic")
-    if missions is not None:
-        from experiments.reproduction.routes_run import study
+    name = "reproduce" if missions is None else "routes"
+    folder = out or Path("out") / f"{name}-{motion}"
+    followers = followers_of_the_paper() if missions is None else draw_followers(missions, seed)
+    plans = plan_cells(settings, followers, motion=motion, runs=runs, seed=seed, keep_steps=missions is None)
+    design = Design(cells=list(plans.values()))
+    flown = campaign.fly(design, folder, workers=workers, cluster=cluster, force=force, quiet=quiet)
+    if missions is None:
+        return _write(settings, plans, flown)
+    from experiments.reproduction.routes_run import write_routes
 
-        folder = out or Path("out") / f"routes-{motion}"
-        return study(
-            settings, motion=motion, runs=runs, missions=missions, seed=seed, folder=folder,
-            run=lambda plans: campaign.run(
-                plans, folder, workers=workers, cluster=cluster, force=force, quiet=quiet
-            ),
-        )  # fmt: skip
-    folder = out or Path("out") / f"reproduce-{motion}"
-    plans = plan_cells(settings, followers_of_the_paper(), motion=motion, runs=runs, seed=seed)
-    records = campaign.run(
-        list(plans.values()), folder, workers=workers, cluster=cluster, force=force, quiet=quiet
-    )  # fmt: skip
-    rows = dict(zip(plans, records, strict=True))
-    return _write(settings, plans, rows, folder)
+    return write_routes(settings, plans, flown)
 
 
-def _write(
-    settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], rows: Mapping[Key, Record], folder: Path
-) -> Path:
+def _write(settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], flown: Flown) -> Path:
     from experiments.reproduction.page import page_of
 
-    store, published = Store(folder), stages.published()
+    folder, published = flown.store.folder, stages.published()
+    rows = dict(zip(plans, flown.rows, strict=True))
     table = table_rows(settings, plans, rows, published)
     write_table(folder / "tables.parquet", columns_of(table))
     write_csv(folder / "tables.csv", table)
-    kept = {key: store.read_steps(plan.key) for key, plan in plans.items() if plan.keep_steps}
+    kept = {key: flown.store.read_steps(plan.key) for key, plan in plans.items() if plan.keep_steps}
     steps = {key: value for key, value in kept.items() if value is not None}
-    flights = fly_once(plans, store)
+    flights = fly_once(plans, flown.store)
     distance = {name: mean_distance(flight) for name, flight in flights.items()}
     ours = {key: {**row, "distance_m": distance[key[1]]} for key, row in rows.items()}
     results = Results(rows=ours, missions=ROUTES, steps=steps)

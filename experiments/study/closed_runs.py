@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from experiments.campaign.store import Record
+from experiments.campaign.store import CampaignError, Record
 from experiments.flight.fly import fly
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.study.facts import facts_of
@@ -21,12 +21,15 @@ def is_captured(flight: Flight, follower: int) -> bool:
     return bool(first.size and np.max(after - first) >= flight.scenario.message_every)
 
 
-def records_of_run(scenario: Scenario, run: int) -> list[Record] | str:
-    """Results of a run for each follower, by the names of a cell's lists and of `FACTS`; text: why it has none."""
+def records_of_run(scenario: Scenario, run: int) -> list[Record]:
+    """Results of a run for each follower, by the names of a cell's lists and of `FACTS`.
+
+    Raises CampaignError if it was not flown to its end.
+    """
     one = scenario.model_copy(update={"run": run})
     flight, _ = fly(one)
     if flight.outcome is not Outcome.COMPLETED:
-        return f"run {run}: {flight.outcome.value}"
+        raise CampaignError(f"run {run}: {flight.outcome.value}")
     facts, rows = facts_of(one, flight.trajectory), []
     for i, (position, bearing) in enumerate(position_and_bearing_errors(flight)):
         degrees = np.rad2deg(bearing)

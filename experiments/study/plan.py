@@ -1,16 +1,13 @@
 """The plan of a study: every scenario that it flies, all of them valid before the first is flown."""
 
 import difflib
-import json
-import re
-import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from experiments.campaign.missions import digest, motion_key, motion_of
-from experiments.flight.library import table_of
+from experiments.flight.library import fly_line, table_of, text_of
 from experiments.study.factors import points_of
 from experiments.study.file import Study, refusal
 from experiments.study.metrics import METRICS
@@ -21,21 +18,6 @@ from sim.scenario.settings import Misfit, Scenario
 ALONE = "all"
 """Name of the only arm of a study that names none."""
 MOST_ENTRIES = 200_000
-
-
-def _text(value: Any) -> str:
-    """A value as `--set` takes it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return value if re.fullmatch(r"[A-Za-z][\w-]*", value) and value not in ("true", "false", "inf", "nan") else (
-            json.dumps(value, ensure_ascii=False)
-        )  # fmt: skip
-    if isinstance(value, list | tuple):
-        return f"[{','.join(map(_text, value))}]"
-    if isinstance(value, dict):
-        return f"{{{','.join(f'{k}={_text(v)}' for k, v in value.items())}}}"
-    return repr(value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +31,11 @@ class Entry:
     """All that differs from the study's scenario, by key."""
     scenario: Scenario
 
+    @property
+    def place(self) -> tuple[int, str, int]:
+        """Where in the study it stands, which no other does."""
+        return self.point, self.arm, self.sea
+
     @cached_property
     def motion(self) -> str:
         """Key of its mission, which others may share."""
@@ -61,8 +48,7 @@ class Entry:
 
     def command(self, source: str, run: int) -> str:
         """The command that flies one of its runs alone, with the very same noise."""
-        changes = " ".join(f"--set {shlex.quote(f'{key}={_text(value)}')}" for key, value in self.settings.items())
-        return f"laisn fly {shlex.quote(source)} {changes} --run {run}".replace("  ", " ")
+        return fly_line(source, self.settings, run)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +103,7 @@ def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[s
 
 
 def _where(point: Mapping[str, Any], arm: str, sea: int, study: Study) -> str:
-    parts = [f"{key} = {_text(value)}" for key, value in point.items()]
+    parts = [f"{key} = {text_of(value)}" for key, value in point.items()]
     parts += [f"arm {arm}"] if study.arms else []
     parts += [f"sea {sea}"] if study.seas > 1 else []
     return ", ".join(parts)

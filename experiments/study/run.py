@@ -1,25 +1,24 @@
 """Flying a study: missions in parallel, each once, then cells; all of it stored, and gone on with after a kill."""
 
-import os
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.campaign import missions
-from experiments.campaign.campaign import CellPlan, compile_ahead, compute_cells, missing_cells
-from experiments.campaign.processes import Pool
-from experiments.campaign.progress import compiling_shown, progress
-from experiments.campaign.store import CampaignError, Record, Store, columns_of
-from experiments.campaign.version import code_version
+from experiments.campaign import campaign, missions
+from experiments.campaign.campaign import Design
+from experiments.campaign.plans import CellPlan
+from experiments.campaign.store import Record, columns_of
 from experiments.flight.fly import fly
 from experiments.study.closed_runs import records_of_run
 from experiments.study.facts import facts_of
 from experiments.study.plan import Entry, Plan
-from sim.scenario.settings import Scenario
-from sim.trajectory import Trajectory
+
+_OWN = ("key", "mission", "version", "motion")
+"""Columns of a cell's row that no table of results has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,87 +41,11 @@ def plans_of(entry: Entry, runs: int) -> list[CellPlan]:
     ]
 
 
-def _facts_key(motion: str) -> str:
-    return missions.digest([motion, "facts"])
-
-
-def _run_key(scenario: Scenario, run: int) -> str:
-    return missions.key_of(missions.content_of(scenario), "closed loop", run)
-
-
-def _fly(scenario: Scenario) -> tuple[Scenario, Trajectory | None, list[Record] | str]:
-    """A mission and its facts; None and what happened if it cannot be flown."""
-    try:
-        trajectory = missions.simulate_mission(scenario)
-    except CampaignError as error:
-        return scenario, None, str(error).splitlines()[0]
-    return scenario, trajectory, facts_of(scenario, trajectory)
-
-
-def _fly_run(scenario: Scenario, run: int) -> tuple[str, list[Record] | str]:
-    """Key of a run in which followers steer by their estimates, and its results for each follower."""
-    return _run_key(scenario, run), records_of_run(scenario, run)
-
-
-def _store_records(store: Store, key: str, records: list[Record]) -> None:
-    """A record for each follower, as one row of lists."""
-    store.write(key, {"version": code_version()} | columns_of(records))
-
-
-def _stored_records(store: Store, key: str) -> list[Record] | None:
-    row = store.read(key)
-    if row is None:
-        return None
-    columns = {name: values for name, values in row.items() if name != "version"}
-    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
-
-
-def _fly_missions(entries: Iterable[Entry], store: Store, pool: Pool, *, quiet: bool) -> dict[str, str]:
-    """Fly and store the missions that are missing; what happened to those that cannot be flown, by motion."""
-    by_motion = {entry.motion: entry.scenario for entry in entries if not entry.closed_loop}
-    wanted = [
-        scenario
-        for motion, scenario in by_motion.items()
-        if _stored_records(store, _facts_key(motion)) is None or not (store.flights / f"{motion}.npz").is_file()
-    ]
-    failed = {}
-    with progress("missions", len(wanted), quiet=quiet) as advance:
-        for scenario, trajectory, found in pool.each(_fly, ((scenario,) for scenario in wanted)):
-            motion = missions.motion_key(scenario)
-            if trajectory is None or isinstance(found, str):
-                failed[motion] = str(found)
-            else:
-                missions.store(store.flights, scenario, trajectory)
-                _store_records(store, _facts_key(motion), found)
-            advance()
-    return failed
-
-
-def _fly_runs(entries: Iterable[Entry], runs: int, store: Store, pool: Pool, *, quiet: bool) -> dict[str, str]:
-    """Fly and store the missing runs of closed loops; what happened to those that diverged, by key."""
-    wanted = {
-        _run_key(entry.scenario, run): (entry.scenario, run)
-        for entry in entries
-        if entry.closed_loop
-        for run in range(runs)
-    }
-    missing = [given for key, given in wanted.items() if store.read(key) is None]
-    failed = {}
-    with progress("runs", len(missing), quiet=quiet) as advance:
-        for key, found in pool.each(_fly_run, missing):
-            if isinstance(found, str):
-                failed[key] = found
-            else:
-                _store_records(store, key, found)
-            advance()
-    return failed
-
-
-def _of_runs(entry: Entry, follower: int, runs: int, store: Store) -> tuple[Record, Record]:
+def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tuple[Record, Record]:
     """Row and lists over runs of a follower of a closed loop."""
-    stored = [_stored_records(store, _run_key(entry.scenario, run)) for run in range(runs)]
-    lists = columns_of([records[follower] for records in stored if records])
-    row: Record = {"variant": entry.scenario.navigation.variant, "seed": entry.scenario.seed, "runs": runs}
+    lists = columns_of([records[follower] for records in found])
+    told = entry.scenario
+    row: Record = {"variant": told.navigation.variant, "seed": told.seed, "runs": len(found)}
     for name, values in lists.items():
         whole = np.array(values, dtype=np.float64)
         if name.endswith(("_max_m", "_max_deg")):
@@ -138,14 +61,6 @@ def _of_runs(entry: Entry, follower: int, runs: int, store: Store) -> tuple[Reco
     return row, lists
 
 
-def _of_cell(plan: CellPlan, entry: Entry, store: Store) -> tuple[Record, Record]:
-    """Row and lists over runs of a follower whose mission all runs share."""
-    row, facts = store.read(plan.key), _stored_records(store, _facts_key(entry.motion))
-    if row is None or facts is None:
-        raise CampaignError(f"{store.folder}: cell {plan.key} vanished while it was computed")
-    return row | facts[plan.follower], store.read_runs(plan.key)
-
-
 def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
     point = plan.points[entry.point]
     drawn = {draw.key: entry.settings[draw.key] for draw in plan.study.draws}
@@ -153,14 +68,10 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
     return {"point": entry.point, **point, "arm": entry.arm, "sea": entry.sea, "follower": name, **drawn}
 
 
-def _compile_ahead(entry: Entry, plan: CellPlan) -> None:
-    """Compile here what each process would else compile for itself."""
-    if entry.closed_loop:
-        two = min(2 * entry.scenario.timing.message_interval_s, entry.scenario.duration_s)
-        with compiling_shown():
-            fly(entry.scenario.model_copy(update={"duration_s": two}))
-    else:
-        compile_ahead(plan)
+def first_messages(entry: Entry) -> None:
+    """Fly an entry as far as its second message: compiling is all that takes time."""
+    two = min(2 * entry.scenario.timing.message_interval_s, entry.scenario.duration_s)
+    fly(entry.scenario.model_copy(update={"duration_s": two}))
 
 
 def fly_study(
@@ -189,29 +100,36 @@ def fly_study(
         LaisnError: the folder is of another version, the cluster cannot be used, or an estimate diverged.
         CampaignError: a process died or the sources changed; what was computed is stored.
     """
-    runs, entries = plan.study.runs, plan.entries
-    store = Store(folder, force=force)
-    if cluster is None and not quiet:
-        _compile_ahead(entries[0], plans_of(entries[0], runs)[0])
-    with Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster) as pool:
-        failed = _fly_missions(entries, store, pool, quiet=quiet)
-        failed |= _fly_runs(entries, runs, store, pool, quiet=quiet)
-        flown = [e for e in entries if not e.closed_loop and e.motion not in failed]
-        missing = missing_cells((cell for entry in flown for cell in plans_of(entry, runs)), store)
-        compute_cells(missing, store, pool, quiet=quiet)
+    cells = {entry.place: plans_of(entry, plan.study.runs) for entry in plan.entries}
+    closed = [entry for entry in plan.entries if entry.closed_loop]
+    tasks = {
+        (entry.place, run): partial(records_of_run, missions.content_of(entry.scenario), run)
+        for entry in closed
+        for run in range(plan.study.runs)
+    }
+    design = Design(
+        cells=[cell for entry in plan.entries if not entry.closed_loop for cell in cells[entry.place]],
+        facts=facts_of,
+        tasks=tasks,
+        what="runs",
+        ahead=partial(first_messages, closed[0]) if closed else None,
+    )
+    flown = campaign.fly(design, folder, workers=workers, cluster=cluster, force=force, quiet=quiet, tolerant=True)
     outcomes = Outcomes(rows=[], runs=[])
-    for entry in entries:
-        keys = [_run_key(entry.scenario, run) for run in range(runs)] if entry.closed_loop else [entry.motion]
-        what = next((failed[key] for key in keys if key in failed), None)
+    for entry in plan.entries:
+        names = [(entry.place, run) for run in range(plan.study.runs)] if entry.closed_loop else [entry.motion]
+        what = next((flown.failures[name] for name in names if name in flown.failures), None)
         if what is not None:
             outcomes.failures.setdefault(what, []).append(entry)
             continue
-        for cell in plans_of(entry, runs):
-            found = _of_runs(entry, cell.follower, runs, store) if entry.closed_loop else _of_cell(cell, entry, store)
-            measured = {name: value for name, value in found[0].items() if name not in ("key", "version", "motion")}
+        for cell in cells[entry.place]:
+            if entry.closed_loop:
+                row, lists = _of_runs(entry, cell.follower, [flown.tasks[name] for name in names])
+            else:
+                row, lists = flown.row(cell), flown.store.read_runs(cell.key)
             labels = _labels(plan, entry, cell.follower)
-            outcomes.rows.append(labels | measured)
-            outcomes.runs.append((labels, found[1]))
+            outcomes.rows.append(labels | {name: value for name, value in row.items() if name not in _OWN})
+            outcomes.runs.append((labels, lists))
     return outcomes
 
 

@@ -9,14 +9,15 @@ from typing import NamedTuple
 import tomli_w
 
 from experiments.campaign import missions
-from experiments.campaign.campaign import CellPlan, compile_ahead, compute
+from experiments.campaign.campaign import compile_ahead
+from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.store import write_table
 from experiments.flight.fly import fly
 from experiments.pages.page import write
 from experiments.study.estimate import Results
 from experiments.study.file import Study, table_in
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import Outcomes, fly_study, run_columns, table_columns
+from experiments.study.run import Outcomes, first_messages, fly_study, run_columns, table_columns
 from laisn.failure import LaisnError
 from laisn.whole_files import replaced
 
@@ -47,8 +48,7 @@ def effort_of(plan: Plan, workers: int) -> Effort:
     entry, runs = plan.entries[0], plan.study.runs
     cells = sum(len(e.scenario.followers) for e in plan.entries)
     if entry.closed_loop:
-        two = min(2 * entry.scenario.timing.message_interval_s, entry.scenario.duration_s)
-        fly(entry.scenario.model_copy(update={"duration_s": two}))
+        first_messages(entry)
         start = perf_counter()
         fly(entry.scenario)
         seconds, size = plan.flights * (perf_counter() - start), 4_000 * plan.flights

@@ -19,11 +19,11 @@ from experiments.asymmetry.added_error import (
     undecided,
     with_verdicts,
 )
-from experiments.asymmetry.conditions import QUICK_CONDITIONS
+from experiments.asymmetry.conditions import QUICK_CONDITIONS, scenario
 from experiments.asymmetry.gates import rates
 from experiments.asymmetry.map import closed_form_error, fix_error
-from experiments.asymmetry.missions import Row, _rms_deg, sense
-from experiments.asymmetry.remedies import AHRS, CROOKED, EXACT, LEVEL, LEVEL_BROADCAST, READINGS, REAL, STEADIED
+from experiments.asymmetry.missions import Pair, Row, _rms_deg
+from experiments.asymmetry.remedies import CROOKED, EXACT, LEVEL, LEVEL_BROADCAST, READINGS, REAL, STEADIED
 from experiments.asymmetry.verdict import Verdict
 from sim.sensing.ahrs import random_error
 from sim.trajectory import tilted
@@ -185,6 +185,9 @@ def test_the_closed_form_stays_on_the_axis_where_circles_do_not_meet() -> None:
     assert fix_error(-0.2, 10.0, 20.0, np.deg2rad(3.0)) == pytest.approx(40.0 * np.sin(np.deg2rad(1.5)))
 
 
+AHRS = scenario(QUICK_CONDITIONS[0], "T6", 5.0, settings=STEADIED.settings).sensors
+
+
 def test_errors_over_time_and_random_ones_add_in_squares() -> None:
     assert _rms_deg(np.deg2rad([3.0, -3.0]), np.deg2rad(4.0)) == pytest.approx(5.0)
 
@@ -193,7 +196,7 @@ def test_facts_of_a_mission_are_those_of_its_motion() -> None:
     """The leader pitched by a constant angle and level otherwise, a follower that stands off: all is known."""
     pitch = np.deg2rad(-5.0)
     flown = tilted(make_trajectory(make_scenario(60.0)), pitch, 0.0)
-    facts = sense(flown, QUICK_CONDITIONS[0], "T6", 5.0, 60.0).facts
+    facts = Pair(motion=flown, condition=QUICK_CONDITIONS[0], route="T6", offset=5.0).facts
     apart = flown.position[:, 1] - flown.position[:, 0]
     assert facts["pitch_rms_deg"] == pytest.approx(5.0)
     assert facts["pitch_max_deg"] == pytest.approx(5.0)
@@ -218,7 +221,7 @@ def test_the_errors_of_tilt_sensors_are_those_over_time_and_the_random_ones() ->
     quaternion = flown.quaternion.copy()
     quaternion[:, 0] = quaternion[0, 0]
     straight = replace(flown, velocity=velocity, quaternion=quaternion)
-    facts = sense(straight, QUICK_CONDITIONS[0], "T6", 5.0, 60.0).facts
+    facts = Pair(motion=straight, condition=QUICK_CONDITIONS[0], route="T6", offset=5.0).facts
     apparent = np.rad2deg(np.arctan(0.5 / 9.81))
     assert facts["inclinometer_rms_deg"] == pytest.approx(np.hypot(apparent, AHRS.leader_attitude_sigma_deg), rel=1e-6)
     # the filter comes to the apparent tilt as 1 − exp(−t / τ)

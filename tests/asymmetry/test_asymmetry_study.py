@@ -1,6 +1,7 @@
 """The pitch study on missions: arithmetic of its tables against closed forms, and a smoke run."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -19,19 +20,18 @@ from experiments.asymmetry.conditions import (
     fleet,
     scenario,
 )
-from experiments.asymmetry.flying import fly_condition
-from experiments.asymmetry.missions import Plan, pair, sense
+from experiments.asymmetry.flying import cell, fly_condition
+from experiments.asymmetry.missions import Plan, pair
 from experiments.asymmetry.planner import deepest_offset, worst_error
-from experiments.asymmetry.remedies import ARM, EXACT, LEVEL_BROADCAST, READINGS, STEADIED
+from experiments.asymmetry.remedies import ARM, EXACT, LEVEL_BROADCAST, READINGS, REAL, STEADIED
 from experiments.asymmetry.tau import Curve, equivalent
-from experiments.campaign.cells import Cell
+from experiments.campaign import tasks
 from experiments.campaign.montecarlo import histories
 from experiments.campaign.progress import while_compiling
 from experiments.flight.library import ROUTES, load
 from laisn.navigator import Navigator
 from sim.flight import navigate
 from sim.motion import simulate_motion
-from sim.sensing.observation import errors_of
 
 SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), looks=(24,),
              duration_s=40.0)  # fmt: skip
@@ -89,15 +89,17 @@ def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
 def test_level_and_real_leader_differ_in_nothing_but_the_ranges():
     condition = QUICK_CONDITIONS[0]
     trajectory = simulate_motion(fleet(condition, ("T6",), (5.0,), 20.0))
-    sensed = sense(pair(trajectory, 0), condition, "T6", 5.0, 20.0)
+    mission = pair(trajectory, 0, condition, "T6", 5.0)
+    real, level = (leader.seen(mission.scenario(), 0)[1] for leader in (mission.real, mission.level))
     for name in ("speed", "heading", "depth", "hydrophone", "sent_position", "sent_heading", "message_step"):
-        assert_allclose(getattr(sensed.real, name), getattr(sensed.level, name), atol=1e-12, err_msg=name)
-    assert np.abs(sensed.real.slant_range - sensed.level.slant_range)[:, :2].max() > 1e-3
+        assert_allclose(getattr(real, name), getattr(level, name), atol=1e-12, err_msg=name)
+    assert np.abs(real.slant_range - level.slant_range)[:, :2].max() > 1e-3
 
 
 def test_a_mission_of_a_fleet_is_the_mission_flown_alone():
     condition = QUICK_CONDITIONS[2]
-    together = pair(simulate_motion(fleet(condition, ("T3", "T6"), (0.0, 10.0), 20.0)), 3)
+    fleet_motion = simulate_motion(fleet(condition, ("T3", "T6"), (0.0, 10.0), 20.0))
+    together = pair(fleet_motion, 3, condition, "T6", 10.0).motion
     alone = simulate_motion(scenario(condition, "T6", 10.0, 20.0))
     assert_allclose(together.position, alone.position, atol=1e-9)
     assert_allclose(together.pitch, alone.pitch, atol=1e-9)
@@ -154,7 +156,7 @@ def test_planner_says_where_no_offset_will_do():
 
 
 def test_what_missions_need_is_compiled_ahead():
-    asymmetry._compile_ahead(QUICK_CONDITIONS[0], SHORT)
+    asymmetry._first_look(QUICK_CONDITIONS[0], SHORT)
     told = []
     with while_compiling(told.append):
         fly_condition(QUICK_CONDITIONS[0], 10.0, SHORT)
@@ -173,7 +175,7 @@ def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
     def never(*_: object) -> None:
         raise AssertionError("a stored task was computed again")
 
-    monkeypatch.setattr(asymmetry, "_compute", never)
+    monkeypatch.setattr(tasks, "_done", never)
     assert asymmetry.run(tmp_path, quick=True, workers=1, quiet=True).read_bytes() == first
 
     def fail(*_: object) -> None:
@@ -189,9 +191,6 @@ def test_a_run_of_the_study_is_the_flight_of_its_command():
     condition, duration = QUICK_CONDITIONS[2], 30.0
     flown = scenario(condition, "T6", 5.0, duration).model_copy(update={"run": 3})
     alone = navigate(flown, simulate_motion(flown), Navigator)
-    sensed = sense(
-        pair(simulate_motion(fleet(condition, ("T3", "T6"), (5.0,), duration)), 1), condition, "T6", 5.0, duration
-    )
-    states = histories(Cell(truth=sensed.real, errors=errors_of(flown), settings=sensed.settings, seed=flown.seed,
-                            runs=range(4)))  # fmt: skip
+    mission = pair(simulate_motion(fleet(condition, ("T3", "T6"), (5.0,), duration)), 1, condition, "T6", 5.0)
+    states = histories(replace(cell(mission, REAL, "laisn-2", 4), runs=range(4)))
     assert_allclose(alone.estimates[0].state, states[..., 3], atol=1e-6)

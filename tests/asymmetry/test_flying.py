@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from experiments.asymmetry import flying, tau
-from experiments.asymmetry.missions import Plan, Row
-from experiments.asymmetry.remedies import ARMS, CROOKED, EXACT, INFLATED, LEVEL, READINGS, REAL, ROUGH, STEADIED, Arm
+from experiments.asymmetry.conditions import QUICK_CONDITIONS
+from experiments.asymmetry.missions import Pair, Plan, Row
+from experiments.asymmetry.remedies import ARMS, CROOKED, EXACT, INFLATED, LEVEL, READINGS, REAL, ROUGH, STEADIED
 from experiments.asymmetry.tau import Curve
 from experiments.campaign.cells import Cell, CellResult, RunTable
 from laisn.metrics import Summary
-from laisn.settings import NavigationSettings
+from sim.scenario.settings import Sensors
 from sim.sensing.ahrs import random_error
-from sim.sensing.sensor_errors import SensorErrors
+from sim.trajectory import tilted
+from tests.synthetic import make_scenario, make_trajectory
 
 TABLE = RunTable(
     run=np.arange(700, 703), e_p_max_m=np.array([5.0, 6.0, 7.0]), e_p_mean_m=np.array([0.5, 0.6, 0.7]),
@@ -28,6 +30,9 @@ RESULT = CellResult(
     e_p_percentiles_m=(0.51, 0.92, 0.953, 0.994), e_b_percentiles_deg=(1.0, 2.0, 3.0, 4.0), nees=2.0, nis=2.1,
     captured=2, fixes={"gated": 6, "lost": 9}, worst_run=702, table=TABLE,
 )  # fmt: skip
+
+
+AHRS = Sensors(leader_attitude_sigma_deg=0.5, leader_gyro_time_constant_s=30.0)
 
 
 def test_a_row_has_the_results_of_its_runs() -> None:
@@ -45,29 +50,30 @@ def test_a_row_has_the_results_of_its_runs() -> None:
     assert (longer.runs, longer.e_p_mean_m) == (3, 0.6)
 
 
-def cell_of(arm: Arm) -> Cell:
-    """What is flown in an arm behind a leader that pitches by 6° rms."""
-    truths: dict[str, Any] = {seen: SimpleNamespace(dt=0.1) for seen in ("real", "level", "ahrs")}
-    sensed: Any = SimpleNamespace(**truths, settings=NavigationSettings(), facts={"pitch_rms_deg": 6.0})
-    made = flying.cell(sensed, SensorErrors(), arm, "laisn-2", range(5))
-    assert made.truth is truths[arm.seen]
-    return made
+@pytest.fixture(scope="module")
+def mission() -> Pair:
+    """Behind a leader that pitches by 6° all the time."""
+    motion = tilted(make_trajectory(make_scenario(20.0)), np.deg2rad(6.0))
+    return Pair(motion=motion, condition=QUICK_CONDITIONS[0], route="T6", offset=5.0)
 
 
-def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it() -> None:
-    made = {arm: cell_of(arm) for arm in ARMS}
+def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it(mission: Pair) -> None:
+    made = {arm: flying.cell(mission, arm, "laisn-2", 5) for arm in ARMS}
+    assert {cell.runs for cell in made.values()} == {range(mission.first_run, mission.first_run + 5)}
+    level = {arm.key for arm, cell in made.items() if cell.truth is mission.level.seen(mission.scenario(), 0)[1]}
+    assert level == {"level", "level-0.5"}
     aware = {arm.key for arm, cell in made.items() if getattr(cell.settings, "use_attitude")}  # noqa: B009
     assert aware == {"level-0.5", "attitude-0", "ahrs-0.5", "attitude-0.5", "attitude-2", "offset-0.5"}
     for arm, degrees in ((REAL, 0.0), (LEVEL, 0.0), (EXACT, 0.0), (READINGS, 0.5), (ROUGH, 2.0), (CROOKED, 0.0)):
         errors = made[arm].errors
         assert (errors.leader_pitch_sigma, errors.leader_roll_sigma) == pytest.approx((np.deg2rad(degrees),) * 2)
     steadied = made[STEADIED].errors
-    assert steadied.leader_pitch_sigma == random_error(STEADIED.sensors).sigma > 0.0
+    assert steadied.leader_pitch_sigma == random_error(AHRS).sigma > 0.0
     assert steadied.leader_attitude_time == 30.0
     offsets = {arm: cell.errors.leader_attitude_offset_sigma for arm, cell in made.items()}
     assert offsets == {arm: np.deg2rad(0.5) if arm is CROOKED else 0.0 for arm in ARMS}
     expected = {arm: getattr(cell.settings, "expected_pitch") for arm, cell in made.items()}  # noqa: B009
-    assert expected == {arm: np.deg2rad(6.0) if arm is INFLATED else 0.0 for arm in ARMS}
+    assert expected == pytest.approx({arm: np.deg2rad(6.0) if arm is INFLATED else 0.0 for arm in ARMS})
 
 
 def test_the_excess_of_a_curve_is_paired_run_by_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from experiments.asymmetry import gates
 from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
-from experiments.asymmetry.missions import QUICK, pair
+from experiments.asymmetry.missions import QUICK
 from laisn.estimates import FixKind
 from laisn.navigator import Navigator
 from sim.flight import navigation_settings
@@ -25,7 +25,7 @@ def test_the_gate_is_counted_as_the_readable_engine_counts(monkeypatch: pytest.M
     rows = gates.fly_gates(replace(QUICK, routes=(route,), duration_s=duration))
     assert [(row.route, row.rule, row.interval_s) for row in rows] == [(route, rule, 1.0) for rule in gates.RULES]
 
-    both = pair(simulate_motion(fleet(CALM, (route,), (offset,), duration)), 0)
+    both = simulate_motion(fleet(CALM, (route,), (offset,), duration))
     one = scenario(CALM, route, offset, duration)
     echoes = one.acoustics.model_copy(update={"surface_echo_chance": 0.05, "bottom_echo_chance": 0.02})
     one = one.model_copy(update={"acoustics": echoes})

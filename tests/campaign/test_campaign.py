@@ -1,6 +1,7 @@
 """Campaigns: the same bytes whatever the workers and interruptions, and nothing lost when something breaks."""
 
 import os
+import shlex
 import signal
 import socket
 import subprocess
@@ -14,7 +15,8 @@ import numpy as np
 import pytest
 
 from experiments.campaign import campaign, missions, store
-from experiments.campaign.campaign import CellPlan
+from experiments.campaign.campaign import Design
+from experiments.campaign.plans import CellPlan
 from experiments.campaign.processes import Pool, WorkerDiedError
 from experiments.campaign.store import CampaignError, DamagedResult
 from experiments.reproduction.study import fly_command
@@ -49,6 +51,11 @@ def plans(runs=5, **changes):
     ]
 
 
+def run(plans, folder, **how):
+    """The rows of cells alone."""
+    return campaign.fly(Design(cells=plans), folder, **how).rows
+
+
 def contents(folder):
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
@@ -57,10 +64,9 @@ SCRIPT = """
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[3])
-from tests.campaign.test_campaign import plans
-from experiments.campaign import campaign
+from tests.campaign.test_campaign import plans, run
 if __name__ == "__main__":
-    rows = campaign.run(plans(runs=int(sys.argv[4])), Path(sys.argv[1]), workers=int(sys.argv[2]), quiet=True)
+    rows = run(plans(runs=int(sys.argv[4])), Path(sys.argv[1]), workers=int(sys.argv[2]), quiet=True)
     campaign_rows = Path(sys.argv[1]) / "rows.txt"
     campaign_rows.write_text(repr(rows))
 """
@@ -79,7 +85,7 @@ def start(folder, workers, runs):
 @pytest.fixture(scope="module")
 def computed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign") / "whole"
-    rows = campaign.run(plans(), folder, workers=1, quiet=True)
+    rows = run(plans(), folder, workers=1, quiet=True)
     return folder, rows
 
 
@@ -93,13 +99,13 @@ def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeyp
         return compute(trajectory, plans, threads)
 
     monkeypatch.setattr(campaign, "compute", noted)
-    campaign.run(plans()[:1], tmp_path, workers=1, quiet=quiet)
+    run(plans()[:1], tmp_path, workers=1, quiet=quiet)
     assert computed == [*first, (DURATION, 5)]
 
 
 def test_two_workers_give_the_bytes_of_one(computed, tmp_path):
     folder, rows = computed
-    assert campaign.run(plans(), tmp_path / "two", workers=2, quiet=True) == rows
+    assert run(plans(), tmp_path / "two", workers=2, quiet=True) == rows
     assert contents(tmp_path / "two") == contents(folder)
 
 
@@ -125,7 +131,7 @@ def test_a_killed_campaign_goes_on_and_ends_with_the_same_bytes(tmp_path):
 def test_what_is_stored_is_not_computed_again(computed, monkeypatch):
     folder, rows = computed
     monkeypatch.setattr(campaign, "compute", lambda *_: pytest.fail("computed again"))
-    assert campaign.run(plans(), folder, workers=1, quiet=True) == rows
+    assert run(plans(), folder, workers=1, quiet=True) == rows
 
 
 def test_force_computes_everything_again(computed, monkeypatch):
@@ -133,7 +139,7 @@ def test_force_computes_everything_again(computed, monkeypatch):
     counted = []
     original = campaign.compute
     monkeypatch.setattr(campaign, "compute", lambda *given: counted.extend(given[1]) or original(*given))
-    assert campaign.run(plans(), folder, workers=1, force=True, quiet=True) == rows
+    assert run(plans(), folder, workers=1, force=True, quiet=True) == rows
     assert len(counted) == len(plans())
 
 
@@ -146,7 +152,7 @@ def test_a_damaged_cell_is_computed_again_with_a_warning(computed, damage):
     flipped[len(whole) // 4] ^= 0x40
     path.write_bytes(bytes(flipped) if damage is None else damage)
     with pytest.warns(DamagedResult, match="computed again"):
-        assert campaign.run(plans(), folder, workers=1, quiet=True) == rows
+        assert run(plans(), folder, workers=1, quiet=True) == rows
     assert path.read_bytes() == whole
 
 
@@ -156,7 +162,7 @@ def test_a_cell_under_a_wrong_name_does_not_count(computed):
     whole = second.read_bytes()
     second.write_bytes(first.read_bytes())
     with pytest.warns(DamagedResult, match="another cell"):
-        assert campaign.run(plans(), folder, workers=1, quiet=True) == rows
+        assert run(plans(), folder, workers=1, quiet=True) == rows
     assert second.read_bytes() == whole
 
 
@@ -203,17 +209,17 @@ def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
 
 def test_results_of_another_version_are_refused_and_kept(tmp_path):
     other = tmp_path / "other"
-    campaign.run(plans()[:1], other, workers=1, quiet=True)
+    run(plans()[:1], other, workers=1, quiet=True)
     (other / "campaign.json").write_text('{"version": "0.0.9+old"}')
     kept = contents(other)
     with pytest.raises(ValueError, match=r"version 0\.0\.9\+old.*--out.*--force"):
-        campaign.run(plans()[:1], other, workers=1, quiet=True)
+        run(plans()[:1], other, workers=1, quiet=True)
     assert contents(other) == kept
 
 
 def test_no_cells_runs_or_workers_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="no cells"):
-        campaign.run([], tmp_path, quiet=True)
+    with pytest.raises(ValueError, match="nothing to fly"):
+        run([], tmp_path, quiet=True)
     with pytest.raises(ValueError, match="runs is 0, expected at least 1"):
         CellPlan(scenario=scenario(), runs=0)
     with pytest.raises(ValueError, match="workers is 0"):
@@ -295,7 +301,7 @@ def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(com
         n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="tcp://"
     ) as cluster:
         address = cluster.scheduler_address
-        assert campaign.run(plans(), tmp_path / "cluster", cluster=address, quiet=True) == rows
+        assert run(plans(), tmp_path / "cluster", cluster=address, quiet=True) == rows
         assert contents(tmp_path / "cluster") == {k: v for k, v in contents(folder).items() if ".steps." not in k}
         bare = subprocess.Popen([sys.executable, "-c", BARE_WORKER, address], stderr=subprocess.DEVNULL)
         try:
@@ -303,7 +309,7 @@ def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(com
                 client.wait_for_workers(2, timeout=60)
             begun = time.monotonic()
             with pytest.raises(ValueError, match=r"laisn-sim is not installed on these workers of tcp://"):
-                campaign.run(plans(), tmp_path / "refused", cluster=address, quiet=True)
+                run(plans(), tmp_path / "refused", cluster=address, quiet=True)
             assert time.monotonic() - begun < 10
         finally:
             bare.kill()
@@ -321,7 +327,7 @@ def test_a_single_flight_has_the_noise_of_its_run(computed):
 
 def test_errors_at_each_step_agree_with_the_summary(tmp_path):
     plan = CellPlan(scenario=scenario(), runs=7, keep_steps=True)
-    [row] = campaign.run([plan], tmp_path, workers=1, quiet=True)
+    [row] = run([plan], tmp_path, workers=1, quiet=True)
     steps = store.Store(tmp_path).read_steps(plan.key)
     assert steps["e_p_max_m"].max() == pytest.approx(row["e_p_max_m"], rel=1e-6)
     assert steps["e_p_mean_m"].astype(float).mean() == pytest.approx(row["e_p_mean_m"], rel=1e-6)
@@ -341,7 +347,7 @@ def test_errors_at_each_step_agree_with_the_summary(tmp_path):
 def test_steps_that_are_asked_for_later_are_added(computed):
     folder, rows = computed
     wanted = [replace(plan, keep_steps=True) for plan in plans()]
-    assert campaign.run(wanted, folder, workers=1, quiet=True) == rows
+    assert run(wanted, folder, workers=1, quiet=True) == rows
     assert store.Store(folder).read_steps(wanted[0].key) is not None
 
 
@@ -371,7 +377,7 @@ def test_the_command_repeats_the_cell():
     from experiments.flight.library import load
 
     given = scenario("T5", "laisn-3-2", 5.0, acoustics=Acoustics(range_tau_m=(0.06, 0.01, 0.01)), seed=3)
-    words = fly_command(given, 17).split()
+    words = shlex.split(fly_command(given, 17))
     assert words[:3] == ["laisn", "fly", "T5"]
     assignments = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
     assert words[words.index("--run") + 1] == "17"

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from experiments.campaign import campaign
-from experiments.campaign.campaign import CellPlan
+from experiments.campaign import plans
+from experiments.campaign.plans import CellPlan
 from experiments.flight.library import load
 from tests.asymmetry.test_flying import RESULT
 
 
 def test_a_row_has_the_figures_of_its_cell() -> None:
-    row = campaign._row(CellPlan(scenario=load("T5", []), runs=3), RESULT, {"bound_rms_m": 0.1})
+    row = plans._row(CellPlan(scenario=load("T5", []), runs=3), RESULT, {"bound_rms_m": 0.1})
     expected = {
         "runs": 3, "steps": 100, "seed": 1, "variant": "laisn-2", "e_p_max_m": 7.0, "e_p_mean_m": 0.6,
         "e_p_std_m": 0.25, "e_b_max_deg": 17.0, "e_b_mean_deg": 1.6, "e_b_std_deg": 0.9, "e_p_p50_m": 0.51,
@@ -23,4 +23,4 @@ def test_a_row_has_the_figures_of_its_cell() -> None:
     assert {name: row[name] for name in expected} == expected
     assert RESULT.table is not None
     everybody = replace(RESULT, table=replace(RESULT.table, captured=np.array([True] * 3)))
-    assert campaign._row(CellPlan(scenario=load("T5", []), runs=3), everybody, {})["e_p_mean_uncaptured_m"] is None
+    assert plans._row(CellPlan(scenario=load("T5", []), runs=3), everybody, {})["e_p_mean_uncaptured_m"] is None

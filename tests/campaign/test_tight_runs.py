@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
-from experiments.campaign.campaign import CellPlan, compute
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import histories, simulate, simulate_many
+from experiments.campaign.plans import CellPlan, compute
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from laisn import metrics

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from experiments.asymmetry import study
 from experiments.campaign import version
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,7 +40,7 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/trajectory.py", "sim/scenario/file.py", "laisn/variants.py",
+    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/scenario/file.py", "laisn/variants.py",
      "laisn/metrics.py", "experiments/campaign/montecarlo.py", "experiments/campaign/missions.py",
      "models/follower.xml", "sim/scenario/data/followers_T2_T9.json"],
 )  # fmt: skip
@@ -98,17 +97,14 @@ def test_a_renamed_entry_is_noticed(tree: Path) -> None:
         (tree / "file.py").rename(moved)
 
 
-def test_whatever_python_loads_for_the_studies_is_among_the_sources() -> None:
-    """Python's own list of modules is the judge: campaigns, and the modules of the pitch study that compute."""
-    studies = study._COMPUTING
+def test_whatever_python_loads_for_a_campaign_is_among_the_sources() -> None:
+    """Python's own list of modules is the judge."""
     code = f"import sys, experiments.campaign.campaign\nown = {PACKAGES!r}\n"
     code += "print(*(m for m in sys.modules if m.partition('.')[0] in own), sep='\\n')\n"
-    code += f"import {', '.join(studies)}\n"
-    code += "print(*(m for m in sys.modules if m.partition('.')[0] in own[:3]), sep='\\n')\n"
     loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     files = {path.relative_to(ROOT).with_suffix("").as_posix() for path in version.sources() if path.suffix == ".py"}
     known = {file.removesuffix("/__init__").replace("/", ".") for file in files}
-    assert {"sim.motion", "experiments.campaign.montecarlo", "sim.trajectory"} <= set(loaded.split())
+    assert {"sim.motion", "experiments.campaign.montecarlo"} <= set(loaded.split())
     assert set(loaded.split()) <= known
 
 

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from experiments.command.cli import app
 from experiments.estimators import paired, report, study
 from experiments.estimators.cases import CASES
-from experiments.estimators.paired import WEAVE, Paired, captures, compare
-from experiments.estimators.plan import ON_AXIS, QUICK, SEAS, Size, at_sea, tasks
+from experiments.estimators.paired import WEAVE, Captured, Paired, captures, compare
+from experiments.estimators.plan import QUICK, SEAS, Size, at_sea, tasks
 from experiments.estimators.report import write_page
 from experiments.findings import Findings
 from sim.scenario.routes import library_route
@@ -131,8 +131,8 @@ def test_captures_are_those_of_the_runs_that_are_compared() -> None:
     runs = 5
     for case in CASES[:2]:
         whole = compare(case, "T5", 5.0, runs=runs, seed=3)
-        laisn, tight = captures("T5", 5.0, case.transmitters, range(runs), 3)
-        assert (laisn, tight) == (whole.laisn_captured, whole.tight_captured)
+        found = captures("T5", 5.0, case.transmitters, range(runs), 3)
+        assert (found.runs, found.laisn, found.tight) == (runs, whole.laisn_captured, whole.tight_captured)
 
 
 def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners() -> None:
@@ -176,10 +176,10 @@ def test_the_plan_names_every_task_once_and_flies_every_case() -> None:
 def found() -> dict[tuple[Any, ...], Any]:
     """What a study might have come to, without flying it."""
     rng = np.random.default_rng(7)
-    found: dict[tuple[Any, ...], Any] = {
-        name: (7, 0) if name[0] == "captures" else made(rng, runs=25) for name, _ in tasks(QUICK)
+    return {
+        name: Captured(runs=QUICK.captures, laisn=7, tight=0) if name[0] == "captures" else made(rng, runs=25)
+        for name, _ in tasks(QUICK)
     }
-    return found | {("capture runs", n, route): QUICK.captures for n in (2, 3) for route in ON_AXIS}
 
 
 def test_none_of_n_captured_has_the_interval_of_clopper_and_pearson(found: dict[tuple[Any, ...], Any]) -> None:

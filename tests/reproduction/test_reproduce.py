@@ -126,7 +126,7 @@ def test_bootstrap_interval_of_a_mean():
     values = np.random.default_rng(5).normal(10.0, 2.0, 400)
     interval = routes_study.bootstrap(values, np.random.default_rng(1))
     half = 1.96 * values.std() / np.sqrt(values.size)  # normal theory; the bootstrap's own error is a few per cent
-    assert interval.mean == values.mean()
+    assert interval.value == values.mean()
     assert interval.low == pytest.approx(values.mean() - half, abs=0.15 * half)
     assert interval.high == pytest.approx(values.mean() + half, abs=0.15 * half)
 

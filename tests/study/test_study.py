@@ -139,7 +139,8 @@ def test_the_command_of_a_run_repeats_it(flown, tmp_path):
     lines = commands(plan, Results.of(outcomes.rows, outcomes.runs)).splitlines()
     assert len(lines) == 2 * 2 * 4
     words = shlex.split(lines[-1])
-    told = rows[1, "attitude", 0, int(words[-1])], rows[1, "attitude", 1, int(words[-1])]
+    run = int(words[words.index("--run") + 1])
+    told = rows[1, "attitude", 0, run], rows[1, "attitude", 1, run]
     assert words[0] == "laisn"
     result = CliRunner().invoke(app, [*words[1:], "--no-video", "--out", str(tmp_path / "one")])
     assert result.exit_code == 0, result.output
@@ -168,7 +169,7 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
 
 def test_nothing_is_computed_twice(flown, monkeypatch):
     monkeypatch.setattr(campaign, "compute", None)
-    monkeypatch.setattr("experiments.study.run._fly", None)
+    monkeypatch.setattr(campaign, "_fly", None)
     run_study(study(), flown, workers=1, quiet=True)
 
 

@@ -1,0 +1,105 @@
+"""Tasks: rows kept under a key of their sources and of what is given, resumed, typed again; failures told by name."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.campaign import campaign, tasks
+from experiments.campaign.campaign import Design, Flown
+from experiments.campaign.store import CampaignError
+from experiments.campaign.tasks import key_of, typed, with_arrays
+from experiments.intervals import Interval
+from laisn.failure import LaisnError
+from sim.scenario.settings import Follower, Scenario
+
+CALLS: list[int] = []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Square:
+    """A row of several kinds of values."""
+
+    of: int
+    values: tuple[float, ...]
+    limits: Interval
+    missing: float = float("nan")
+
+
+@pytest.fixture(autouse=True)
+def sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This file is none of the project's packages."""
+    own = tasks._source
+    monkeypatch.setattr(tasks, "_source", lambda module: own("sim.trajectory") if module == __name__ else own(module))
+
+
+def square(of: int, times: int = 1) -> list[Square]:
+    CALLS.append(of)
+    if of < 0:
+        raise CampaignError(f"no root of {of}\nand a second line")
+    return [Square(of=of, values=(of * of / 3.0,) * (k + 1), limits=Interval(1.0, 0.5, 2.0)) for k in range(times)]
+
+
+def alone(of: int) -> dict[str, Any]:
+    return {"of": of, "list": [0.1, 0.2]}
+
+
+def flown(folder: Path, *numbers: int, **how: Any) -> Flown:
+    design = Design(tasks={n: partial(square, n, times=2) for n in numbers})
+    return campaign.fly(design, folder, workers=1, quiet=True, **how)
+
+
+def test_rows_come_back_as_they_were_and_in_the_order_asked_for(tmp_path: Path) -> None:
+    found = flown(tmp_path, 3, 2).tasks
+    assert list(found) == [3, 2]
+    rows = typed(Square, found[3])
+    assert [row.values for row in rows] == [(3.0,), (3.0, 3.0)]
+    assert rows[0].limits.high == 2.0
+    assert np.isnan(rows[0].missing)
+
+
+def test_a_single_row_needs_no_list_and_lists_become_arrays(tmp_path: Path) -> None:
+    (row,) = campaign.fly(Design(tasks={"a": partial(alone, 5)}), tmp_path, workers=1, quiet=True).tasks["a"]
+    np.testing.assert_array_equal(with_arrays(row)["list"], np.array([0.1, 0.2]))
+    assert with_arrays(row)["of"] == 5
+
+
+def test_what_is_stored_is_not_computed_again_unless_forced(tmp_path: Path) -> None:
+    flown(tmp_path, 2)
+    CALLS.clear()
+    flown(tmp_path, 2, 3)
+    assert CALLS == [3]
+    flown(tmp_path, 2, force=True)
+    assert CALLS == [3, 2]
+
+
+def test_a_failure_stops_the_study_after_all_else_is_stored_or_is_told_by_name(tmp_path: Path) -> None:
+    with pytest.raises(CampaignError, match=r"^no root of -1$"):
+        flown(tmp_path, -1, 2)
+    CALLS.clear()
+    found = flown(tmp_path, -1, 2, tolerant=True)
+    assert (CALLS, list(found.tasks), found.failures) == ([-1], [2], {-1: "no root of -1"})
+
+
+def test_a_design_of_nothing_is_refused() -> None:
+    with pytest.raises(LaisnError, match="nothing to fly"):
+        Design()
+
+
+def test_the_key_is_of_the_sources_and_of_all_that_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = (Scenario(name="one", followers=(Follower(route=route),)) for route in ("T5", "T6"))
+    keys = [key_of(square, one, 1), key_of(square, other, 1), key_of(square, one, 2), key_of(alone, one, 1)]
+    assert len(set(keys)) == 4
+    monkeypatch.setattr(tasks, "_source", lambda module: f"{module} edited")
+    assert key_of(square, one, 1) not in keys
+
+
+def test_compiling_ahead_is_done_once_and_only_if_something_is_missing(tmp_path: Path) -> None:
+    ahead: list[int] = []
+    design = Design(tasks={2: partial(square, 2)}, ahead=lambda: ahead.append(1))
+    for _ in range(2):
+        campaign.fly(design, tmp_path, workers=1)
+    assert ahead == [1]
