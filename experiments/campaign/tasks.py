@@ -42,9 +42,17 @@ def _source(module: str) -> str:
     return version_of((module,))
 
 
+def _plain(value: object) -> object:
+    """What JSON can hold in place of what a task is given; TypeError if it is not known how."""
+    if isinstance(value, range):
+        return [value.start, value.stop, value.step]
+    raise TypeError(f"a task is given {type(value).__name__}, of which no key can be made: {value!r:.60}")
+
+
 def key_of(function: Callable[..., object], *arguments: object) -> str:
     """Hash of a function's name, of every source that it can reach, and of what it is given."""
-    return digest([code_version(), _source(function.__module__), function.__qualname__, to_jsonable_python(arguments)])
+    given = to_jsonable_python(arguments, fallback=_plain)
+    return digest([code_version(), _source(function.__module__), function.__qualname__, given])
 
 
 def _key(task: Task) -> str:

@@ -93,6 +93,9 @@ def test_the_key_is_of_the_sources_and_of_all_that_is_given(monkeypatch: pytest.
     one, other = (Scenario(name="one", followers=(Follower(route=route),)) for route in ("T5", "T6"))
     keys = [key_of(square, one, 1), key_of(square, other, 1), key_of(square, one, 2), key_of(alone, one, 1)]
     assert len(set(keys)) == 4
+    assert key_of(square, range(3)) != key_of(square, range(1, 3))
+    with pytest.raises(TypeError, match="given object, of which no key"):
+        key_of(square, object())
     monkeypatch.setattr(tasks, "_source", lambda module: f"{module} edited")
     assert key_of(square, one, 1) not in keys
 

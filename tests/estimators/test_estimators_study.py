@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
+from experiments.campaign.tasks import key_of
 from experiments.command.cli import app
 from experiments.estimators import paired, report, study
 from experiments.estimators.cases import CASES
@@ -167,6 +168,7 @@ def test_a_physical_mission_is_flown_by_both_and_the_sea_matters() -> None:
 def test_the_plan_names_every_task_once_and_flies_every_case() -> None:
     names = [name for name, _ in tasks(Size())]
     assert len(set(names)) == len(names)
+    assert len({key_of(task.func, task.args, task.keywords) for _, task in tasks(Size())}) == len(names)
     cases = [name for name in names if name[0] == "case"]
     assert len(cases) == 7 * 2 * 8
     assert sum(1 for name in names if name[0] == "captures") == 4 * -(-10_000 // 640)
