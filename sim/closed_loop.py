@@ -18,6 +18,7 @@ from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import SITES, errors_of, observe, own_motion, start_of
 from sim.sensing.sensor_errors import measure, sense_own
+from sim.sensing.wandering import wander
 
 _PATIENCE_S = 10.0
 """A message that is not in after this time never will be: one that came in the same step was kept instead."""
@@ -59,6 +60,7 @@ class Pilot:
     def _step(self, k: int, flown: TrajectorySince) -> None:
         """Sense and navigate at filter step k, which is now."""
         true = own_motion(flown(k * self._stride - 1), self._follower)[-1:]
+        wander(self._hearing.wandering, np.array([k * self._hearing.filter_step_s]), true)
         (own,) = sense_own(
             true, np.array([k]), self._errors, seed=self._seed, run=self._run, follower=self._follower
         ).tolist()

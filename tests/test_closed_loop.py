@@ -49,7 +49,14 @@ def steered(scenario: Scenario, navigator: Any = Navigator) -> tuple[Trajectory,
     [
         (),
         ("timing.filter_step_s=0.5", "timing.message_interval_s=5"),
-        ("acoustics.loss_chance=0.2", "acoustics.burst_chance=0.1", "acoustics.surface_echo_chance=0.1"),
+        (
+            "acoustics.loss_chance=0.2",
+            "acoustics.burst_chance=0.1",
+            "acoustics.surface_echo_chance=0.1",
+            "sensors.speed_drift_m_s=0.3",
+            "sensors.heading_drift_deg=9",
+            "sensors.leader_position_drift_m_s=0.1",
+        ),
         (
             "leader.broadcast_attitude=true",
             "navigation.use_attitude=true",

@@ -52,7 +52,9 @@ def flown(scenario: Scenario) -> tuple[Trajectory, Swarm]:
 
 
 NOISY = {
-    "sensors": {"depth_sigma_m": 0.05, "leader_heading_bias_deg": 3.0, "leader_heading_sigma_deg": 1.0,
+    "sensors": {"depth_sigma_m": 0.05, "speed_drift_m_s": 0.3, "heading_drift_deg": 9.0, "drift_period_s": 60.0,
+                "leader_position_drift_m_s": 0.1, "leader_position_drift_deg": 30.0,
+                "leader_heading_bias_deg": 3.0, "leader_heading_sigma_deg": 1.0,
                 "leader_depth_sigma_m": 0.1, "leader_attitude_sigma_deg": 1.0,
                 "leader_attitude_offset_sigma_deg": 2.0},
     "acoustics": {"loss_chance": 0.2, "burst_chance": 0.1, "surface_echo_chance": 0.1, "bottom_echo_chance": 0.1,

@@ -23,6 +23,14 @@ class Condition:
     """Greatest speed of a current from any direction, which every run has another share of [m/s]."""
     aside: bool = False
     """No station is within 3 m of the leader's axis."""
+    drift: bool = False
+    """The place that the leader broadcasts walks off by 1 cm/s, in another direction in every run."""
+    set_back: float = 0.0
+    """So much farther behind than in the built-in swarm is every station [m]."""
+    count: int = 0
+    """So many followers in a grid, in place of the built-in ten; 0: those."""
+    share: int = 1
+    """Of so many runs one is flown."""
     truth: bool = False
     """Followers steer by the truth."""
 
@@ -34,6 +42,16 @@ class Condition:
             told += [f"ocean.current_speed_m_s={speed}", f"ocean.current_direction_deg={run * _GOLDEN_DEG % 360}"]
         if self.aside:
             told += [f"followers.{i}.station.port_m={port}" for i, port in ASIDE.items()]
+        if self.drift:
+            astray = run * _GOLDEN_DEG % 360
+            told += ["sensors.leader_position_drift_m_s=0.01", f"sensors.leader_position_drift_deg={astray}"]
+        if self.set_back:
+            ten = load("swarm", ()).followers
+            behind = [f.station.behind_m + self.set_back for f in ten if f.station]
+            told += [f"followers.{i}.station.behind_m={metres}" for i, metres in enumerate(behind)]
+        if self.count:
+            shape = f'{{ kind = "grid", count = {self.count}, spacing_m = 10.0, layer_m = 0.0 }}'
+            told += ["followers=[]", f"formation.shape={shape}"]
         if self.truth:
             told += [f"followers.{i}.steers_by=truth" for i in range(10)]
         return load("swarm", told)
@@ -63,13 +81,19 @@ CONDITIONS = (
               settings=("acoustics.surface_echo_chance=0.025", "acoustics.bottom_echo_chance=0.025")),
     Condition(name="compass", title="leader's compass 5° off, and estimated",
               settings=("sensors.leader_heading_bias_deg=5", "navigation.assume.exact_leader=false")),
+    Condition(name="drift", title="biases of log and compass that drift by 0.1 m/s and 3°, and estimated",
+              settings=("sensors.speed_drift_m_s=0.1", "sensors.heading_drift_deg=3", "navigation.assume.drift=true")),
+    Condition(name="ins", title="leader's own place walks off by 1 cm/s", drift=True),
     Condition(name="5 s", title="messages every 5 s", settings=_SLOW),
     Condition(name="5 s current", title="messages every 5 s, current up to 0.5 m/s", settings=_SLOW, current=0.5),
     Condition(name="5 s loss", title="messages every 5 s, 20 % lost", settings=(*_SLOW, *_LOSS)),
+    Condition(name="5 s loss back", title="messages every 5 s, 20 % lost, stations 20 m and more behind",
+              settings=(*_SLOW, *_LOSS), set_back=15.0),
     Condition(name="10 s", title="messages every 10 s", settings=("timing.message_interval_s=10",)),
     Condition(name="two aside", title="2 transmitters, no station near the axis", settings=_TWO, aside=True),
     Condition(name="two", title="2 transmitters", settings=_TWO),
     Condition(name="two across", title="2 transmitters, current 0.5 m/s across", settings=(*_TWO, *_ACROSS)),
+    Condition(name="fifty", title="50 followers in a grid, in one layer", count=50, share=5),
     Condition(name="laisn-2", title="LAISN-2", settings=("navigation.variant=laisn-2",)),
     Condition(name="laisn-3-1", title="LAISN-3(1)", settings=("navigation.variant=laisn-3-1",)),
     Condition(name="laisn-3-2", title="LAISN-3(2)", settings=("navigation.variant=laisn-3-2",)),

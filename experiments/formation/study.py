@@ -104,7 +104,7 @@ def _of_condition(name: str, runs: Sequence[Run]) -> dict[str, Finding]:
 
 def findings_of(found: Mapping[str, Sequence[Run]]) -> Findings:
     """The record of all conditions."""
-    named: dict[str, Finding] = {"runs": plain(min(len(runs) for runs in found.values()), "runs of each condition")}
+    named: dict[str, Finding] = {"runs": plain(max(len(runs) for runs in found.values()), "runs of most conditions")}
     for name, runs in found.items():
         named |= _of_condition(name, runs)
     return Findings(study="formation", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
@@ -112,7 +112,12 @@ def findings_of(found: Mapping[str, Sequence[Run]]) -> Findings:
 
 def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S) -> None:
     """Fly all conditions, or what is missing of them, and write the record into a folder."""
-    tasks = {(c.name, number): partial(measure, c, number, duration_s) for number in range(runs) for c in CONDITIONS}
+    tasks = {
+        (c.name, number): partial(measure, c, number, duration_s)
+        for number in range(runs)
+        for c in CONDITIONS
+        if number % c.share == 0
+    }
     design = Design(tasks=tasks, what="formations", ahead=partial(measure, CONDITIONS[0], 0, 3.0))
     flown = campaign.fly(design, folder).tasks
     found: dict[str, list[Run]] = {condition.name: [] for condition in CONDITIONS}

@@ -192,6 +192,8 @@ def formation(records: Records) -> str:
     found, rows = records["formation"], []
     for condition in CONDITIONS:
         name = condition.name
+        if f"median {name}" not in found.findings:
+            continue  # newer than the record
         shown = [f"{found[f'{what} {name}']:{form}}" for what, form in KEPT_STATIONS.items()]
         rows.append([condition.title, *shown])
     heads = ["", "off the station, RMS [m]: median follower", "worst", "most [m]", "E_P [m]", "lost", "closest [m]"]

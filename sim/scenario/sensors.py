@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, Section
+from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, Positive, Section
 
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
@@ -19,6 +19,13 @@ class Sensors(Section):
     heading_bias_deg: NonNegative = 5.0
     heading_sigma_deg: NonNegative = 2.0
     depth_sigma_m: NonNegative = 0.0
+    speed_drift_m_s: Annotated[float, Field(ge=-10, le=10)] = Field(
+        0.0, description="the log's bias swings by so much about its mean, as a sine from 0"
+    )
+    heading_drift_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
+        0.0, description="the compass's bias swings likewise"
+    )
+    drift_period_s: Positive = Field(400.0, description="period of both swings")
     gyro_sigma_deg_s: NonNegative = Field(
         0.1, description="σ of each reading of a follower's gyros; followers on stations steer by them"
     )
@@ -26,6 +33,10 @@ class Sensors(Section):
     leader_heading_bias_deg: NonNegative = 0.0
     leader_heading_sigma_deg: NonNegative = 0.0
     leader_depth_sigma_m: NonNegative = 0.0
+    leader_position_drift_m_s: NonNegative = Field(
+        0.0, description="the place that the leader broadcasts walks off at this rate, as an inertial navigation does"
+    )
+    leader_position_drift_deg: Annotated[float, Field(ge=-360, le=360)] = Field(0.0, description="in this direction")
     leader_attitude_sigma_deg: NonNegative = Field(
         0.0, description="σ of each reading of the leader's inclinometer, in pitch and in roll"
     )

@@ -5,6 +5,7 @@ from typing import Self
 
 from sim.scenario.settings import Scenario
 from sim.sensing.echo import Path, possible_paths
+from sim.sensing.wandering import Wandering
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +35,7 @@ class Hearing:
     clock_offset_s: float
     clock_drift_ppm: float
     max_range_m: float
+    wandering: Wandering
 
     @classmethod
     def of(cls, scenario: Scenario) -> Self:
@@ -56,4 +58,5 @@ class Hearing:
             clock_offset_s=acoustics.clock_offset_s,
             clock_drift_ppm=acoustics.clock_drift_ppm,
             max_range_m=acoustics.max_range_m,
+            wandering=Wandering.of(sensors),
         )

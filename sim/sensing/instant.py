@@ -27,6 +27,7 @@ from sim.sensing.sensor_errors import (
     range_reading,
     speed_reading,
 )
+from sim.sensing.wandering import Wandering, biased
 
 _U = np.uint64
 # compiled code holds numbers, not the members of an enum
@@ -78,6 +79,7 @@ class Senses(NamedTuple):
     clock_offset: float
     clock_drift: float
     """[s/s]."""
+    wandering: Wandering
 
 
 def senses_of(scenario: Scenario) -> Senses:
@@ -115,6 +117,7 @@ def senses_of(scenario: Scenario) -> Senses:
         believed_speed=believed,
         clock_offset=hearing.clock_offset_s,
         clock_drift=1e-6 * hearing.clock_drift_ppm,
+        wandering=hearing.wandering,
     )
 
 
@@ -179,8 +182,9 @@ def read_own(
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
     streams = STREAMS * follower
     first, second = _normals(s, streams + _OWN_MOTION, k)
-    reading[0] = speed_reading(forward_speed(pose, twist, water), s.speed[0], s.speed[1], first)
-    reading[1] = heading_reading(heading_of(w, x, y, z), s.heading[0], s.heading[1], second)
+    speed, heading = biased(s.wandering, k * s.dt, forward_speed(pose, twist, water), heading_of(w, x, y, z))
+    reading[0] = speed_reading(speed, s.speed[0], s.speed[1], first)
+    reading[1] = heading_reading(heading, s.heading[0], s.heading[1], second)
     third, _ = _normals(s, streams + _DEPTH, k)
     reading[2] = plain_reading(-site(pose, depth_sensor)[2], s.depth_sigma, third)
     tilt, _ = _normals(s, streams + _TILT, k)
@@ -205,7 +209,8 @@ def broadcast(s: Senses, k: int, body: tuple[Floats, Floats, Floats], message: F
     first, second = _normals(s, _LEADER_MOTION, k)
     deep, _ = _normals(s, _LEADER_DEPTH, k)
     message[0] = k * s.dt
-    message[1], message[2] = pose[0], pose[1]
+    message[1] = pose[0] + s.wandering.leader[0] * message[0]
+    message[2] = pose[1] + s.wandering.leader[1] * message[0]
     message[3] = heading_reading(heading_of(w, x, y, z), s.leader_heading[0], s.leader_heading[1], second)
     message[4] = speed_reading(forward_speed(pose, twist, water), s.leader_speed[0], s.leader_speed[1], first)
     message[5] = plain_reading(-pose[2], s.leader_depth_sigma, deep)

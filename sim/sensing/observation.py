@@ -12,6 +12,7 @@ from sim.sensing.hearing import Hearing
 from sim.sensing.loss import Channel
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
+from sim.sensing.wandering import wander
 from sim.trajectory import Trajectory
 
 SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
@@ -86,6 +87,7 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
     name = trajectory.names[follower + 1]
     hydrophone = trajectory.site_position[:, trajectory.site(f"{name}/hydrophone")]
     own = own_motion(trajectory, follower)[grid]
+    wander(hearing.wandering, np.asarray((first + np.arange(1, n + 1)) * dt, dtype=np.float64), own)
     sound = propagate(trajectory, hearing, follower)
     sent = (sound.emission_step - first) * stride
     limit = hearing.max_range_m or np.inf
@@ -96,6 +98,8 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
     if hearing.broadcast_attitude:
         attitude = measured_attitude(trajectory, hearing)[sent]
     leader = trajectory.position[:, 0]
+    timestamp = np.asarray(sound.emission_step * dt, dtype=np.float64)
+    astray_east, astray_north = hearing.wandering.leader
     return MissionTruth(
         dt=dt,
         first_step=first,
@@ -108,8 +112,14 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
         leader_heading=trajectory.heading[grid, 0],
         message_step=sound.message_step,
         emission_step=sound.emission_step,
-        timestamp=np.asarray(sound.emission_step * dt, dtype=np.float64),
-        sent_position=np.column_stack([leader[sent, :2], -leader[sent, 2]]),
+        timestamp=timestamp,
+        sent_position=np.column_stack(
+            [
+                leader[sent, 0] + astray_east * timestamp,
+                leader[sent, 1] + astray_north * timestamp,
+                -leader[sent, 2],
+            ]
+        ),
         sent_heading=trajectory.heading[sent, 0],
         sent_speed=trajectory.forward_speed[sent, 0],
         sent_attitude=attitude,

@@ -31,6 +31,13 @@ def test_conditions_say_what_their_titles_say() -> None:
     assert max(np.diff([*ways, ways[0] + 360.0])) < 3 * 360.0 / 20
     # 40 % are lost: a burst begins with p = 2/15 and lasts 5 messages, so that p / (p + 1/5) of the time is one
     assert by_name["bursts"].scenario(0).acoustics.burst_chance == pytest.approx(2 / 15, abs=1e-4)
+    behind = [f.station.behind_m for f in by_name["5 s loss back"].scenario(0).followers if f.station]
+    assert min(behind) >= 20.0
+    fifty = by_name["fifty"].scenario(0)
+    assert len(fifty.followers) == 50
+    assert {f.layer_m for f in fifty.followers} == {10.0}
+    directions = {by_name["ins"].scenario(run).sensors.leader_position_drift_deg for run in range(5)}
+    assert len(directions) == 5
     assert not any(f.believes for f in by_name["truth"].scenario(0).followers)
 
 

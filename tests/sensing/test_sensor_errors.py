@@ -5,9 +5,11 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
+from sim.scenario.sensors import Sensors
 from sim.sensing.noise import Stream, normals, uniforms
 from sim.sensing.sensor_errors import SensorErrors, measure
 from sim.sensing.truth import MissionTruth
+from sim.sensing.wandering import Wandering, wander
 
 SEED, RUN = 11, 4
 STEPS, SENT = 40, np.array([5, 10, 20, 39])
@@ -115,3 +117,15 @@ def test_followers_hear_the_same_leader(truth: MissionTruth) -> None:
 def test_impossible_errors_are_named(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
         SensorErrors(**{field: value})
+
+
+def test_biases_swing_as_sines_and_the_leader_walks_off() -> None:
+    told = Sensors(speed_drift_m_s=0.1, heading_drift_deg=4.0, drift_period_s=80.0, leader_position_drift_m_s=0.02,
+                   leader_position_drift_deg=30.0)  # fmt: skip
+    wandering, own = Wandering.of(told), np.zeros((5, 3))
+    wander(wandering, np.array([0.0, 20.0, 40.0, 60.0, 80.0]), own)
+    np.testing.assert_allclose(own[:, 0], [0.0, 0.1, 0.0, -0.1, 0.0], atol=1e-12)
+    np.testing.assert_allclose(np.rad2deg(own[:, 1]), [0.0, 4.0, 0.0, -4.0, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(own[:, 2], 0.0)
+    # 30° off north, at 2 cm/s
+    np.testing.assert_allclose(wandering.leader, (0.01, 0.02 * np.cos(np.pi / 6)))
