@@ -1,4 +1,4 @@
-"""Parts of the film's overlay: words, labels, scale bars and curves; and the smoothing of edges."""
+"""Parts of the film's overlay: words, panels, scale bars and curves; and pixels."""
 
 import dataclasses
 
@@ -7,56 +7,18 @@ import pytest
 from PIL import Image, ImageDraw
 from synthetic import make_flight
 
-from laisn.arrays import Bytes, Floats
 from laisn.estimates import FixKind
 from laisn.settings import Variant
-from sim.film import antialiasing, canvas, curve, labels, pixels
+from sim.film import canvas, curve, pixels
 from sim.film.annotations import NOTHING
 from sim.film.cameras import View
-from sim.film.canvas import Canvas, Colour, Stroke
+from sim.film.canvas import Canvas, Stroke
 from sim.film.dashboard import Dashboard
 from sim.film.footage import Footage
-from sim.film.labels import Area, Label
+from sim.film.labels import Area
 from sim.film.numbers import in_words
 from sim.film.panels import scale_bar
-
-WHITE: Colour = (1.0, 1.0, 1.0)
-
-
-class Notebook(Canvas):
-    """A canvas that keeps what it is asked to draw."""
-
-    def __init__(self, width: int = 1280, height: int = 720) -> None:
-        super().__init__(width, height)
-        self.lines: list[Floats] = []
-        self.dots: list[Floats] = []
-        self.words: list[str] = []
-        self.boxes: list[Area] = []
-        """What the words take."""
-        self.sizes: list[float] = []
-
-    def line(self, points: Floats, colour: Colour, width: float = 2.0, dash: tuple[float, ...] | None = None) -> None:
-        self.lines.append(np.array(points))
-
-    def dot(self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None) -> None:
-        self.dots.append(np.array(at))
-
-    def text(
-        self,
-        at: tuple[float, float],
-        words: str,
-        colour: Colour = (1, 1, 1),
-        size: float = 14,
-        anchor: str = "la",
-        *,
-        moves: bool = False,
-    ) -> None:
-        self.words.append(words)
-        font = canvas._font(self._size(size), size < 0)
-        left, top, right, bottom = font.getbbox(words, anchor=anchor)
-        self.boxes.append((at[0] + left, at[1] + top, right - left, bottom - top))
-        self.sizes.append(font.size)
-
+from tests.film.notebook import WHITE, Notebook, overlap
 
 # words
 
@@ -218,53 +180,6 @@ def apart_and_within(notes: Notebook, place: Area) -> None:
         assert not [notes.words[j] for j, other in enumerate(notes.boxes[:i]) if overlap(box, other)], notes.words[i]
 
 
-# labels
-
-
-def overlap(a: Area, b: Area) -> bool:
-    return not (a[0] + a[2] <= b[0] or b[0] + b[2] <= a[0] or a[1] + a[3] <= b[1] or b[1] + b[3] <= a[1])
-
-
-def crowd(n: int, seed: int) -> list[Label]:
-    rng = np.random.default_rng(seed)
-    places = rng.uniform([300, 100], [1000, 600], size=(n, 2))
-    return [Label(at, f"vehicle {i}", WHITE, (-1) ** i * 30.0) for i, at in enumerate(places)]
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_labels_keep_clear_of_everything(seed: int) -> None:
-    frame, panels = Canvas(1280, 720), [(16.0, 16.0, 292.0, 258.0), (1032.0, 16.0, 232.0, 232.0)]
-    wanted = crowd(25, seed)
-    placed = labels.place(wanted, panels, frame)
-    areas = [area for _, area, _ in placed]
-    assert len(placed) > 15
-    markers = [(float(label.at[0]) - 5, float(label.at[1]) - 5, 10.0, 10.0) for label in wanted]
-    for i, area in enumerate(areas):
-        left, top, width, height = area
-        assert left >= 0
-        assert top >= 0
-        assert left + width <= 1280
-        assert top + height <= 720
-        assert not any(overlap(area, other) for other in (*areas[:i], *panels, *markers))
-
-
-def test_the_first_label_has_the_first_choice() -> None:
-    frame, at = Canvas(1280, 720), np.array([640.0, 360.0])
-    first, second = Label(at, "first", WHITE, -30.0), Label(at + np.array([9.0, 1.0]), "second", WHITE, -30.0)
-    ((_, alone, end),) = labels.place([first], [], frame)
-    assert end - at == pytest.approx([16.0, -30.0])
-    (_, still, _), (_, other, _) = labels.place([first, second], [], frame)
-    assert still == alone
-    ((_, free, _),) = labels.place([second], [], frame)
-    assert other != free
-
-
-def test_a_label_without_room_is_left_out() -> None:
-    frame = Canvas(1280, 720)
-    label = Label(np.array([640.0, 360.0]), "nowhere", WHITE, 30.0)
-    assert labels.place([label], [(0.0, 0.0, 1280.0, 720.0)], frame) == []
-
-
 # scale bars
 
 
@@ -302,47 +217,3 @@ def test_a_curve_keeps_its_peak_and_ends_at_the_value_of_now() -> None:
     # and places in the time: the peak at 123.5 s, to a column of pixels
     peak, start = line[line[:, 1].argmin(), 0], line[0, 0]
     assert (peak - start) / (dot[0] - start) == pytest.approx(123.5 / 450.0, abs=0.01)
-
-
-# edges
-
-
-def halves(slope: float, across: bool, samples: int) -> Bytes:
-    """A slanted edge between dark and bright water, each pixel the mean of samples²."""
-    n = 96
-    fine = (np.arange(n * samples) + 0.5) / samples
-    x, y = np.meshgrid(fine, fine)
-    u, v = (y, x) if across else (x, y)
-    bright = v > 40.3 + slope * u
-    share = bright.reshape(n, samples, n, samples).mean(axis=(1, 3))
-    picture = np.array([20, 60, 80]) + share[..., None] * np.array([180, 120, 20])
-    return np.round(picture).astype(np.uint8)
-
-
-@pytest.mark.parametrize("slope", [0.08, 0.15, 0.3, -0.22])
-@pytest.mark.parametrize("across", [False, True])
-def test_smoothing_brings_an_edge_nearer_to_one_of_many_samples(slope: float, across: bool) -> None:
-    hard, true = halves(slope, across, 1), halves(slope, across, 16)
-    smooth = hard.copy()
-    antialiasing.smooth(hard, smooth, 0, 0, 96, 96)
-    inner = np.s_[4:-4, 4:-4]
-
-    def error(picture: Bytes) -> float:
-        return float(np.sqrt(np.mean((picture[inner].astype(float) - true[inner]) ** 2)))
-
-    assert error(smooth) < 0.6 * error(hard)
-
-
-def test_smoothing_leaves_faint_texture_and_what_lies_outside_alone() -> None:
-    rng = np.random.default_rng(3)
-    sand = (120 + rng.integers(0, 15, size=(60, 80, 1)) + np.zeros(3)).astype(np.uint8)
-    out = sand.copy()
-    antialiasing.smooth(sand, out, 0, 0, 80, 60)
-    np.testing.assert_array_equal(out, sand)
-    edge = halves(0.15, False, 1)
-    part = edge.copy()
-    antialiasing.smooth(edge, part, 30, -20, 25, 200)
-    changed = np.argwhere((part != edge).any(axis=2))
-    assert len(changed) > 10
-    assert changed[:, 1].min() >= 30
-    assert changed[:, 1].max() < 55

@@ -1,4 +1,4 @@
-"""Film: geometry of the cameras, what the frames show, and the stream that comes out."""
+"""Film: what the frames show, the stream that comes out, and what is said where there is none."""
 
 import dataclasses
 import os
@@ -13,170 +13,21 @@ import av
 import numpy as np
 import pytest
 from PIL import Image
-from synthetic import make_flight
 
-from sim.assembly import ocean_of
 from sim.film import graphics, render
-from sim.film.cameras import Director, View
+from sim.film.cameras import Director
 from sim.film.footage import Footage
 from sim.film.overlay import TRUTH
 from sim.film.scene import ESTIMATE
-from sim.film.seascape import _RIPPLES, WATER, Sea
+from sim.film.seascape import WATER
 from sim.film.studio import GROUP, Job
 from sim.scenario.settings import Video, Waves
 from sim.scenario.video import CAMERAS
+from tests.film.filmed import apart, errors_of, small
 
 needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
 )
-
-
-def errors_of(flight):
-    """E_P from its definition; E_B plays no role in what is tested."""
-    return [
-        (np.linalg.norm(e.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1), np.zeros(len(e.state)))
-        for i, e in enumerate(flight.estimates)
-    ]
-
-
-def small(**changes):
-    return Video(**({"width_px": 320, "height_px": 180, "speed_up": 20.0} | changes))
-
-
-@pytest.fixture(scope="module")
-def flight():
-    return make_flight(60.0)
-
-
-def apart(flight, metres):
-    """A flight whose estimate is moved east by so many metres."""
-    estimates = tuple(
-        dataclasses.replace(e, state=e.state + np.array([metres, 0, 0, 0]), covariance=e.covariance.copy())
-        for e in flight.estimates
-    )
-    return dataclasses.replace(flight, estimates=estimates)
-
-
-# geometry
-
-
-def test_projection_is_that_of_a_pinhole():
-    # looking east from the origin, 90° vertically: a point 10 m ahead, 2 m to the right (south), 1 m up
-    view = View(position=np.zeros(3), target=np.array([1.0, 0, 0]), fovy_deg=90.0)
-    pixels, ahead = view.project(np.array([[10.0, -2.0, 1.0]]), 400, 200)
-    np.testing.assert_allclose(pixels, [[200 + 100 * 0.2, 100 - 100 * 0.1]])
-    np.testing.assert_allclose(ahead, [10.0])
-
-
-def test_a_line_is_cut_at_the_lens():
-    view = View(position=np.zeros(3), target=np.array([1.0, 0, 0]), fovy_deg=90.0)
-    ((pixels, ahead, place),) = view.line(np.array([[-5.0, 1.0, 0.0], [5.0, 1.0, 0.0]]), 200, 200)
-    assert ahead.min() > 0
-    np.testing.assert_allclose(place[-1], 1.0)
-    # at the far end: 1 m to the left at 5 m
-    np.testing.assert_allclose(pixels[-1], [100 - 100 / 5, 100])
-    assert view.line(np.array([[-5.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]), 200, 200) == []
-
-
-def test_a_camera_cannot_stand_on_its_target():
-    with pytest.raises(ValueError, match="cannot look at itself"):
-        View(position=np.ones(3), target=np.ones(3))
-
-
-@pytest.mark.parametrize("camera", ["chase", "top", "pip", "side", "profile", "orbit"])
-def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
-    footage = Footage(flight, errors_of(flight), 20.0)
-    director = Director(footage, 0, 16 / 9)
-    for t in np.linspace(0.0, 60.0, 25):
-        moment = footage.at(t)
-        shot = director.shot(camera, moment)
-        pixels, ahead = shot.view.project(moment.position, 1280, 720)
-        assert (ahead > 0.5).all()
-        assert (pixels >= 0).all()
-        assert (pixels <= [1280, 720]).all()
-        if shot.surface:
-            assert shot.view.position[2] < 0
-
-
-@pytest.mark.parametrize("aside", [-6.0, -3.0, 0.0, 3.0, 6.0])
-def test_the_chasing_camera_keeps_the_estimate_clear_of_the_panels(flight, aside):
-    """Seen towards the leader, the estimate lies to the right of the follower, or to the left."""
-    away = flight.trajectory.position[flight.step_index(), 0] - flight.hydrophone(0)
-    right = np.column_stack([away[:, 1], -away[:, 0]]) / np.hypot(away[:, 0], away[:, 1])[:, None]
-    (found,) = flight.estimates
-    state = found.state.copy()
-    state[:, :2] = flight.hydrophone(0)[:, :2] + aside * right
-    parted = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
-    footage = Footage(parted, errors_of(parted), 20.0)
-    director = Director(footage, 0, 16 / 9)
-    for t in np.linspace(5.0, 55.0, 11):
-        moment = footage.at(t)
-        view = director.shot("chase", moment).view
-        pixels, _ = view.project(np.stack([moment.hydrophone[0], moment.estimate[0]]), 1280, 720)
-        # panels take the left, and the upper and lower right corners
-        assert (pixels[:, 0] > 308).all()
-        assert (pixels[:, 0] < 1032).all()
-        assert (pixels[:, 1] < 700).all()
-
-
-# footage
-
-
-def test_a_moment_interpolates_truth_and_carries_the_estimate_on(flight):
-    footage = Footage(flight, errors_of(flight), 20.0)
-    moment = footage.at(30.05)
-    np.testing.assert_allclose(moment.position, flight.trajectory.at(30.05)[0][0])
-    np.testing.assert_allclose(moment.hydrophone[0], flight.trajectory.site_at("follower/hydrophone", 30.05)[0])
-    x, y, vx, vy = flight.estimates[0].state[299]
-    np.testing.assert_allclose(moment.estimate[0, :2], [x + 0.05 * vx, y + 0.05 * vy], atol=1e-9)
-    assert moment.position_error[0] == footage.position_error[0, 299]
-    assert np.isnan(footage.at(0.0).position_error[0])
-
-
-def test_rays_are_one_at_the_ping_fade_and_are_absent_where_nothing_was_heard(flight):
-    footage = Footage(flight, errors_of(flight), 1.0)
-    np.testing.assert_allclose(footage.at(5.0).ray[0], 1.0)
-    fading = [footage.at(5.0 + dt).ray[0, 0] for dt in (0.0, 0.3, 0.6, 0.9)]
-    assert (np.diff(fading) < 0).all()
-    assert fading[-1] < 0.2
-    assert (footage.at(0.5).ray == 0).all()
-    # the 13th message lacks the front range
-    lost = footage.at(13.0)
-    assert np.isnan(lost.ranges[0, 1])
-    assert lost.ray[0, 1] == 0
-    assert lost.ray[0, 0] == pytest.approx(1.0)
-
-
-def test_rays_of_frequent_pings_do_not_flicker(flight):
-    footage = Footage(flight, errors_of(flight), 20.0)
-    strength = [footage.at(t).ray[0, 0] for t in np.arange(10.0, 40.0, 20 / 30)]
-    assert np.ptp(strength) < 0.15
-
-
-def test_trail_points_stay_in_place_while_time_goes_on(flight):
-    footage = Footage(flight, errors_of(flight), 20.0)
-    early, late = footage.trail(1, 30.0, 1.0), footage.trail(1, 30.7, 1.0)
-    old = {tuple(p) for p in early[:-1]}
-    assert len(old & {tuple(p) for p in late[:-1]}) >= len(old) - 1
-
-
-def test_errors_of_the_wrong_shape_are_refused(flight):
-    with pytest.raises(ValueError, match="600 steps"):
-        Footage(flight, [(np.zeros(5), np.zeros(5))], 20.0)
-
-
-def test_the_drawn_sea_is_the_simulated_sea():
-    mission = make_flight(2.0).scenario
-    waves = Waves(kind="regular", height_m=1.0, period_s=8.0, direction_deg=30.0)
-    ocean = ocean_of(mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})}))
-    sea = Sea.__new__(Sea)
-    sea._waves = ocean.wave_parameters
-    sea._steepness = np.hypot(sea._waves[:, 1], sea._waves[:, 2])
-    x, y = sea.grid(np.array([40.0, -7.0, 0.0]), 100.0)
-    drawn = sea.elevation(x, y, 12.3, 0.7)
-    ripples = np.sum(np.abs(_RIPPLES[:, 0]))
-    assert np.abs(drawn - ocean.elevation(x[None, :], y[:, None], 12.3)).max() <= ripples + 1e-9
-    assert np.ptp(drawn) > 0.9
 
 
 # settings that cannot be

@@ -18,64 +18,7 @@ from laisn.tight.model import model_of
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import Assume, TightSettings
-
-EVERYTHING = Assume(exact_leader=False, drift=True, current=True, offsets=True)
-DT = 0.1
-
-
-class Mission:
-    """A leader that turns, a follower that weaves off its quarter, and exact measurements of both."""
-
-    def __init__(self, steps: int = 3000, every: int = 10, current: tuple[float, float] = (0.0, 0.0)) -> None:
-        t = DT * np.arange(steps + 1)
-        self.steps, self.every = steps, every
-        self.leader_heading = 1.2 + 0.8 * np.sin(0.015 * t)
-        self.heading = 1.2 + 0.8 * np.sin(0.015 * t - 0.3) + 0.2 * np.sin(0.05 * t)
-        self.speed = 1.1 + 0.2 * np.sin(0.04 * t)
-        self.leader_speed = np.ones(t.size)
-        drift = np.outer(t, current)
-        self.leader = drift + _integral(self.leader_speed, self.leader_heading)
-        self.follower = drift + _integral(self.speed, self.heading) + np.array([-18.0, 14.0])
-        self.k = np.arange(every, steps + 1, every)
-
-    def arms(self, middle_offset: float = 0.1) -> Floats:
-        theta = self.leader_heading[self.k]
-        ahead = np.stack([np.sin(theta), np.cos(theta)], axis=1)
-        port = np.stack([-np.cos(theta), np.sin(theta)], axis=1)
-        return np.stack([-ahead, ahead, middle_offset * port], axis=1)
-
-    def measured(
-        self, rng: np.random.Generator | None = None, *, log: float = 0.0, compass: float = 0.0, leader: float = 0.0,
-        scale: float = 0.0, offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    ) -> Measurements:  # fmt: skip
-        n, m = self.steps, self.k.size
-        apart = (self.follower - self.leader)[self.k][:, None, :] - self.arms()
-        ranges = np.hypot(apart[..., 0], apart[..., 1])
-        ranges = ranges * (1.0 + scale / ranges.max(axis=1, keepdims=True)) + np.array(offsets)
-        speed, heading = self.speed[1:] + log, self.heading[1:] + compass
-        if rng is not None:
-            speed = speed + rng.normal(0, 0.2, n)
-            heading = heading + rng.normal(0, np.deg2rad(1.2), n)
-            ranges = ranges * (1.0 + rng.normal(0, 0.05, (m, 1)) / ranges.max(axis=1, keepdims=True))
-            ranges = ranges + rng.normal(0, 0.003, ranges.shape)
-        message = np.full((m, len(LeaderMessage._fields)), np.nan)
-        message[:, 0], message[:, 1:3] = DT * self.k, self.leader[self.k]
-        message[:, 3], message[:, 4] = self.leader_heading[self.k] + leader, self.leader_speed[self.k]
-        message[:, 5] = 8.0
-        return Measurements(
-            dt=DT, speed=speed, heading=heading, depth=np.full(n, 8.0), message_step=self.k, message=message,
-            ranges=ranges,
-        )  # fmt: skip
-
-    @property
-    def start(self) -> Floats:
-        return np.concatenate([self.follower[0], np.zeros(2)])
-
-
-def _integral(speed: Floats, heading: Floats) -> Floats:
-    """Way at constant mean velocity over each step: what the trapezoid of exact readings gives."""
-    velocity = speed[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1)
-    return np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * DT * (velocity[1:] + velocity[:-1]), axis=0)])
+from tests.laisn.tight_mission import DT, EVERYTHING, Mission
 
 
 @pytest.mark.parametrize(
@@ -213,7 +156,11 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
 
 
 OWN = OwnMotion(1.0, 0.2, 8.0)
+
+
 MESSAGE = LeaderMessage(0.1, 20.0, 5.0, 0.3, 1.0, 8.0)
+
+
 RANGES = Ranges(20.0, 21.0, 20.5)
 
 
@@ -312,61 +259,3 @@ def test_estimates_and_settings_say_what_is_wrong() -> None:
         TightEstimates(**{**result.__dict__, "used": result.used[:1]})
     with pytest.raises(ValueError, match=r"every 0\.1 s, but the filter steps 1 s"):
         TightNavigator(TightSettings(dt=1.0), mission.start).run(mission.measured())
-
-
-@pytest.mark.parametrize("everything", [False, True])
-def test_three_transmitters_find_an_unknown_start(everything: bool) -> None:
-    """The first message tells where the follower is, but for what its ranges and the leader's compass may be off."""
-    mission = Mission(steps=600)
-    setting = TightSettings(assume=EVERYTHING if everything else Assume())
-    normalised = []
-    for seed in range(20):
-        measurements = mission.measured(np.random.default_rng(seed), log=0.2, compass=0.1, scale=0.1)
-        result = TightNavigator(setting, None).run(measurements)
-        assert np.all(np.isnan(result.state[:9]))
-        assert np.all(np.isfinite(result.covariance[9:]))
-        off = result.state[9:, :2] - mission.follower[10:]
-        spread = result.covariance[9:, :2, :2]
-        normalised.append(np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0]))
-        known = TightNavigator(setting, mission.start).run(measurements)
-        assert np.hypot(*(result.state[-1, :2] - known.state[-1, :2])) < (3.0 if everything else 0.3)
-    assert np.mean(normalised) < 3.0
-
-
-def test_two_transmitters_leave_both_sides_of_an_unknown_start_open_until_the_way_decides() -> None:
-    mission = Mission(steps=3000)
-    setting = TightSettings(transmitters=2, heading_bias_sigma=0.02)
-    result = TightNavigator(setting, None).run(mission.measured(np.random.default_rng(1)))
-    first = result.hypothesis[0, :2] - mission.follower[10]
-    apart = mission.follower[10] - mission.leader[10]
-    theta = mission.leader_heading[10]
-    aside = np.array([-np.cos(theta), np.sin(theta)])
-    image = -2.0 * (apart @ aside) * aside
-    assert result.weight[0, :2] == pytest.approx([0.5, 0.5], abs=0.01)
-    nearest = sorted(np.hypot(*(first - np.array([[0.0, 0.0], image])[:, None]).transpose(2, 0, 1)).min(axis=1))
-    assert nearest[1] < 1.0
-    assert np.hypot(*(result.state[-1, :2] - mission.follower[-1])) < 1.0
-    assert result.weight[-1, 0] > 0.99
-
-
-def test_a_single_range_does_not_begin_a_belief() -> None:
-    mission = Mission(steps=40)
-    whole = mission.measured()
-    ranges = whole.ranges.copy()
-    ranges[:2, 1:] = np.nan
-    result = TightNavigator(TightSettings(), None).run(replace(whole, ranges=ranges))
-    assert np.all(np.isnan(result.state[:29]))
-    assert np.hypot(*(result.state[29, :2] - mission.follower[30])) < 0.5
-    assert result.weight[:2].max() == 0.0
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_a_belief_that_is_lost_finds_back(seed: int) -> None:
-    """A start that is wrong by hundreds of standard deviations, and as sure of itself as a true one."""
-    mission = Mission(steps=2000)
-    measurements = mission.measured(np.random.default_rng(seed))
-    wrong = mission.start + np.array([8.0, -5.0, 0.0, 0.0])
-    where, spread, _ = run_mission(TightSettings(), measurements, wrong)
-    off = where[1000:, :2] - mission.follower[1001:]
-    assert np.hypot(*off.T).max() < 2.0
-    assert spread[1000:, [0, 2]].max() < 1.0

@@ -13,7 +13,7 @@ from laisn.tight.model import COMPASS, LOG, X, Y
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import Assume, TightSettings
 from laisn.tight.smoothing import Chain, SmoothingNavigator, _Leg, smooth
-from tests.laisn.test_tight_navigator import EVERYTHING, Mission
+from tests.laisn.tight_mission import EVERYTHING, Mission
 
 LAG = 4
 MESSAGES = 12

@@ -1,0 +1,69 @@
+"""Cameras of the film: projection, what stays in the frame, and what keeps clear of the panels."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sim.film.cameras import Director, View
+from sim.film.footage import Footage
+from tests.film.filmed import errors_of
+
+
+def test_projection_is_that_of_a_pinhole():
+    # looking east from the origin, 90° vertically: a point 10 m ahead, 2 m to the right (south), 1 m up
+    view = View(position=np.zeros(3), target=np.array([1.0, 0, 0]), fovy_deg=90.0)
+    pixels, ahead = view.project(np.array([[10.0, -2.0, 1.0]]), 400, 200)
+    np.testing.assert_allclose(pixels, [[200 + 100 * 0.2, 100 - 100 * 0.1]])
+    np.testing.assert_allclose(ahead, [10.0])
+
+
+def test_a_line_is_cut_at_the_lens():
+    view = View(position=np.zeros(3), target=np.array([1.0, 0, 0]), fovy_deg=90.0)
+    ((pixels, ahead, place),) = view.line(np.array([[-5.0, 1.0, 0.0], [5.0, 1.0, 0.0]]), 200, 200)
+    assert ahead.min() > 0
+    np.testing.assert_allclose(place[-1], 1.0)
+    # at the far end: 1 m to the left at 5 m
+    np.testing.assert_allclose(pixels[-1], [100 - 100 / 5, 100])
+    assert view.line(np.array([[-5.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]), 200, 200) == []
+
+
+def test_a_camera_cannot_stand_on_its_target():
+    with pytest.raises(ValueError, match="cannot look at itself"):
+        View(position=np.ones(3), target=np.ones(3))
+
+
+@pytest.mark.parametrize("camera", ["chase", "top", "pip", "side", "profile", "orbit"])
+def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
+    footage = Footage(flight, errors_of(flight), 20.0)
+    director = Director(footage, 0, 16 / 9)
+    for t in np.linspace(0.0, 60.0, 25):
+        moment = footage.at(t)
+        shot = director.shot(camera, moment)
+        pixels, ahead = shot.view.project(moment.position, 1280, 720)
+        assert (ahead > 0.5).all()
+        assert (pixels >= 0).all()
+        assert (pixels <= [1280, 720]).all()
+        if shot.surface:
+            assert shot.view.position[2] < 0
+
+
+@pytest.mark.parametrize("aside", [-6.0, -3.0, 0.0, 3.0, 6.0])
+def test_the_chasing_camera_keeps_the_estimate_clear_of_the_panels(flight, aside):
+    """Seen towards the leader, the estimate lies to the right of the follower, or to the left."""
+    away = flight.trajectory.position[flight.step_index(), 0] - flight.hydrophone(0)
+    right = np.column_stack([away[:, 1], -away[:, 0]]) / np.hypot(away[:, 0], away[:, 1])[:, None]
+    (found,) = flight.estimates
+    state = found.state.copy()
+    state[:, :2] = flight.hydrophone(0)[:, :2] + aside * right
+    parted = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
+    footage = Footage(parted, errors_of(parted), 20.0)
+    director = Director(footage, 0, 16 / 9)
+    for t in np.linspace(5.0, 55.0, 11):
+        moment = footage.at(t)
+        view = director.shot("chase", moment).view
+        pixels, _ = view.project(np.stack([moment.hydrophone[0], moment.estimate[0]]), 1280, 720)
+        # panels take the left, and the upper and lower right corners
+        assert (pixels[:, 0] > 308).all()
+        assert (pixels[:, 0] < 1032).all()
+        assert (pixels[:, 1] < 700).all()

@@ -1,0 +1,85 @@
+"""Steps of any length and transmitters anywhere, for the tightly coupled navigator."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from laisn.estimates import FixKind
+from laisn.failure import LaisnError
+from laisn.messages import Measurements, OwnMotion
+from laisn.tight.estimates import TightEstimates
+from laisn.tight.mission import run_mission
+from laisn.tight.navigator import TightNavigator
+from laisn.tight.settings import Assume, TightSettings
+from tests.laisn.passages import BEACONS, START, passage
+from tests.synthetic import bits
+
+
+def tight(measurements: Measurements, **other: Any) -> TightEstimates:
+    return TightNavigator(TightSettings(dt=0.5, **other), START).run(measurements)
+
+
+def test_the_tightly_coupled_navigator_recovers_the_truth_in_steps_of_any_length() -> None:
+    durations = np.random.default_rng(5).uniform(0.3, 0.7, 400)
+    durations[[50, 222]] = 6.0
+    measurements, place = passage(durations)
+    estimates = tight(measurements)
+    assert np.abs(estimates.state[:, :2] - place[1:]).max() < 0.01
+    assert set(estimates.fix_kind.tolist()) == {FixKind.RANGES}
+
+
+def test_durations_of_one_step_change_nothing_of_the_tightly_coupled_navigator_to_the_bit() -> None:
+    equal, _ = passage(None)
+    told = replace(equal, durations=np.full(400, 0.5))
+    assert bits(tight(told)) == bits(tight(equal))
+
+
+def test_a_longer_step_adds_more_noise_to_dead_reckoning() -> None:
+    """Readings err by 0.2 m/s along the way, in one step of 2 s or in four of ½ s: 0.4² or 4 · 0.1² m²."""
+    start = np.array([0.0, 0.0, 0.0, 1.0])
+    known = TightSettings(dt=0.5, start_sigma=1e-9, speed_bias_sigma=0.0, heading_bias_sigma=0.0, heading_sigma=0.0)
+    once, often = TightNavigator(known, start), TightNavigator(known, start)
+    once.step(OwnMotion(1.0, 0.0, 9.0), duration=2.0)
+    for _ in range(4):
+        often.step(OwnMotion(1.0, 0.0, 9.0))
+    assert once.state[:2] == pytest.approx([0.0, 2.0])
+    assert often.state[:2] == pytest.approx([0.0, 2.0])
+    assert once.covariance[1, 1] == pytest.approx(0.16, rel=1e-3)
+    assert often.covariance[1, 1] == pytest.approx(0.04, rel=1e-3)
+    with pytest.raises(LaisnError, match="expected a positive time"):
+        once.step(OwnMotion(1.0, 0.0, 9.0), duration=-1.0)
+
+
+def test_offsets_from_a_leader_are_places_in_its_messages_for_the_tightly_coupled_navigator() -> None:
+    measurements, _ = passage(None)
+    turned = measurements.message.copy()
+    turned[:, 3] = np.pi / 2
+    offsets = tuple((east, north, -depth) for east, north, depth in BEACONS.tolist())
+    placed = tight(replace(measurements, message=turned, transmitters=None), transmitter_offsets=offsets)
+    np.testing.assert_allclose(placed.state, tight(replace(measurements, message=turned)).state, rtol=0, atol=1e-9)
+
+
+def test_a_range_to_a_place_that_nobody_knows_counts_as_not_received() -> None:
+    measurements, _ = passage(None)
+    assert measurements.transmitters is not None
+    places, ranges = measurements.transmitters.copy(), measurements.ranges.copy()
+    places[10:, 2], ranges[10:, 2] = np.nan, np.nan
+    unplaced = tight(replace(measurements, transmitters=places))
+    assert unplaced.used.tolist() == [3] * 10 + [2] * 90
+    np.testing.assert_array_equal(unplaced.state, tight(replace(measurements, ranges=ranges)).state)
+
+
+def test_what_the_tightly_coupled_navigator_and_its_campaigns_cannot_take_is_said() -> None:
+    measurements, _ = passage(None)
+    assert measurements.transmitters is not None
+    with pytest.raises(LaisnError, match="whom no compass of a leader turns"):
+        tight(measurements, assume=Assume(exact_leader=False))
+    with pytest.raises(LaisnError, match="a transmitter is farther than"):
+        tight(replace(measurements, transmitters=np.full_like(measurements.transmitters, np.inf)))
+    with pytest.raises(ValueError, match="transmitter_offsets has 2 places, expected one for each of 3"):
+        TightSettings(transmitter_offsets=((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))
+    for odd in (measurements, replace(measurements, transmitters=None, durations=np.full(400, 0.5))):
+        with pytest.raises(LaisnError, match="steps of equal length, and transmitters on the leader's hull only"):
+            run_mission(TightSettings(dt=0.5), odd, START)

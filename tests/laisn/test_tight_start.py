@@ -1,0 +1,69 @@
+"""Starts that are unknown, and beliefs that are lost, of the tightly coupled navigator."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from laisn.tight.mission import run_mission
+from laisn.tight.navigator import TightNavigator
+from laisn.tight.settings import Assume, TightSettings
+from tests.laisn.tight_mission import EVERYTHING, Mission
+
+
+@pytest.mark.parametrize("everything", [False, True])
+def test_three_transmitters_find_an_unknown_start(everything: bool) -> None:
+    """The first message tells where the follower is, but for what its ranges and the leader's compass may be off."""
+    mission = Mission(steps=600)
+    setting = TightSettings(assume=EVERYTHING if everything else Assume())
+    normalised = []
+    for seed in range(20):
+        measurements = mission.measured(np.random.default_rng(seed), log=0.2, compass=0.1, scale=0.1)
+        result = TightNavigator(setting, None).run(measurements)
+        assert np.all(np.isnan(result.state[:9]))
+        assert np.all(np.isfinite(result.covariance[9:]))
+        off = result.state[9:, :2] - mission.follower[10:]
+        spread = result.covariance[9:, :2, :2]
+        normalised.append(np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0]))
+        known = TightNavigator(setting, mission.start).run(measurements)
+        assert np.hypot(*(result.state[-1, :2] - known.state[-1, :2])) < (3.0 if everything else 0.3)
+    assert np.mean(normalised) < 3.0
+
+
+def test_two_transmitters_leave_both_sides_of_an_unknown_start_open_until_the_way_decides() -> None:
+    mission = Mission(steps=3000)
+    setting = TightSettings(transmitters=2, heading_bias_sigma=0.02)
+    result = TightNavigator(setting, None).run(mission.measured(np.random.default_rng(1)))
+    first = result.hypothesis[0, :2] - mission.follower[10]
+    apart = mission.follower[10] - mission.leader[10]
+    theta = mission.leader_heading[10]
+    aside = np.array([-np.cos(theta), np.sin(theta)])
+    image = -2.0 * (apart @ aside) * aside
+    assert result.weight[0, :2] == pytest.approx([0.5, 0.5], abs=0.01)
+    nearest = sorted(np.hypot(*(first - np.array([[0.0, 0.0], image])[:, None]).transpose(2, 0, 1)).min(axis=1))
+    assert nearest[1] < 1.0
+    assert np.hypot(*(result.state[-1, :2] - mission.follower[-1])) < 1.0
+    assert result.weight[-1, 0] > 0.99
+
+
+def test_a_single_range_does_not_begin_a_belief() -> None:
+    mission = Mission(steps=40)
+    whole = mission.measured()
+    ranges = whole.ranges.copy()
+    ranges[:2, 1:] = np.nan
+    result = TightNavigator(TightSettings(), None).run(replace(whole, ranges=ranges))
+    assert np.all(np.isnan(result.state[:29]))
+    assert np.hypot(*(result.state[29, :2] - mission.follower[30])) < 0.5
+    assert result.weight[:2].max() == 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_belief_that_is_lost_finds_back(seed: int) -> None:
+    """A start that is wrong by hundreds of standard deviations, and as sure of itself as a true one."""
+    mission = Mission(steps=2000)
+    measurements = mission.measured(np.random.default_rng(seed))
+    wrong = mission.start + np.array([8.0, -5.0, 0.0, 0.0])
+    where, spread, _ = run_mission(TightSettings(), measurements, wrong)
+    off = where[1000:, :2] - mission.follower[1001:]
+    assert np.hypot(*off.T).max() < 2.0
+    assert spread[1000:, [0, 2]].max() < 1.0
