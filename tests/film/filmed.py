@@ -1,10 +1,55 @@
-"""What tests of the film have in common: a flight's errors, another estimate, small pictures."""
+"""What tests of the film share: errors and settings of small films, and a canvas that keeps what is drawn."""
 
 import dataclasses
 
 import numpy as np
 
+from laisn.arrays import Floats
+from sim.film import canvas
+from sim.film.canvas import Canvas, Colour
+from sim.film.labels import Area
 from sim.scenario.settings import Video
+
+WHITE: Colour = (1.0, 1.0, 1.0)
+
+
+class Notebook(Canvas):
+    """A canvas that keeps what it is asked to draw."""
+
+    def __init__(self, width: int = 1280, height: int = 720) -> None:
+        super().__init__(width, height)
+        self.lines: list[Floats] = []
+        self.dots: list[Floats] = []
+        self.words: list[str] = []
+        self.boxes: list[Area] = []
+        """What the words take."""
+        self.sizes: list[float] = []
+
+    def line(self, points: Floats, colour: Colour, width: float = 2.0, dash: tuple[float, ...] | None = None) -> None:
+        self.lines.append(np.array(points))
+
+    def dot(self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None) -> None:
+        self.dots.append(np.array(at))
+
+    def text(
+        self,
+        at: tuple[float, float],
+        words: str,
+        colour: Colour = (1, 1, 1),
+        size: float = 14,
+        anchor: str = "la",
+        *,
+        moves: bool = False,
+    ) -> None:
+        self.words.append(words)
+        font = canvas._font(self._size(size), size < 0)
+        left, top, right, bottom = font.getbbox(words, anchor=anchor)
+        self.boxes.append((at[0] + left, at[1] + top, right - left, bottom - top))
+        self.sizes.append(font.size)
+
+
+def overlap(a: Area, b: Area) -> bool:
+    return not (a[0] + a[2] <= b[0] or b[0] + b[2] <= a[0] or a[1] + a[3] <= b[1] or b[1] + b[3] <= a[1])
 
 
 def errors_of(flight):

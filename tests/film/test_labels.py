@@ -6,7 +6,7 @@ import pytest
 from sim.film import labels
 from sim.film.canvas import Canvas
 from sim.film.labels import Label
-from tests.film.notebook import WHITE, overlap
+from tests.film.filmed import WHITE, overlap
 
 
 def crowd(n: int, seed: int) -> list[Label]:

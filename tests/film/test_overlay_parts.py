@@ -18,7 +18,7 @@ from sim.film.footage import Footage
 from sim.film.labels import Area
 from sim.film.numbers import in_words
 from sim.film.panels import scale_bar
-from tests.film.notebook import WHITE, Notebook, overlap
+from tests.film.filmed import WHITE, Notebook, overlap
 
 # words
 
