@@ -163,6 +163,16 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
     assert made.evidence[0] == pytest.approx(best[likeliest], abs=1e-9)
 
 
+def test_a_message_of_which_nothing_came_teaches_nothing() -> None:
+    made, model = belief(some_covariance(0.01))
+    before = made.state.copy(), made.covariance.copy()
+    made.evidence[0] = made.surprise[0] = made.turn_excess[0] = 7.0
+    assert learn(made, model, 0, heard(np.full(3, np.nan))) == 0
+    assert (made.evidence[0], made.surprise[0], made.turn_excess[0], made.taken[0]) == (0.0, 0.0, 0.0, 0)
+    np.testing.assert_array_equal(made.state, before[0])
+    np.testing.assert_array_equal(made.covariance, before[1])
+
+
 def test_a_covariance_that_is_not_positive_definite_is_refused() -> None:
     made, model = belief(-np.eye(STATES))
     assert learn(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
