@@ -1,5 +1,6 @@
 """The study of the estimators: its figures of merit, its plan, its record and its page."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,14 @@ from typer.testing import CliRunner
 
 from experiments.campaign.tasks import key_of
 from experiments.command.cli import app
-from experiments.estimators import paired, report, study
+from experiments.estimators import paired, plan, report, study
 from experiments.estimators.cases import CASES
 from experiments.estimators.paired import WEAVE, Captured, Paired, captures, compare
-from experiments.estimators.plan import QUICK, SEAS, Size, at_sea, tasks
+from experiments.estimators.plan import QUICK, SEAS, SIGMAS, Size, at_sea, tasks
 from experiments.estimators.report import write_page
 from experiments.findings import Findings
+from laisn.bound import TrueNoise
+from laisn.tight.settings import TightSettings
 from sim.scenario.routes import library_route
 
 
@@ -158,11 +161,32 @@ def test_a_weaving_leader_tells_two_transmitters_the_side() -> None:
     assert weaving.tight_rms < 0.8 * straight.tight_rms
 
 
-def test_a_physical_mission_is_flown_by_both_and_the_sea_matters() -> None:
+def test_a_physical_mission_is_flown_by_both_and_the_sea_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plan, "least_rms", lambda *_: np.array([3.0, 4.0]))
     one = at_sea("waves", "T6", 2)
     assert 0.01 < one.tight_mean < one.laisn_mean
-    assert one.bound_rms > 0.0
+    # over all instants alike
+    assert one.bound_rms == pytest.approx(np.sqrt(12.5))
     assert one.nees < 5.0
+
+
+def test_the_bound_of_a_mission_is_that_of_its_transmitters_over_all_instants(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def least(geometry: Any, noise: Any) -> Any:
+        asked.append((geometry.arms.shape[1], noise))
+        return np.array([3.0, 4.0])
+
+    monkeypatch.setattr(paired, "least_rms", least)
+    assert paired.bound_rms.__wrapped__("T9", 5.0, 2) == pytest.approx(np.sqrt(12.5))
+    assert asked == [(2, TrueNoise())]
+
+
+def test_settings_are_varied_by_their_factor() -> None:
+    usual = TightSettings()
+    for sigma in SIGMAS:
+        assert getattr(plan._scaled(sigma, 0.5), sigma) == 0.5 * getattr(usual, sigma) > 0.0
+    assert plan._scaled("range_sigma", 2.0) == replace(usual, range_sigma=2.0 * usual.range_sigma)
 
 
 def test_the_plan_names_every_task_once_and_flies_every_case() -> None:
@@ -192,6 +216,10 @@ def test_none_of_n_captured_has_the_interval_of_clopper_and_pearson(found: dict[
     assert none.high == pytest.approx(exact.high, rel=1e-4)
     assert findings["many-laisn-2 3 T5"].value == pytest.approx(7 / QUICK.captures, rel=1e-4)
     assert findings["ratio G1 5"].value == pytest.approx(0.25)
+    for weave, how in ((False, "straight"), (True, "weaving")):
+        one = found["weave", weave, "T5"]
+        assert findings[f"rms {how} T5"].value == pytest.approx(np.sqrt(np.mean(one.tight_means**2)), rel=1e-5)
+        assert findings[f"rms-bound {how} T5"].value == 0.15
     assert {f"nees sea {sea}" for sea in SEAS} <= set(findings.findings)
 
 

@@ -54,6 +54,27 @@ def test_settings_that_the_paper_only_describes_are_flown_too():
     assert [a.range_tau_m for name, a in heard.items() if name.startswith("tau")] == [(0.03,) * 3, (0.06,) * 3]
 
 
+def test_columns_of_a_table_are_the_values_of_its_setting():
+    by_name = {s.name: stages.columns(s) for s in stages.SETTINGS}
+    base = {
+        "dt_s": 0.1, "dt_range_s": 1.0, "leader_length_m": 2.0, "h_t_m": 0.1, "tau_rear_m": 0.01, "tau_other_m": 0.01,
+        "mu_range_m": 0.1, "sigma_range_m": 0.05, "mu_heading_leader_deg": 0.0, "beta_m2": 0.1, "threshold_m": 0.1,
+        "gate": "v-max",
+    }  # fmt: skip
+    for name, changed in (
+        ("base", {}),
+        ("muD0.3", {"dt_range_s": 5.0, "mu_range_m": 0.3}),
+        ("asymmetric", {"dt_range_s": 5.0, "tau_rear_m": 0.06}),
+        ("tau0.03", {"dt_range_s": 5.0, "tau_rear_m": 0.03, "tau_other_m": 0.03}),
+        ("L1", {"dt_range_s": 5.0, "leader_length_m": 1.0}),
+        ("HT0.2", {"dt_range_s": 5.0, "h_t_m": 0.2}),
+        ("heading2.5", {"mu_heading_leader_deg": 2.5}),
+        ("10s-slow-beta300", {"dt_s": 1.0, "dt_range_s": 10.0, "beta_m2": 300.0, "threshold_m": 10.0}),
+    ):
+        assert {key: by_name[name][key] for key in base} == base | changed
+        assert by_name[name]["setting"] == name
+
+
 def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
     free = {"beta_m2", "threshold_m", "gate"}
     by_name = {s.name: s for s in stages.SETTINGS}
