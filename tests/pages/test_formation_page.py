@@ -40,7 +40,7 @@ def findings() -> Findings:
 
 
 def rows(html: str) -> dict[str, list[str]]:
-    """Cells of the rows of a page's table, by the first of them."""
+    """Cells of the rows of a page's tables, by the first of them."""
     found = {}
     for row in re.findall(r"<tr>(.*?)</tr>", html, flags=re.DOTALL):
         cells = [unescape(re.sub(r"<.*?>", "", cell)).strip() for cell in re.findall(r"<td.*?</td>", row, re.DOTALL)]
@@ -52,7 +52,11 @@ def rows(html: str) -> dict[str, list[str]]:
 def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: Path) -> None:
     html = report.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
     found = rows(html)
-    assert list(found) == [condition.title for condition in CONDITIONS]
+    assert list(found) == [*(condition.title for condition in CONDITIONS), "80", "500", "5000"]
+    # who asks takes a turn for each: five times as long for fifty as for ten
+    message, interval, ten, fifty = (float(cell) for cell in found["80"])
+    assert message < interval < ten
+    assert fifty == pytest.approx(5.0 * ten, abs=0.3)
     # distances of 3 m: the median of ten from 3.0 to 5.7 m, the worst, twice and five times as much, half as much
     median, worst, p95, largest, leg, turn, error, lost, share, closest, power = found[CONDITIONS[2].title]
     assert median.startswith("4.35")
@@ -66,7 +70,7 @@ def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: P
 
 def test_rules_quote_the_conditions_that_they_name() -> None:
     """Every finding has a number of its own, and every phrase the number of its condition."""
-    whats = ("run-median", "worst", "max", "closest", "lost")
+    whats = ("run-median", "worst", "max", "closest", "error", "lost")
     keys = [f"{what} {condition.name}" for what in whats for condition in CONDITIONS]
     values = {key: i + 0.25 if not key.startswith("lost") else (i - 80) / 100 for i, key in enumerate(keys)}
     made = {key: Finding(value=value, low=0.0, high=1.0) for key, value in values.items()}
@@ -85,14 +89,32 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
         ("came within {} and", "closest calm"),
         (" and {} of each other horizontally", "closest current"),
         ("they came within {} with 40 %", "closest bursts"),
+        ("assumed to, cost {} in place of", "run-median drift"),
+        ("formation along: {} off", "run-median ins"),
+        ("though {} off in the world", "error ins"),
+        ("one layer the median follower was {} off", "run-median fifty"),
+        ("off, the worst {},", "worst fifty"),
+        ("vehicles came within {} of each other.", "closest fifty"),
         ("{} for the median follower that steers by the truth", "run-median truth"),
         ("truth, and {} at most", "max truth"),
     ):
         assert phrase.format(f"{values[key]:.2f} m") in said
     shares = {
         name: f"{values[f'lost {name}']:.0%} (0 to 100 %)".replace("%", " %", 1)
-        for name in ("calm", "5 s", "10 s", "loss", "bursts", "laisn-2", "laisn-3-1", "laisn-3-2")
+        for name in (
+            "calm",
+            "5 s",
+            "10 s",
+            "loss",
+            "bursts",
+            "laisn-2",
+            "laisn-3-1",
+            "laisn-3-2",
+            "5 s loss",
+            "5 s loss back",
+        )
     }
+    assert f"{shares['5 s loss']} were lost of stations that begin 5 m behind, {shares['5 s loss back']} of" in said
     five = [shares[name] for name in ("calm", "5 s", "10 s", "loss", "bursts")]
     assert f"Shares of followers lost: {', '.join(five[:4])} and {five[4]}." in said
     assert (

@@ -1,0 +1,36 @@
+"""What a formation asks of a modem, by hand."""
+
+import math
+
+import pytest
+
+from experiments.formation.channel import asked_interval_s, message_bits, reach_m, shortest_interval_s
+from sim.scenario.file import validate
+from sim.scenario.settings import Scenario
+
+
+def formation(**tables: object) -> Scenario:
+    stations = [{"station": {"behind_m": 29.0, "port_m": 40.0, "depth_m": 10.0}},
+                {"station": {"behind_m": 5.0, "port_m": 0.0, "depth_m": 10.0}}]  # fmt: skip
+    told = {"name": "s", "followers": stations, "leader": {"depth_m": 10.0, "baseline_m": 2.0}}
+    return validate(told | {"ocean": {"floor_depth_m": 40.0}} | tables, "test")
+
+
+def test_bits_of_a_message_are_those_of_its_quantities() -> None:
+    # 86400 numbers, 2 million places along two axes, 3600 headings, 500 speeds, 4000 depths, a checksum of 16 bits
+    assert message_bits(formation()) == 17 + 2 * 21 + 12 + 9 + 12 + 16
+    # with a message every 10 s there are a tenth of the numbers; 900 tilts about two axes take 10 bits each
+    slow = formation(timing={"message_interval_s": 10.0}, leader={"baseline_m": 2.0, "broadcast_attitude": True})
+    assert message_bits(slow) == 14 + 2 * 21 + 12 + 9 + 12 + 16 + 20
+
+
+def test_the_farthest_station_is_measured_from_the_farther_transmitter() -> None:
+    assert reach_m(formation()) == pytest.approx(50.0)
+
+
+def test_who_only_listens_shares_the_channel_and_who_asks_does_not() -> None:
+    scenario = formation(acoustics={"sound_speed_m_s": 1500.0})
+    bits, way = message_bits(scenario), 50.0 / 1500.0
+    assert shortest_interval_s(scenario, 80.0) == pytest.approx(bits / 80.0 + way)
+    assert asked_interval_s(scenario, 80.0, 50) == pytest.approx(50 * (bits / 80.0 + 2.0 * way))
+    assert math.isclose(asked_interval_s(scenario, 80.0, 50), 5.0 * asked_interval_s(scenario, 80.0, 10))
