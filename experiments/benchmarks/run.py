@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.benchmarks import mission as benchmarks_mission
+from experiments.benchmarks.formation import formation
 from experiments.benchmarks.row import Row, least_time
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
@@ -210,6 +211,7 @@ def navigation() -> list[Row]:
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "navigation": navigation,
     "physics": benchmarks_mission.physics,
+    "formation": formation,
     "log": benchmarks_mission.log,
     "film": benchmarks_mission.film,
     "command": benchmarks_mission.command,

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from experiments.benchmarks import mission
+from experiments.benchmarks import formation, mission
 from experiments.benchmarks import run as benchmarks
 from experiments.benchmarks.row import Row, least_time
 from experiments.benchmarks.run import BENCHMARKS, record, steady_mission, table
@@ -132,6 +132,21 @@ def test_times_of_physics_are_told_for_a_step_of_a_fleet(monkeypatch: pytest.Mon
     assert found["with hydrodynamics"][1:] == pytest.approx((40.0, "µs/step", 0.5, "mj_step", 10.0))
     assert found["with autopilot and recording"][1:] == pytest.approx((50.0, "µs/step", 0.4, "mj_step", 10.0))
     assert found["real-time factor"][1:4] == pytest.approx((400.0, "x", 400.0 / mission.AIMS[1]))
+
+
+def test_a_closed_loop_is_told_beside_the_solver_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In turns 0.2 s of MuJoCo, 0.1 s of the closed loop, 3 s of a whole run."""
+    times = iter([0.2, 0.1, 3.0])
+    monkeypatch.setattr(formation, "SWARMS", {10: 100.0})
+    monkeypatch.setattr(formation, "least_time", lambda *_: next(times))
+    found = {row.name.removeprefix("leader + 10: "): row for row in formation.formation()}
+    # 5000 steps of 0.02 s
+    assert found["mj_step alone"][1:3] == pytest.approx((40.0, "µs/step"))
+    assert found["closed loop"][1:5] == pytest.approx((20.0, "µs/step", 2.0, "mj_step"))
+    assert found["solver over closed loop"][1:4] == pytest.approx((2.0, "x", 2.0 / formation.AIMS[10]))
+    assert found["real-time factor"][1:3] == pytest.approx((1000.0, "x"))
+    assert found["a run of 1000 s, whole"][1:3] == (3.0, "s")
+    assert {f.layer_m for f in formation.swarm(50, 1.0).followers} == {10.0}
 
 
 def test_a_log_is_told_in_thousand_messages_and_megabytes(monkeypatch: pytest.MonkeyPatch) -> None:
