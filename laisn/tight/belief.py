@@ -37,6 +37,11 @@ _LEADER = np.dtype(
         "velocity_x", "velocity_y",  # s_L u(θ_L) of the last message [m/s]
         "first_heading", "last_heading",  # at the window's beginning and in the last message [rad]
         "first_time", "last_time",  # of the first message of all and of the last one [s]
+        "at_x", "at_y", "track",  # place [m] at the last message, and direction of the way there [rad]
+        "leg",  # messages on the leg so far; 0: it turns, or nobody knows
+        "steady",  # 1 where the leg's mean heading is used, else 0
+        "leg_heading",  # mean heading of the leg, as it was at the last message [rad]
+        "other_variance",  # `leader_variance` of steady legs while there is none, else of readings [rad²]
     )]
 )  # fmt: skip
 _OUTPUT = np.dtype(
@@ -120,7 +125,8 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
         sigma[m.offset : n] = settings.offset_sigma
     belief: Belief = np.zeros(1, dtype=_BELIEF).view(np.recarray)[0]
     belief.alive, belief.smoothed, belief.leader_variance = 1, 1.0, m.leader_variance
-    belief.motion.speed = belief.leader.window_time = np.nan
+    belief.motion.speed = belief.leader.window_time = belief.leader.at_x = belief.leader.track = np.nan
+    belief.leader.other_variance = m.leader_variance / 16.0
     belief.fresh = sigma**2
     if start is None:
         belief.alive = 0

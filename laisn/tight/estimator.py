@@ -7,6 +7,7 @@ from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, hull_to_world
 from laisn.tight.belief import Belief, refresh_output
 from laisn.tight.leader_way import watch_leader
+from laisn.tight.leg import steady
 from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
 from laisn.tight.modes import mix_modes
 from laisn.tight.own_motion import begin_interval, move, turned_since_message
@@ -57,7 +58,11 @@ def place_arms(heard: Heard, m: Model, pitch: float, roll: float, deeper: float)
 
 @compiled
 def loosen(b: Belief, m: Model, heard: Heard) -> None:
-    """Deviations: a compass that has turned may have another bias, the leader's too."""
+    """What a message does to biases before it is learnt from.
+
+    Deviations: a compass that has turned may have another bias, the leader's too; and b_L, which goes with the heading
+    that stands for the broadcast one.
+    """
     own = turned_since_message(b)
     leader = 0.0
     if m.leader != ABSENT and b.leader.window_time == b.leader.window_time:
@@ -67,6 +72,9 @@ def loosen(b: Belief, m: Model, heard: Heard) -> None:
             b.covariance[k, COMPASS, COMPASS] += m.deviation * own * own
         if leader > _LEADER_TURN:
             b.covariance[k, m.leader, m.leader] += m.deviation * leader * leader
+        if m.leader != ABSENT:
+            b.state[k, m.leader] += heard.shift
+            b.covariance[k, m.leader, m.leader] += heard.wander
 
 
 @compiled
@@ -177,8 +185,9 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
     if b.alive == 0:
         return _begin(b, m, heard, received)
     mix_modes(b, m)
-    if m.deviation > 0.0:
-        loosen(b, m, heard)
+    if m.leader != ABSENT:
+        steady(b, m, heard)
+    loosen(b, m, heard)
     for k in range(b.alive * m.modes):
         if not _move_and_look(b, m, k, heard):
             return -1

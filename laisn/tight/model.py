@@ -33,6 +33,7 @@ _STEADY_LOG, _STEADY_COMPASS = 2e-4, 1.5e-4  # [m/s/√s], [rad/√s]
 _DRIFTING_LOG, _DRIFTING_COMPASS = 2.5e-3, 1.7e-3
 _MODES = (0.25, 2.5)
 """Slow and quick drift, as multiples of these."""
+_LEADER_COMPASS = 5e-5  # [rad/√s]
 _CURRENT_WALK = 1e-3  # [m/s/√s]
 _DEVIATION = 0.03
 """Change of a drifting compass's bias in a turn, as a share of the turn."""
@@ -65,6 +66,8 @@ class Model(NamedTuple):
     compass_walk: tuple[float, float]
     """Variance that b_θ gains in a second, by mode [rad²/s]."""
     current_walk: float
+    leader_walk: float
+    """Variance that b_L gains in a second [rad²/s]."""
     deviation: float
     range_sigma: float
     range_scale_variance: float
@@ -106,6 +109,7 @@ def model_of(settings: TightSettings) -> Model:
         log_walk=((slow * log_walk) ** 2, (quick * log_walk) ** 2),
         compass_walk=((slow * compass_walk) ** 2, (quick * compass_walk) ** 2),
         current_walk=_CURRENT_WALK**2,
+        leader_walk=_LEADER_COMPASS**2,
         deviation=_DEVIATION**2 if assume.drift else 0.0,
         range_sigma=settings.range_sigma,
         range_scale_variance=settings.range_scale_sigma**2,

@@ -114,6 +114,8 @@ def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> N
     P[k, Y, COMPASS] += half * q_compass * by_compass_y
     P[k, LOG, LOG] += q_log * time
     P[k, COMPASS, COMPASS] += q_compass * time
+    if m.leader != ABSENT:
+        P[k, m.leader, m.leader] += m.leader_walk * time
     if drifting:
         px += q_current * time * time * third
         py += q_current * time * time * third

@@ -31,6 +31,7 @@ _HEARD = np.dtype([
     ("speed", np.float64),  # … and its speed through the water [m/s]
     ("arms", np.float64, (3, 3)),  # from the origin to each transmitter: east, north, how much deeper than we [m]
     ("ranges", np.float64, 3),  # slant ranges [m]; NaN where nothing was received
+    ("shift", np.float64), ("wander", np.float64),  # what b_L and its variance grow by at this message [rad], [rad²]
 ])  # fmt: skip
 
 Heard: TypeAlias = Any

@@ -19,7 +19,7 @@ _REACH = 3.5
 """Farthest axis of a split, in lateral standard deviations."""
 _LEAST_WEIGHT = 1e-5
 _SAME = 0.3
-"""Squared Mahalanobis distance of two hypotheses' positions below which they are one."""
+"""Squared Mahalanobis distance of two hypotheses' positions, and of their b_L, below which they are one."""
 
 
 @compiled
@@ -155,9 +155,16 @@ def normalise(b: Belief, m: Model) -> None:
 
 @compiled
 def _same_place(b: Belief, m: Model, g: int, h: int) -> bool:
-    """Whether two hypotheses are nearer than their mean spread, by their heaviest components' positions."""
+    """Whether two hypotheses are nearer than their mean spread, by their heaviest components' positions and b_L.
+
+    The same place is told by another heading of the leader, too; who believes that goes elsewhere from here.
+    """
     i, j = heaviest(b, m, g), heaviest(b, m, h)
     x, P = b.state, b.covariance
+    if m.leader != ABSENT:
+        apart, spread = x[i, m.leader] - x[j, m.leader], P[i, m.leader, m.leader] + P[j, m.leader, m.leader]
+        if apart * apart > _SAME * 0.5 * spread:
+            return False
     dx, dy = x[i, X] - x[j, X], x[i, Y] - x[j, Y]
     xx, xy = 0.5 * (P[i, X, X] + P[j, X, X]), 0.5 * (P[i, X, Y] + P[j, X, Y])
     yy = 0.5 * (P[i, Y, Y] + P[j, Y, Y])

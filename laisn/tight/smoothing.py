@@ -127,8 +127,7 @@ class _Leg:
         before.weight[: m.modes] = self._modes
         self.onward = self.covariance @ self._matrix().T
         self._begin()
-        if m.deviation > 0.0:
-            loosen(before, m, heard)
+        loosen(before, m, heard)
         self.foretold, self.foretold_covariance = self._moved()
 
     def _begin(self) -> None:

@@ -74,7 +74,7 @@ def way_of(state: npt.NDArray[np.complex128], motion: Floats) -> npt.NDArray[np.
 
 def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     belief, model = made()
-    model = model._replace(log_walk=(0.0, 0.0), compass_walk=(0.0, 0.0), current_walk=0.0)
+    model = model._replace(log_walk=(0.0, 0.0), compass_walk=(0.0, 0.0), current_walk=0.0, leader_walk=0.0)
     for v, theta in zip(*readings(30), strict=True):
         advance(belief, model, v, theta)
     motion = np.array(belief.motion.tolist())
@@ -108,7 +108,7 @@ def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
 def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_position() -> None:
     """v = (s − b_v) Rot(b_θ) u(θ) + c: mean, covariance and that with the position, by complex steps."""
     belief, model = made()
-    model = model._replace(log_walk=(0.0, 0.0), compass_walk=(0.0, 0.0), current_walk=0.0)
+    model = model._replace(log_walk=(0.0, 0.0), compass_walk=(0.0, 0.0), current_walk=0.0, leader_walk=0.0)
     speed, heading = readings(30)
     for v, theta in zip(speed, heading, strict=True):
         advance(belief, model, v, theta)
