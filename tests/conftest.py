@@ -32,28 +32,34 @@ fly(load("T5", ["duration_s=2"]))
 """
 CAMPAIGN = """
 from experiments.campaign.plans import CellPlan, compute
-from experiments.flight.library import load
 from sim.motion import simulate_motion
-scenario = load("T5", ["duration_s=2", 'motion="kinematic"'])
+from sim.scenario.settings import Follower, Scenario
+scenario = Scenario(motion="kinematic", duration_s=2, followers=(Follower(route="T5"),))
 compute(simulate_motion(scenario), [CellPlan(scenario=scenario, runs=1, keep_steps=True)])
 """
-TIGHT = """
-from experiments.flight.library import load
-from laisn.navigator import Navigator
+NAVIGATORS = """
+from dataclasses import replace
+import numpy as np
+from laisn.beacons.navigator import BeaconNavigator
+from laisn.beacons.settings import BeaconSettings
+from laisn.messages import LeaderMessage, Measurements
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
-from sim.flight import navigate
-from sim.motion import simulate_motion
-scenario = load("T5", ["duration_s=2", 'motion="kinematic"'])
-flight = navigate(scenario, simulate_motion(scenario), Navigator)
-TightNavigator(TightSettings(), flight.estimates[0].state[0]).run(flight.measurements[0])
+heard = Measurements(
+    dt=0.1, speed=np.ones(5), heading=np.zeros(5), depth=np.full(5, 8.0), message_step=np.array([5]),
+    message=np.array([LeaderMessage(0.5, 20.0, 0.0, 0.0, 1.0, 4.0)]), ranges=np.array([[21.0, 20.0, 20.5]]),
+)
+start = np.array([0.0, 0.0, 0.0, 1.0])
+TightNavigator(TightSettings(), start).run(heard)
+BeaconNavigator(BeaconSettings(), start).run(replace(heard, transmitters=np.full((1, 3, 3), [20.0, 0.0, 4.0])))
 """
+"""Each compiles what the others do not, the last one the most."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compile once, on all cores, before several workers would each compile all of it."""
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
-        children = [subprocess.Popen([sys.executable, "-c", program]) for program in (FLIGHT, CAMPAIGN, TIGHT)]
+        children = [subprocess.Popen([sys.executable, "-c", program]) for program in (NAVIGATORS, FLIGHT, CAMPAIGN)]
         for child in children:
             child.wait()
 

@@ -4,17 +4,16 @@ How blocks are tried, document by document, in an empty folder:
 - toml: saved under the name in its first line.
 - python: run in one namespace per document; what begins with the name of a file of `laisn` is a change of it, which
   `tests/laisn/test_extending.py` makes in a copy.
-- bash: `laisn` and `python` lines are run, the former in this process. Missions are cut to 20 s (`--set duration_s=20`
-  for scenarios), films are left out, and stills are taken at 10 s. Studies of a file are cut to 20 s, two seas and two
-  runs; the others are asked for their help alone, which must know the options. `make` targets must exist. Other
-  programs are not ours.
+- bash: `laisn` and `python` lines are run, in this process. Missions are cut to 20 s (`--set duration_s=20` for
+  scenarios), films are left out, and stills are taken at 10 s; of a scenario's flights the first has its report drawn.
+  Studies of a file are cut to 20 s, two seas and two runs; the others are asked for their help alone, which must know
+  the options. `make` targets must exist. Other programs are not ours.
 """
 
 import ast
 import re
+import runpy
 import shlex
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import NamedTuple
@@ -30,6 +29,7 @@ from experiments.flight.library import FOLDER, names
 from experiments.flight.summary import off_place_rms
 from experiments.gallery import documents
 from experiments.gallery.tables import TRACKED
+from experiments.pages import flight_report
 from experiments.route_keeping import study as route_keeping
 from experiments.study.file import StudyFile
 from sim.film import graphics
@@ -83,7 +83,8 @@ def shortened(words: list[str]) -> list[str]:
     return words
 
 
-def run_laisn(words: list[str]) -> None:
+def run_laisn(words: list[str], flown: set[str]) -> None:
+    """Run a `laisn` command; `flown` are scenarios whose report was drawn already: the next would be much alike."""
     own = words[0] == "study" and words[1].endswith(".toml") and "--dry-run" not in words and "--film" not in words
     if words[0] in STUDIES and not own:
         known = CliRunner().invoke(app, [words[0], "--help"], env={"COLUMNS": "200"})
@@ -98,8 +99,14 @@ def run_laisn(words: list[str]) -> None:
         return
     if words[0] == "render" and "--still" not in words:
         words = [*words, "--still", "10", "--out", "film.png"]
-    result = CliRunner().invoke(app, shortened(words))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flight_report, "DRAWN_FOLLOWERS", 2)
+        if words[0] == "fly" and words[1] in flown:
+            patch.setattr(flight_report, "flight_report", lambda *given: given[3].write_text(""))
+        result = CliRunner().invoke(app, shortened(words))
     assert result.exit_code == 0, f"laisn {' '.join(words)}\n{result.output}"
+    if words[0] == "fly":
+        flown.add(words[1])
     if target:
         Path(target).write_text(result.stdout, encoding="utf-8")
 
@@ -109,15 +116,13 @@ def run_python(words: list[str]) -> None:
         # these write documents of the repository; that they are up to date is tested by itself
         assert (ROOT / (words[1].replace(".", "/") + ".py")).is_file()
         return
-    script = ROOT / words[0]
-    result = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False)
-    assert result.returncode == 0, result.stderr
+    runpy.run_path(str(ROOT / words[0]), run_name="__main__")
 
 
-def run_line(words: list[str]) -> None:
+def run_line(words: list[str], flown: set[str]) -> None:
     program, *rest = words
     if program == "laisn":
-        run_laisn(rest)
+        run_laisn(rest, flown)
     elif program == "python":
         run_python(rest)
     elif program == "make":
@@ -134,6 +139,7 @@ def test_commands_and_code_work(document: Path, tmp_path: Path, monkeypatch: pyt
     # examples read its data
     (tmp_path / "tests").symlink_to(ROOT / "tests")
     namespace: dict[str, object] = {}
+    flown: set[str] = set()
     for language, text in blocks(document):
         if language == "toml":
             name = re.match(r"# (\S+\.toml)\n", text)
@@ -145,7 +151,7 @@ def test_commands_and_code_work(document: Path, tmp_path: Path, monkeypatch: pyt
             assert (ROOT / text.splitlines()[0].removeprefix("# ")).is_file()
         elif language == "bash":
             for words in commands(text):
-                run_line(words)
+                run_line(words, flown)
         else:
             assert language in ("bibtex", "math"), f"a block of {language!r} is not tried by anything"
 
@@ -159,7 +165,7 @@ def inline_commands(document: Path) -> list[list[str]]:
 def test_commands_in_the_text_exist(document: Path) -> None:
     for program, *rest in inline_commands(document):
         if program == "make":
-            run_line([program, *rest])
+            run_line([program, *rest], set())
         elif program == "python":
             assert rest[1].endswith("…") or (ROOT / (rest[1].replace(".", "/") + ".py")).is_file()
         else:

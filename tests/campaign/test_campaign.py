@@ -9,12 +9,11 @@ import sys
 import time
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from experiments.campaign import campaign, missions, store
+from experiments.campaign import campaign, missions, processes, store
 from experiments.campaign.campaign import Design
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.processes import Pool, WorkerDiedError
@@ -23,6 +22,7 @@ from experiments.reproduction.study import fly_command
 from laisn import metrics
 from laisn.failure import LaisnError
 from laisn.navigator import Navigator
+from laisn.sources import ROOT
 from sim.fleet import FleetError
 from sim.flight import navigate
 from sim.scenario.settings import Acoustics, Follower, Leader, Navigation, Scenario, Timing
@@ -63,23 +63,9 @@ def contents(folder):
 SCRIPT = """
 import sys
 from pathlib import Path
-sys.path.insert(0, sys.argv[3])
 from tests.campaign.test_campaign import plans, run
-if __name__ == "__main__":
-    rows = run(plans(runs=int(sys.argv[4])), Path(sys.argv[1]), workers=int(sys.argv[2]), quiet=True)
-    campaign_rows = Path(sys.argv[1]) / "rows.txt"
-    campaign_rows.write_text(repr(rows))
+run(plans(runs=int(sys.argv[2])), Path(sys.argv[1]), workers=1, quiet=True)
 """
-
-
-def start(folder, workers, runs):
-    root = Path(__file__).resolve().parents[2]
-    script = folder.parent / "campaign_script.py"
-    script.write_text(SCRIPT)
-    environment = os.environ | {"PYTHONPATH": str(root)}
-    return subprocess.Popen(
-        [sys.executable, str(script), str(folder), str(workers), str(root), str(runs)], env=environment, cwd=root
-    )
 
 
 @pytest.fixture(scope="module")
@@ -111,9 +97,9 @@ def test_two_workers_give_the_bytes_of_one(computed, tmp_path):
 
 def test_a_killed_campaign_goes_on_and_ends_with_the_same_bytes(tmp_path):
     runs = 2000
-    assert start(tmp_path / "whole", 1, runs).wait(300) == 0
-    broken = tmp_path / "broken"
-    process = start(broken, 1, runs)
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    rows = run(plans(runs), whole, workers=1, quiet=True)
+    process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(broken), str(runs)], cwd=ROOT)
     until = time.monotonic() + 200
     while time.monotonic() < until and len(list(broken.glob("cells/*.parquet"))) < 2:
         assert process.poll() is None, "it ended before it could be killed"
@@ -122,8 +108,8 @@ def test_a_killed_campaign_goes_on_and_ends_with_the_same_bytes(tmp_path):
     process.wait()
     before = {p.name: p.stat().st_mtime_ns for p in broken.glob("cells/*.parquet")}
     assert 0 < len(before) < len(plans())
-    assert start(broken, 2, runs).wait(300) == 0
-    assert contents(broken) == contents(tmp_path / "whole")
+    assert run(plans(runs), broken, workers=2, quiet=True) == rows
+    assert contents(broken) == contents(whole)
     after = {p.name: p.stat().st_mtime_ns for p in broken.glob("cells/*.parquet")}
     assert {name: after[name] for name in before} == before
 
@@ -255,24 +241,33 @@ def test_a_mission_that_diverges_says_so_whatever_process_flies_it(workers):
         list(pool.each(lost_flight, [(1,)]))
 
 
+@pytest.fixture
+def impatient(monkeypatch):
+    """A cluster has half a second to answer, and some seconds where a user waits."""
+    assert processes._CONNECT_S < 5
+    monkeypatch.setattr(processes, "_CONNECT_S", 0.5)
+
+
+@pytest.mark.usefixtures("impatient")
 def test_no_cluster_is_said_at_once():
     begun = time.monotonic()
     pool = Pool(1, "tcp://127.0.0.1:9")
     with pytest.raises(ValueError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         pool.__enter__()
-    assert time.monotonic() - begun < 20
+    assert time.monotonic() - begun < 10
 
 
+@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("scheme", ["tcp", "tls"])
 def test_an_address_that_accepts_and_says_nothing_is_no_cluster(scheme):
     pytest.importorskip("distributed")
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"
         begun = time.monotonic()
-        why = "nothing came within 3 s" if scheme == "tcp" else "tls:// needs certificates"
+        why = "nothing came within 0.5 s" if scheme == "tcp" else "tls:// needs certificates"
         with pytest.raises(LaisnError, match=f"no Dask scheduler answers at {address}: .*{why}"):
             Pool(1, address).__enter__()
-        assert time.monotonic() - begun < 15
+        assert time.monotonic() - begun < 10
 
 
 BARE_WORKER = """

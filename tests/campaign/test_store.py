@@ -119,7 +119,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from test_store import KEY, ROW, STEPS
 from experiments.campaign.store import Store
-for i in range(300):
+for i in range(100):
     store = Store(Path(sys.argv[1]), force=i % 3 == 2)
     if i % 3:
         store.write(KEY, ROW, STEPS)

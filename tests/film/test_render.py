@@ -145,15 +145,22 @@ np.savez(sys.argv[2], **pictures)
 # films
 
 
+FILMED = {"frame_rate_hz": 25, "speed_up": 40.0}
+
+
+@pytest.fixture(scope="module")
+def film(flight, tmp_path_factory):
+    """A film by one worker, and its access units with their times."""
+    path = tmp_path_factory.mktemp("film") / "one.mp4"
+    return path, render.render(flight, path, errors=errors_of(flight), video=small(**FILMED), workers=1)
+
+
 @needs_graphics
-def test_the_film_is_what_was_asked_for_whatever_the_workers(flight, tmp_path):
-    errors, shares = errors_of(flight), []
-    video = small(frame_rate_hz=25, speed_up=40.0)
-    one, two = tmp_path / "one.mp4", tmp_path / "two.mp4"
-    render.render(flight, one, errors=errors, video=video, workers=1)
-    render.render(flight, two, errors=errors, video=video, workers=2, progress=shares.append)
+def test_the_film_is_what_was_asked_for_whatever_the_workers(flight, film, tmp_path):
+    shares, (one, _), two = [], film, tmp_path / "two.mp4"
+    render.render(flight, two, errors=errors_of(flight), video=small(**FILMED), workers=2, progress=shares.append)
     assert one.read_bytes() == two.read_bytes()
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["one.mp4", "two.mp4"]
+    assert [p.name for folder in (one.parent, tmp_path) for p in folder.iterdir()] == ["one.mp4", "two.mp4"]
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
     data = two.read_bytes()
@@ -173,10 +180,9 @@ def test_the_film_is_what_was_asked_for_whatever_the_workers(flight, tmp_path):
 
 
 @needs_graphics
-def test_access_units_are_annex_b_with_headers_at_every_key_frame(flight, tmp_path):
-    video = small(frame_rate_hz=20, speed_up=30.0, width_px=160, height_px=120)
-    units = render.render(flight, tmp_path / "f.mp4", errors=errors_of(flight), video=video, workers=1)
-    assert [t for t, _ in units] == pytest.approx(np.arange(40) * 1.5)
+def test_access_units_are_annex_b_with_headers_at_every_key_frame(film):
+    _, units = film
+    assert [t for t, _ in units] == pytest.approx(np.arange(38) * 1.6)
     decoder = av.CodecContext.create("h264", "r")
     decoder.thread_type = "SLICE"  # threads by frame would hold frames back
     for i, (_, unit) in enumerate(units):

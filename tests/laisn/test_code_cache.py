@@ -51,7 +51,6 @@ def test_a_constant_that_compiled_code_freezes_counts_at_once(tmp_path: Path) ->
     metrics = tree / "laisn" / "metrics.py"
     whole = metrics.read_text(encoding="utf-8")
     assert captures(tree, cache) == (0, 0)
-    assert captures(tree, cache) == (0, 1)
     metrics.write_text(whole.replace("CAPTURE_ERROR = 5.0\n", "CAPTURE_ERROR = 0.5\n"), encoding="utf-8")
     assert captures(tree, cache) == (64, 0)
     (tree / "laisn" / "navigator.py").write_text("# nothing compiled reaches this\n", encoding="utf-8")

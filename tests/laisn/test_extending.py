@@ -1,5 +1,6 @@
 """docs/extending.md, followed to the letter: a new variant in a copy of the packages flies, replays, runs campaigns."""
 
+import json
 import os
 import re
 import shutil
@@ -53,6 +54,18 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+COMMANDS = """
+import sys
+from typer.testing import CliRunner
+from experiments.command.cli import app
+
+for line in sys.argv[1:]:
+    result = CliRunner().invoke(app, line.split())
+    print(result.output)
+    assert result.exit_code == 0, line
+"""
+
+
 def run(copy: Path, *words: str) -> str:
     environment = {**os.environ, "PYTHONPATH": str(copy), "COLUMNS": "200"}
     result = subprocess.run(
@@ -62,16 +75,16 @@ def run(copy: Path, *words: str) -> str:
     return result.stdout
 
 
-def laisn(copy: Path, *words: str) -> str:
-    return run(copy, "-c", "import laisn_sim; laisn_sim.main()", *words)
-
-
 def test_a_new_variant_flies_and_replays(copy: Path) -> None:
-    scenario = ("T3", "--no-video", "--set", "motion=kinematic", "--set", "duration_s=20")
-    laisn(copy, "fly", *scenario, "--out", "out/best", "--set", "navigation.variant=laisn-best")
-    log = str(next((copy / "out" / "best").rglob("*.mcap")))
-    assert "replayed, laisn-closest" in laisn(copy, "replay", log, "--variant", "laisn-closest")
-    laisn(copy, "fly", *scenario, "--out", "out/closest", "--set", "navigation.variant=laisn-closest")
+    fly = (
+        "fly T3 --no-video --set motion=kinematic --set duration_s=20 --out out/{0} --set navigation.variant=laisn-{0}"
+    )
+    replay = "replay out/best/flight.mcap --variant laisn-closest"
+    told = run(copy, "-c", COMMANDS, fly.format("best"), replay, fly.format("closest"))
+    assert "replayed, laisn-closest" in told
+    best, closest = (json.loads((copy / "out" / name / "summary.json").read_text()) for name in ("best", "closest"))
+    assert (best["variant"], closest["variant"]) == ("laisn-best", "laisn-closest")
+    assert best["e_p_mean_m"] != closest["e_p_mean_m"]
 
 
 def test_a_new_variant_is_the_same_in_a_campaign(copy: Path) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from laisn import acceleration
-from laisn.compiled import compiled, formula
+from laisn.compiled import compiled
 from laisn.fix import Circle, Fix, Pair, pair_fix
 from laisn.geometry import Point, Turn
 from laisn.settings import NavigationSettings
@@ -16,21 +16,14 @@ from laisn.variants import laisn_3_2, laisn_best, laisn_main
 PLACE, RANGE = st.floats(-50, 50), st.floats(0, 60) | st.just(float("nan"))
 
 
-@formula
-def _fixes(v: tuple[float, ...], t: Tuning) -> tuple[Fix, Fix, Fix]:
-    rear, front = Circle(Point(-1.0, 0.0), v[0]), Circle(Point(1.0, 0.0), v[1])
-    middle, heading, predicted = Circle(Point(0.0, 0.1), v[2]), Turn(1.0, 0.0), Point(v[3], v[4])
-    pairs = (
-        pair_fix(Pair(rear, front, False), heading, predicted, t),
-        pair_fix(Pair(rear, middle, False), heading, predicted, t),
-        pair_fix(Pair(middle, front, True), heading, predicted, t),
-    )
-    return laisn_3_2(pairs, predicted), laisn_best(pairs, predicted), laisn_main(pairs, predicted)
+@compiled
+def _pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
+    return pair_fix(pair, heading, predicted, t)
 
 
 @compiled
-def _compiled(v: tuple[float, ...], t: Tuning) -> tuple[Fix, Fix, Fix]:
-    return _fixes(v, t)
+def _variants(pairs: tuple[Fix, Fix, Fix], predicted: Point) -> tuple[Fix, Fix, Fix]:
+    return laisn_3_2(pairs, predicted), laisn_best(pairs, predicted), laisn_main(pairs, predicted)
 
 
 @given(rear=RANGE, front=RANGE, middle=RANGE, x=PLACE, y=PLACE, ahead=st.booleans())
@@ -38,8 +31,14 @@ def test_python_and_compiled_code_compute_the_same_bits(
     rear: float, front: float, middle: float, x: float, y: float, ahead: bool
 ) -> None:
     t = Tuning.of(NavigationSettings(side_rule="predicted" if ahead else "behind"))
-    given = (rear, front, middle, x, y)
-    np.testing.assert_array_equal(_fixes(given, t), _compiled(given, t))
+    circles = Circle(Point(-1.0, 0.0), rear), Circle(Point(1.0, 0.0), front), Circle(Point(0.0, 0.1), middle)
+    heading, predicted = Turn(1.0, 0.0), Point(x, y)
+    chosen = Pair(*circles[:2], False), Pair(circles[0], circles[2], False), Pair(circles[2], circles[1], True)
+    pairs = tuple(pair_fix(pair, heading, predicted, t) for pair in chosen)
+    same = tuple(_pair_fix(pair, heading, predicted, t) for pair in chosen)
+    np.testing.assert_array_equal(pairs, same)
+    expected = laisn_3_2(pairs, predicted), laisn_best(pairs, predicted), laisn_main(pairs, predicted)
+    np.testing.assert_array_equal(expected, _variants(pairs, predicted))
 
 
 def test_a_formula_is_a_function_to_its_reader() -> None:

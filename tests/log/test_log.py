@@ -251,5 +251,7 @@ def test_size_and_speed(tmp_path: Path) -> None:
         start = time.process_time()
         statistics = writer.write(flight, tmp_path / "a.mcap", errors=errors_of(flight))
         best = max(best, statistics.messages / (time.process_time() - start))
+        if best > 50_000:
+            break
     assert statistics.size < 10e6
     assert best > 50_000
