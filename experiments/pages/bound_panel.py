@@ -7,7 +7,7 @@ import numpy as np
 from experiments.pages import figures
 from experiments.pages.figures import Line
 from experiments.pages.page import Block, Cell, Figures, Section, Table, number, words
-from experiments.pages.style import ESTIMATE, HALF, INK, MUTED, SERIES
+from experiments.pages.style import ESTIMATE, FULL, HALF, INK, MUTED, SERIES
 from laisn.arrays import Floats
 from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
@@ -17,7 +17,7 @@ _LEAST_WEIGHT = 1e-3
 _IN_DEGREES = {"compass_bias_rad": "compass_bias_deg", "leader_compass_bias_rad": "leader_compass_bias_deg"}
 
 
-def _error_panel(flight: Flight, follower: int, error: Floats, bound: Floats) -> str:
+def _error_panel(flight: Flight, follower: int, error: Floats, bound: Floats, width: float) -> str:
     """E_P of a follower, what its covariance says of it, and the bound."""
     time, covariance = flight.trajectory.time[flight.step_index()], flight.estimates[follower].covariance
     believed = np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1])
@@ -27,11 +27,11 @@ def _error_panel(flight: Flight, follower: int, error: Floats, bound: Floats) ->
         Line(x=time, y=bound, colour=MUTED, width=1.6),
     ]
     name = flight.trajectory.names[follower + 1]
-    figure = figures.panel(lines, x_label="time [s]", y_label="position error [m]", title=name, width=HALF)
+    figure = figures.panel(lines, x_label="time [s]", y_label="position error [m]", title=name, width=width)
     return figures.svg(figure, f"bound{follower}", f"Error of {name} beside the least possible")
 
 
-def _weight_panel(flight: Flight, follower: int) -> list[str]:
+def _weight_panel(flight: Flight, follower: int, width: float) -> list[str]:
     """Weights of the hypotheses of a follower, if there ever were several."""
     estimates = flight.estimates[follower]
     if not isinstance(estimates, TightEstimates) or np.all(estimates.weight[:, 1:] < _LEAST_WEIGHT):
@@ -39,7 +39,7 @@ def _weight_panel(flight: Flight, follower: int) -> list[str]:
     time = np.asarray(estimates.fix_step * flight.measurements[follower].dt, dtype=np.float64)
     lines = [Line(x=time, y=estimates.weight[:, h], colour=SERIES[h]) for h in range(estimates.weight.shape[1])]
     name = flight.trajectory.names[follower + 1]
-    figure = figures.panel(lines, x_label="time [s]", y_label="weight", title=f"{name}: hypotheses", width=HALF)
+    figure = figures.panel(lines, x_label="time [s]", y_label="weight", title=f"{name}: hypotheses", width=width)
     return [figures.svg(figure, f"weights{follower}", f"Weights of the hypotheses of {name}, the heaviest first")]
 
 
@@ -66,8 +66,9 @@ def _found(flight: Flight, followers: Sequence[int]) -> list[Block]:
 
 def section(flight: Flight, errors: Sequence[tuple[Floats, Floats]], bounds: Sequence[Floats], drawn: int) -> Section:
     """Error, believed error and least possible error of the first `drawn` followers over time."""
-    panels = [_error_panel(flight, i, errors[i][0], bounds[i]) for i in range(drawn)]
-    panels += [panel for i in range(drawn) for panel in _weight_panel(flight, i)]
+    width = HALF if drawn > 1 else FULL
+    panels = [_error_panel(flight, i, errors[i][0], bounds[i], width) for i in range(drawn)]
+    panels += [panel for i in range(drawn) for panel in _weight_panel(flight, i, width)]
     figure = Figures(
         panels=panels,
         caption="E_P, the root of the trace of the estimate's own covariance, and the Cramér–Rao bound: the least RMS "

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,6 +114,8 @@ def _dress(figure: Figure, axis: Axis) -> None:
         axes.set_xlim(-0.6, len(axis.values) - 0.4)
 
 
+_TITLE = 48
+"""Characters that a panel has room for in a line of its title."""
 Valued = Callable[[dict[str, Any]], Interval | None]
 """Gives the interval at a place, told by its names and values; None if nothing was flown there."""
 
@@ -192,30 +195,33 @@ def _only(plan: Plan, key: str) -> str:
     return repr(plan.points[0][key])
 
 
-def heat_map(plan: Plan, valued: Valued, names: tuple[str, str], chosen: dict[str, Any], name: str) -> str:
-    """A panel of a metric over two factors, darker where it is larger, with its values."""
+def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequence[dict[str, Any]]) -> list[str]:
+    """Panels of a metric over two factors, darker where it is larger in any of them, with its values."""
     across, up = axis_of(plan, names[0]), axis_of(plan, names[1])
-    values = np.full((len(up.values), len(across.values)), np.nan)
-    for i, v in enumerate(up.values):
-        for j, u in enumerate(across.values):
-            found = valued(chosen | {across.name: u, up.name: v})
-            values[i, j] = math.nan if found is None else found.value
-    title = ", ".join(f"{key} = {said(value)}" for key, value in chosen.items())
-    figure = panel([], x_label=across.name, y_label=up.name, title=title, height=1.2 + 0.26 * len(up.values))
-    axes = figure.axes[0]
-    axes.grid(visible=False)
+    values = np.full((len(chosen), len(up.values), len(across.values)), np.nan)
+    for (k, i, j), _ in np.ndenumerate(values):
+        found = valued(chosen[k] | {across.name: across.values[j], up.name: up.values[i]})
+        values[k, i, j] = math.nan if found is None else found.value
     low, high = np.nanmin(values), np.nanmax(values)
-    for (i, j), value in np.ndenumerate(values):
-        share = 0.0 if math.isnan(value) or high == low else float((value - low) / (high - low))
-        axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=SERIES[1].placeholder, alpha=0.05 + 0.6 * share))
-        text = "–" if math.isnan(value) else f"{value:.3g}"
-        if len(across.values) <= 12:
-            axes.text(j, i, text, ha="center", va="center", fontsize=7, color=INK.placeholder)
-    axes.set_xticks(range(len(across.values)), [said(v) for v in across.values])
-    axes.set_yticks(range(len(up.values)), [said(v) for v in up.values])
-    axes.set_xlim(-0.5, len(across.values) - 0.5)
-    axes.set_ylim(-0.5, len(up.values) - 0.5)
-    return svg(figure, name, f"map over {across.name} and {up.name} {title}")
+    panels = []
+    for k, here in enumerate(chosen):
+        title = ", ".join(f"{key} = {said(value)}" for key, value in here.items())
+        figure = panel([], x_label=across.name, y_label=up.name, title=title, height=1.2 + 0.26 * len(up.values))
+        axes = figure.axes[0]
+        axes.grid(visible=False)
+        for (i, j), value in np.ndenumerate(values[k]):
+            share = 0.0 if math.isnan(value) or high == low else float((value - low) / (high - low))
+            shade = 0.05 + 0.6 * share
+            axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=SERIES[1].placeholder, alpha=shade))
+            text = "–" if math.isnan(value) else f"{value:#.3g}".rstrip(".")
+            if len(across.values) <= 12:
+                axes.text(j, i, text, ha="center", va="center", fontsize=7, color=INK.placeholder)
+        axes.set_xticks(range(len(across.values)), [said(v) for v in across.values])
+        axes.set_yticks(range(len(up.values)), [said(v) for v in up.values])
+        axes.set_xlim(-0.5, len(across.values) - 0.5)
+        axes.set_ylim(-0.5, len(up.values) - 0.5)
+        panels.append(svg(figure, f"map{k}", f"map over {across.name} and {up.name} {title}"))
+    return panels
 
 
 def over_seas(plan: Plan, results: Results, metric: str) -> tuple[list[str], list[tuple[str, str]]]:
@@ -234,7 +240,7 @@ def over_seas(plan: Plan, results: Results, metric: str) -> tuple[list[str], lis
                 if (SERIES[i].variable, arm) not in legend and len(plan.arms) > 1:
                     legend.append((SERIES[i].variable, arm))
             if lines and number < MOST_PANELS:
-                title = ", ".join(f"{key} = {said(v)}" for key, v in plan.points[point].items())
+                title = fill(", ".join(f"{key} = {said(v)}" for key, v in plan.points[point].items()), _TITLE)
                 figure = panel(lines, x_label=label, y_label="share of seas", title=title, y_limits=(0.0, 1.02))
                 figure.axes[0].margins(x=0.04)
                 panels.append(svg(figure, f"seas{number}", f"distribution of {label} over seas {title}"))

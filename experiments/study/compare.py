@@ -166,5 +166,6 @@ def page_of(sources: Sequence[str]) -> Page:
     names = list(sources) if len(set(names)) < len(names) else names
     sections = _studies(names, paths) if all(studies) else _flights(names, [read(log) for log in logs])
     kind = "studies" if all(studies) else "flights"
-    return Page(title=" and ".join(names), summary=f"{len(names)} {kind} side by side.",
+    title = f"{', '.join(names[:-1])} and {names[-1]}"
+    return Page(title=title, summary=f"{len(names)} {kind} side by side.",
                 facts=[("repeat it", f"laisn compare {' '.join(sources)}")], sections=sections)  # fmt: skip

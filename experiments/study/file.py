@@ -178,8 +178,10 @@ def _made(table: Mapping[str, Any], source: str, name: str, folder: Path) -> Stu
         file = StudyFile.model_validate(table)
     except ValidationError as error:
         lines += _told(error)
-        sound = {k: v for k, v in table.items() if k in ("set", "vary", "draw") and isinstance(v, dict)}
-        file = StudyFile.model_validate({"scenario": names()[0], **sound})
+        unsound = {fault["loc"][0] if fault["loc"] else "design" for fault in error.errors()}
+        # a design is at odds with its points, or with what stands in place of either
+        unsound |= {"design", "points"} if unsound & {"design", "points"} else set()
+        file = StudyFile.model_validate({"scenario": names()[0]} | {k: v for k, v in table.items() if k not in unsound})
     factors, draws = [], []
     sampled = file.design != "factorial"
     for key, given in _flat(file.vary, lambda v: bool({"from", "to", "steps"} & set(v))).items():

@@ -126,8 +126,8 @@ def _main(plan: Plan, results: Results) -> list[Block]:
         rest = [key for key in varied if key not in names]
         rest += [charts.ARM] if len(plan.arms) > 1 else []
         chosen = charts.combinations(plan, rest)[: charts.MOST_PANELS]
-        maps = [charts.heat_map(plan, valued, names, c, f"map{i}") for i, c in enumerate(chosen)]
-        blocks.append(Figures(panels=maps, caption=f"{label} over {names[0]} and {names[1]}."))
+        maps = charts.heat_maps(plan, valued, names, chosen)
+        blocks.append(Figures(panels=maps, caption=f"{label} over {names[0]} and {names[1]}, shaded alike."))
     return blocks
 
 
@@ -248,7 +248,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         ("seed", str(int(np.min([row["seed"] for row in rows])))),
         ("runs", str(study.runs)),
         ("seas", str(study.seas)),
-        ("repeat it", f"laisn study {study.source}"),
+        ("repeat it", "laisn study study.toml, the file in this folder"),
     ]
     if plan.arms != (ALONE,):
         facts.insert(1, ("arms", ", ".join(plan.arms)))

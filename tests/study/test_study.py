@@ -207,6 +207,14 @@ def test_a_fault_is_told_with_its_key(changes, told):
         plan_of(study(**changes))
 
 
+def test_a_fault_of_one_part_of_a_file_hides_none_of_another():
+    changes = {"runs": 0, "speed": 1, "vary": {"leader.depth_m": {"from": 0, "to": 9}}, "arm": [{}], "points": 8}
+    with pytest.raises(StudyError) as error:
+        plan_of(study(**changes, draw={"ocean.waves.height_m": {"unifrom": [0, 1]}}))
+    for told in ("runs: ", "speed: unknown key", "vary.leader.depth_m: steps", "unknown distribution", "arm[0].name"):
+        assert told in str(error.value)
+
+
 def test_followers_that_steer_by_estimates_fly_every_run(tmp_path):
     one = study(
         """

@@ -5,7 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
+from experiments.intervals import Interval
 from experiments.pages.page import Table
+from experiments.study import charts
 from experiments.study.estimate import Results
 from experiments.study.file import of_table
 from experiments.study.notable import commands, notable, worst_entry
@@ -123,3 +125,22 @@ def test_numbers_without_limits_stand_alone() -> None:
     assert _shown(given) == _cell(given).text == "–"
     assert _shown(type(given)(-1.2345, nan, nan), "m") == "−1.23 m"
     assert _shown(type(given)(1.2345, 0.5, 2.0), "m") == "1.23 m (0.5 to 2)"
+
+
+def test_maps_of_arms_are_shaded_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One arm has 10 where the depth is largest, the other half as much above 1, which both have elsewhere."""
+    table = {"scenario": "T5", "vary": {"followers.0.depth_m": [10, 12], "leader.depth_m": [6, 8]}}
+    plan = plan_of(of_table(table | {"arm": [{"name": "a"}, {"name": "b"}]}, "maps", "maps"))
+
+    def valued(place: dict[str, object]) -> Interval:
+        most = 10.0 if place["arm"] == "a" else 5.5
+        return Interval(most if place["followers.0.depth_m"] == 12 else 1.0, 0.0, 0.0)
+
+    monkeypatch.setattr(charts, "svg", lambda figure, *_: figure)
+    names = ("followers.0.depth_m", "leader.depth_m")
+    maps = charts.heat_maps(plan, valued, names, [{"arm": "a"}, {"arm": "b"}])
+    shades = [[patch.get_alpha() for patch in figure.axes[0].patches] for figure in maps]  # type: ignore[attr-defined]
+    low, high = shades[0][0], shades[0][1]
+    assert high > low
+    assert shades == [[low, high] * 2, [low, pytest.approx((low + high) / 2)] * 2]
+    assert [text.get_text() for text in maps[0].axes[0].texts] == ["1.00", "10.0"] * 2  # type: ignore[attr-defined]
