@@ -18,6 +18,7 @@ from laisn.tight.model import model_of
 from laisn.tight.navigator import TightNavigator, Update
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import Assume, TightSettings
+from laisn.tight.sides import tidy
 from tests.laisn.tight_mixture import SCALE, heaviest, moments, weight_of
 from tests.laisn.tight_oracle import Oracle
 
@@ -265,3 +266,16 @@ def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: fl
     ):
         with pytest.raises(LaisnError, match=says):
             step(**broken)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("weights", [(1, 5, 3, 4, 6, 2), (6, 2, 5, 3, 1, 4), (3, 6, 1, 5, 2, 4), (4, 3, 2, 1, 6, 5)])
+def test_the_four_heaviest_of_six_hypotheses_are_kept(weights: tuple[int, ...]) -> None:
+    belief, model = new_belief(THREE, model_of(THREE), (0.0, 0.0)), model_of(THREE)
+    belief.alive, belief.weight[:6] = 6, np.array(weights) / 21.0
+    belief.state[:6, 0], belief.covariance[:6] = 100.0 * np.array(weights), np.eye(10)
+    tidy(belief, model)
+    assert belief.alive == 4
+    found = belief.weight[:4]
+    np.testing.assert_allclose(np.sort(found), np.array([3, 4, 5, 6]) / 18.0)
+    # each is where it was
+    np.testing.assert_allclose(belief.state[:4, 0], 1800.0 * found)
