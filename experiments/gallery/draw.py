@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import av
 import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -28,6 +29,7 @@ from experiments.pages.style import COLOURS, INK, SERIES, Colour
 from experiments.real_ranges import gallery as real_ranges
 from experiments.reproduction import gallery as gallery_reproduction
 from experiments.route_keeping import study as route_keeping
+from sim.excerpt import excerpt
 from sim.film import render
 from sim.flight import Flight
 from sim.motion import simulate_motion
@@ -44,6 +46,10 @@ STILLS = {
     "diving": ("diving", 75.0, "leader"),
 }
 """Name of the picture: built-in scenario, mission time [s], camera."""
+
+TURN_S = (455.0, 620.0)
+"""When the formation goes round the leader's corner: the moving picture of the README [s]."""
+FRAMES_HZ = 8
 
 Legend = Sequence[tuple[Colour, str]]
 
@@ -75,6 +81,26 @@ def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
         picture = Path(folder) / "still.png"
         render.still(flight, time, picture, errors=position_and_bearing_errors(flight), video=video)
         Image.open(picture).convert("RGB").save(FOLDER / f"{name}.jpg", quality=84, optimize=True, progressive=True)
+
+
+def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None:
+    """Write a stretch of a flight, seen from above, as an animated WebP of a few hundred pixels, for a README."""
+    part = excerpt(flight, *span)
+    video = part.scenario.video.model_copy(
+        update={"camera": "top", "width_px": 640, "height_px": 360, "frame_rate_hz": FRAMES_HZ, "speed_up": 15.0}
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "film.mp4"
+        render.render(part, film, errors=position_and_bearing_errors(part), video=video)
+        first, *others = frames(film)
+    path, step = FOLDER / f"{name}.webp", round(1000 / FRAMES_HZ)
+    first.save(path, save_all=True, append_images=others, duration=step, loop=0, quality=30, method=2)
+
+
+def frames(film: Path) -> list[Image.Image]:
+    """All pictures of a film."""
+    with av.open(str(film)) as source:
+        return [Image.fromarray(picture.to_ndarray(format="rgb24")) for picture in source.decode(video=0)]
 
 
 def routes() -> Figure:
@@ -124,6 +150,7 @@ def main() -> None:
         save(figure, name, legend)
     for name, (scenario, time, camera) in STILLS.items():
         photograph(name, flown[scenario], time, camera)
+    moving_picture("turn", flown["swarm"], TURN_S)
 
 
 if __name__ == "__main__":
