@@ -7,7 +7,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.flight.summary import capture_events, position_and_bearing_errors, stray_events, summarise
+from experiments.flight.summary import (
+    capture_events,
+    off_place_rms,
+    position_and_bearing_errors,
+    stray_events,
+    summarise,
+)
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.assembly import routes_of
@@ -50,6 +56,7 @@ def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) 
         assert {key: row[key] for key in own} == pytest.approx(own)
         off = off_place(routes[i + 1], flight.trajectory.time, flight.trajectory.position[:, i + 1, :2])
         assert row["off_place_rms_m"] == pytest.approx(np.sqrt(np.mean(off**2)))
+        assert off_place_rms(flight)[i] == pytest.approx(row["off_place_rms_m"])
         kinds = Counter(FixKind(kind).name.lower() for kind in flight.estimates[i].fix_kind.tolist())
         assert {kind: count for kind, count in row["fixes"].items() if count} == kinds
 
