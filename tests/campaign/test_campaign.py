@@ -1,69 +1,31 @@
 """Campaigns: the same bytes whatever the workers and interruptions, and nothing lost when something breaks."""
 
-import os
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import time
-import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from experiments.campaign import campaign, missions, processes, store
-from experiments.campaign.campaign import Design
+from experiments.campaign import campaign, missions, store
 from experiments.campaign.plans import CellPlan
-from experiments.campaign.processes import Pool, WorkerDiedError
-from experiments.campaign.store import CampaignError, DamagedResult
+from experiments.campaign.processes import Pool
+from experiments.campaign.store import DamagedResult
 from experiments.reproduction.study import fly_command
 from laisn import metrics
-from laisn.failure import LaisnError
 from laisn.navigator import Navigator
 from laisn.sources import ROOT
-from sim.fleet import FleetError
 from sim.flight import navigate
-from sim.scenario.settings import Acoustics, Follower, Leader, Navigation, Scenario, Timing
-
-DURATION = 60.0
-
-
-def scenario(route="T5", variant="laisn-2", interval=1.0, **changes):
-    return Scenario(
-        name=route,
-        motion="kinematic",
-        duration_s=DURATION,
-        timing=Timing(message_interval_s=interval),
-        followers=(Follower(route=route, depth_m=8.0),),
-        navigation=Navigation(variant=variant),
-        **changes,
-    )
-
-
-def plans(runs=5, **changes):
-    return [
-        CellPlan(scenario=scenario(route, variant, interval), runs=runs, **changes)
-        for route in ("T3", "T5")
-        for variant in ("laisn-2", "laisn-3-2")
-        for interval in (1.0, 5.0)
-    ]
-
-
-def run(plans, folder, **how):
-    """The rows of cells alone."""
-    return campaign.fly(Design(cells=plans), folder, **how).rows
-
-
-def contents(folder):
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
-
+from sim.scenario.settings import Acoustics
+from tests.campaign.plans import DURATION, contents, plans, run, scenario
 
 SCRIPT = """
 import sys
 from pathlib import Path
-from tests.campaign.test_campaign import plans, run
+from tests.campaign.plans import plans, run
 run(plans(runs=int(sys.argv[2])), Path(sys.argv[1]), workers=1, quiet=True)
 """
 
@@ -152,47 +114,6 @@ def test_a_cell_under_a_wrong_name_does_not_count(computed):
     assert second.read_bytes() == whole
 
 
-@pytest.mark.parametrize("damage", ["empty", "garbage", "cut off", "one array missing"])
-def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
-    given = scenario()
-    flown = campaign.mission(given, store.Store(tmp_path))
-    [path] = (tmp_path / "flights").iterdir()
-    whole = path.read_bytes()
-    if damage == "one array missing":
-        with np.load(path) as arrays:
-            kept = {name: arrays[name] for name in arrays if name != "velocity"}
-        np.savez(path, **kept)
-    else:
-        path.write_bytes({"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage])
-    with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is simulated again: \w") as told:
-        again = campaign.mission(given, store.Store(tmp_path))
-    assert len(told) == 1
-    assert again.position.tobytes() == flown.position.tobytes()
-    assert path.read_bytes() == whole
-
-
-def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
-    given = scenario()
-    flown = missions.simulate_mission(given)
-    missions.store(tmp_path, given, flown)
-    [path] = tmp_path.iterdir()
-    whole = path.read_bytes()
-    refused = 0
-    for place in np.random.default_rng(5).choice(len(whole), 60, replace=False).tolist():
-        damaged = bytearray(whole)
-        damaged[place] ^= 0x20
-        path.write_bytes(damaged)
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter("always")
-            found = missions.read(tmp_path, given)
-        if found is None:
-            refused += [warning.category for warning in told] == [DamagedResult]
-        else:
-            assert found.position.tobytes() == flown.position.tobytes()
-            assert found.velocity.tobytes() == flown.velocity.tobytes()
-    assert refused > 50
-
-
 def test_results_of_another_version_are_refused_and_kept(tmp_path):
     other = tmp_path / "other"
     run(plans()[:1], other, workers=1, quiet=True)
@@ -212,62 +133,6 @@ def test_no_cells_runs_or_workers_are_refused(tmp_path):
         Pool(0)
     with pytest.raises(ValueError, match="follower is 1, the scenario has 1"):
         CellPlan(scenario=scenario(), follower=1)
-
-
-def die(number):
-    if number == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number
-
-
-def test_a_worker_that_dies_is_named_and_costs_nothing_that_was_there():
-    with Pool(2) as pool, pytest.raises(WorkerDiedError, match="the same command goes on"):
-        list(pool.each(die, ((i,) for i in range(8))))
-
-
-def lost_flight(_):
-    def lost(_):
-        raise FleetError("t = 3 s: the state is lost", 3.0, None)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(missions, "simulate_motion", lost)
-        return missions.simulate_mission(Scenario(name="T6", followers=(Follower(route="T6"),)))
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_mission_that_diverges_says_so_whatever_process_flies_it(workers):
-    """The flight so far that such an error carries must not be taken for a death of the process."""
-    with Pool(workers) as pool, pytest.raises(CampaignError, match="mission 'T6': t = 3 s: the state is lost"):
-        list(pool.each(lost_flight, [(1,)]))
-
-
-@pytest.fixture
-def impatient(monkeypatch):
-    """A cluster has half a second to answer, and some seconds where a user waits."""
-    assert processes._CONNECT_S < 5
-    monkeypatch.setattr(processes, "_CONNECT_S", 0.5)
-
-
-@pytest.mark.usefixtures("impatient")
-def test_no_cluster_is_said_at_once():
-    begun = time.monotonic()
-    pool = Pool(1, "tcp://127.0.0.1:9")
-    with pytest.raises(ValueError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        pool.__enter__()
-    assert time.monotonic() - begun < 10
-
-
-@pytest.mark.usefixtures("impatient")
-@pytest.mark.parametrize("scheme", ["tcp", "tls"])
-def test_an_address_that_accepts_and_says_nothing_is_no_cluster(scheme):
-    pytest.importorskip("distributed")
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        address = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"
-        begun = time.monotonic()
-        why = "nothing came within 0.5 s" if scheme == "tcp" else "tls:// needs certificates"
-        with pytest.raises(LaisnError, match=f"no Dask scheduler answers at {address}: .*{why}"):
-            Pool(1, address).__enter__()
-        assert time.monotonic() - begun < 10
 
 
 BARE_WORKER = """
@@ -344,16 +209,6 @@ def test_steps_that_are_asked_for_later_are_added(computed):
     wanted = [replace(plan, keep_steps=True) for plan in plans()]
     assert run(wanted, folder, workers=1, quiet=True) == rows
     assert store.Store(folder).read_steps(wanted[0].key) is not None
-
-
-def test_one_flight_serves_other_transmitters_and_errors():
-    one = scenario()
-    other = scenario(leader=Leader(baseline_m=1.0, middle_offset_m=0.2), acoustics=Acoustics(range_scale_mean_m=0.3))
-    assert missions.motion_key(one) == missions.motion_key(other)
-    assert missions.motion_key(one) != missions.motion_key(scenario("T3"))
-    flown, moved = missions.simulate_mission(other), missions.sited(missions.simulate_mission(one), other.leader)
-    np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
-    np.testing.assert_array_equal(moved.position, flown.position)
 
 
 def test_the_key_holds_what_makes_a_cell_and_nothing_else():

@@ -1,0 +1,71 @@
+"""Processes that compute: what is said of one that dies, of a mission that fails in it, of no cluster."""
+
+import os
+import signal
+import socket
+import time
+
+import pytest
+
+from experiments.campaign import missions, processes
+from experiments.campaign.processes import Pool, WorkerDiedError
+from experiments.campaign.store import CampaignError
+from laisn.failure import LaisnError
+from sim.fleet import FleetError
+from sim.scenario.settings import Follower, Scenario
+
+
+def die(number):
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def test_a_worker_that_dies_is_named_and_costs_nothing_that_was_there():
+    with Pool(2) as pool, pytest.raises(WorkerDiedError, match="the same command goes on"):
+        list(pool.each(die, ((i,) for i in range(8))))
+
+
+def lost_flight(_):
+    def lost(_):
+        raise FleetError("t = 3 s: the state is lost", 3.0, None)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(missions, "simulate_motion", lost)
+        return missions.simulate_mission(Scenario(name="T6", followers=(Follower(route="T6"),)))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_mission_that_diverges_says_so_whatever_process_flies_it(workers):
+    """The flight so far that such an error carries must not be taken for a death of the process."""
+    with Pool(workers) as pool, pytest.raises(CampaignError, match="mission 'T6': t = 3 s: the state is lost"):
+        list(pool.each(lost_flight, [(1,)]))
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """A cluster has half a second to answer, and some seconds where a user waits."""
+    assert processes._CONNECT_S < 5
+    monkeypatch.setattr(processes, "_CONNECT_S", 0.5)
+
+
+@pytest.mark.usefixtures("impatient")
+def test_no_cluster_is_said_at_once():
+    begun = time.monotonic()
+    pool = Pool(1, "tcp://127.0.0.1:9")
+    with pytest.raises(ValueError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        pool.__enter__()
+    assert time.monotonic() - begun < 10
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("scheme", ["tcp", "tls"])
+def test_an_address_that_accepts_and_says_nothing_is_no_cluster(scheme):
+    pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"
+        begun = time.monotonic()
+        why = "nothing came within 0.5 s" if scheme == "tcp" else "tls:// needs certificates"
+        with pytest.raises(LaisnError, match=f"no Dask scheduler answers at {address}: .*{why}"):
+            Pool(1, address).__enter__()
+        assert time.monotonic() - begun < 10

@@ -1,0 +1,62 @@
+"""Flights that campaigns keep: flown again if damaged, and shared by cells."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from experiments.campaign import campaign, missions, store
+from experiments.campaign.store import DamagedResult
+from sim.scenario.settings import Acoustics, Leader
+from tests.campaign.plans import scenario
+
+
+@pytest.mark.parametrize("damage", ["empty", "garbage", "cut off", "one array missing"])
+def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
+    given = scenario()
+    flown = campaign.mission(given, store.Store(tmp_path))
+    [path] = (tmp_path / "flights").iterdir()
+    whole = path.read_bytes()
+    if damage == "one array missing":
+        with np.load(path) as arrays:
+            kept = {name: arrays[name] for name in arrays if name != "velocity"}
+        np.savez(path, **kept)
+    else:
+        path.write_bytes({"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage])
+    with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is simulated again: \w") as told:
+        again = campaign.mission(given, store.Store(tmp_path))
+    assert len(told) == 1
+    assert again.position.tobytes() == flown.position.tobytes()
+    assert path.read_bytes() == whole
+
+
+def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
+    given = scenario()
+    flown = missions.simulate_mission(given)
+    missions.store(tmp_path, given, flown)
+    [path] = tmp_path.iterdir()
+    whole = path.read_bytes()
+    refused = 0
+    for place in np.random.default_rng(5).choice(len(whole), 60, replace=False).tolist():
+        damaged = bytearray(whole)
+        damaged[place] ^= 0x20
+        path.write_bytes(damaged)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            found = missions.read(tmp_path, given)
+        if found is None:
+            refused += [warning.category for warning in told] == [DamagedResult]
+        else:
+            assert found.position.tobytes() == flown.position.tobytes()
+            assert found.velocity.tobytes() == flown.velocity.tobytes()
+    assert refused > 50
+
+
+def test_one_flight_serves_other_transmitters_and_errors():
+    one = scenario()
+    other = scenario(leader=Leader(baseline_m=1.0, middle_offset_m=0.2), acoustics=Acoustics(range_scale_mean_m=0.3))
+    assert missions.motion_key(one) == missions.motion_key(other)
+    assert missions.motion_key(one) != missions.motion_key(scenario("T3"))
+    flown, moved = missions.simulate_mission(other), missions.sited(missions.simulate_mission(one), other.leader)
+    np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
+    np.testing.assert_array_equal(moved.position, flown.position)

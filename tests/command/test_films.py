@@ -1,0 +1,69 @@
+"""The film of a flight: what is said and kept where there is none."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from experiments.command.cli import app
+from sim.film import graphics
+from sim.film.render import RendererDiedError
+from tests.command.flights import SHORT, WITHOUT_FILM
+
+
+@pytest.mark.usefixtures("without_report")
+def test_without_graphics_a_flight_says_in_one_line_what_its_film_lacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(graphics, "working", lambda: None)
+    result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=20", "--out", str(tmp_path)])
+    assert result.exit_code == 0
+    [line] = [line for line in result.output.splitlines() if "film" in line]
+    assert line == f"no film: no graphics library works here (laisn doctor says why); {graphics.INSTALL}"
+    assert not (tmp_path / "flight.mp4").exists()
+
+
+@pytest.mark.usefixtures("without_report")
+def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def die(*_: object, **__: object) -> None:
+        raise RendererDiedError("a process that renders frames ended with code 1\nZeroDivisionError: of the child")
+
+    monkeypatch.setattr("sim.film.render.render", die)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=20", "--out", str(tmp_path / "o")])
+    assert result.exit_code == 1
+    assert "no film: a bug in the program" in result.stdout.splitlines()
+    assert f"results in {tmp_path / 'o'}" in result.stdout.splitlines()
+    [fault] = tmp_path.glob("laisn-failure-*.txt")
+    assert len(result.stderr.splitlines()) == 1
+    assert "ended with code 1" in result.stderr
+    assert f"the traceback is in {fault}" in result.stderr
+    assert "Traceback" not in result.output
+    assert "ZeroDivisionError: of the child" in fault.read_text()
+    assert {path.name for path in (tmp_path / "o").iterdir()} == WITHOUT_FILM
+
+
+def test_the_pitch_study_says_at_once_that_there_will_be_no_film(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(graphics, "working", lambda: None)
+    monkeypatch.setattr("experiments.asymmetry.study.run", lambda folder, **_: folder / "report.html")
+    asked = CliRunner().invoke(app, ["asymmetry", "--film", "--quick", "--out", str(tmp_path)])
+    assert asked.stderr == f"no film: {graphics.MISSING}\n"
+    assert CliRunner().invoke(app, ["asymmetry", "--quick", "--out", str(tmp_path)]).stderr == ""
+
+
+@pytest.mark.usefixtures("without_report")
+def test_a_film_goes_with_the_flight_that_it_shows(flown: Path, tmp_path: Path) -> None:
+    shutil.copytree(flown / "first", tmp_path / "T5")
+    (tmp_path / "T5" / "flight.mp4").write_bytes(b"film")
+    (tmp_path / "T5" / "notes.txt").write_text("mine")
+    result = CliRunner().invoke(app, ["fly", "T5", *SHORT, "--out", str(tmp_path / "T5")])
+    assert result.exit_code == 0
+    assert "the film of the earlier flight went with it" in result.output
+    names = {path.name for path in (tmp_path / "T5").iterdir()}
+    assert names == {*WITHOUT_FILM, "notes.txt"}

@@ -1,0 +1,140 @@
+"""What the command says to bad input, of faults that a user can mend, and of bugs."""
+
+import errno
+import stat
+import tempfile
+import warnings
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from experiments.campaign.processes import WorkerDiedError
+from experiments.campaign.store import CampaignError, DamagedResult
+from experiments.campaign.version import code_version
+from experiments.command.cli import app
+from laisn.failure import LaisnError
+from sim.fleet import FleetError
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["fly", "T1"], "unknown scenario 'T1'; available: T2, T3"),
+        (["fly", "T5", "--set", "sensors.speed_bais_m_s=1"], "did you mean 'speed_bias_m_s'?"),
+        (["fly", "T5", "--set", "timing.message_interval_s=0.25"], "no multiple of filter_step_s"),
+        (["fly", "T5", "--no-video", "--out", "/dev/null/x"], "/dev/null/x: Not a directory"),
+        (["check", "nothing.toml"], "nothing.toml: cannot be read: No such file"),
+        (["render", "T5", "--set", "duration_s=20", "--camera", "drone"], "unknown camera 'drone'"),
+        (["render", "T5", "--set", "duration_s=20", "--size", "12"], "expected WIDTHxHEIGHT"),
+        (["render", "T5", "--set", "duration_s=20", "--size", "641x480"], "width_px"),
+        (["render", "T5", "--set", "duration_s=20", "--speed-up", "-3"], "speed_up"),
+        (["render", "T5", "--set", "duration_s=20", "--still", "99", "--out", "x.png"], "outside the mission"),
+        (["render", "T5", "--set", "duration_s=20", "--follower", "3"], "there are followers 0 … 0"),
+        (["render", "missing.mcap"], "missing.mcap"),
+        (["log", "info", __file__], "no MCAP file"),
+        (["log", "recover", __file__], "test_messages.py"),
+        (["replay", __file__], "no MCAP file"),
+        (["reproduce", "--seed", "-1"], "Invalid value for"),
+        (["reproduce", "--runs", "1000000000000"], "Invalid value for"),
+        (["reproduce", "--workers", "0"], "Invalid value for"),
+    ],
+)
+def test_bad_input_gets_one_screen_and_exit_code_2(arguments: list[str], expected: str) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2, result.output
+    assert expected in result.output
+    assert "Traceback" not in result.output
+    assert len(result.output.splitlines()) <= 24
+
+
+def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
+    """What the command does when a study raises an error."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("experiments.reproduction.study.reproduce", fail)
+    monkeypatch.delenv("LAISN_DEBUG", raising=False)
+    return CliRunner().invoke(app, ["reproduce"])
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (WorkerDiedError("a worker process died"), "laisn: a worker process died"),
+        (CampaignError("the sources changed while it ran"), "laisn: the sources changed while it ran"),
+        (FleetError("the state of T2 is lost", 0.0, None), "laisn: the state of T2 is lost"),
+        (LaisnError("unknown stage 9"), "laisn: unknown stage 9"),
+        (LaisnError("one\ntwo \x1b[2J"), "laisn: one\ntwo \\x1b[2J"),
+        (OSError(errno.ENOSPC, "No space left on device", "out/a"), "laisn: out/a: No space left on device"),
+    ],
+)
+def test_what_a_user_can_mend_is_one_message_and_exit_code_2(
+    error: Exception, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = failing(error, monkeypatch)
+    assert (result.exit_code, result.output.strip()) == (2, told)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ValueError("operands could not be broadcast together"),
+        RuntimeError("from elsewhere"),
+        OSError("no number of the system's"),
+        KeyError("x"),
+        RecursionError(),
+    ],
+)
+def test_a_fault_of_the_program_is_one_line_that_says_where_its_traceback_is(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    error.add_note("nothing of this flight is kept")
+    result = failing(error, monkeypatch)
+    assert result.exit_code == 1
+    [report] = tmp_path.iterdir()
+    line, note = result.output.splitlines()
+    assert line.startswith(f"laisn: this is a bug in the program ({type(error).__name__}")
+    assert line.endswith(f"the traceback is in {report}")
+    assert note == "nothing of this flight is kept"
+    assert stat.S_IMODE(report.stat().st_mode) == 0o600
+    written = report.read_text()
+    assert "Traceback (most recent call last)" in written
+    assert f"in fail\n    raise error\n{type(error).__name__}" in written
+    assert written.startswith(f"laisn {code_version()}, Python ")
+
+
+def test_a_fault_whose_traceback_finds_no_place_is_told_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", "/dev/null")
+    result = failing(RuntimeError("from elsewhere"), monkeypatch)
+    assert result.exit_code == 1
+    assert "the traceback could not be written (Not a directory); LAISN_DEBUG=1 shows it" in result.output
+
+
+def test_debugging_shows_every_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("experiments.reproduction.study.reproduce", lambda *_, **__: 1 // 0)
+    monkeypatch.setenv("LAISN_DEBUG", "1")
+    assert isinstance(CliRunner().invoke(app, ["reproduce"]).exception, ZeroDivisionError)
+
+
+def test_no_message_is_longer_than_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    long = failing(LaisnError("\n".join(f"fault {i}" for i in range(1000))), monkeypatch).output.splitlines()
+    assert long[:2] == ["laisn: fault 0", "fault 1"]
+    assert long[-1] == f"  … and {1000 - (len(long) - 1)} more"
+    assert len(long) <= 24
+    wide = failing(LaisnError("x" * 10**6), monkeypatch).output
+    assert len(wide) <= 24 * 80
+
+
+def test_a_damaged_result_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def warn(*_: object, **__: object) -> Path:
+        warnings.warn("cells/a.parquet cannot be read and is computed again: it is empty", DamagedResult, stacklevel=2)
+        return tmp_path
+
+    monkeypatch.setattr("experiments.reproduction.study.reproduce", warn)
+    result = CliRunner().invoke(app, ["reproduce"])
+    assert result.exit_code == 0
+    assert result.stderr == "laisn: cells/a.parquet cannot be read and is computed again: it is empty\n"
+    assert result.stdout == f"report in {tmp_path}\n"

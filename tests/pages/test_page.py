@@ -1,0 +1,166 @@
+"""Pages: whole, escaped and always the same; their tables, drawings, films and colours."""
+
+import base64
+import re
+import sys
+from io import BytesIO
+from xml.etree import ElementTree
+
+import av
+import mujoco
+import numba
+import numpy as np
+import pytest
+import scipy
+from PIL import Image
+
+from experiments.pages import figures, page, style
+from experiments.pages.figures import Line
+from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words
+from experiments.pages.style import ESTIMATE, FOLLOWER, LEADER, SERIES, TRANSMITTERS
+from tests.pages.markup import checked
+
+
+def drawing(name="one"):
+    x = np.linspace(0, 100, 5000)
+    return figures.svg(
+        figures.panel([Line(x=x, y=np.sin(x))], x_label="time [s]", y_label="y [m]", title="T2 <&>"), name, 'a "label"'
+    )
+
+
+def sample_page(**changes):
+    blocks = [
+        Text(text="E_P with `code <b>` and <i>text</i>"),
+        Code(text="a < b"),
+        Notice(text="it failed", tone="failure"),
+        Table(heads=["name", "E_P [m]"], rows=[[words("T2"), number(1.234)], [words("T3"), number(None)]]),
+        Figures(panels=[drawing("one"), drawing("two")], caption="Both", legend=[("--c1", "y")]),
+    ]
+    content = {"title": "Title & more", "summary": "s", "facts": [("seed", "1")], "sections": [
+        Section(title="A section", blocks=blocks)
+    ]}  # fmt: skip
+    return Page(**(content | changes))
+
+
+def test_a_page_is_whole_escaped_and_always_the_same():
+    html = page.render(sample_page())
+    assert html == page.render(sample_page())
+    checker = checked(html)
+    assert "<i>text</i>" not in html
+    assert "&lt;i&gt;text&lt;/i&gt;" in html
+    assert "Title & more" in checker.text
+    assert "prefers-color-scheme: dark" in html
+
+
+def test_a_page_says_what_it_was_made_with():
+    """The packages' own words are the judge."""
+    [footer] = re.findall(r"<footer>(.*?)</footer>", page.render(sample_page()))
+    packages = {"MuJoCo": mujoco, "NumPy": np, "SciPy": scipy, "Numba": numba}
+    expected = [f"Python {sys.version.split()[0]}", *(f"{name} {p.__version__}" for name, p in packages.items())]
+    assert footer == f"Made with {', '.join(expected)}."
+
+
+def test_figures_are_well_formed_and_take_their_colours_from_the_page():
+    text = drawing()
+    root = ElementTree.fromstring(text.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1))
+    assert root.get("aria-label") == 'a "label"'
+    assert not re.search(r"#0101", text)
+    used = set(re.findall(r"var\((--[a-z0-9]+),", text))
+    assert {"--ink", "--grid", "--frame", SERIES[0].variable} <= used
+    style = page.render(sample_page()).partition("<style>")[2].partition("</style>")[0]
+    assert all(re.search(rf"{variable}:", style) for variable in used)
+    assert all(i.startswith("one-") for i in re.findall(r'id="([^"]*)"', text))
+
+
+def test_every_colour_has_a_light_and_a_dark_value():
+    sheet = page.render(sample_page()).partition("<style>")[2].partition("</style>")[0]
+    for colour in style.COLOURS:
+        assert re.findall(rf"{colour.variable}: (#[0-9a-f]+)", sheet) == [colour.light, colour.dark]
+
+
+def contrast(a, b):
+    """Contrast of two colours, as WCAG 2.2 defines it."""
+
+    def luminance(colour):
+        channels = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+        linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+        return linear @ [0.2126, 0.7152, 0.0722]
+
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("colour", [*style.SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS])
+def test_lines_stand_out_from_light_and_dark_paper(colour):
+    """WCAG 2.2, success criterion 1.4.11: at least 3 to 1."""
+    assert contrast(colour.light, "#ffffff") > 3
+    assert contrast(colour.dark, "#12181e") > 3
+
+
+def test_ratios_are_coloured_evenly_either_way():
+    assert [page.ratio_tone(r) for r in (1.0, 1.19, 1.3, 1.7, 3.0)] == [
+        "ratio-even", "ratio-even", "ratio-high1", "ratio-high2", "ratio-high3",
+    ]  # fmt: skip
+    assert [page.ratio_tone(1 / r) for r in (1.3, 1.7, 3.0)] == ["ratio-low1", "ratio-low2", "ratio-low3"]
+    assert page.ratio_tone(np.nan) == ""
+
+
+def test_rows_must_fit_their_table():
+    with pytest.raises(ValueError, match="a row of 1 cells in a table of 2 columns"):
+        Table(heads=["a", "b"], rows=[[Cell(text="x")]])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(-0.004, "0.00"), (-0.006, "−0.01"), (-3, "−3"), (0, "0"), (1.005, "1.00"), (None, "–")]
+)
+def test_numbers_in_tables_have_a_minus_only_where_one_can_see_why(value, text):
+    cell = page.number(value)
+    assert cell.text == text
+    assert cell.sort == (np.inf if value is None else value)
+
+
+def test_small_films_are_embedded_and_large_ones_linked(tmp_path):
+    small, large = tmp_path / "small.mp4", tmp_path / "large.mp4"
+    small.write_bytes(b"film")
+    large.write_bytes(bytes(page.EMBEDDED_FILM_BYTES + 1))
+    assert Film(path=small).source == "data:video/mp4;base64,ZmlsbQ=="
+    assert Film(path=large).source == "large.mp4"
+
+
+def test_a_film_has_a_picture_of_its_middle_before_it_plays(tmp_path):
+    """Of nine frames that brighten evenly, with a key frame every third, the fourth is shown."""
+    path = tmp_path / "film.mp4"
+    with av.open(str(path), "w") as target:
+        stream = target.add_stream("libx264", rate=10, width=64, height=48, pix_fmt="yuv420p")
+        stream.options = {"g": "3", "bf": "0", "sc_threshold": "0"}
+        for k in range(9):
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 20 * k + 40, np.uint8), format="rgb24")
+            target.mux(stream.encode(frame))
+        target.mux(stream.encode(None))
+    kind, _, data = Film(path=path).poster.partition(",")
+    assert kind == "data:image/jpeg;base64"
+    picture = np.asarray(Image.open(BytesIO(base64.b64decode(data))))
+    assert picture.shape == (48, 64, 3)
+    assert abs(picture.mean() - 100) < 8
+
+
+def test_numbers_stand_to_the_right_under_their_heads():
+    html = page.render(sample_page())
+    assert '<th scope="col"><button type="button">name' in html
+    assert '<th scope="col" class="n"><button type="button"><i>E</i><sub>P</sub> [m]' in html
+
+
+def test_panels_alike_make_a_grid_and_others_share_a_row():
+    one, wide = drawing(), figures.svg(figures.panel([], x_label="x", y_label="y", width=8.0), "wide")
+    assert Figures(panels=[one] * 3).layout == "grid"
+    assert Figures(panels=[one] * 2).layout == "row"
+    assert Figures(panels=[one, one, wide]).layout == "row"
+    assert 'style="--w: 576"' in wide
+
+
+def test_symbols_in_drawings_carry_their_index_below_the_line():
+    text = figures.svg(figures.panel([], x_label="D_front, UPPER_CASE", y_label="E_P, 2σ [m]"), "one")
+    assert re.search(r'>E<tspan dy="2" font-size="70%">P</tspan><tspan dy="-2">[^<]*</tspan>, 2σ', text)
+    assert re.search(r'>D<tspan dy="2" font-size="70%">front</tspan>', text)
+    assert "UPPER_CASE" in text
+    ElementTree.fromstring(text)
