@@ -1,0 +1,107 @@
+"""The leader's heading on a straight leg: mean of the readings, arms turned with it, and what b_L gains by it."""
+
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats
+from laisn.tight.belief import Belief, new_belief
+from laisn.tight.estimator import loosen
+from laisn.tight.leg import steady
+from laisn.tight.model import Model, model_of
+from laisn.tight.ranging import Heard, new_heard
+from laisn.tight.settings import Assume, TightSettings
+from laisn.tight.sides import tidy
+
+SETTINGS = TightSettings(assume=Assume(exact_leader=False))
+ERRORS = np.deg2rad([0.5, -1.2, 2.0, 0.3, -0.8, 1.5, 0.1, -0.4, 0.9, -1.1])
+COURSE = 0.7
+ARMS = np.array([[-0.9, -0.4, 1.5], [0.9, 0.4, 2.0], [-0.04, 0.1, 1.7]])
+
+
+def made(bias_sigma: float = 0.1) -> tuple[Belief, Model]:
+    model = model_of(SETTINGS)
+    belief = new_belief(SETTINGS, model, (0.0, 0.0))
+    belief.covariance[0, model.leader, model.leader] = bias_sigma**2
+    return belief, model
+
+
+def message(step: int, heading: float, course: float = COURSE, way: float = 1.0) -> Heard:
+    heard = new_heard()
+    heard.east, heard.north = way * step * np.sin(course), way * step * np.cos(course)
+    heard.heading, heard.arms = heading, ARMS
+    return heard
+
+
+def clockwise(points: Floats, angle: float) -> Floats:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(points @ np.array([[c, -s], [s, c]]))
+
+
+def test_the_heading_of_a_leg_is_the_mean_of_its_readings_and_b_l_goes_with_it() -> None:
+    belief, model = made()
+    used, bias = [], []
+    for step, error in enumerate(ERRORS):
+        heard = message(step, COURSE + error)
+        steady(belief, model, heard)
+        loosen(belief, model, heard)
+        used.append(float(heard.heading))
+        bias.append(float(belief.state[0, model.leader]))
+        np.testing.assert_allclose(heard.arms[:, :2], clockwise(ARMS[:, :2], used[-1] - COURSE - error), atol=1e-12)
+        np.testing.assert_array_equal(heard.arms[:, 2], ARMS[:, 2])
+    # a direction needs two messages and a straight way three; b_L is wide here, so that the mean is used at once
+    assert used[:2] == pytest.approx(COURSE + ERRORS[:2])
+    means = [COURSE + ERRORS[2 : n + 1].mean() for n in range(2, ERRORS.size)]
+    assert used[2:] == pytest.approx(means, abs=1e-12)
+    # heading less b_L is the true heading, whatever stands for the broadcast one
+    np.testing.assert_allclose(np.diff(bias[2:]), np.diff(means), atol=1e-12)
+    # b_L gains the first reading's random error, and no more
+    gained = belief.covariance[0, model.leader, model.leader] - 0.1**2
+    assert gained == pytest.approx(SETTINGS.leader_heading_sigma**2, rel=1e-9)
+
+
+def test_a_mean_of_few_readings_is_not_used_where_b_l_is_known_better() -> None:
+    belief, model = made(bias_sigma=1e-3)
+    used = []
+    for step, error in enumerate(ERRORS):
+        heard = message(step, COURSE + error)
+        steady(belief, model, heard)
+        used.append(float(heard.heading))
+    assert used[:5] == pytest.approx(COURSE + ERRORS[:5])
+    assert used[5] == pytest.approx(COURSE + ERRORS[2:6].mean(), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("heading", "course", "way"),
+    [
+        (COURSE + 0.02, COURSE + 0.1, 1.0),  # the way bends
+        (COURSE + 0.3, COURSE, 1.0),  # the heading is another one
+        (COURSE + 0.02, COURSE, 0.01),  # it stops
+    ],
+)
+def test_a_leg_ends_where_the_leader_turns_and_b_l_loses_the_means_error(
+    heading: float, course: float, way: float
+) -> None:
+    belief, model = made()
+    for step, error in enumerate(ERRORS):
+        steady(belief, model, message(step, COURSE + error))
+    last = message(ERRORS.size - 1, 0.0)
+    turned = message(1, heading, course, way)
+    turned.east += last.east
+    turned.north += last.north
+    steady(belief, model, turned)
+    assert float(turned.heading) == heading
+    np.testing.assert_array_equal(turned.arms, ARMS)
+    assert float(turned.shift) == 0.0
+    # variance of the mean of the eight readings of the leg
+    assert float(turned.wander) == pytest.approx(SETTINGS.leader_heading_sigma**2 / 8.0)
+
+
+def test_hypotheses_in_one_place_that_differ_in_b_l_stay_two() -> None:
+    for apart, alive in ((0.0, 1), (0.01, 1), (0.2, 2)):
+        belief, model = made()
+        belief.alive = 2
+        belief.weight[:2] = 0.6, 0.4
+        belief.state[1], belief.covariance[1] = belief.state[0], belief.covariance[0]
+        belief.state[1, model.leader] += apart
+        tidy(belief, model)
+        assert belief.alive == alive
