@@ -24,6 +24,7 @@ from sim.film.footage import Footage
 from sim.flight import SLIP_M_SQRT_S, Flight, laisn_settings, navigate, navigation_settings
 from sim.log import reader, writer
 from sim.log.file import LogError
+from sim.log.spool import Spool
 from sim.scenario.settings import Assume, Scenario
 from tests.synthetic import bits
 
@@ -139,9 +140,9 @@ def test_a_mixture_that_was_changed_is_noticed(flight: Flight, tmp_path: Path, m
     def changed(*given: Any) -> Any:
         log = read(*given)
         messages = log.topics["/follower/mixture"]
-        data = messages.data.copy()
+        data = bytearray(messages.data.read(0, int(messages.stop[-1])))
         data[len(data) // 2] ^= 1
-        messages.data = data
+        messages.data = Spool(bytes(data))
         return log
 
     monkeypatch.setattr(reader, "contents", changed)
