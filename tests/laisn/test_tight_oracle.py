@@ -37,6 +37,8 @@ class Voyage:
     """Of the follower from the leader at the start: ahead and to port [m]."""
     turns: float = 0.2
     """Rate at which the leader's heading wanders, in a step [rad]."""
+    corner: float = 0.0
+    """By how much the leader turns, all at once, after two thirds of the messages [rad]."""
     echoes: float = 0.0
     """Share of ranges that are those of echoes."""
     lost: float = 0.0
@@ -53,6 +55,7 @@ class Voyage:
         times = self.dt * (1.0 + self.jitter * rng.uniform(-1.0, 1.0, n))
         clock = np.cumsum(times)
         theta = rng.uniform(-np.pi, np.pi) + np.cumsum(self.turns * rng.normal(size=n))
+        theta[2 * n // 3 :] += self.corner
         heading, speed = theta + 0.2 * np.sin(0.5 * clock), 1.2 + 0.4 * np.sin(0.8 * clock)
 
         def way(speed: Floats, heading: Floats) -> Floats:
@@ -127,6 +130,8 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         (THREE, Voyage(turns=0.05, lost=0.1)),
         (TWO, Voyage(offset=(-20.0, 0.3), turns=0.03)),
         (TURNED, Voyage(seed=6, turns=0.05)),
+        (TURNED, Voyage(seed=10, turns=0.0, corner=0.6)),
+        (ALL_OF_2, Voyage(seed=11, turns=0.0, corner=-0.4, echoes=0.05, offset=(-25.0, 1.0), jitter=0.5)),
         (DRIFTING, Voyage(seed=7, turns=0.03, offset=(-12.0, 4.0), current=(0.3, 0.1))),
         (ALL_OF_3, Voyage(seed=1, turns=0.1, echoes=0.1, lost=0.1, **ABOUT)),  # type: ignore[arg-type]
         (ALL_OF_2, Voyage(seed=2, turns=0.05, echoes=0.05, lost=0.1, offset=(-25.0, 1.0), **ABOUT)),  # type: ignore[arg-type]
@@ -134,7 +139,7 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         (replace(ALL_OF_2, known_start=False), Voyage(seed=4, turns=0.05, messages=8)),
         (ALL_OF_3, Voyage(seed=5, turns=0.05, alone=(5, 10))),
     ],
-    ids=["3", "2 astern", "leader's compass", "drift", "all of 3", "all of 2", "start of 3", "start of 2", "lost"],
+    ids=["3", "2 astern", "leader's compass", "legs", "legs of 2", "drift", "all of 3", "all of 2", "start of 3", "start of 2", "lost"],
 )
 def test_an_independent_navigator_agrees(told: TightSettings, voyage: Voyage) -> None:
     """Mixtures, biases and covariances to rounding; hypotheses, echoes, alarms and doubts one by one."""

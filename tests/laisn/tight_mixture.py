@@ -82,7 +82,7 @@ def mix(side: Side) -> None:
 
 
 def tidy(sides: list[Side]) -> None:
-    """No side lighter than 1e-5, none nearer to another than 0.3 in squared distance, and four at most."""
+    """No side lighter than 1e-5, none nearer to another than 0.3 in squared distance and in b_L, and four at most."""
 
     def drop(h: int) -> None:
         last = sides.pop()
@@ -92,6 +92,9 @@ def tidy(sides: list[Side]) -> None:
     def same(one: Side, other: Side) -> bool:
         a, b = heaviest(one), heaviest(other)
         off = (a.x - b.x)[:2]
+        turned, spread = a.x[LEADER] - b.x[LEADER], 0.5 * (a.P + b.P)[LEADER, LEADER]
+        if turned**2 > 0.3 * spread:
+            return False
         return bool(off @ np.linalg.solve(0.5 * (a.P + b.P)[:2, :2], off) < 0.3)
 
     h = 0

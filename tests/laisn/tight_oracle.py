@@ -56,7 +56,10 @@ class Oracle:
         drift = np.array([0.25, 2.5]) if assume.drift else np.ones(1)
         rates = (2.5e-3, 1.7e-3) if assume.drift else (2e-4, 1.5e-4)
         current = 1e-3 if assume.current else 0.0
-        self.walks = [{LOG: rates[0] * d, COMPASS: rates[1] * d, EAST: current, NORTH: current} for d in drift]
+        leader = 0.0 if assume.exact_leader else 5e-5
+        self.walks = [
+            {LOG: rates[0] * d, COMPASS: rates[1] * d, EAST: current, NORTH: current, LEADER: leader} for d in drift
+        ]
         if self.start is not None:
             x = np.concatenate([self.start[:2], np.zeros(N - 2)])
             self.sides = [[Component(x, np.diag(self.fresh), 1 / drift.size, mode) for mode in range(drift.size)]]
@@ -65,6 +68,9 @@ class Oracle:
         self.last: tuple[float, complex] | None = None
         self.at_message: complex = 0.0
         self.leader: list[Heard] = []
+        self.places: list[complex] = []
+        self.leg: list[float] = []
+        self.steady, self.other_v = False, self.v / 16.0
         self.first_time = self.logged = 0.0
         self.smoothed, self.silent = 1.0, 0
 
@@ -146,6 +152,8 @@ class Oracle:
             return
         for side in self.sides:
             mix(side)
+        if not self.told.assume.exact_leader:
+            heard = self.steadied(heard)
         if self.told.assume.drift:
             self.loosen(heard)
         self.sides = [[self.moved_to(c, heard) for c in side] for side in self.sides]
@@ -173,6 +181,51 @@ class Oracle:
     def begin(self) -> None:
         assert self.last is not None
         self.readings, self.at_message, self.trapezoids = [], self.last[1], np.zeros(2, dtype=complex)
+
+    def steadied(self, heard: Heard) -> Heard:
+        """A message with the mean heading of a straight leg, where three places of the leader lie on a line.
+
+        `leg` holds what the leg's messages read, as if each were read at the leg's present direction. Ways of 0.3 m and
+        more have a direction, a line bends by less than 5 mrad, and a reading that is four standard deviations off the
+        mean belongs to no leg. The mean is used from four readings on, or once its variance is a tenth of that of b_L.
+        """
+        self.places = [*self.places[-2:], complex(*heard.place[::-1])]
+        ways, most = np.diff(self.places), self.told.leader_heading_sigma**2
+        told = ways.size == 2 and bool(np.all(abs(ways) > 0.3))
+        bend = float(np.angle(ways[1] / ways[0])) if told else np.inf
+        on_leg = abs(bend) < 0.005
+        before = len(self.leg)
+        if on_leg:
+            self.leg = [reading + bend for reading in self.leg]
+            off = np.angle(np.exp(1j * (heard.heading - np.mean(self.leg)))) if before else 0.0
+            on_leg = bool(abs(off) <= 4.0 * np.sqrt(most))
+        if not on_leg:
+            if self.steady:
+                self.v, self.other_v = self.other_v, self.v
+                for c in self.all:
+                    c.P[LEADER, LEADER] += most / before
+            self.leg, self.steady = [], False
+            return heard
+        mean = float(np.mean(self.leg)) if before else heard.heading
+        self.leg.append(mean + float(np.angle(np.exp(1j * (heard.heading - mean)))))
+        known = self.sides[0][0].P[LEADER, LEADER]
+        if self.steady:
+            for c in self.all:
+                c.x[LEADER] += np.mean(self.leg) - mean
+                c.P[LEADER, LEADER] += (0.5 * bend) ** 2
+        elif len(self.leg) >= 4 or most / len(self.leg) < 0.1 * known:
+            self.v, self.other_v, self.steady = self.other_v, self.v, True
+            for c in self.all:
+                c.P[LEADER, LEADER] += most / len(self.leg)
+        if not self.steady:
+            return heard
+        heading = float(np.mean(self.leg))
+        turn = rotation(heard.heading - heading)
+
+        def turned(arms: Floats) -> Floats:
+            return np.column_stack([arms[:, :2] @ turn.T, arms[:, 2]])
+
+        return replace(heard, heading=heading, arms=turned(heard.arms), axis=turned(heard.axis))
 
     def loosen(self, heard: Heard) -> None:
         """A deviation of 3 % of the turn, where it is more than 0.1 rad, of the leader's 0.15 rad."""
