@@ -139,7 +139,19 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         (replace(ALL_OF_2, known_start=False), Voyage(seed=4, turns=0.05, messages=8)),
         (ALL_OF_3, Voyage(seed=5, turns=0.05, alone=(5, 10))),
     ],
-    ids=["3", "2 astern", "leader's compass", "legs", "legs of 2", "drift", "all of 3", "all of 2", "start of 3", "start of 2", "lost"],
+    ids=[
+        "3",
+        "2 astern",
+        "leader's compass",
+        "legs",
+        "legs of 2",
+        "drift",
+        "all of 3",
+        "all of 2",
+        "start of 3",
+        "start of 2",
+        "lost",
+    ],
 )
 def test_an_independent_navigator_agrees(told: TightSettings, voyage: Voyage) -> None:
     """Mixtures, biases and covariances to rounding; hypotheses, echoes, alarms and doubts one by one."""
