@@ -24,5 +24,9 @@ def picture(findings: Findings) -> tuple[Figure, list[tuple[Colour, str]]]:
     figure = panel(lines, x_label="case", y_label="mean E_P over the routes [m]", height=3.0)
     axes = figure.axes[0]
     axes.set_yscale("log")
+    # the panel's margin is that of a linear axis, and may reach below zero
+    drawn = np.concatenate([line.y for line in lines])
+    axes.set_ylim(drawn.min() / 1.5, drawn.max() * 1.5)
     axes.set_xticks(range(len(CASES)), [case.name for case in CASES])
+    axes.set_xlim(-0.5, len(CASES) - 0.5)
     return figure, [(SERIES[1], "LAISN-2"), (SERIES[0], "tightly coupled")]
