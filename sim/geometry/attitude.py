@@ -1,4 +1,8 @@
-"""Attitude from quaternions (w, x, y, z), body (forward, port, up) to world (east, north, up)."""
+"""Attitude from quaternions (w, x, y, z), body (forward, port, up) to world (east, north, up).
+
+`scipy.spatial.transform.Rotation` knows the same, and tests hold these functions to it. It is not called here, since on
+arrays as long as a flight it takes two to seven times as long, and importing it delays every command by 0.4 s.
+"""
 
 import math
 
