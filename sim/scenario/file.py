@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 import stat
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
@@ -21,6 +22,8 @@ LARGEST_BYTES = 16_000_000
 """Largest scenario file that is read [bytes]: four routes of the most points that a route may have."""
 _DEEPEST = 16
 """Most tables within tables; a scenario needs five."""
+_ENDLESS = re.compile(r"\d[\d_]{4000,}")
+"""What may have more digits than Python reads."""
 _WIDEST_BITS = 1024
 """Most bits of an integer; more is beyond every number of a scenario, and costly to write down."""
 _ROUNDS = 5
@@ -127,8 +130,16 @@ def parse(text: str, source: str) -> dict[str, Any]:
     except RecursionError:
         raise ScenarioError(f"{source}: not valid TOML: lists or tables nest too deep") from None
     except ValueError as error:
-        # besides its own, tomllib lets those of int() and of dates through
-        raise ScenarioError(f"{source}: not valid TOML: {shortened(plain(error), 300)}") from None
+        # besides its own, tomllib lets those of dates and of int() through, which tells programmers what to call
+        endless = None if isinstance(error, tomllib.TOMLDecodeError) else _ENDLESS.search(text)
+        reason = shortened(plain(error), 300) if endless is None else _too_long(endless)
+        raise ScenarioError(f"{source}: not valid TOML: {reason}") from None
+
+
+def _too_long(number: re.Match[str]) -> str:
+    line = number.string.count("\n", 0, number.start()) + 1
+    digits = sum(character.isdigit() for character in number.group())
+    return f"a number of {digits} digits, expected one that fits 64 bits (at line {line})"
 
 
 def read(path: Path) -> dict[str, Any]:
