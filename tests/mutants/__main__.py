@@ -27,7 +27,7 @@ from experiments.gallery import house
 from experiments.gallery.house import ROOT
 from tests.mutants.cover import covering
 from tests.mutants.faults import Mutant, mutants_of
-from tests.mutants.trial import attempt, control
+from tests.mutants.trial import Outcome, attempt, control
 
 PACKAGES = {
     "laisn": r"laisn/.+",
@@ -48,6 +48,8 @@ class Tried(NamedTuple):
     mutant: Mutant
     noticed: bool
     why: str
+    slow: bool = False
+    """It was noticed by the time that tests took, alone on the machine."""
 
 
 def argued() -> dict[tuple[str, str, str], str]:
@@ -67,15 +69,19 @@ def summary(package: str, tried: list[Tried], of: int) -> str:
     """How many were noticed, with Wilson's interval where they were drawn from more."""
     noticed = sum(t.noticed for t in tried)
     text = f"{package}: {noticed} of {len(tried)} noticed, {noticed / len(tried):.0%}"
+    slow = sum(t.slow for t in tried)
+    text += f", {slow} of them by the time that tests took" if slow else ""
     if len(tried) < of:
         limits = binomtest(noticed, len(tried)).proportion_ci(method="wilson")
         text += f" (95 %: {limits.low:.0%} to {limits.high:.0%}), drawn from {of}"
     return f"{text}; {sum(bool(t.why) for t in tried)} of those left change nothing, as is argued"
 
 
-def told(mutant: Mutant, noticed: bool) -> Tried:
+def told(mutant: Mutant, outcome: Outcome) -> Tried:
     """Print a mutant if it survived, else a dot."""
-    tried = Tried(mutant, noticed, "" if noticed else argued().get((mutant.file, *mutant.change()), ""))
+    noticed = outcome is not Outcome.SURVIVED
+    why = "" if noticed else argued().get((mutant.file, *mutant.change()), "")
+    tried = Tried(mutant, noticed, why, outcome is Outcome.SLOW)
     if noticed:
         print(".", end="", flush=True)
     else:
@@ -138,7 +144,15 @@ def main() -> None:
             found = {}
             for package, (mutants, of) in chosen.items():
                 results = pool.map(attempt, [folder] * len(mutants), mutants, [took] * len(mutants))
-                found[package] = [told(*one) for one in zip(mutants, results, strict=True)], of
+                tried, slow = [], []
+                for mutant, outcome in zip(mutants, results, strict=True):
+                    if outcome is Outcome.SLOW:
+                        slow.append(mutant)
+                    else:
+                        tried.append(told(mutant, outcome))
+                # once more, with no other trial beside them
+                tried += [told(mutant, pool.submit(attempt, folder, mutant, took).result()) for mutant in slow]
+                found[package] = tried, of
                 print(f"\n{summary(package, *found[package])}", flush=True)
     if given.record:
         before = read(given.record).findings if given.record.is_file() else {}

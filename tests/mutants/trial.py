@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterable
 from contextlib import redirect_stderr, redirect_stdout
+from enum import Enum
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -31,10 +32,21 @@ _WAITS = 10.0
 """How many times its processor time a trial may take: tests sleep, and the machine may have other work."""
 
 
+class Outcome(Enum):
+    """What became of a mutant."""
+
+    NOTICED = "noticed"
+    SURVIVED = "survived"
+    SLOW = "slow"
+    """Tests took far longer than without it: it may loop for ever, or the machine had much else to do."""
+
+
 class Done(NamedTuple):
     """How a run of tests ended."""
 
     passed: bool
+    in_time: bool
+    """It ended by itself."""
     said: str
     seconds: float
     """Processor time."""
@@ -75,7 +87,7 @@ def run(tests: Iterable[str], tree: Path, cache: Path, limit: float | None = Non
         tests: files, in the order in which they are run, until one fails.
         tree: the working tree.
         cache: XDG_CACHE_HOME.
-        limit: processor time [s] after which they count as failed.
+        limit: processor time [s] after which they are ended.
     """
     reads, told = os.pipe()
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -101,7 +113,8 @@ def run(tests: Iterable[str], tree: Path, cache: Path, limit: float | None = Non
         said = pipe.read().decode(errors="replace")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Done(os.waitstatus_to_exitcode(status) == 0, said, spent)
+    in_time = not (os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGKILL, signal.SIGXCPU))
+    return Done(os.waitstatus_to_exitcode(status) == 0, in_time, said, spent)
 
 
 class Copy:
@@ -136,7 +149,7 @@ class Copy:
         """Run a test file without any mutant; code that it compiles is kept."""
         return run([test], self._tree, self._kept)
 
-    def notices(self, mutant: Mutant, took: dict[str, float]) -> bool:
+    def outcome(self, mutant: Mutant, took: dict[str, float]) -> Outcome:
         """Whether a test fails, or they take far longer than the processor time that each test file `took` [s].
 
         The quickest are run first.
@@ -144,15 +157,18 @@ class Copy:
         tests = sorted(covering(mutant.file), key=took.__getitem__)
         whole = (self._tree / mutant.file).read_text(encoding="utf-8")
         if not tests:
-            return False
+            return Outcome.SURVIVED
         # files of a cache are replaced, never written to: links will do
         shutil.copytree(self._kept, self._trial, copy_function=os.link)
         self._write(mutant.file, mutant.text())
         try:
-            return not run(tests, self._tree, self._trial, 30.0 + 3.0 * sum(took[test] for test in tests)).passed
+            done = run(tests, self._tree, self._trial, 30.0 + 3.0 * sum(took[test] for test in tests))
         finally:
             self._write(mutant.file, whole)
             shutil.rmtree(self._trial)
+        if not done.in_time:
+            return Outcome.SLOW
+        return Outcome.SURVIVED if done.passed else Outcome.NOTICED
 
 
 @cache
@@ -162,7 +178,7 @@ def _own_copy(folder: Path) -> Copy:
     return Copy(folder / str(os.getpid()), folder / "kept")
 
 
-def attempt(folder: Path, mutant: Mutant, took: dict[str, float]) -> bool:
+def attempt(folder: Path, mutant: Mutant, took: dict[str, float]) -> Outcome:
     """Whether a test notices a mutant.
 
     Args:
@@ -170,7 +186,7 @@ def attempt(folder: Path, mutant: Mutant, took: dict[str, float]) -> bool:
         mutant: to be tried.
         took: processor time of each test file without any mutant [s].
     """
-    return _own_copy(folder).notices(mutant, took)
+    return _own_copy(folder).outcome(mutant, took)
 
 
 def control(folder: Path, test: str) -> float:
