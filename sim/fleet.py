@@ -9,6 +9,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
+from sim.contact import Ending
 from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, feel
 from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer
 from sim.scenario.point_motion import Limits
@@ -222,6 +223,7 @@ def simulate_fleet(
     limits: Sequence[Limits] | None = None,
     believe: BelievedPositions | None = None,
     boarding: Boarding | None = None,
+    ending: Ending | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Fly every vehicle of a plant along its route.
@@ -234,10 +236,11 @@ def simulate_fleet(
         limits: what each vehicle can do; None: the paper's turn rate, acceleration and top speed.
         believe: where vehicles take themselves to be when they steer; None: they know.
         boarding: makes a crew that does other than follow routes; None: there is none.
+        ending: what ends the flight before its time; None: nothing does.
         progress: called with the mission time [s], every 50 s of it.
 
     Returns:
-        Truth every 0.1 s, time 0 and `duration` included.
+        Truth every 0.1 s, time 0 and `duration` included, or the instant that ended the flight.
 
     Raises:
         ValueError: there is not one route for each vehicle, a route cannot be flown, or the times do not fit.
@@ -284,6 +287,10 @@ def simulate_fleet(
         # between these instants nothing from outside is looked at: not the beliefs, not Ctrl-C
         last = k + 1 if believe is not None else min(k + _PROGRESS_TICKS - (k - 1) % _PROGRESS_TICKS, ticks)
         leg(k, last)
+        new = record[k : last + 1]
+        end = None if ending is None else ending(new[..., POSITION], new[..., QUATERNION])
+        if end is not None:
+            return _trajectory_since(plant, record[: max(k + end, 1) + 1])
         if progress is not None and (last - 1) % _PROGRESS_TICKS == 0:
             progress((last - 1) * TICK)
         k = last

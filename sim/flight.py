@@ -32,6 +32,7 @@ class Outcome(Enum):
     """How a mission ended."""
 
     COMPLETED = "the mission was flown to its end"
+    CONTACT = "vehicles touched, which ended the mission"
     DIVERGED = "the simulation left finite numbers; everything up to that step is kept"
     INTERRUPTED = "the mission was interrupted; everything up to that step is kept"
 

@@ -8,6 +8,7 @@ from laisn.navigating import NavigatorFactory
 from sim import point_fleet
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.closed_loop import Feedback
+from sim.contact import contacts, first_touch
 from sim.fleet import Boarding, Crew, FleetError, Steering, simulate_fleet
 from sim.point_fleet import Sites
 from sim.scenario.settings import Scenario
@@ -15,12 +16,20 @@ from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
 
 
-class DivergedError(LaisnError):
-    """The simulation left finite numbers; `trajectory` holds what was flown before."""
+class EndedError(LaisnError):
+    """A mission that ended before its time; `trajectory` holds what was flown until then."""
 
     def __init__(self, message: str, trajectory: Trajectory) -> None:
         super().__init__(message)
         self.trajectory = trajectory
+
+
+class DivergedError(EndedError):
+    """The simulation left finite numbers."""
+
+
+class ContactError(EndedError):
+    """Vehicles touched, in a scenario whose missions end with that."""
 
 
 Embarking = Callable[[Scenario, Plant, Steering], Crew]
@@ -64,7 +73,24 @@ def simulate_motion(
     Raises:
         LaisnError: a route cannot be flown, the sea is impossible, or a follower lacks its navigator.
         DivergedError: the simulation left finite numbers.
+        ContactError: vehicles touched, and that ends the scenario's mission.
     """
+    trajectory = _simulated(scenario, progress, navigator, embark)
+    met = contacts(trajectory) if scenario.contact == "end" else []
+    if not met:
+        return trajectory
+    time, (one, other) = met[0]
+    touched = f"at {time:g} s {one} and {other} touched, which ended the mission"
+    raise ContactError(touched, trajectory.until(max(round(time / trajectory.dt), 1)))
+
+
+def _simulated(
+    scenario: Scenario,
+    progress: Callable[[float], None] | None,
+    navigator: NavigatorFactory | None,
+    embark: Embarking | None,
+) -> Trajectory:
+    """The motion of a scenario; where contact ends its mission, it may stop soon after the first."""
     boarding = _boarding(scenario, embark)
     feedback = None if boarding else _feedback(scenario, navigator)
     routes = routes_of(scenario)
@@ -80,6 +106,7 @@ def simulate_motion(
             [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
             believe=feedback,
             boarding=boarding,
+            ending=first_touch if scenario.contact == "end" else None,
             progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
         )
     except FleetError as error:

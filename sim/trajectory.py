@@ -157,6 +157,11 @@ class Trajectory:
             site_offset=self.site_offset[kept],
         )
 
+    def until(self, last: int) -> Self:
+        """All instants up to number `last`, which is at least 1."""
+        timed = ("time", "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
+        return replace(self, **{name: getattr(self, name)[: last + 1] for name in timed})
+
     def at(self, time: npt.ArrayLike) -> tuple[Floats, Floats]:
         """Poses between grid points: positions by cubic Hermite, attitudes by spherical interpolation.
 

@@ -19,7 +19,7 @@ from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
 from laisn.whole_files import replaced
 from sim.fleet import FleetError
-from sim.motion import DivergedError, simulate_motion
+from sim.motion import EndedError, simulate_motion
 from sim.scenario.settings import Leader, Scenario
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import observe
@@ -111,10 +111,10 @@ def store(folder: Path, scenario: Scenario, trajectory: Trajectory) -> None:
 
 
 def simulate_mission(scenario: Scenario) -> Trajectory:
-    """Motion of a mission's vehicles; CampaignError naming it if the simulation left finite numbers."""
+    """Motion of a mission's vehicles; CampaignError naming it, and how it ended, if that was before its time."""
     try:
         trajectory = simulate_motion(motion_of(scenario))
-    except (DivergedError, FleetError) as error:
+    except (EndedError, FleetError) as error:
         # They carry the motion so far, which no process can hand to another: what they say is what counts.
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
     if not np.all(np.isfinite(trajectory.position)):

@@ -71,7 +71,8 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
             )
         console.print(table)
     if flight.outcome is not Outcome.COMPLETED:
-        tell(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, "red")
+        colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
+        tell(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
 
 
 class Written(NamedTuple):

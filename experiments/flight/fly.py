@@ -9,7 +9,7 @@ from typing import Any
 from laisn.navigating import NavigatorFactory
 from laisn.navigators import new_navigator
 from sim.flight import Flight, Outcome, navigate, navigation_settings
-from sim.motion import DivergedError, simulate_motion
+from sim.motion import ContactError, DivergedError, simulate_motion
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
@@ -34,7 +34,7 @@ class Stopwatch:
 def motion_and_outcome(
     scenario: Scenario, progress: Callable[[float], None] | None = None
 ) -> tuple[Trajectory, Outcome]:
-    """The motion of a scenario; if it leaves finite numbers, what was flown before, and an outcome that says so."""
+    """The motion of a scenario and how it ended; if before its time, what was flown until then."""
 
     def swarm(*given: Any) -> Any:
         # navigators of whole swarms take a tenth of a second to import, and few missions have a station to keep
@@ -46,6 +46,8 @@ def motion_and_outcome(
         return simulate_motion(scenario, progress, new_navigator, swarm), Outcome.COMPLETED
     except DivergedError as error:
         return error.trajectory, Outcome.DIVERGED
+    except ContactError as error:
+        return error.trajectory, Outcome.CONTACT
 
 
 def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> tuple[Flight, dict[str, float]]:

@@ -10,6 +10,7 @@ from experiments.campaign.version import versions
 from experiments.flight.separation import contact_events, uncertainty_events
 from laisn import metrics
 from laisn.arrays import Floats
+from sim.contact import contacts
 from sim.flight import Flight
 from sim.log.events import Event
 from sim.station_keeping import closest_approaches, off_places, station_keeping
@@ -84,7 +85,7 @@ def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
 
 
 def _nearest(flight: Flight) -> dict[str, Any]:
-    """The two vehicles that came nearest to each other, in space and horizontally."""
+    """The two vehicles that came nearest to each other, in space and horizontally, and the pairs that touched."""
     space, level = closest_approaches(flight.trajectory)
     return {
         "closest_approach_m": space.distance_m,
@@ -93,6 +94,7 @@ def _nearest(flight: Flight) -> dict[str, Any]:
         "closest_horizontal_m": level.distance_m,
         "closest_horizontal_pair": list(level.pair),
         "closest_horizontal_s": level.time_s,
+        "contacts": [{"time_s": time, "pair": list(pair)} for time, pair in contacts(flight.trajectory)],
     }
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, TRANS
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
+from sim.contact import contacts
 from sim.flight import Flight, Outcome
 from sim.scenario.file import dumps
 
@@ -153,7 +154,11 @@ def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
     notices = []
     if flight.outcome is not Outcome.COMPLETED:
         flown = f"{flight.trajectory.time[-1]:g} s of {flight.scenario.duration_s:g} s"
-        notices.append(Notice(tone="failure", text=f"After {flown}: {flight.outcome.value}."))
+        tone: Literal["failure", "warning"] = "warning" if flight.outcome is Outcome.CONTACT else "failure"
+        notices.append(Notice(tone=tone, text=f"After {flown}: {flight.outcome.value}."))
+    if met := contacts(flight.trajectory):
+        (time, pair), others = met[0], f", the first of {len(met)} pairs" if len(met) > 1 else ""
+        notices.append(Notice(tone="warning", text=f"At {time:g} s {' and '.join(pair)} touched{others}."))
     for i, (position, _) in enumerate(errors):
         name = flight.trajectory.names[i + 1]
         if not np.all(np.isfinite(position[flight.estimates[i].unknown :])):

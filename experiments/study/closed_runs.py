@@ -21,14 +21,20 @@ def is_captured(flight: Flight, follower: int) -> bool:
     return bool(first.size and np.max(after - first) >= flight.scenario.message_every)
 
 
+_OF_ENDED = ("run", "touched", "ended")
+
+
 def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     """Results of a run for each follower, by the names of a cell's lists and of `FACTS`.
 
-    Raises CampaignError if it was not flown to its end.
+    A run that contact ended has no other results than that: a mean over missions of unlike length would hide it.
+
+    Raises CampaignError if the simulation left finite numbers.
     """
     one = scenario.model_copy(update={"run": run})
     flight, _ = fly(one)
-    if flight.outcome is not Outcome.COMPLETED:
+    ended = flight.outcome is Outcome.CONTACT
+    if not ended and flight.outcome is not Outcome.COMPLETED:
         raise CampaignError(f"run {run}: {flight.outcome.value}")
     facts, rows = facts_of(one, flight.trajectory), []
     for i, (position, bearing) in enumerate(position_and_bearing_errors(flight)):
@@ -43,6 +49,9 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
                 "captured": is_captured(flight, i),
                 "gated": int(metrics.fix_counts(flight.estimates[i]).get("gated", 0)),
                 **facts[i],
+                "ended": ended,
             }
         )
+        if ended:
+            rows[i] = {name: value if name in _OF_ENDED else None for name, value in rows[i].items()}
     return rows

@@ -16,6 +16,7 @@ from experiments.pages.page import Block, Figures, Page, Section, Table, Text, n
 from experiments.pages.style import SERIES
 from experiments.study.estimate import over_runs
 from experiments.study.file import METRIC
+from experiments.study.metrics import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn import metrics
 from laisn.failure import LaisnError
@@ -98,7 +99,7 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
     for folder, table in zip(folders, tables, strict=True):
         if metric not in table[0]:
             raise LaisnError(f"{folder}: its runs have no {metric!r}")
-    measured = {"point", "sea", "run", "e_p_max_m", "e_p_mean_m", "e_b_max_deg", "e_b_mean_deg", "captured", "gated"}
+    measured = {"point", "sea", "run", "gated", *METRICS}
     shared = [k for k in tables[0][0] if k not in measured and all(k in table[0] for table in tables)]
     drawn = [k for k in shared if any(len({r[k] for r in t if r["sea"] == 0}) < len({r[k] for r in t}) for t in tables)]
     keys = [k for k in shared if k not in drawn]
@@ -108,13 +109,14 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
         own: dict[tuple[str, ...], dict[tuple[int, int], float]] = {}
         for row in table:
             place = tuple(f"{key} = {row[key]}" for key in keys)
-            own.setdefault(place, {})[seeds[row["sea"]], row["run"]] = float(row[metric])
+            if row[metric] is not None:
+                own.setdefault(place, {})[seeds[row["sea"]], row["run"]] = float(row[metric])
         values.append(own)
 
     def mean(of: Mapping[tuple[int, int], float], paired: bool) -> Interval:
         seas = sorted({sea for sea, _ in of})
         lists = [np.array([v for (s, _), v in sorted(of.items()) if s == sea]) for sea in seas]
-        return over_runs(lists, shares=metric == "captured", paired=paired)
+        return over_runs(lists, shares=metric in SHARES, paired=paired)
 
     found: dict[tuple[str, ...], list[Interval | None]] = {}
     for place, first in values[0].items():

@@ -15,6 +15,7 @@ from scipy.stats import t as student
 
 from experiments.campaign.store import Record
 from experiments.intervals import CONFIDENCE, FEWEST_RUNS, Interval, bootstrap_mean, difference_of_shares, proportion
+from experiments.study.metrics import SHARES
 from laisn.arrays import Floats
 
 Place = tuple[int, str, str]
@@ -84,9 +85,16 @@ def over_runs(seas: Sequence[Floats], *, shares: bool = False, paired: bool = Fa
     return bootstrap_mean(values)
 
 
+def _whole(values: Floats) -> Floats:
+    return values[~np.isnan(values)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Results:
-    """Rows and runs of a study by place, seas in their order."""
+    """Rows and runs of a study by place, seas in their order.
+
+    A run that contact ended has NaN for all that only a whole run has; means and differences are over the others.
+    """
 
     rows: Mapping[Place, list[Record]]
     runs: Mapping[Place, list[Record]]
@@ -114,7 +122,8 @@ class Results:
         """A value for each sea, shape (S,); means over the runs where the metric is one of runs."""
         runs = self.by_run(place, metric)
         if runs is not None:
-            return np.array([values.mean() for values in runs])
+            whole = [_whole(values) for values in runs]
+            return np.array([values.mean() if values.size else math.nan for values in whole])
         values = [row.get(metric) for row in self.rows.get(place, [])]
         return np.array([math.nan if value is None else value for value in values], dtype=np.float64)
 
@@ -126,7 +135,7 @@ class Results:
             if not seas.size or np.isnan(seas).any():
                 self._known[key] = Interval(math.nan, math.nan, math.nan)
             elif runs is not None:
-                self._known[key] = over_runs(runs, shares=metric == "captured")
+                self._known[key] = over_runs([_whole(values) for values in runs], shares=metric in SHARES)
             else:
                 self._known[key] = over_seas(seas)
         return self._known[key]
@@ -141,8 +150,9 @@ class Results:
         found = Interval(math.nan, math.nan, math.nan)
         if [row["sea"] for row in self.rows.get(place, [])] == [row["sea"] for row in self.rows.get(other, [])]:
             if runs and theirs:
-                apart = [a - b for a, b in zip(runs, theirs, strict=True)]
-                found = over_runs(apart, shares=metric == "captured", paired=True)
+                apart = [_whole(a - b) for a, b in zip(runs, theirs, strict=True)]
+                if all(values.size for values in apart):
+                    found = over_runs(apart, shares=metric in SHARES, paired=True)
             elif self.by_sea(place, metric).size:
                 found = over_seas(self.by_sea(place, metric) - self.by_sea(other, metric))
         self._known[key] = found

@@ -5,6 +5,7 @@ import numpy as np
 from experiments.campaign.store import Record
 from laisn.arrays import Floats
 from sim.assembly import routes_of
+from sim.contact import contacts
 from sim.scenario.settings import Scenario
 from sim.station_keeping import off_places
 from sim.trajectory import Trajectory
@@ -18,6 +19,7 @@ FACTS = {
     "depth_error_rms_m": "RMS error of the follower's depth against the depth that it was to hold",
     "depth_error_max_m": "largest error of depth",
     "closest_approach_m": "smallest distance of the follower's origin from that of any other vehicle",
+    "touched": "whether the follower's hull touched another",
     "range_mean_m": "mean horizontal distance from the leader",
     "pitch_rms_deg": "RMS pitch of the follower",
     "power_mean_w": "mean power of the follower's thrusters",
@@ -73,6 +75,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
     off = off_places(scenario, trajectory)
     density, span = scenario.ocean.density_kg_m3, float(trajectory.time[-1] - trajectory.time[0])
     physical = scenario.motion == "physics"
+    touching = {name for contact in contacts(trajectory) for name in contact.pair}
 
     def depth_error(v: int) -> Floats:
         return np.asarray(trajectory.depth[:, v] - routes[v].depth.at(time)[0])
@@ -98,6 +101,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
                 "depth_error_rms_m": _rms(depth),
                 "depth_error_max_m": float(np.abs(depth).max()),
                 "closest_approach_m": float(apart.min()),
+                "touched": float(trajectory.names[v] in touching),
                 "range_mean_m": float(np.hypot(*(position[:, v, :2] - position[:, 0, :2]).T).mean()),
                 "pitch_rms_deg": _rms(np.rad2deg(trajectory.pitch[:, v])),
                 "power_mean_w": own,

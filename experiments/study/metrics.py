@@ -42,10 +42,17 @@ _FIXES = {
     f"fixes_{kind.name.lower()}": Metric(f"fixes: {kind.name.lower().replace('_', ' ')}", "number over all runs")
     for kind in FixKind
 }
+_CONTACT = {
+    "touched": Metric("share of runs with contact", f"{FACTS['touched']}: share of runs"),
+    "ended": Metric("share of runs ended by contact", "whether contact ended the mission: share of runs"),
+}
 _FACTS = {
     name: Metric(f"{what.partition(' of the ')[0]} [{_UNITS[name.rpartition('_')[2]]}]", what)
     for name, what in FACTS.items()
+    if name not in _CONTACT
 }
 
-METRICS: dict[str, Metric] = _ERRORS | _PERCENTILES | _FIXES | _FACTS
+METRICS: dict[str, Metric] = _ERRORS | _PERCENTILES | _FIXES | _FACTS | _CONTACT
 """Metrics by their columns in the tables."""
+SHARES = frozenset({"captured", *_CONTACT})
+"""Metrics that a run either has or has not: 1 or 0."""

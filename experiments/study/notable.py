@@ -31,8 +31,12 @@ def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int]
     if runs is None:
         raise LaisnError(f"the runs of {place_text(plan, place)} have no {METRIC}")
     seas = [row["sea"] for row in results.rows[place]]
-    every = sorted((value, sea, run) for sea, values in zip(seas, runs, strict=True) for run, value in
-                   enumerate(values.tolist()))  # fmt: skip
+    # a run that contact ended has no value, and is the first to look at
+    every = sorted(
+        (math.inf if math.isnan(value) else value, sea, run)
+        for sea, values in zip(seas, runs, strict=True)
+        for run, value in enumerate(values.tolist())
+    )
     worst, median = every[-1], every[(len(every) - 1) // 2]
     return worst[1:], median[1:]
 

@@ -48,7 +48,10 @@ def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tupl
     row: Record = {"variant": told.navigation.variant, "seed": told.seed, "runs": len(found)}
     for name, values in lists.items():
         whole = np.array(values, dtype=np.float64)
-        if name.endswith(("_max_m", "_max_deg")):
+        whole = whole[np.isfinite(whole)]
+        if not whole.size:
+            row[name] = None
+        elif name.endswith(("_max_m", "_max_deg")):
             row[name] = float(whole.max())
         elif name == "closest_approach_m":
             row[name] = float(whole.min())
@@ -56,8 +59,9 @@ def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tupl
             row[name] = float(np.sqrt(np.mean(whole**2)))
         elif name not in ("run", "captured", "gated"):
             row[name] = float(whole.mean())
-    row |= {"captured_runs": int(np.sum(lists["captured"])), "fixes_gated": int(np.sum(lists["gated"]))}
-    row["worst_run"] = int(lists["run"][int(np.argmax(lists["e_p_max_m"]))])
+    counted = {"captured_runs": "captured", "fixes_gated": "gated", "ended_runs": "ended"}
+    row |= {count: sum(int(value or 0) for value in lists[name]) for count, name in counted.items()}
+    row["worst_run"] = int(lists["run"][int(np.argmax([value or 0.0 for value in lists["e_p_max_m"]]))])
     return row, lists
 
 

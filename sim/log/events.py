@@ -21,6 +21,8 @@ FIX_LINES: dict[FixKind, tuple[Level, str]] = {
     FixKind.PARTLY: ("info", "ranges used but for those that looked like echoes"),
 }
 """Level and text for every kind of fix."""
+_OUTCOME_LEVELS: dict[Outcome, Level] = {Outcome.COMPLETED: "info", Outcome.CONTACT: "warning"}
+"""Levels of outcomes that are no faults."""
 
 
 class Event(NamedTuple):
@@ -41,6 +43,6 @@ def chronicle(flight: Flight, events: Iterable[Event]) -> list[Event]:
         for step, kind in zip(e.fix_step.tolist(), e.fix_kind.tolist(), strict=True):
             level, text = FIX_LINES[FixKind(kind)]
             lines.append(Event(step * m.dt, level, text, name))
-    level = "info" if flight.outcome is Outcome.COMPLETED else "error"
+    level = _OUTCOME_LEVELS.get(flight.outcome, "error")
     lines.append(Event(float(flight.trajectory.time[-1]), level, flight.outcome.value))
     return sorted(lines, key=lambda line: line.time_s)

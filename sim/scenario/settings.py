@@ -66,6 +66,9 @@ class Scenario(Section):
     motion: Literal["physics", "kinematic"] = Field(
         "physics", description="rigid bodies in water, or the paper's point motion"
     )
+    contact: Literal["mark", "end"] = Field(
+        "mark", description="what hulls that touch do to the mission: it is marked and flown on, or ends there"
+    )
     epoch: str = Field("2026-01-01T00:00:00+00:00", description="date and time of the start, ISO 8601")
     origin_latitude_deg: Annotated[float, Field(ge=-89, le=89)] = Field(
         54.52, description="latitude of the world's origin"

@@ -7,44 +7,12 @@ import pytest
 
 from experiments.flight import separation
 from experiments.flight.fly import fly
-from experiments.flight.separation import _spread, contact_events, hull_gap, uncertainty_events
+from experiments.flight.separation import _spread, contact_events, uncertainty_events
 from sim import flyable
-from sim.geometry import attitude
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.scenario.shapes import Shape, followers_of
 from tests.synthetic import make_flight
-
-
-@pytest.mark.parametrize(
-    ("between", "other", "gap"),
-    [
-        ((0.0, 0.5, 0.0), (1.0, 0.0, 0.0), 0.5),  # side by side
-        ((3.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.3),  # one before the other: 3 less both halves
-        ((0.0, 0.4, 0.0), (0.0, 0.0, 1.0), 0.4),  # crossed at right angles
-        ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 0.3),  # a T: 1 less the half of the upright one
-        ((2.0, 1.0, 0.0), (1.0, 0.0, 0.0), np.hypot(1.0, 0.3)),  # offset and parallel
-    ],
-)
-def test_the_gap_of_two_hulls_is_that_of_their_axes(
-    between: tuple[float, ...], other: tuple[float, ...], gap: float
-) -> None:
-    one = np.array([1.0, 0.0, 0.0])
-    found = hull_gap(np.array(between), one, np.array(other), (1.0, 0.7))
-    assert found == pytest.approx(gap, abs=1e-9)
-
-
-def test_no_two_points_of_hulls_are_nearer_than_their_gap() -> None:
-    """By trial of places along both hulls, 1 cm apart: the distance is convex in them."""
-    rng, halves = np.random.default_rng(8), (1.0, 0.7)
-    places = np.stack(np.meshgrid(np.linspace(-1.0, 1.0, 201), np.linspace(-0.7, 0.7, 141)), axis=-1)
-    for _ in range(40):
-        one, other = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
-        between = rng.normal(0.0, 1.0, 3)
-        points = between + places[..., 1:] * other - places[..., :1] * one
-        least = np.linalg.norm(points, axis=-1).min()
-        assert hull_gap(between, one, other, halves) == pytest.approx(least, abs=0.008)
-        assert hull_gap(between, one, other, halves) <= least + 1e-12
 
 
 def test_vehicles_that_meet_on_their_routes_touch_once() -> None:
@@ -57,21 +25,6 @@ def test_vehicles_that_meet_on_their_routes_touch_once() -> None:
     # noses meet when both have swum 30 m, less half a hull each
     assert event.time_s == pytest.approx(30.0 - 0.7, abs=0.5)
     assert event.text == "follower-2 and follower-1 touch"
-
-
-def test_hulls_touch_where_their_skins_meet() -> None:
-    """All head north at 0.1 m of radius: one closes in from astern at 1 m/s, 1 + 0.7 m of hulls; another abeam."""
-    flight = make_flight(10.0, 2)
-    trajectory, time = flight.trajectory, flight.trajectory.time
-    position = np.zeros_like(trajectory.position)
-    position[:, 1, 1] = -10.05 + time
-    position[:, 2, 0], position[:, 2, 1] = 5.07 - 0.5 * time, 1.65
-    quaternion = np.broadcast_to(attitude.from_euler(0.0), trajectory.quaternion.shape).copy()
-    events = contact_events(replace(flight, trajectory=replace(trajectory, position=position, quaternion=quaternion)))
-    # 10.05 − t < 1.9 m, and 5.07 − t / 2 < 0.2 m
-    assert [(event.time_s, event.text) for event in events] == [
-        (pytest.approx(8.2), "follower1 and leader touch"), (pytest.approx(9.8), "follower2 and leader touch"),
-    ]  # fmt: skip
 
 
 def test_an_ellipse_is_as_wide_as_its_larger_half_axis() -> None:

@@ -148,3 +148,18 @@ def test_a_flight_that_failed_says_so(tmp_path):
     html = flight_page(tmp_path, broken)
     assert 'class="notice failure"' in html
     assert Outcome.DIVERGED.value in html
+
+
+def test_a_flight_that_contact_ended_says_who_touched(tmp_path):
+    """Hulls of two synthetic followers are put into one place for the last instants."""
+    flight = make_flight(30.0, 2)
+    position = flight.trajectory.position.copy()
+    position[250:, 2] = position[250:, 1]
+    met = dataclasses.replace(
+        flight, outcome=Outcome.CONTACT, trajectory=dataclasses.replace(flight.trajectory, position=position)
+    )
+    html = flight_page(tmp_path, met)
+    assert 'class="notice warning"' in html
+    assert 'class="notice failure"' not in html
+    assert "At 25 s follower1 and follower2 touched." in html
+    assert Outcome.CONTACT.value in html

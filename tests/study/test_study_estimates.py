@@ -148,6 +148,7 @@ def test_facts_of_a_mission_are_those_of_its_motion():
             "off_place_max_m": max(off),
             "depth_error_rms_m": math.sqrt(sum(down**2) / time.size),
             "depth_error_max_m": 0.2,
+            "touched": 0.0,
             "closest_approach_m": min(np.hypot(north, depth + down - 9.0)),
             "range_mean_m": 40.3,
             "pitch_rms_deg": 0.0,

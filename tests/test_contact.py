@@ -1,0 +1,118 @@
+"""Hulls that touch, by geometry, and missions that end with it: the very motion of those that go on, up to there."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.flight.fly import motion_and_outcome
+from experiments.study.closed_runs import records_of_run
+from experiments.study.estimate import Results
+from experiments.study.run import _of_runs
+from sim.contact import contacts, first_touch, hull_gap
+from sim.flight import Outcome
+from sim.geometry import attitude
+from sim.scenario.file import validate
+from sim.scenario.settings import Scenario
+from tests.synthetic import make_flight
+
+
+@pytest.mark.parametrize(
+    ("between", "other", "gap"),
+    [
+        ((0.0, 0.5, 0.0), (1.0, 0.0, 0.0), 0.5),  # side by side
+        ((3.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.3),  # one before the other: 3 less both halves
+        ((0.0, 0.4, 0.0), (0.0, 0.0, 1.0), 0.4),  # crossed at right angles
+        ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 0.3),  # a T: 1 less the half of the upright one
+        ((2.0, 1.0, 0.0), (1.0, 0.0, 0.0), np.hypot(1.0, 0.3)),  # offset and parallel
+    ],
+)
+def test_the_gap_of_two_hulls_is_that_of_their_axes(
+    between: tuple[float, ...], other: tuple[float, ...], gap: float
+) -> None:
+    one = np.array([1.0, 0.0, 0.0])
+    found = hull_gap(np.array(between), one, np.array(other), (1.0, 0.7))
+    assert found == pytest.approx(gap, abs=1e-9)
+
+
+def test_no_two_points_of_hulls_are_nearer_than_their_gap() -> None:
+    """By trial of places along both hulls, 1 cm apart: the distance is convex in them."""
+    rng, halves = np.random.default_rng(8), (1.0, 0.7)
+    places = np.stack(np.meshgrid(np.linspace(-1.0, 1.0, 201), np.linspace(-0.7, 0.7, 141)), axis=-1)
+    for _ in range(40):
+        one, other = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+        between = rng.normal(0.0, 1.0, 3)
+        points = between + places[..., 1:] * other - places[..., :1] * one
+        least = np.linalg.norm(points, axis=-1).min()
+        assert hull_gap(between, one, other, halves) == pytest.approx(least, abs=0.008)
+        assert hull_gap(between, one, other, halves) <= least + 1e-12
+
+
+def test_hulls_touch_where_their_skins_meet() -> None:
+    """All head north at 0.1 m of radius: one closes in from astern at 1 m/s, 1 + 0.7 m of hulls; another abeam."""
+    flight = make_flight(10.0, 2)
+    trajectory, time = flight.trajectory, flight.trajectory.time
+    position = np.zeros_like(trajectory.position)
+    position[:, 1, 1] = -10.05 + time
+    position[:, 2, 0], position[:, 2, 1] = 5.07 - 0.5 * time, 1.65
+    quaternion = np.broadcast_to(attitude.from_euler(0.0), trajectory.quaternion.shape).copy()
+    moved = dataclasses.replace(trajectory, position=position, quaternion=quaternion)
+    # 10.05 − t < 1.9 m, and 5.07 − t / 2 < 0.2 m
+    assert contacts(moved) == [
+        (pytest.approx(8.2), ("leader", "follower1")),
+        (pytest.approx(9.8), ("leader", "follower2")),
+    ]
+    assert first_touch(position, quaternion) == 82
+    assert first_touch(position[:82], quaternion[:82]) is None
+
+
+def meeting(**changes: Any) -> Scenario:
+    """Two followers that swim towards each other, 60 m apart at 1 m/s each, and meet halfway."""
+    head_on = [{"waypoints": [[0, at, 100], [60, 60 - at, 100]], "depth_m": 12.0} for at in (0, 60)]
+    return validate({"name": "s", "duration_s": 40.0, "followers": head_on, **changes}, "test")
+
+
+FEELING = {"leader": {"waypoints": [[0, -50, 50], [60, 10, 50]]}, "navigation": {"variant": "laisn-3-2"}}
+
+
+@pytest.mark.parametrize("changes", [{}, {"motion": "kinematic"}], ids=["physics", "points"])
+def test_contact_ends_a_mission_where_one_that_goes_on_is_marked(changes: dict[str, Any]) -> None:
+    whole, went_on = motion_and_outcome(meeting(**changes))
+    ended, outcome = motion_and_outcome(meeting(contact="end", **changes))
+    assert (went_on, outcome) == (Outcome.COMPLETED, Outcome.CONTACT)
+    # noses meet when both have swum 30 m, less half a hull each
+    assert ended.time[-1] == pytest.approx(30.0 - 0.7, abs=0.5)
+    assert contacts(ended) == [(ended.time[-1], ("follower-1", "follower-2"))] == contacts(whole)
+    for name in ("time", "position", "quaternion", "velocity", "thrust"):
+        np.testing.assert_array_equal(getattr(ended, name), getattr(whole, name)[: ended.time.size])
+
+
+def test_who_meets_nobody_flies_to_the_end() -> None:
+    trajectory, outcome = motion_and_outcome(meeting(contact="end", duration_s=10.0))
+    assert (trajectory.time[-1], outcome) == (10.0, Outcome.COMPLETED)
+
+
+def test_a_run_that_contact_ended_is_counted_and_in_no_mean() -> None:
+    """Of a closed loop's runs; those that were flown to their end have 1 and 3 m of mean error."""
+    scenario = meeting(contact="end", **FEELING)
+    followers = tuple(follower.model_copy(update={"steers_by": "estimate"}) for follower in scenario.followers)
+    met = records_of_run(scenario.model_copy(update={"followers": followers}), 7)
+    assert [(row["run"], row["ended"], row["touched"], row["e_p_mean_m"]) for row in met] == [(7, True, 1.0, None)] * 2
+
+    def flown(run: int, error: float) -> dict[str, Any]:
+        figures = dict.fromkeys(met[0], error)
+        return figures | {"run": run, "ended": False, "touched": 0.0, "captured": False, "gated": 2}
+
+    class Entry:
+        scenario = meeting()
+
+    row, lists = _of_runs(Entry, 0, [[flown(0, 1.0)], [met[0]], [flown(2, 3.0)]])  # type: ignore[arg-type]
+    assert (row["e_p_mean_m"], row["e_p_max_m"], row["worst_run"]) == (2.0, 3.0, 2)
+    assert (row["ended_runs"], row["captured_runs"], row["fixes_gated"]) == (1, 0, 4)
+    place = {"point": 0, "arm": "", "follower": "a", "sea": 0}
+    found = Results.of([place | row], [(place, lists)])
+    assert found.estimate((0, "", "a"), "e_p_mean_m").value == 2.0
+    assert found.estimate((0, "", "a"), "ended").value == pytest.approx(1 / 3)
+    # exact limits of one of three
+    assert found.estimate((0, "", "a"), "ended").high == pytest.approx(0.906, abs=1e-3)
