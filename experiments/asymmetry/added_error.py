@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from experiments.asymmetry.missions import Row
-from experiments.asymmetry.remedies import CROOKED, LEVEL, LEVEL_BROADCAST, READINGS, REAL, REMEDIES, Arm
-from experiments.asymmetry.verdict import Judgement, judge_captures, judge_errors
+from experiments.asymmetry.remedies import LEVEL, LEVEL_BROADCAST, READINGS, REAL, REMEDIES, Arm
+from experiments.asymmetry.verdict import Judgement, Verdict, judge_captures, judge_errors
 from experiments.intervals import CONFIDENCE, Interval, mean_over_missions, proportion, share_removed
 from laisn.arrays import Bools, Floats
 
@@ -17,8 +18,11 @@ from the motion alone, before anybody navigates; what came out of a mission has 
 CAPTURES_WANTED = 0.9
 """Share of the captures that pitch adds which any remedy should remove: a run is captured or not, so that 99 % of them
 would take thousands of runs to tell."""
-LEFT_OPEN = (CROOKED,)
-"""Remedies whose captures hang on what each run draws once: thousands of runs would hardly tell, and are not flown."""
+SETTLING_RUNS = (10_000, 100_000)
+"""Numbers of runs by which questions that stay open are told apart: would so many settle them?"""
+Question = Literal["error", "capture"]
+QUESTIONS: tuple[Question, ...] = ("error", "capture")
+"""What a remedy is judged by: errors of runs that nobody captures, and captures."""
 JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
 """Remedies, and what each is held against."""
 Mission = tuple[str, str, float, str]
@@ -62,6 +66,11 @@ class ComparedMission:
         _, left, free = self._compared(arm, LEVEL)
         return float(left[free].mean()) if free.any() else float("nan")
 
+    def captures_removed(self, arm: Arm) -> float:
+        """Share that a remedy removes of the captures that pitch adds to all runs; NaN if it adds none."""
+        part, left = self._compared_captures(arm, LEVEL)
+        return 1.0 - float(left.mean() / part.mean()) if part.sum() else float("nan")
+
     def judge_errors(self, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Judgement:
         """Whether the remedy removes the share that it should of the error in runs that nobody captures."""
         part, left, free = self._compared(arm, base)
@@ -69,8 +78,8 @@ class ComparedMission:
 
     def judge_captures(self, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Judgement:
         """Whether the remedy removes the share that it should of the captures that pitch adds."""
-        real, level, remedy, other = np.array(self._of_all("captured_run", arm, base), dtype=np.float64)
-        return judge_captures(real - level, remedy - other, CAPTURES_WANTED, looks)
+        part, left = self._compared_captures(arm, base)
+        return judge_captures(part, left, CAPTURES_WANTED, looks)
 
     def errors(self, arm: Arm) -> Floats:
         """Mean error of each of the first runs, shape (R,), [m]."""
@@ -92,6 +101,11 @@ class ComparedMission:
         captured = np.array(self._of_all("captured_run", arm, base))
         free: Bools = np.logical_not(captured.any(axis=0))
         return real - level, remedy - other, free
+
+    def _compared_captures(self, arm: Arm, base: Arm) -> tuple[Floats, Floats]:
+        """Captures that pitch adds and those that a remedy leaves, run by run: −1, 0 or 1."""
+        real, level, remedy, other = np.array(self._of_all("captured_run", arm, base), dtype=np.float64)
+        return real - level, remedy - other
 
 
 def paired(rows: Iterable[Row]) -> dict[Mission, ComparedMission]:
@@ -120,7 +134,7 @@ def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> lis
         if not {arm.key, base.key} <= mission.arms.keys():
             continue
         judged = [mission.judge_errors(arm, looks, base)]
-        if base is LEVEL and arm not in LEFT_OPEN:
+        if base is LEVEL:
             judged.append(mission.judge_captures(arm, looks, base))
         if any(one.promising and one.runs == flown for one in judged):
             wanted |= {LEVEL.key, REAL.key, arm.key, base.key}
@@ -140,6 +154,20 @@ def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Row]:
         else row
         for key, row in mission.arms.items()
     ]
+
+
+def open_questions(
+    missions: Iterable[ComparedMission], arm: Arm, looks: Sequence[int], question: Question
+) -> list[tuple[float, float]]:
+    """Of missions whose verdict on a remedy is open: the share that it removes, and the runs that would settle it."""
+    found = []
+    for e in missions:
+        if getattr(e.arms[arm.key], f"{question}_verdict") == Verdict.OPEN.value:
+            if question == "error":
+                found.append((e.removed(arm), e.judge_errors(arm, looks).needed))
+            else:
+                found.append((e.captures_removed(arm), e.judge_captures(arm, looks).needed))
+    return found
 
 
 def mean_of(values: Iterable[float]) -> float:

@@ -6,17 +6,20 @@ import numpy as np
 
 from experiments import findings
 from experiments.asymmetry.added_error import (
+    QUESTIONS,
+    SETTLING_RUNS,
     ComparedMission,
     Mission,
     captures_in_all,
     captures_removed,
     judged,
     of_cause,
+    open_questions,
     paired,
     removed_in_all,
 )
 from experiments.asymmetry.missions import Plan, Row
-from experiments.asymmetry.remedies import ARMS, EXACT, LEVEL, READINGS, REAL, REMEDIES, STEADIED
+from experiments.asymmetry.remedies import ARM, ARMS, EXACT, LEVEL, READINGS, REAL, REMEDIES, STEADIED
 from experiments.asymmetry.tau import Curves, equivalents
 from experiments.asymmetry.verdict import Verdict
 from experiments.findings import Finding, Findings, of, plain
@@ -57,22 +60,26 @@ def _on_routes(missions: dict[Mission, ComparedMission], routes: Sequence[str], 
     return found
 
 
-def _verdicts(chosen: Sequence[ComparedMission], arm: str, name: str) -> dict[str, Finding]:
-    """Number of missions on which a remedy comes to each verdict."""
+def _verdicts(chosen: Sequence[ComparedMission], arm: str, name: str, looks: Sequence[int]) -> dict[str, Finding]:
+    """Number of missions on which a remedy comes to each verdict, and of those that stay open for long."""
     found = {}
-    for question in ("error", "capture"):
+    for question in QUESTIONS:
         given = [getattr(e.arms[arm], f"{question}_verdict") for e in chosen]
         for verdict in (Verdict.MET, Verdict.OPEN, Verdict.MISSED):
             what = f"missions, of {len(given)} judged, with this verdict on {question}s"
             found[f"{question} {verdict.value} {name}"] = plain(given.count(verdict.value), what)
+        needed = [runs for _, runs in open_questions(chosen, ARM[arm], looks, question)]
+        beyond = sum(runs > SETTLING_RUNS[-1] for runs in needed)
+        what = f"of the open ones, missions that would take more than {SETTLING_RUNS[-1]:,} runs to settle"
+        found[f"{question} beyond {name}"] = plain(beyond, what)
         harmed = sum(v != Verdict.NO_HARM.value for v in given)
         found[f"{question} harmed {name}"] = plain(harmed, f"missions, of {len(given)} judged, on which harm is shown")
     return found
 
 
-def _remedies(missions: dict[Mission, ComparedMission], variants: Sequence[str]) -> dict[str, Finding]:
+def _remedies(missions: dict[Mission, ComparedMission], plan: Plan) -> dict[str, Finding]:
     found: dict[str, Finding] = {}
-    for variant in variants:
+    for variant in plan.variants:
         for cause in (*CAUSES, None):
             group = f"{variant} {cause or 'all'}"
             everywhere, chosen = of_cause(missions, variant, cause), judged(missions, variant, cause)
@@ -89,7 +96,7 @@ def _remedies(missions: dict[Mission, ComparedMission], variants: Sequence[str])
                     found[f"captures-removed {name}"] = of(
                         captures_removed(everywhere, arm), "share removed of the captures that pitch adds, 95 %"
                     )
-                    found |= _verdicts(chosen, arm.key, name)
+                    found |= _verdicts(chosen, arm.key, name, plan.looks)
     return found
 
 
@@ -120,7 +127,7 @@ def findings_of(plan: Plan, rows: Sequence[Row], curves: Curves, command: str) -
     found |= _errors(missions, plan.variants, plan.offsets_m[-1])
     for cause in CAUSES:
         found |= _on_routes(missions, plan.routes, cause)
-    found |= _remedies(missions, plan.variants)
+    found |= _remedies(missions, plan)
     found |= _stage_4(curves, [o for o in plan.offsets_m if o > 0])
     return Findings(
         study="asymmetry", command=command, modules=MODULES, version=findings.version_of(MODULES), findings=found

@@ -28,7 +28,7 @@ class Plan:
     routes: tuple[str, ...] = ROUTES
     offsets_m: tuple[float, ...] = OFFSETS_M
     variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
-    looks: tuple[int, ...] = (64, 192, 512, 1280)
+    looks: tuple[int, ...] = (64, 192, 512, 1280, 5120)
     """Numbers of runs after which verdicts are asked for: of every cell, then of those whose verdict is open."""
     duration_s: float = 1000.0
 

@@ -8,6 +8,8 @@ from experiments.asymmetry import figures as drawing
 from experiments.asymmetry.added_error import (
     CAPTURES_WANTED,
     JUDGED_FROM_M,
+    QUESTIONS,
+    SETTLING_RUNS,
     ComparedMission,
     Mission,
     captures_in_all,
@@ -16,6 +18,7 @@ from experiments.asymmetry.added_error import (
     mean_added,
     mean_of,
     of_cause,
+    open_questions,
     removed_in_all,
 )
 from experiments.asymmetry.figures import AWARE
@@ -87,6 +90,38 @@ def _remedy_table(missions: dict[Mission, ComparedMission], variants: Sequence[s
         f"is wrong in about {100 * WRONG:g} % of missions at the edge of the aim. No harm shown: the first runs do "
         "not show that pitch adds anything, or too few of them are free of capture.",
     )  # fmt: skip
+
+
+def _open_table(missions: dict[Mission, ComparedMission], plan: Plan) -> Table | None:
+    """What stays open, and how many runs would settle it; None if nothing does."""
+    rows = []
+    for arm in REMEDIES:
+        for variant in plan.variants:
+            chosen = [e for e in judged(missions, variant) if arm.key in e.arms]
+            for question in QUESTIONS:
+                found = open_questions(chosen, arm, plan.looks, question)
+                if found:
+                    removed, needed = np.array(found).T
+                    few, many = (int(np.sum(needed <= most)) for most in SETTLING_RUNS)
+                    share = Interval(*np.quantile(removed, (0.5, 0.25, 0.75)).tolist())
+                    rows.append(
+                        [
+                            words(arm.label), words(variant), words(f"{question}s"), number(len(found), 0),
+                            number(few, 0), number(many - few, 0), number(len(found) - many, 0), percent(share, 0),
+                        ]
+                    )  # fmt: skip
+    few_runs, many_runs = (f"{runs:,}" for runs in SETTLING_RUNS)
+    table = Table(
+        heads=("remedy", "variant", "aim on", "open", f"up to {few_runs}", f"up to {many_runs}", "more",
+               "removed there [%]"),
+        rows=rows,
+        groups=(("", 4), ("settled by so many runs", 3), ("", 1)),
+        caption=f"Missions whose verdict is open after {plan.looks[-1]:,} runs, or after fewer where that many would "
+        "hardly settle it. They are sorted by the runs that would, if mean and scatter stayed as they are. Removed: "
+        "median and quartiles of the shares that the remedy removes on them. The nearer such a share is to the aim, "
+        "the more runs it takes to tell on which side it lies.",
+    )  # fmt: skip
+    return table if rows else None
 
 
 def _capture_table(missions: dict[Mission, ComparedMission], variants: Sequence[str]) -> Table:
@@ -211,8 +246,10 @@ def remedies(missions: dict[Mission, ComparedMission], plan: Plan) -> Section:
             "0: worse than without. In each band pitch grows from the lowest dot to the highest."
         )
         blocks.append(Figures(panels=[figure], caption=caption))
+    undecided = _open_table(missions, plan)
     blocks += [
         _remedy_table(missions, plan.variants),
+        *([undecided] if undecided else []),
         _capture_table(missions, plan.variants),
         _split_table(missions, plan.offsets_m),
         _route_table(missions, plan.routes),

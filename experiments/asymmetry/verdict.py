@@ -48,6 +48,8 @@ class Judgement(NamedTuple):
     """Number of runs after which it fell, or on which the question is still open."""
     promising: bool
     """The question is open, and more runs, up to the last look, would settle it if the mean stayed about as it is."""
+    needed: float = math.nan
+    """Runs that would settle a question that is open, if mean and scatter stayed as they are; else NaN."""
 
 
 _REACH = 0.5
@@ -68,6 +70,14 @@ def _within_reach(rest: Interval, confidence: float, share: float) -> bool:
     return rest.value - slack * down + still * up <= 0.0 or rest.value + slack * up - still * down > 0.0
 
 
+def _runs_needed(rest: Interval, runs: int) -> float:
+    """Runs after which an open question would be settled if mean and scatter stayed as they are.
+
+    An interval of many runs is symmetric about the mean, and shrinks with the square root of their number.
+    """
+    return runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
+
+
 def _judge(
     part: Floats, left: Floats, wanted: float, looks: Sequence[int],
     interval: Callable[[Floats, int, float], Interval], chance: float,
@@ -79,7 +89,7 @@ def _judge(
     if not interval(part, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
         return Judgement(Verdict.NO_HARM, looks[0], False)
     confidence = 1.0 - 2.0 * chance / len(looks)
-    runs, promising = looks[0], False
+    runs, promising, needed = looks[0], False, math.nan
     for runs in (look for look in looks if look <= part.size):
         rest = interval(left - (1.0 - wanted) * part, runs, confidence)
         if rest.high <= 0.0:
@@ -87,7 +97,8 @@ def _judge(
         if rest.low > 0.0:
             return Judgement(Verdict.MISSED, runs, False)
         promising = runs < looks[-1] and _within_reach(rest, confidence, runs / looks[-1])
-    return Judgement(Verdict.OPEN, runs, promising)
+        needed = _runs_needed(rest, runs)
+    return Judgement(Verdict.OPEN, runs, promising, needed)
 
 
 def judge_errors(part: Floats, left: Floats, free: Bools, wanted: float, looks: Sequence[int]) -> Judgement:

@@ -14,6 +14,7 @@ from experiments.asymmetry.added_error import (
     judged,
     mean_of,
     of_cause,
+    open_questions,
     paired,
     removed_in_all,
     undecided,
@@ -157,6 +158,24 @@ def test_a_remedy_that_frees_captured_runs_is_told_from_one_that_does_not() -> N
     (excess,) = paired(rows).values()
     assert excess.judge_captures(STEADIED, LOOKS).verdict is Verdict.MET
     assert excess.judge_captures(CROOKED, LOOKS).verdict is Verdict.MISSED
+
+
+def test_open_questions_come_with_what_is_removed_and_the_runs_that_would_tell() -> None:
+    """Of 40 captures that pitch adds to 64 runs the remedy leaves 5, one more than the aim of 90 % allows."""
+    where = {"fix_error_m": 0.4}
+    arms = [
+        row("level", 0.2, **where),
+        row("real", 0.7, np.arange(64) < 40, **where),
+        row("ahrs-0.5", 0.2, np.arange(64) < 5, **where),
+    ]
+    (one,) = paired(arms).values()
+    (open_,) = paired(with_verdicts(one, LOOKS)).values()
+    assert (open_.arms["ahrs-0.5"].error_verdict, open_.arms["ahrs-0.5"].capture_verdict) == ("met", "open")
+    ((removed, needed),) = open_questions([open_], STEADIED, LOOKS, "capture")
+    assert removed == pytest.approx(1 - 5 / 40)
+    assert needed == open_.judge_captures(STEADIED, LOOKS).needed > 384
+    assert open_questions([open_], STEADIED, LOOKS, "error") == []
+    assert math.isnan(mission(level=0.2, real=0.7, ahrs_0_5=0.2, **{"ahrs-0.5": 0.2}).captures_removed(STEADIED))
 
 
 def test_means_leave_out_what_is_no_number() -> None:

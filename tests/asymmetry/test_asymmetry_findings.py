@@ -58,7 +58,7 @@ CURVES = Curves(
 def test_the_record_is_that_of_the_rows() -> None:
     found = findings_of(PLAN, rows(), CURVES, "laisn asymmetry")
     assert (found["missions"].value, found["cells"].value, found["runs"].value) == (3, 9, 9 * 64 + 32)
-    assert (found["first-runs"].value, found["most-runs"].value) == (64, 1280)
+    assert (found["first-runs"].value, found["most-runs"].value) == (64, 5120)
     assert found["error trim-12N 10 laisn-2 level"].value == pytest.approx(0.2, abs=1e-3)
     assert found["error trim-12N 10 laisn-2 real"].value == pytest.approx(2.2, abs=1e-3)
     for group in ("trim", "all"):
