@@ -79,6 +79,13 @@ def at_sea(sea: str, route: str, runs: int) -> paired.Paired:
     return paired.paired(route, interval, found, float(np.sqrt(np.mean(least**2))))
 
 
+def first_look() -> None:
+    """Fly so little that compiling is all that takes time: both navigators on point motion, and on a hull at sea."""
+    paired.compare(CASES[0], FEW[0], INTERVALS[-1], runs=1, seed=SEED)
+    paired.captures(FEW[0], INTERVALS[-1], 2, range(1), SEED)
+    at_sea("calm", FEW[0], 1)
+
+
 def _scaled(sigma: str, factor: float) -> TightSettings:
     usual = TightSettings()
     return replace(usual, **{sigma: factor * getattr(usual, sigma)})

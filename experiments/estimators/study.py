@@ -13,7 +13,7 @@ from experiments.campaign.store import Record
 from experiments.campaign.tasks import with_arrays
 from experiments.estimators.cases import CASES
 from experiments.estimators.paired import Captured, Paired
-from experiments.estimators.plan import INTERVALS, ON_AXIS, QUICK, SEAS, SEED, SIGMAS, Size, tasks
+from experiments.estimators.plan import INTERVALS, ON_AXIS, QUICK, SEAS, SEED, SIGMAS, Size, first_look, tasks
 from experiments.findings import FILE, Finding, Findings, of, plain, version_of
 from experiments.intervals import Interval, bootstrap_ratios, proportion
 
@@ -119,7 +119,8 @@ def _result(name: tuple[Any, ...], row: Record) -> Paired | Captured:
 
 def fly(size: Size, folder: Path, workers: int | None = None) -> dict[tuple[Any, ...], Any]:
     """Fly all tasks, or those that are missing, in parallel."""
-    flown = campaign.fly(Design(tasks=dict(tasks(size)), what="missions"), folder, workers=workers).tasks
+    design = Design(tasks=dict(tasks(size)), what="missions", ahead=first_look)
+    flown = campaign.fly(design, folder, workers=workers).tasks
     return {name: _result(name, row) for name, (row,) in flown.items()}
 
 
