@@ -1,7 +1,7 @@
 """Study files: what a user asks, as TOML, read and checked key by key."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os.path import relpath
 from pathlib import Path
 from typing import Annotated, Any
@@ -48,7 +48,7 @@ class StudyFile(Section):
 
     name: Name | None = None
     question: str = Field("", max_length=2000)
-    scenario: str
+    scenario: Annotated[str, Field(min_length=1)]
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 60
     seas: Annotated[int, Field(ge=1, le=100_000)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**62)] | None = None
@@ -78,7 +78,7 @@ class Study:
     """The file, or the scenario that options vary, for messages."""
     question: str
     scenario: str
-    """Built-in name, or path of a file."""
+    """Built-in name, or path of a file; empty where the file names none."""
     runs: int
     seas: int
     seed: int | None
@@ -92,6 +92,10 @@ class Study:
     report: Report
     table: Mapping[str, Any]
     """What the file says, with the options of the command in their places."""
+    faults: tuple[str, ...] = ()
+    """A line for each fault of the file's own keys; what is at fault is left out, or stands as if nothing were said."""
+    unsound: Mapping[str, str] = field(default_factory=dict)
+    """Keys of the scenario whose values or distributions are at fault, and the part of the file that they stand in."""
 
 
 def _flat(table: Mapping[str, Any], leaf: Any, prefix: str = "") -> dict[str, Any]:
@@ -142,7 +146,7 @@ def _arms(given: list[dict[str, Any]], lines: list[str], folder: Path) -> tuple[
         name = table.get("name")
         if not isinstance(name, str) or not name.strip():
             lines.append(f"  arm[{i}].name: every arm needs a name of its own")
-            continue
+            name = f"arm[{i}]"
         settings = _settings({k: v for k, v in table.items() if k != "name"}, folder)
         arms.append(Arm(name=name, settings=settings))
     repeated = sorted({arm.name for arm in arms if sum(other.name == arm.name for other in arms) > 1})
@@ -171,58 +175,57 @@ def _overlaps(study: Study) -> list[str]:
     return lines
 
 
-def _made(table: Mapping[str, Any], source: str, name: str, folder: Path) -> Study:
-    """A study of a table; StudyError with a line for each fault."""
-    lines: list[str] = []
+def _file(table: Mapping[str, Any], lines: list[str]) -> StudyFile:
+    """The top level of a file; what is at fault has its default, and a line."""
     try:
-        file = StudyFile.model_validate(table)
+        return StudyFile.model_validate(table)
     except ValidationError as error:
         lines += _told(error)
         unsound = {fault["loc"][0] if fault["loc"] else "design" for fault in error.errors()}
-        # a design is at odds with its points, or with what stands in place of either
-        unsound |= {"design", "points"} if unsound & {"design", "points"} else set()
-        file = StudyFile.model_validate({"scenario": names()[0]} | {k: v for k, v in table.items() if k not in unsound})
-    factors, draws = [], []
-    sampled = file.design != "factorial"
-    for key, given in _flat(file.vary, lambda v: bool({"from", "to", "steps"} & set(v))).items():
-        try:
-            factors.append(Factor.of(key, given, sampled=sampled))
-        except ValueError as error:
-            lines.append(f"  vary.{key}: {error}")
-    for key, given in _flat(file.draw, _names_a_law).items():
-        try:
-            draws.append(Draw.of(key, given))
-        except ValueError as error:
-            lines.append(f"  draw.{key}: {error}")
-    scenario = file.scenario
-    if scenario not in names() and not Path(scenario).is_absolute():
-        scenario = str(folder / scenario)
-    factors = [replace(f, values=tuple(_beside(folder, f.key, v) for v in f.values)) for f in factors]
-    study = Study(
-        name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=file.runs,
-        seas=file.seas, seed=file.seed, design=file.design, points=file.points,
-        settings=_settings(file.set, folder), factors=tuple(factors), draws=tuple(draws),
-        arms=_arms(file.arm, lines, folder), report=file.report, table=table,
-    )  # fmt: skip
-    lines += _overlaps(study)
-    if lines:
-        raise refusal(source, lines)
-    return study
+    # a design is at odds with its points, or with what stands in place of either
+    unsound |= {"design", "points"} if unsound & {"design", "points"} else set()
+    sound = StudyFile.model_validate({"scenario": names()[0]} | {k: v for k, v in table.items() if k not in unsound})
+    return sound.model_copy(update={"scenario": ""}) if "scenario" in unsound else sound
 
 
 def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Path()) -> Study:
-    """A study from a table of keys, such as options of a command.
+    """A study from a table of keys, such as options of a command; its faults are for `plan_of` to tell, with others.
 
     Args:
         table: as of a study file.
         source: for messages.
         name: of the study, if the table has none.
         folder: that a scenario's file stands in.
-
-    Raises:
-        StudyError: with a line for each fault.
     """
-    return _made(table, source, name, folder)
+    lines: list[str] = []
+    file = _file(table, lines)
+    factors: list[Factor] = []
+    draws: list[Draw] = []
+    unsound: dict[str, str] = {}
+    sampled = file.design != "factorial"
+    for key, given in _flat(file.vary, lambda v: bool({"from", "to", "steps"} & set(v))).items():
+        try:
+            factors.append(Factor.of(key, given, sampled=sampled))
+        except ValueError as error:
+            unsound[key] = "vary"
+            lines.append(f"  vary.{key}: {error}")
+    for key, given in _flat(file.draw, _names_a_law).items():
+        try:
+            draws.append(Draw.of(key, given))
+        except ValueError as error:
+            unsound[key] = "draw"
+            lines.append(f"  draw.{key}: {error}")
+    scenario = file.scenario
+    if scenario and scenario not in names() and not Path(scenario).is_absolute():
+        scenario = str(folder / scenario)
+    factors = [replace(f, values=tuple(_beside(folder, f.key, v) for v in f.values)) for f in factors]
+    study = Study(
+        name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=file.runs,
+        seas=file.seas, seed=file.seed, design=file.design, points=file.points,
+        settings=_settings(file.set, folder), factors=tuple(factors), draws=tuple(draws),
+        arms=_arms(file.arm, lines, folder), report=file.report, table=table, unsound=unsound,
+    )  # fmt: skip
+    return replace(study, faults=(*lines, *_overlaps(study)))
 
 
 def shipped() -> tuple[str, ...]:
@@ -259,7 +262,7 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
         keys: of a study file, what to put in their places; of `vary`, `draw` and `set` key by key. None: as it is.
 
     Raises:
-        StudyError: there is no such study, nothing varies, or a line for each fault.
+        StudyError: there is no such study, or nothing varies.
     """
     given = {key: value for key, value in keys.items() if value is not None}
     folder, name, told = Path(), "study", "study"

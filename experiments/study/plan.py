@@ -115,7 +115,7 @@ def _report_faults(study: Study) -> list[str]:
     if report.metric not in METRICS:
         near = difflib.get_close_matches(report.metric, METRICS, n=3, cutoff=0.4)
         lines.append(f"  report.metric: unknown metric {report.metric!r:.60}; available: {', '.join(near or METRICS)}")
-    known = [*(factor.key for factor in study.factors), "arm", "follower"]
+    known = [*(factor.key for factor in study.factors), *study.unsound, "arm", "follower"]
     for name in ("against", "lines", "panels"):
         wish = getattr(report, name)
         if wish and wish not in known:
@@ -124,29 +124,43 @@ def _report_faults(study: Study) -> list[str]:
 
 
 def _needless_seas(study: Study, entries: list[Entry]) -> list[str]:
-    if study.seas == 1 or study.draws or any(e.scenario.ocean.waves.kind == "jonswap" for e in entries):
+    if (
+        study.seas == 1
+        or study.draws
+        or "draw" in study.unsound.values()
+        or not entries
+        or any(e.scenario.ocean.waves.kind == "jonswap" for e in entries)
+    ):
         return []
     return [f"  seas: {study.seas} seas would all be alike: nothing is drawn in [draw] and there are no irregular "
             "waves; ask for more runs instead"]  # fmt: skip
 
 
-def plan_of(study: Study) -> Plan:
-    """Plan a study.
-
-    Raises:
-        StudyError: a line for each fault of any scenario, and where in the design it is.
-        ScenarioError: there is no such scenario.
-    """
-    table = table_of(study.scenario)
+def _points(study: Study, lines: list[str]) -> list[dict[str, Any]]:
+    """The points of the design; where it or a factor has a fault, one that has the first value of every factor."""
+    first = {factor.key: factor.at(0.0) for factor in study.factors}
+    if "vary" in study.unsound.values():
+        return [first]
     try:
-        points = points_of(study.factors, study.design, study.points, study.seed or 0)
+        return points_of(study.factors, study.design, study.points, study.seed or 0)
     except ValueError as error:
-        raise refusal(study.source, [f"  design: {error}"]) from None
-    arms = {arm.name: arm.settings for arm in study.arms} or {ALONE: {}}
-    number = len(points) * len(arms) * study.seas
-    if number > MOST_ENTRIES:
-        text = f"  vary, arm, seas: make {number} scenarios, there may be {MOST_ENTRIES}"
-        raise refusal(study.source, [text])
+        lines.append(f"  design: {error}")
+        return [first]
+
+
+def _table(study: Study, lines: list[str]) -> dict[str, Any] | None:
+    """The table of the study's scenario; None if there is none."""
+    try:
+        return table_of(study.scenario) if study.scenario else None
+    except ScenarioError as error:
+        lines.append(f"  scenario: {error}")
+        return None
+
+
+def _examined(
+    study: Study, table: Mapping[str, Any], points: list[dict[str, Any]], arms: Mapping[str, Mapping[str, Any]]
+) -> tuple[list[Entry], list[str]]:
+    """All entries that are valid, and a line for each fault of any other and where in the design it is."""
     given = table.get("seed")
     first = study.seed if study.seed is not None else given if isinstance(given, int) else 1
     drawn = [{draw.key: draw.value(first, sea) for draw in study.draws} for sea in range(study.seas)]
@@ -158,18 +172,35 @@ def plan_of(study: Study) -> Plan:
                 settings = {**study.settings, **own, **point, **drawn[sea]}
                 if study.seas > 1 or study.seed is not None:
                     settings["seed"] = first + sea
-                given, lines = _with(table, settings)
-                scenario, found = examined(given, flyable)
+                changed, lines = _with(table, settings)
+                scenario, found = examined(changed, flyable)
                 lines += found
                 for line in lines:
                     faults.setdefault(line, []).append(_where(point, arm, sea, study))
                 if scenario is not None and not lines:
                     entries.append(Entry(point=number, arm=arm, sea=sea, settings=settings, scenario=scenario))
-    told = _report_faults(study) + _needless_seas(study, entries)
-    for line, places in faults.items():
-        everywhere = len(places) == len(points) * len(arms) * study.seas
-        told.append(line if everywhere else f"{line}; in {len(places)} of {len(points) * len(arms) * study.seas} "
-                    f"scenarios, first at {places[0]}")  # fmt: skip
-    if told:
-        raise refusal(study.source, told)
+    every = len(points) * len(arms) * study.seas
+    return entries, [
+        line if len(places) == every else f"{line}; in {len(places)} of {every} scenarios, first at {places[0]}"
+        for line, places in faults.items()
+    ]
+
+
+def plan_of(study: Study) -> Plan:
+    """Plan a study.
+
+    Raises:
+        StudyError: a line for each fault of the study's file and of any scenario, and where in the design it is.
+    """
+    lines = [*study.faults, *_report_faults(study)]
+    points, table = _points(study, lines), _table(study, lines)
+    arms = {arm.name: arm.settings for arm in study.arms} or {ALONE: {}}
+    entries: list[Entry] = []
+    if (number := len(points) * len(arms) * study.seas) > MOST_ENTRIES:
+        lines.append(f"  vary, arm, seas: make {number} scenarios, there may be {MOST_ENTRIES}")
+    elif table is not None:
+        entries, faults = _examined(study, table, points, arms)
+        lines += _needless_seas(study, entries) + faults
+    if lines:
+        raise refusal(study.source, lines)
     return Plan(study=study, points=points, arms=tuple(arms), entries=entries)

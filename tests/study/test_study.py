@@ -209,10 +209,25 @@ def test_a_fault_is_told_with_its_key(changes, told):
 
 def test_a_fault_of_one_part_of_a_file_hides_none_of_another():
     changes = {"runs": 0, "speed": 1, "vary": {"leader.depth_m": {"from": 0, "to": 9}}, "arm": [{}], "points": 8}
+    changes |= {"set": {"duraton_s": 9}, "report": {"metric": "e_p", "against": "leader.depth_m"}}
+    changes["arm"] = [{"navigation.variant": "laisn-9"}]
     with pytest.raises(StudyError) as error:
         plan_of(study(**changes, draw={"ocean.waves.height_m": {"unifrom": [0, 1]}}))
-    for told in ("runs: ", "speed: unknown key", "vary.leader.depth_m: steps", "unknown distribution", "arm[0].name"):
-        assert told in str(error.value)
+    text = str(error.value)
+    for told in (
+        "runs: ", "speed: unknown key", "vary.leader.depth_m: steps", "unknown distribution", "arm[0].name",
+        "did you mean 'duration_s'?", "navigation.variant: ", "unknown metric 'e_p'",
+    ):  # fmt: skip
+        assert told in text
+    # what follows from a fault is none: a factor without values is varied all the same, and so are its seas
+    assert len(text.splitlines()) == 9
+    with pytest.raises(StudyError) as error:
+        plan_of(study(scenario="T11", report={"metric": "e_p"}, draw={}))
+    assert "unknown scenario 'T11'" in str(error.value)
+    assert "unknown metric 'e_p'" in str(error.value)
+    with pytest.raises(StudyError) as error:
+        plan_of(of_table({"runs": 0, "set": {"followers.1.depth_m": 3.0}}, "mine.toml", "mine"))
+    assert len(str(error.value).splitlines()) == 3, "without a scenario nothing can be said of its keys"
 
 
 def test_followers_that_steer_by_estimates_fly_every_run(tmp_path):
