@@ -6,16 +6,19 @@ What they conclude of biases and the current is nothing: LAISN has no such state
 import numpy as np
 
 from laisn import lane_rows as row
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes
+from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from laisn.lanes import advance
+from laisn.lanes import advance, fix_rows
 from laisn.settings import NavigationSettings
 from laisn.tuning import Tuning
 
-Navigators = tuple[Floats, Tuning]
-"""A block of lanes, and their settings."""
+_GATED = float(FixKind.GATED)
+
+Navigators = tuple[Floats, Tuning, Ints]
+"""A block of lanes, their settings, and how many fixes of each follower were gated so far, shape (f,)."""
 
 
 def new_navigators(settings: NavigationSettings, starts: Floats) -> Navigators:
@@ -34,7 +37,7 @@ def new_navigators(settings: NavigationSettings, starts: Floats) -> Navigators:
         for first, value in zip(rows, start, strict=True):
             block[first + lane] = value
         block[row.ACCEPTED_X + lane], block[row.ACCEPTED_Y + lane] = start[0], start[1]
-    return block, tuning
+    return block, tuning, np.zeros(len(starts), dtype=np.int64)
 
 
 @compiled_lanes
@@ -42,7 +45,7 @@ def navigate(
     navigators: Navigators, k: int, readings: Floats, received: bool, message: Floats, ranges: Floats, out: Floats
 ) -> int:
     """Filter step k of all followers; arguments otherwise as of `laisn.tight.swarm.navigate`. Returns −1."""
-    block, tuning = navigators
+    block, tuning, gated = navigators
     last = readings.shape[0] - 1
     for lane in range(LANES):
         i = min(lane, last)
@@ -58,4 +61,7 @@ def navigate(
     advance(block, tuning, k, received)
     for i in range(readings.shape[0]):
         out[i, 0], out[i, 1] = block[row.X + i], block[row.Y + i]
+        if received:
+            for first in fix_rows(tuning.variant):
+                gated[i] += first >= 0 and block[first + 3 * LANES + i] == _GATED
     return -1

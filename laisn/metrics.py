@@ -184,6 +184,11 @@ def longest_capture(captured: Bools) -> int:
     return int(lengths.max(initial=0))
 
 
+def was_captured(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats, steps: int) -> bool:
+    """Whether a run was at the mirror image for so many steps in a row; other arguments as of `captured_steps`."""
+    return longest_capture(captured_steps(estimate, truth, leader, leader_heading)) >= steps
+
+
 def fix_counts(estimates: Estimates) -> dict[str, int]:
     """Number of fixes of each kind, by the kind's name in lower case."""
     counts = np.bincount(estimates.fix_kind, minlength=len(FixKind))

@@ -183,8 +183,7 @@ def nees(error: Floats, spread: Floats) -> Floats:
 
 def _captured(found: Floats, truth: MissionTruth, steps: int) -> bool:
     """Whether an estimate sat at the mirror image of the truth for so many steps."""
-    at_image = metrics.captured_steps(found, truth.hydrophone, truth.leader_position, truth.leader_heading)
-    return metrics.longest_capture(at_image) >= steps
+    return metrics.was_captured(found, truth.hydrophone, truth.leader_position, truth.leader_heading, steps)
 
 
 def _blocks(runs: range) -> Iterator[range]:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from laisn import lane_swarm
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.navigating import AnySettings
@@ -102,6 +102,11 @@ class Swarm:
         if failed >= 0:
             raise ArithmeticError(f"the covariance of follower {failed + 1} is not positive definite any more")
 
+    @property
+    def gated(self) -> Ints:
+        """How many fixes of each follower its navigator has rejected so far, shape (f,)."""
+        return np.array(self._navigators[-1])
+
     def think(self, k: int, record: Floats) -> None:
         """Find the commands that hold from the recorded instant k until k + 1."""
         self._check(self._think(k, record, self._navigators, self.aboard))
@@ -137,12 +142,12 @@ def swarm_of(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
     return Swarm(settings[0], aboard(scenario, plant, steering), starts)
 
 
-def simulate_swarm(scenario: Scenario) -> tuple[Trajectory, Floats]:
+def simulate_swarm(scenario: Scenario) -> tuple[Trajectory, Floats, Ints]:
     """Fly a scenario whose followers keep stations, for studies that need no more than its motion and beliefs.
 
     Returns:
-        The motion, and what every navigator concluded at each instant, columns of `laisn.tight.swarm`, shape
-        (n + 1, f, 7).
+        The motion; what every navigator concluded at each instant, columns of `laisn.tight.swarm`, shape
+        (n + 1, f, 7); and how many fixes it gated, shape (f,).
 
     Raises:
         LaisnError: a route cannot be flown, or the sea is impossible.
@@ -155,4 +160,4 @@ def simulate_swarm(scenario: Scenario) -> tuple[Trajectory, Floats]:
         return crews[0]
 
     trajectory = simulate_motion(scenario, embark=embark)
-    return trajectory, crews[0].aboard.history
+    return trajectory, crews[0].aboard.history, crews[0].gated

@@ -55,7 +55,7 @@ class Run:
 def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> Run:
     """Fly one run of a condition."""
     scenario = condition.scenario(run, duration_s)
-    trajectory, beliefs = simulate_swarm(scenario)
+    trajectory, beliefs, _ = simulate_swarm(scenario)
     off = off_station(scenario, trajectory)
     kept = [station_keeping(column, trajectory.time) for column in off.T]
     turning = np.abs(true_stations(scenario, trajectory)[..., 3]) > TURNING

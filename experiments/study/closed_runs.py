@@ -4,21 +4,39 @@ import numpy as np
 
 from experiments.campaign.store import CampaignError, Record
 from experiments.flight.fly import fly
-from experiments.flight.summary import position_and_bearing_errors
+from experiments.flight.swarm import simulate_swarm
 from experiments.study.facts import facts_of
 from laisn import metrics
-from sim.flight import Flight, Outcome
+from laisn.arrays import Floats
+from sim.flight import Outcome
+from sim.motion import ContactError, DivergedError
 from sim.scenario.settings import Scenario
+from sim.trajectory import Trajectory
 
 
-def is_captured(flight: Flight, follower: int) -> bool:
-    """Whether an estimate was at the mirror image of the truth for a message interval, as cells say it of runs."""
-    steps = flight.step_index()
-    leader, heading = flight.trajectory.position[steps, 0, :2], flight.trajectory.heading[steps, 0]
-    estimate, truth = flight.estimates[follower].state[:, :2], flight.hydrophone(follower)[:, :2]
-    captured = np.concatenate([[False], metrics.captured_steps(estimate, truth, leader, heading), [False]])
-    first, after = np.flatnonzero(np.diff(captured.astype(np.int8))).reshape(-1, 2).T
-    return bool(first.size and np.max(after - first) >= flight.scenario.message_every)
+def _truth(trajectory: Trajectory, follower: int, n: int) -> tuple[Floats, Floats, Floats]:
+    """A hydrophone's and the leader's positions, shape (n, 2), [m], and its heading [rad], at n filter steps."""
+    stride = (trajectory.time.size - 1) // n
+    steps = slice(stride, n * stride + 1, stride)
+    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone")
+    return hydrophone[steps, :2], trajectory.position[steps, 0, :2], trajectory.heading[steps, 0]
+
+
+def _flown(scenario: Scenario) -> tuple[Trajectory, Outcome, list[Floats], list[int]]:
+    """Motion of a run and its outcome, each follower's estimated positions, shape (n, 2), [m], and its gated fixes."""
+    if not any(follower.station for follower in scenario.followers):
+        flight, _ = fly(scenario)
+        gated = [metrics.fix_counts(estimates).get("gated", 0) for estimates in flight.estimates]
+        return flight.trajectory, flight.outcome, [e.state[:, :2] for e in flight.estimates], gated
+    # all of them navigate in the loop already
+    try:
+        trajectory, beliefs, rejected = simulate_swarm(scenario)
+    except (ContactError, DivergedError) as error:
+        outcome = Outcome.CONTACT if isinstance(error, ContactError) else Outcome.DIVERGED
+        unknown = np.full((error.trajectory.time.size - 1, 2), np.nan)
+        followers = len(scenario.followers)
+        return error.trajectory, outcome, [unknown] * followers, [0] * followers
+    return trajectory, Outcome.COMPLETED, list(np.moveaxis(beliefs[1:, :, :2], 1, 0)), rejected.tolist()
 
 
 _OF_ENDED = ("run", "touched", "ended")
@@ -32,26 +50,25 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     Raises CampaignError if the simulation left finite numbers.
     """
     one = scenario.model_copy(update={"run": run})
-    flight, _ = fly(one)
-    ended = flight.outcome is Outcome.CONTACT
-    if not ended and flight.outcome is not Outcome.COMPLETED:
-        raise CampaignError(f"run {run}: {flight.outcome.value}")
-    facts, rows = facts_of(one, flight.trajectory), []
-    for i, (position, bearing) in enumerate(position_and_bearing_errors(flight)):
-        degrees = np.rad2deg(bearing)
-        rows.append(
-            {
-                "run": run,
-                "e_p_max_m": float(position.max()),
-                "e_p_mean_m": float(position.mean()),
-                "e_b_max_deg": float(degrees.max()),
-                "e_b_mean_deg": float(degrees.mean()),
-                "captured": is_captured(flight, i),
-                "gated": int(metrics.fix_counts(flight.estimates[i]).get("gated", 0)),
-                **facts[i],
-                "ended": ended,
-            }
-        )
-        if ended:
-            rows[i] = {name: value if name in _OF_ENDED else None for name, value in rows[i].items()}
+    trajectory, outcome, estimates, gated = _flown(one)
+    ended = outcome is Outcome.CONTACT
+    if not ended and outcome is not Outcome.COMPLETED:
+        raise CampaignError(f"run {run}: {outcome.value}")
+    facts, rows = facts_of(one, trajectory), []
+    for i, estimate in enumerate(estimates):
+        truth, leader, heading = _truth(trajectory, i, estimate.shape[0])
+        position = metrics.position_errors(estimate, truth)
+        degrees = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
+        row: Record = {
+            "run": run,
+            "e_p_max_m": float(position.max()),
+            "e_p_mean_m": float(position.mean()),
+            "e_b_max_deg": float(degrees.max()),
+            "e_b_mean_deg": float(degrees.mean()),
+            "captured": metrics.was_captured(estimate, truth, leader, heading, one.message_every),
+            "gated": gated[i],
+            **facts[i],
+            "ended": ended,
+        }
+        rows.append({name: value if not ended or name in _OF_ENDED else None for name, value in row.items()})
     return rows

@@ -30,8 +30,8 @@ class Found(NamedTuple):
 
 
 @compiled
-def _note(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
-    """Note what became of a message."""
+def note(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
+    """Note what became of a message: a row of `Found.outcome`, shape (3,); `used` is what `receive` gave."""
     outcome[0] = count_received(m, heard)
     outcome[1], outcome[2] = 0, np.nan
     if used > 0 and b.alive > 0:
@@ -74,7 +74,7 @@ def filter_mission(
             if used < 0:
                 return k + 1
             if found.outcome.shape[0] > 0:
-                _note(b, m, heard, used, found.outcome[i])
+                note(b, m, heard, used, found.outcome[i])
             i += 1
         if found.covariance.shape[0] > 0:
             moments(b, m)

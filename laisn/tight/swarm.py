@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimator import place_arms, receive
+from laisn.tight.mission import note
 from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y, model_of
 from laisn.tight.own_motion import advance, position
 from laisn.tight.ranging import Heard, new_heard
@@ -17,8 +18,9 @@ EAST, NORTH, LOG_BIAS, COMPASS_BIAS, CURRENT_EAST, CURRENT_NORTH, SPREAD = range
 """Columns of what is concluded: place [m], biases [m/s] and [rad], current [m/s], and the largest standard deviation
 of the place over the mixture at the last message [m]."""
 
-Navigators = tuple[Belief, Model, Heard]
-"""Beliefs of all followers, shape (f,), their one model, and room for a message."""
+Navigators = tuple[Belief, Model, Heard, Ints]
+"""Beliefs of all followers, shape (f,), their one model, room for a message, and how many messages each follower's
+gate refused so far, shape (f,)."""
 
 
 def new_navigators(settings: TightSettings, starts: Floats) -> Navigators:
@@ -32,7 +34,7 @@ def new_navigators(settings: TightSettings, starts: Floats) -> Navigators:
     together = np.zeros(len(beliefs), dtype=beliefs[0].dtype)
     for i, belief in enumerate(beliefs):
         together[i] = belief
-    return together.view(np.recarray), model, new_heard()
+    return together.view(np.recarray), model, new_heard(), np.zeros(len(beliefs), dtype=np.int64)
 
 
 @compiled
@@ -76,7 +78,8 @@ def navigate(
     Returns:
         The follower whose covariance is not positive definite any more; −1 if there is none.
     """
-    beliefs, m, heard = navigators
+    beliefs, m, heard, gated = navigators
+    outcome = np.empty(3)
     for i in range(beliefs.size):
         b = beliefs[i]
         advance(b, m, readings[i, 0], readings[i, 1])
@@ -85,8 +88,12 @@ def navigate(
             heard.heading, heard.speed = message[3], message[4]
             heard.ranges[:] = ranges[i]
             place_arms(heard, m, message[6], message[7], message[5] - (readings[i, 2] - m.hydrophone_height))
-            if receive(b, m, heard) < 0:
+            used = receive(b, m, heard)
+            if used < 0:
                 return i
+            note(b, m, heard, used, outcome)
+            # of ranges that were received none was used, though there was an estimate to hold them against
+            gated[i] += outcome[0] > 0.0 and outcome[1] == 0.0 and b.alive > 0
             _tell(b, m, out[i])
         out[i, EAST], out[i, NORTH] = position(b)
     return -1

@@ -85,7 +85,7 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
     frame = np.zeros((n, 10, 4))
     frame[turning, :, 3] = -1.1e-3
     frame[~turning, :, 3] = 0.9e-3
-    monkeypatch.setattr(study, "simulate_swarm", lambda _: (trajectory, beliefs))
+    monkeypatch.setattr(study, "simulate_swarm", lambda _: (trajectory, beliefs, np.zeros(10)))
     monkeypatch.setattr(study, "off_station", lambda *_: far)
     monkeypatch.setattr(study, "true_stations", lambda *_: frame)
     run = measure(condition, 0, 3.0)

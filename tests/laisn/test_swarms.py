@@ -62,7 +62,7 @@ def test_a_swarm_of_lanes_is_so_many_navigators(variant: str) -> None:
 
 def test_there_is_a_lane_for_each_of_sixty_four_followers_and_no_more() -> None:
     starts = np.arange(4.0 * 64).reshape(64, 4)
-    block, _ = lane_swarm.new_navigators(NavigationSettings(), starts)
+    block, *_ = lane_swarm.new_navigators(NavigationSettings(), starts)
     np.testing.assert_array_equal(block[: 4 * 64].reshape(4, 64).T, starts)
     with pytest.raises(LaisnError, match="65 followers cannot navigate together, at most 64"):
         lane_swarm.new_navigators(NavigationSettings(), np.zeros((65, 4)))

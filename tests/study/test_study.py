@@ -19,9 +19,10 @@ from experiments import findings
 from experiments.campaign import campaign
 from experiments.command.cli import app
 from experiments.flight.fly import fly
+from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.study import file
-from experiments.study.closed_runs import is_captured
+from experiments.study.closed_runs import records_of_run
 from experiments.study.draws import Draw
 from experiments.study.estimate import Results
 from experiments.study.file import FOLDER, StudyError, of_table, shipped, study_of, table_in
@@ -30,6 +31,7 @@ from experiments.study.notable import commands
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_study
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_study
+from laisn import metrics
 
 SMALL = """
 scenario = "T5"
@@ -258,9 +260,26 @@ def test_captures_of_single_flights_are_those_of_cells(tmp_path):
     outcomes = fly_study(plan, tmp_path, workers=1, quiet=True)
     told = outcomes.runs[0][1]["captured"]
     for run, captured in enumerate(told):
-        flight, _ = fly(plan.entries[0].scenario.model_copy(update={"run": run}))
-        assert is_captured(flight, 0) == captured
+        (row,) = records_of_run(plan.entries[0].scenario, run)
+        assert row["captured"] == captured
     assert 0 < sum(told) < 8, "the mission cannot tell"
+
+
+@pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
+def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(variant):
+    """As if each navigated on the finished mission; most ranges are echoes, so that many fixes are gated."""
+    echoes = ("acoustics.surface_echo_chance=0.4", "acoustics.bottom_echo_chance=0.4", "sensors.speed_bias_m_s=0.3")
+    swarm = load("swarm", ("duration_s=20", f"navigation.variant={variant}", *echoes))
+    rows = records_of_run(swarm, 2)
+    flight, _ = fly(swarm.model_copy(update={"run": 2}))
+    for row, (position, bearing), estimates in zip(
+        rows, position_and_bearing_errors(flight), flight.estimates, strict=True
+    ):
+        assert row["e_p_mean_m"] == pytest.approx(position.mean(), rel=1e-9)
+        assert row["e_p_max_m"] == pytest.approx(position.max(), rel=1e-9)
+        assert row["e_b_mean_deg"] == pytest.approx(np.rad2deg(bearing).mean(), rel=1e-9)
+        assert row["gated"] == metrics.fix_counts(estimates)["gated"]
+    assert len({row["gated"] for row in rows}) > 1, "the mission cannot tell"
 
 
 def test_a_mission_that_cannot_be_flown_is_named_and_the_others_go_on(tmp_path, monkeypatch):
