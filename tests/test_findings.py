@@ -49,6 +49,11 @@ def test_what_is_rounded_to_nothing_has_no_sign() -> None:
     assert format(plain(-0.001, ""), ".1f") == "0.0"
 
 
+@pytest.mark.parametrize(("value", "text"), [(2.6, "3"), (-2.6, "−3"), (0.4, "0")])
+def test_whole_numbers_are_rounded_and_not_cut_off(value: float, text: str) -> None:
+    assert format(plain(value, ""), "d") == text
+
+
 def test_a_format_that_is_none_is_refused() -> None:
     with pytest.raises(ValueError, match="is no format of a finding"):
         format(SHARE, ".0% within brackets")

@@ -145,6 +145,10 @@ def test_the_planner_reckons_with_nose_up_and_down_ahead_and_astern_and_far_away
     assert worst_error(pitch, offset, np.deg2rad(off_axis_deg), reach) == pytest.approx(worst, rel=1e-3)
 
 
+def test_planner_finds_offsets_of_decimetres():
+    assert deepest_offset(np.deg2rad(30.0), np.pi / 2, 40.0, 0.05) == pytest.approx(0.1, rel=0.02)
+
+
 def test_beyond_fifty_metres_any_offset_will_do():
     assert deepest_offset(np.deg2rad(1.0), np.pi / 2, 40.0, 1.0) == 50.0 < 1.0 / np.sin(np.deg2rad(1.0))
 

@@ -121,6 +121,21 @@ def test_cells_of_the_page_are_the_figures_of_its_heads() -> None:
     ]  # fmt: skip
 
 
+def test_rows_of_settings_are_those_that_they_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report, "_HEADS", ["finding"])
+    monkeypatch.setattr(report, "_row", lambda _, key, *first: [*first, report.words(key)])
+    table = next(
+        s for s in report._varied(Findings(study="", command="", modules=(), version="")) if "settings" in s.title
+    )
+    (rows,) = (block.rows for block in table.blocks if hasattr(block, "rows"))
+    told = [[cell.text for cell in row] for row in rows]
+    assert told[:2] == [
+        [SIGMAS[0].replace("_", " "), "halved", f"sigma {SIGMAS[0]} 0.5"],
+        [SIGMAS[0].replace("_", " "), "doubled", f"sigma {SIGMAS[0]} 2"],
+    ]
+    assert len(told) == 2 * len(SIGMAS)
+
+
 def test_captures_of_many_runs_are_told_with_their_limits(found: dict[tuple[Any, ...], Any]) -> None:
     """Of 64 runs 7 of LAISN-2 and none of the other, wherever they were flown."""
     rows = [[cell.text for cell in row] for row in report._many(study.findings_of(found)).rows]

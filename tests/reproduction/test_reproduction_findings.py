@@ -10,7 +10,7 @@ import pytest
 from experiments.reproduction import paper_tables
 from experiments.reproduction.claims import CLAIMS
 from experiments.reproduction.findings import findings_of, listed
-from experiments.reproduction.page import page_of
+from experiments.reproduction.page import _claims, page_of
 from experiments.reproduction.record import Reproduction, mean_distance, ratios
 from experiments.reproduction.stages import METRICS, SETTINGS, Key
 from experiments.reproduction.verdict import Judgement, Results, Verdict
@@ -89,6 +89,16 @@ def test_claims_without_data_do_not_count_against_the_others(tmp_path: Path, mon
     assert "1 of the 3 claims of the paper that these cells test hold: 1." in page.summary
     caption = page.sections[0].blocks[0].caption  # type: ignore[union-attr]
     assert "set so that its own tables pass" in caption
+
+
+def test_a_claim_has_our_verdict_and_figures_before_the_papers(tmp_path: Path) -> None:
+    base = reproduction(tmp_path)
+    claim, ours = CLAIMS[2], Judgement(verdict="depends", figures="1.5")
+    theirs = Judgement(verdict="holds", figures="")
+    ((number, text, *told),) = _claims(replace(base, judgements=[(claim, ours, theirs)])).rows
+    assert (number.text, text.text) == (str(claim.number), claim.text)
+    assert [cell.text for cell in told] == ["depends", "1.5", "holds", claim.criterion]
+    assert [told[0].tone, told[2].tone] == ["maybe", "yes"]
 
 
 def test_numbers_in_words() -> None:

@@ -1,19 +1,26 @@
 """What a study says of its results: sentences, verdicts, record and the runs to look at, for results made by hand."""
 
 import itertools
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from experiments.intervals import Interval
-from experiments.pages.page import Table
+from experiments.pages.figures import Line
+from experiments.pages.page import Table, Text
+from experiments.pages.style import SERIES
 from experiments.study import charts
 from experiments.study.estimate import Results
 from experiments.study.file import of_table
+from experiments.study.metrics import METRICS
 from experiments.study.notable import commands, notable, worst_entry
-from experiments.study.page import _cell, _differences, _shown, _table, summary_of
+from experiments.study.page import _cell, _design, _differences, _shown, _table, summary_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.record import record_of
+from experiments.study.run import _of_runs
 
 MEANS = {
     (0, "plain"): 1.0,
@@ -117,6 +124,127 @@ def test_worst_and_median_runs_are_those_of_their_place(plan: Plan, results: Res
     assert (entry.point, entry.arm, name) == (1, "aware", "follower")
     assert run == int(np.argmax(np.array(results.by_run(place(1, "aware"), "e_p_mean_m"))))
     assert commands(plan, results).count("--run") == 12
+
+
+def test_commands_are_headed_by_the_runs_that_they_fly(plan: Plan, results: Results) -> None:
+    lines = commands(plan, results).splitlines()
+    for head, line in zip(lines[::2], lines[1::2], strict=True):
+        number = head.rpartition(" run, ")[2]
+        assert f"--run {number}" in line if number != "0" else "--run" not in line or "--run 0" in line
+    assert [head.split(": ")[1].split()[0] for head in lines[::2]] == ["worst", "median"] * 6
+
+
+def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
+    """Half of the seas are 1 m lower and the others 0.9 m higher: in the mean lower, and undecided."""
+    rows, runs = [], []
+    for point, arm in itertools.product(range(3), ("plain", "aware")):
+        row = {"point": point, "arm": arm, "follower": "follower", "sea": 0, "seed": 1}
+        values = 2.0 + (arm == "aware") * np.where(np.arange(RUNS) % 2, -1.0, 0.9)
+        rows.append(row | {"e_p_mean_m": float(values.mean())})
+        runs.append((row, {"e_p_mean_m": values.tolist()}))
+    said = summary_of(plan, Results.of(rows, runs))
+    assert said.endswith("aware against plain: lower at 0, higher at 0, undecided at 3 places.")
+
+
+def test_the_design_is_told_with_its_numbers(plan: Plan) -> None:
+    text, table = _design(plan)
+    assert isinstance(text, Text)
+    assert isinstance(table, Table)
+    # three depths, each flown once for both arms
+    assert (
+        "3 points (every combination), 2 arms, 1 seas and 40 runs of noise for each: 3 flights, 240 runs." in text.text
+    )
+    assert [[cell.text for cell in row] for row in table.rows] == [
+        ["followers.0.depth_m", "varied", "10, 12, 14"], ["duration_s", "set", "20"],
+        ["plain", "arm", "as the scenario has it"], ["aware", "arm", "leader.broadcast_attitude = true"],
+    ]  # fmt: skip
+
+
+def test_columns_have_the_units_of_their_names() -> None:
+    units = {"m": "[m]", "deg": "[°]", "j": "[J]", "w": "[W]"}
+    plain_ = {name for name in METRICS if name.rpartition("_")[2] not in units}
+    assert all(not METRICS[name].label.endswith("]") for name in plain_)
+    assert len(plain_) < len(METRICS) / 2
+    for name in METRICS.keys() - plain_:
+        assert METRICS[name].label.endswith(f" {units[name.rpartition('_')[2]]}"), name
+        for word, said in (("mean", "mean"), ("max", "largest"), ("std", "σ"), ("rms", "RMS")):
+            if f"_{word}_" in name and not name.startswith(("energy", "bound")):
+                assert said in METRICS[name].label + METRICS[name].what, name
+    assert METRICS["e_b_p95_deg"].label == "95th percentile of E_B [°]"
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, Any]]]:
+    """Lines and settings of the panels that charts draw."""
+    found: list[tuple[list[Line], dict[str, Any]]] = []
+
+    def panel(lines: list[Line], **settings: Any) -> Mock:
+        found.append((lines, settings))
+        return Mock(axes=[Mock(dataLim=Mock(y0=0.0))])
+
+    monkeypatch.setattr(charts, "panel", panel)
+    monkeypatch.setattr(charts, "svg", lambda *_: "")
+    return found
+
+
+def test_lines_of_the_main_figure_are_the_means_of_their_arms(plan: Plan, results: Results, drawn: Any) -> None:
+    valued = charts.place_values(plan, results, "e_p_mean_m")
+    _, legend = charts.over_factor(plan, charts.layout_of(plan), valued, "E_P", "main", zero=False)
+    ((lines, settings),) = drawn
+    assert (settings["x_label"], settings["y_label"]) == ("followers.0.depth_m", "E_P")
+    assert [name for _, name in legend] == ["plain", "aware"]
+    for i, arm in enumerate(("plain", "aware")):
+        mine = [line for line in lines if line.colour is SERIES[i]]
+        assert [line.marker for line in mine] == ["", "o"]
+        for line in mine:
+            assert line.x.tolist() == [10.0, 12.0, 14.0]
+            assert line.y == pytest.approx([MEANS[point, arm] for point in range(3)])
+
+
+def test_shares_of_seas_are_those_of_their_point(plan: Plan, drawn: Any) -> None:
+    rows = [
+        {"point": point, "arm": arm, "follower": "follower", "sea": sea, "seed": sea, "e_p_p95_m": 10.0 * point + sea}
+        for point in range(3) for arm in ("plain", "aware") for sea in (2, 0, 1)
+    ]  # fmt: skip
+    charts.over_seas(plan, Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={}), "e_p_p95_m")
+    assert [settings["title"] for _, settings in drawn] == [f"followers.0.depth_m = {d}" for d in (10, 12, 14)]
+    for point, (lines, _) in enumerate(drawn):
+        for line in lines:
+            assert line.x.tolist() == [10.0 * point + sea for sea in (0, 0, 1, 1, 2, 2)]
+            assert line.y == pytest.approx([0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1])
+
+
+def test_means_of_seas_stand_over_what_they_drew(plan: Plan, drawn: Any) -> None:
+    rows = [
+        {"point": point, "arm": arm, "follower": "follower", "sea": sea, "seed": sea, "wind": 5.0 - sea,
+         "e_p_p95_m": 10.0 * point + sea + (arm == "aware")}
+        for point in range(3) for arm in ("plain", "aware") for sea in range(3)
+    ]  # fmt: skip
+    results = Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={})
+    several: Any = SimpleNamespace(arms=plan.arms, followers=plan.followers,
+                                   study=SimpleNamespace(draws=[SimpleNamespace(key="wind")]))  # fmt: skip
+    charts.over_draws(several, results, "e_p_p95_m", 1)
+    ((lines, settings),) = drawn
+    assert (settings["x_label"], settings["y_label"]) == ("wind", "95th percentile of E_P [m]")
+    assert [line.x.tolist() for line in lines] == [[5.0, 4.0, 3.0]] * 2
+    assert [line.y.tolist() for line in lines] == [[10.0, 11.0, 12.0], [11.0, 12.0, 13.0]]
+
+
+def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: Plan) -> None:
+    found = [
+        [{"run": 0, "e_p_mean_m": 1.0, "e_p_max_m": 2.0, "e_b_max_deg": 9.0, "captured": False, "gated": 1, "ended": 0,
+          "off_place_rms_m": 3.0, "closest_approach_m": 7.0, "power_mean_w": 10.0}],
+        [{"run": 1, "e_p_mean_m": 3.0, "e_p_max_m": 5.0, "e_b_max_deg": 4.0, "captured": True, "gated": 2, "ended": 1,
+          "off_place_rms_m": 4.0, "closest_approach_m": 6.0, "power_mean_w": 30.0}],
+    ]  # fmt: skip
+    row, lists = _of_runs(plan.entries[0], 0, found)
+    told = {
+        "runs": 2, "seed": 1, "variant": "laisn-2", "e_p_mean_m": 2.0, "e_p_max_m": 5.0, "e_b_max_deg": 9.0,
+        "off_place_rms_m": np.sqrt(12.5), "closest_approach_m": 6.0, "power_mean_w": 20.0, "captured_runs": 1,
+        "fixes_gated": 3, "ended_runs": 1, "worst_run": 1,
+    }  # fmt: skip
+    assert {name: row[name] for name in told} == pytest.approx(told)
+    assert lists["e_p_mean_m"] == [1.0, 3.0]
 
 
 def test_numbers_without_limits_stand_alone() -> None:
