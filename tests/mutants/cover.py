@@ -9,11 +9,13 @@ from experiments.gallery.house import ROOT
 
 
 def named(test: Path) -> Iterator[str]:
-    """Names that a test imports, and those that the files imported which it shares with other tests."""
+    """Names that a test imports, and those that the files import which it shares with other tests, or the Python face."""
     for name in set(house.named(test, "tests")):
         shared = ROOT / f"{name.rpartition('.')[0].replace('.', '/')}.py"
         if name.startswith("tests.") and shared.is_file():
             yield from named(shared)
+        if name == "laisn_sim":
+            yield from house.named(ROOT / "laisn_sim" / "__init__.py", name)
         yield name
 
 
@@ -37,13 +39,17 @@ def distances() -> dict[str, dict[str, int]]:
 def covering(file: str) -> list[str]:
     """The test files that cover a source, the one of its name and the nearest first.
 
-    They are those of its own room that import it themselves or by one module more than the nearest of them does; where
-    the room has none, those of any room that are as near as any.
+    They are those of its own folder, or else of its room, that import it themselves or by one module more than the
+    nearest of them does; where there are none, those of any room that are as near as any.
     """
     module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-    room = house.room_of(module).rpartition(".")[2]
+    homes = Path(file).parent.name, house.room_of(module).rpartition(".")[2]
     reach = {test: reached[module] for test, reached in distances().items() if module in reached}
-    own = {t: n for t, n in reach.items() if Path(t).parent.name == room or Path(t).stem == f"test_{room}"}
+    at_home = (
+        {t: n for t, n in reach.items() if Path(t).parent.name == home or Path(t).stem == f"test_{home}"}
+        for home in homes
+    )
+    own = next(filter(None, at_home), {})
     least = min((own or reach).values(), default=0)
     near = {t: n for t, n in (own or reach).items() if n <= least + bool(own)}
     return sorted(near, key=lambda test: (Path(test).stem != f"test_{Path(file).stem}", near[test], test))

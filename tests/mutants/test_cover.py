@@ -9,6 +9,8 @@ from tests.mutants.cover import covering, distances
     ("file", "first"),
     [
         ("laisn/fix.py", "tests/laisn/test_fix.py"),
+        ("laisn/beacons/ranging.py", "tests/beacons/test_beacon_oracle.py"),
+        ("laisn/tight/ring.py", "tests/laisn/test_free_tight.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
         ("experiments/intervals.py", "tests/test_intervals.py"),
         ("experiments/asymmetry/verdict.py", "tests/asymmetry/test_verdict.py"),

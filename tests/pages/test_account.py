@@ -131,6 +131,9 @@ def test_the_cause_is_the_largest_share_of_the_asymmetry():
     rms = np.sqrt((apart**2).mean(axis=0))
     assert account.LABELS[account.Cause(int(rms.argmax()))] in sentence
     assert f"({100 * rms.max():.2g} cm)" in sentence
+    # shares add up to the errors of both ranges
+    error = anatomy.error[np.isfinite(anatomy.asymmetry).all(axis=1)]
+    assert f"was {100 * np.sqrt(np.mean((error[:, 1] - error[:, 0]) ** 2)):.2g} cm RMS off" in sentence
     nothing = dataclasses.replace(anatomy, share=np.full_like(anatomy.share, np.nan))
     assert account._cause([nothing]) == []
 
