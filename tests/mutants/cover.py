@@ -9,7 +9,7 @@ from experiments.gallery.house import ROOT
 
 
 def named(test: Path) -> Iterator[str]:
-    """Names that a test imports, and those that the files import which it shares with other tests, or the Python face."""
+    """Names that a test imports, and those that files shared by tests, or the Python face, import in its place."""
     for name in set(house.named(test, "tests")):
         shared = ROOT / f"{name.rpartition('.')[0].replace('.', '/')}.py"
         if name.startswith("tests.") and shared.is_file():

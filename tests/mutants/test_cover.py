@@ -10,7 +10,7 @@ from tests.mutants.cover import covering, distances
     [
         ("laisn/fix.py", "tests/laisn/test_fix.py"),
         ("laisn/beacons/ranging.py", "tests/beacons/test_beacon_oracle.py"),
-        ("laisn/tight/ring.py", "tests/laisn/test_free_tight.py"),
+        ("laisn/tight/ring.py", "tests/laisn/test_swarms.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
         ("experiments/intervals.py", "tests/test_intervals.py"),
         ("experiments/asymmetry/verdict.py", "tests/asymmetry/test_verdict.py"),
