@@ -1,6 +1,7 @@
 """The reproduction: its tables, the tests behind its claims, drawn routes, and a smoke run of each study."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -152,3 +153,18 @@ def test_a_study_of_drawn_routes(tmp_path, short):
 def test_commands_of_drawn_missions_are_not_offered():
     plain = Scenario(name="T2", followers=({"route": "T2"},))
     assert reproduce.fly_command(plain, 4) == "laisn fly T2 --run 4"
+
+
+@pytest.mark.parametrize(("missions", "folder"), [(None, "reproduce-kinematic"), (2, "routes-kinematic")])
+def test_results_go_to_a_folder_of_their_motion(missions, folder, monkeypatch):
+    class FlownError(Exception):
+        pass
+
+    def fly(design, place, **_):
+        raise FlownError(place, len(design.cells))
+
+    monkeypatch.setattr(reproduce.campaign, "fly", fly)
+    with pytest.raises(FlownError) as told:
+        reproduce.reproduce([1], motion="kinematic", missions=missions)
+    assert told.value.args[0] == Path("out") / folder
+    assert told.value.args[1] > 0
