@@ -4,10 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.campaign.missions import Mission
 from experiments.findings import FILE, Finding, Findings, plain, version_of
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors
+from sim.flight import Flight
+from sim.sensing.ahrs import apparent_tilt
+from sim.sensing.truth import MissionTruth
 
 COMMAND = "python -m experiments.gallery.studies flights"
 MODULES = ("experiments.gallery.flights",)
@@ -24,6 +28,31 @@ SEAS = {
 """Flights of one sea: settings by name; the last is the second without gyros."""
 
 
+def slip(truth: MissionTruth) -> float:
+    """Way over ground in a second that a follower's log and compass do not see, RMS along one axis [m]."""
+    way = truth.speed[:, None] * np.column_stack([np.sin(truth.heading), np.cos(truth.heading)])
+    seen = np.cumsum(truth.dt * (way[1:] + way[:-1]) / 2, axis=0)
+    unseen = truth.hydrophone[1:, :2] - seen
+    second = round(1.0 / truth.dt)
+    return float(np.sqrt(np.mean((unseen[second:] - unseen[:-second]) ** 2)))
+
+
+def _tilt(flight: Flight) -> dict[str, Finding]:
+    """How much the leader of a flight pitches, and how wrong an ideal inclinometer is about that."""
+    pitch = flight.trajectory.pitch[:, 0]
+    wrong = apparent_tilt(flight.trajectory)[:, 0] - pitch
+    rms = [float(np.rad2deg(np.sqrt(np.mean(angle**2)))) for angle in (pitch, wrong)]
+    return {
+        "pitch following-sea": plain(rms[0], "pitch of the leader, RMS", "°"),
+        "inclinometer following-sea": plain(rms[1], "error of pitch that accelerations make, RMS", "°"),
+    }
+
+
+def _slips(flight: Flight) -> Finding:
+    _, truth = Mission(flight.scenario, flight.trajectory).seen(flight.scenario, 0)
+    return plain(1e3 * slip(truth), "way in a second that log and compass do not see, RMS along one axis", "mm")
+
+
 def findings() -> Findings:
     """Fly them."""
     flight, _ = fly(load("T5", ()))
@@ -37,11 +66,14 @@ def findings() -> Findings:
         "T5 off-axis": plain(float(error[off_axis].max()), "largest E_P, 470 … 590 s, run 0", "m"),
         "T5 behind": plain(float(-east * np.sin(heading) - north * np.cos(heading)), "at 650 s", "m"),
         "T5 beside": plain(float(abs(east * np.cos(heading) - north * np.sin(heading))), "at 650 s", "m"),
+        "slip T5": _slips(flight),
     }
     for name, settings in SEAS.items():
         sea, _ = fly(load(name.replace("inclinometer", "ahrs"), settings))
         mean = float(position_and_bearing_errors(sea)[0][0].mean())
         named[f"error {name}"] = plain(mean, "mean E_P, run 0", "m")
+        if name == "following-sea":
+            named |= {"slip following-sea": _slips(sea)} | _tilt(sea)
     return Findings(study="flights", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
 
 

@@ -2,13 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from experiments.campaign.missions import Mission
 from experiments.gallery import flights
 from laisn.arrays import Floats
 from sim.flight import Flight
+from sim.sensing.ahrs import apparent_tilt
 from tests import synthetic
 
 
@@ -28,6 +32,8 @@ def test_flights_are_told_by_errors_and_places(monkeypatch: pytest.MonkeyPatch) 
     for at, peak in ((469.0, 9.0), (500.0, 2.5), (591.0, 8.0)):
         error[np.argmin(np.abs(time - at))] = peak
     asked = []
+    _, seen = Mission(whole.scenario, whole.trajectory).seen(whole.scenario, 0)
+    shown = apparent_tilt(whole.trajectory)[:, 0] - whole.trajectory.pitch[:, 0]
 
     def load(name: str, settings: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         asked.append((name, tuple(settings)))
@@ -49,6 +55,10 @@ def test_flights_are_told_by_errors_and_places(monkeypatch: pytest.MonkeyPatch) 
             "error following-sea": 2.0,
             "error following-sea-ahrs": 3.0,
             "error following-sea-inclinometer": 4.0,
+            "pitch following-sea": np.rad2deg(np.sqrt(np.mean(whole.trajectory.pitch[:, 0] ** 2))),
+            "inclinometer following-sea": np.rad2deg(np.sqrt(np.mean(shown**2))),
+            "slip T5": 1e3 * flights.slip(seen),
+            "slip following-sea": 1e3 * flights.slip(seen),
         },
         rel=1e-5,
     )
@@ -56,3 +66,18 @@ def test_flights_are_told_by_errors_and_places(monkeypatch: pytest.MonkeyPatch) 
         ("T5", ()), ("following-sea", ()), ("following-sea-ahrs", ()),
         ("following-sea-ahrs", ("sensors.leader_gyro_time_constant_s=0",)),
     ]  # fmt: skip
+
+
+def test_what_log_and_compass_do_not_see_is_the_drift_across_the_hull() -> None:
+    """Along a circle of 50 m at 1 m/s nothing; with a current of 3 cm/s to the east and 4 cm/s to the south, that."""
+    angle = 0.02 * np.arange(0.0, 300.0, 0.1)
+    place = 50.0 * np.column_stack([1.0 - np.cos(angle), np.sin(angle)])
+    drift = np.outer(angle / 0.02, [0.03, -0.04])
+    for carried, expected in ((0.0, 0.0), (1.0, 0.05 / np.sqrt(2.0))):
+        truth: Any = SimpleNamespace(
+            dt=0.1,
+            speed=np.ones(angle.size),
+            heading=angle,
+            hydrophone=np.pad(place + carried * drift, ((0, 0), (0, 1))),
+        )
+        assert flights.slip(truth) == pytest.approx(expected, abs=1e-6)
