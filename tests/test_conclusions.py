@@ -1,0 +1,136 @@
+"""What README and docs conclude in words follows from the records: who is better, what helps, what is lost.
+
+Numbers in documents are filled in from the records; words are not. Each conclusion stands here with the words that a
+document has for it, and with what the record must say for them to be true. A record that turns one round fails.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import pytest
+
+from experiments.findings import Findings, read
+from experiments.gallery.documents import RECORDS, ROOT
+
+
+class Record(NamedTuple):
+    """Findings as numbers, by their names."""
+
+    findings: Findings
+
+    def value(self, name: str) -> float:
+        return float(self.findings[name].value or 0.0)
+
+    def values(self, name: str, *places: str) -> list[float]:
+        """Those of several findings whose names differ in one place."""
+        return [self.value(name.format(place)) for place in places]
+
+    def low(self, name: str) -> float:
+        return float(self.findings[name].low or 0.0)
+
+    def high(self, name: str) -> float:
+        return float(self.findings[name].high or 0.0)
+
+
+class Conclusion(NamedTuple):
+    """Words of a document, the study that they rest on, and what must hold of its record."""
+
+    document: str
+    words: str
+    study: str
+    holds: Callable[[Record], bool]
+
+
+CAUSES = ("trim", "dive", "waves")
+NOTICED = ("leader", "late", "drift")
+"""Faults that the tightly coupled navigator has to be told of."""
+OFF_AXIS = ("T3", "T4", "T6")
+
+CONCLUSIONS = (
+    Conclusion(
+        "README.md", "LAISN-2's excess in Table 7 comes with captures", "reproduce-physics",
+        lambda r: r.low("captured asymmetric laisn-2") > 2 * r.high("captured 5s laisn-2"),
+    ),
+    Conclusion(
+        "README.md", "collapses at 10 s as printed", "reproduce-physics",
+        lambda r: 0.7 < r.value("ratio 10s-slow-beta300 laisn-3-2") < 1.4 and r.high("ratio 10s-slow laisn-3-2") < 0.2,
+    ),
+    Conclusion(
+        "README.md", "Broadcasting pitch and roll takes the error away", "asymmetry",
+        lambda r: all(r.low(f"least attitude-0 {cause}") > 0.9 for cause in CAUSES),
+    ),
+    Conclusion(
+        "README.md", "off it removes only", "asymmetry",
+        lambda r: r.high("least attitude-0.5 waves") < r.low("least ahrs-0.5 waves"),
+    ),
+    Conclusion(
+        "docs/asymmetry.md", "takes the error away, if its sensor is good enough", "asymmetry",
+        lambda r: all(r.low(f"removed {arm} laisn-2 {c}") > 0.9 for arm in ("attitude-0", "ahrs-0.5") for c in CAUSES)
+        and r.high("removed attitude-2 laisn-2 waves") < 0.0,
+    ),
+    Conclusion(
+        "docs/asymmetry.md", "A third transmitter does not reveal the tilt", "asymmetry",
+        lambda r: r.low("captured real laisn-3-2 all") > r.high("captured level laisn-3-2 all"),
+    ),
+    Conclusion(
+        "docs/tight.md", "makes the covariance worthless", "estimators",
+        lambda r: min(r.values("nees wrong {} unaware", *NOTICED)) > 5
+        and 1.2 < min(r.values("nees wrong {} aware", *NOTICED)) <= max(r.values("nees wrong {} aware", *NOTICED)) < 3,
+    ),
+    Conclusion(
+        "docs/tight.md", "Echoes and losses need not be", "estimators",
+        lambda r: all(1.2 < nees < 2.8 for nees in r.values("nees wrong {} aware", "echoes", "losses")),
+    ),
+    Conclusion(
+        "docs/tight.md", "Generality costs", "estimators",
+        lambda r: r.low("error G7 5") > r.high("error G1 5"),
+    ),
+    Conclusion(
+        "docs/tight.md", "The settings that matter are the σ of a range and that of the log", "estimators",
+        lambda r: min(r.values("nees sigma {}_sigma 0.5", "range", "speed"))
+        > max(r.values("nees sigma {}_sigma 0.5", "heading", "range_scale", "speed_bias", "heading_bias"))
+        and max(r.values("nees sigma {}_sigma 2", "range", "speed")) < 1.5,
+    ),
+    Conclusion(
+        "docs/tight.md", "errors grow by less than a fifth", "estimators",
+        lambda r: max(r.values("error sigma {}", *(f"{s}_sigma {f}" for s in ("range", "speed") for f in ("0.5", "2"))))
+        < 1.2 * r.value("error offset 0.1"),
+    ),
+    Conclusion(
+        "docs/tight.md", "A leader that weaves by 5° tells two transmitters the side", "estimators",
+        lambda r: all(r.value(f"rms weaving {t}") < 0.8 * r.value(f"rms straight {t}") for t in ("T2", "T5")),
+    ),
+    Conclusion(
+        "docs/tight.md", "The middle transmitter should be far aside", "estimators",
+        lambda r: r.high("error offset 0.5") < r.low("error offset 0.1") < r.low("error offset 0.02"),
+    ),
+    Conclusion(
+        "docs/tight.md", "NEES is below 2 where more is allowed for than goes wrong", "estimators",
+        lambda r: r.high("nees G7 5") < 2,
+    ),
+    Conclusion(
+        "docs/closed-loop.md", "the loop adds nothing", "closed-loop",
+        lambda r: all(r.value(f"off {variant} {route}") < 1.1 * r.value(f"error {variant} {route}")
+                      for variant in ("laisn-2", "laisn-3-1", "laisn-3-2") for route in OFF_AXIS),
+    ),
+    Conclusion(
+        "docs/closed-loop.md", "by hundreds of metres", "closed-loop",
+        lambda r: min(r.values("off laisn-2 {}", "T2", "T5")) > 200,
+    ),
+    Conclusion(
+        "docs/closed-loop.md", "they fail on some", "closed-loop",
+        lambda r: r.low("lost laisn-3-1") > r.high("lost laisn-3-2"),
+    ),
+    Conclusion(
+        "docs/real-ranges.md", "else matters as much", "real-ranges",
+        lambda r: r.value("pairs steady-gyro Plaza2")
+        > max(r.values("pairs {} Plaza2", "tight", "known-scale", "exact-speed", "exact-beacons")),
+    ),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("one", CONCLUSIONS, ids=lambda one: f"{one.document}: {one.words}")
+def test_words_of_documents_follow_from_the_records(one: Conclusion) -> None:
+    text = " ".join((ROOT / one.document).read_text(encoding="utf-8").split())
+    assert one.words in text, "the words are not there any more: change or drop the conclusion"
+    assert one.holds(Record(read(RECORDS / f"{one.study}.json"))), f"docs/results/{one.study}.json says otherwise"
