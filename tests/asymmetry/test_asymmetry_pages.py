@@ -13,6 +13,7 @@ from experiments.asymmetry.added_error import ComparedMission, Mission, paired
 from experiments.asymmetry.conditions import QUICK_CONDITIONS
 from experiments.asymmetry.missions import Plan
 from experiments.asymmetry.missions_page import Results
+from experiments.flight.anatomy import Cause
 from experiments.pages.page import Figures
 from tests.asymmetry.test_added_error import row
 
@@ -59,20 +60,25 @@ def test_figures_of_missions_are_levers_parts_and_medians(monkeypatch: pytest.Mo
 
 def test_a_message_is_told_with_its_pitch_and_the_error_of_its_fix(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fix 3 m ahead of the hydrophone and 4 m aside, at a pitch of −5°."""
-    time = np.arange(0.0, 300.0, 100.0)
+    time = np.array([0.0, 100.0, 300.0])
     message = SimpleNamespace(fix=np.array([13.0, 24.0]), hydrophone=np.array([10.0, 20.0, -8.0]), pitch=-np.pi / 36)
     drawing = Mock(Message=lambda *_: message)
     for name, put in (("drawing", drawing), ("svg", lambda *_: ""), ("share_table", lambda _: Figures(panels=[])),
                       ("asymmetry_over_time", Mock())):  # fmt: skip
         monkeypatch.setattr(question_page, name, put)
     flight = SimpleNamespace(trajectory=SimpleNamespace(time=time, pitch=np.full((3, 2), -np.pi / 36)))
-    anatomy = SimpleNamespace(time=time, asymmetry={})
-    anatomy.asymmetry = Mock(__getitem__=lambda *_: np.zeros(3))
+    shares = np.zeros((3, len(Cause)))
+    shares[:, Cause.LEVER_ARM], shares[:, Cause.RANDOM], shares[:, Cause.MOTION] = 0.02, [0.03, -0.04, 9.0], 0.01
+    anatomy = SimpleNamespace(time=time, asymmetry=shares)
     example: Any = SimpleNamespace(condition=QUICK_CONDITIONS[0], flight=flight, telling=1, anatomy=anatomy)
     blocks = question_page.one_message(example).blocks
     first = blocks[0]
     assert isinstance(first, Figures)
     assert "route T6, follower 10 m below: a message sent at a pitch of -5.0°" in first.caption
     assert "centimetres become 5.00 m" in first.caption
+    drawn = blocks[2]
+    assert isinstance(drawn, Figures)
+    # of the first 200 s alone
+    assert drawn.caption.endswith("RMS: lever arm 2.0 cm, random error 3.5 cm, travel time and motion 1.0 cm.")
     ((shown, pitch, _), _) = drawing.pitch_over_time.call_args
-    assert (shown.tolist(), pitch.tolist()) == ([0.0, 100.0, 200.0], pytest.approx([-5.0] * 3))
+    assert (shown.tolist(), pitch.tolist()) == ([0.0, 100.0], pytest.approx([-5.0] * 2))
