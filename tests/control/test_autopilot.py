@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from sim.control import allocation, autopilot
 from sim.fleet import FleetError, simulate_fleet
@@ -246,3 +247,61 @@ def test_progress_is_told_seldom():
     told = []
     simulate_fleet(plant(), [northbound()], 100.0, progress=told.append)
     assert told == pytest.approx([0, 50])
+
+
+def test_vehicles_feel_their_way_through_the_water_along_their_own_axes():
+    """Against SciPy's rotations: hull pitched and rolled, in water that rises and drifts."""
+    rng = np.random.default_rng(7)
+    for turned in Rotation.random(5, rng=rng):
+        pose = np.r_[3.0, 4.0, -9.0, turned.as_quat()[[3, 0, 1, 2]]]
+        twist, water = rng.normal(size=6), rng.normal(size=3)
+        felt = autopilot.feel(pose, twist, water)
+        through = turned.inv().apply(twist[:3] - water)
+        forward = turned.apply([1.0, 0.0, 0.0])
+        assert felt == pytest.approx(
+            (
+                through[0],
+                through[1],
+                np.arctan2(*forward[:2]),
+                twist[5],
+                np.arcsin(forward[2]),
+                twist[4],
+                9.0,
+                -twist[2],
+            )
+        )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
+    """Half a degree off in heading and pitch, 5 cm off in depth; then turning away by 5 rad/s."""
+    (design,) = autopilot.design(plant(), ("pitch",))
+    reference, dt = np.zeros(8), 0.1
+    reference[autopilot.DEPTH] = 10.0
+
+    def remembered(angle, speed, depth, rate=0.0):
+        felt = autopilot.Felt(
+            surge=1.0 - sign * speed, sway=0.0, heading=-sign * angle, turning=sign * rate, pitch=-sign * angle,
+            pitching=sign * rate, depth=10.0 - sign * depth, sinking=0.0,
+        )  # fmt: skip
+        memory, command = np.zeros(autopilot.AUTOPILOT_MEMORY), np.zeros(5)
+        autopilot.control(design, (0.0, 0.0, 1.0), reference, felt, dt, memory, command)
+        return memory, command
+
+    angle, omega = np.deg2rad(0.5), design["omega"]
+    memory, command = remembered(angle, 0.01, 0.0)
+    assert memory[autopilot.HEADING_INTEGRAL] == pytest.approx(
+        -sign * 0.1 * design["yaw_inertia"] * omega**3 * angle * dt
+    )
+    assert memory[autopilot.PITCH_INTEGRAL] == pytest.approx(
+        sign * 0.1 * design["pitch_inertia"] * omega**3 * angle * dt
+    )
+    # the hull's way over ground is its way through the water times the cosine of its pitch
+    missing = 1.0 / np.cos(angle) - (1.0 - sign * 0.01)
+    assert memory[autopilot.SPEED_INTEGRAL] == pytest.approx(0.05 * design["surge_mass"] * omega**2 * missing * dt)
+    assert np.all(np.abs(command) < design["limits"][:, 1])
+    far, command = remembered(0.5, 0.0, 0.0, rate=5.0)
+    assert far[autopilot.HEADING_INTEGRAL] == far[autopilot.PITCH_INTEGRAL] == 0.0
+    assert np.max(np.abs(command[1:])) == design["limits"][1, 1]
+    low, _ = remembered(0.0, 0.0, 0.05)
+    assert sign * low[autopilot.DEPTH_INTEGRAL] < 0.0 == remembered(0.0, 0.0, 0.0)[0][autopilot.DEPTH_INTEGRAL]

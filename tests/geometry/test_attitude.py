@@ -66,3 +66,11 @@ def test_slerp_agrees_with_scipy_and_takes_the_short_way() -> None:
         mixed = attitude.slerp(np.tile(start, (7, 1)), np.tile(sign * end, (7, 1)), fractions)
         same = np.abs(np.einsum("ni,ni->n", mixed, expected))
         np.testing.assert_allclose(same, 1.0, atol=1e-14)
+
+
+def test_angles_of_many_attitudes_have_their_shape() -> None:
+    quaternion = Rotation.random(24, rng=np.random.default_rng(6)).as_quat()[:, [3, 0, 1, 2]].reshape(2, 3, 4, 4)
+    for angle in (attitude.heading, attitude.pitch, attitude.roll):
+        many = angle(quaternion)
+        assert many.shape == (2, 3, 4)
+        assert many[1, 2, 3] == angle(quaternion[1, 2, 3])

@@ -6,7 +6,8 @@ import pytest
 from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.scenario.settings import Scenario, Sensors
-from sim.sensing.instant import Senses, read_own, senses_of
+from sim.sensing.instant import Senses, broadcast, hear, read_own, senses_of
+from sim.sensing.noise import Stream, normals, uniforms
 from tests.synthetic import make_scenario
 
 PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
@@ -41,3 +42,61 @@ def test_instruments_err_as_much_as_the_scenario_says_and_each_on_its_own() -> N
     assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 5 / np.sqrt(n)
     other = read(senses_of(scenario(0.5, 0.1)), n, follower=1)
     assert np.abs([np.corrcoef(a, b)[0, 1] for a, b in zip(found.T, other.T, strict=True)]).max() < 5 / np.sqrt(n)
+
+
+@pytest.mark.parametrize("used", [2, 3])
+def test_each_range_has_the_error_of_its_own_ping(used: int) -> None:
+    """Equation 28 written out, with a τ of its own for each transmitter and the draws of step, run and follower."""
+    taus, (mean, sigma), seed, run = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5
+    senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    senses = senses._replace(range_tau=taus, range_scale=(mean, sigma), transmitters=used)
+    transmitters = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    hydrophones = np.full((2, 3), [0.0, 0.0, 0.1])
+    # the leader heads east, the second follower north
+    poses = np.array([
+        np.r_[0.0, 0.0, -8.0, attitude.from_euler(np.pi / 2)], np.r_[9.0, 9.0, -9.0, attitude.from_euler(0.0)],
+        np.r_[-30.0, 20.0, -10.0, attitude.from_euler(0.0)],
+    ])  # fmt: skip
+    away = np.array([-30.0, 20.0, -1.9]) - transmitters
+    true = np.linalg.norm(away, axis=1)
+    for k in (10, 20):
+        found = np.empty(3)
+        assert hear(senses, k, 1, (transmitters, hydrophones), poses, np.zeros(2), found)
+        drawn = uniforms(seed, run, Stream.RANGE_UNIFORM.number(1), [k])[0]
+        psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(1), [k])[0, 0]
+        far = np.array([true[:used].max()] * 2 + [true.max()])
+        assert found == pytest.approx(true + taus * drawn[:3] + psi * true / far, abs=1e-9)
+
+
+def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
+    """Bias and spread of each, with the draws of step, run and follower; the log feels the water along the hull."""
+    seed, run, k = 2, 5, 30
+    senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    senses = senses._replace(speed=(0.1, 0.02), heading=(0.05, 0.01), depth_sigma=0.3)
+    turned = attitude.from_euler(1.0, PITCH, 0.2)
+    twist, water, reading = np.r_[0.9, 0.7, 0.2, RATES], np.array([0.1, -0.2, 0.05]), np.empty(6)
+    read_own(senses, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.array([0.5, 0.0, 0.0]), reading)
+    motion, depth = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.OWN_MOTION, Stream.DEPTH))
+    assert reading[0] == pytest.approx(attitude.forward(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0])
+    assert reading[1] == pytest.approx(1.0 + 0.05 + 0.01 * abs(motion[1]))
+    assert reading[2] == pytest.approx(10.0 - 0.5 * np.sin(PITCH) + 0.3 * depth[0])
+
+
+def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
+    seed, run, k = 2, 5, 40
+    senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    senses = senses._replace(leader_speed=(0.1, 0.02), leader_heading=(0.05, 0.01), leader_depth_sigma=0.3,
+                             leader_attitude=(0.001, 0.002, 0.004), broadcast_attitude=True)  # fmt: skip
+    body = np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[0.9, 0.7, 0.2, RATES], np.zeros(3)
+    message = np.empty(8)
+    broadcast(senses, k, body, message)
+    motion, depth, tilt = (
+        normals(seed, run, s, [k])[0] for s in (Stream.LEADER_MOTION, Stream.LEADER_DEPTH, Stream.LEADER_ATTITUDE)
+    )
+    offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
+    expected = [
+        k * senses.dt, 3.0, 4.0, 1.0 + 0.05 + 0.01 * abs(motion[1]),
+        attitude.forward(body[0][3:]) @ body[1][:3] + 0.1 + 0.02 * motion[0], 9.0 + 0.3 * depth[0],
+        PITCH + 0.001 * offset[0] + 0.002 * tilt[0], 0.2 + 0.001 * offset[1] + 0.004 * tilt[1],
+    ]  # fmt: skip
+    assert message == pytest.approx(expected)
