@@ -95,7 +95,7 @@ class Findings:
         return self.findings[key]
 
     def write(self, path: Path) -> None:
-        """Write the record: the same findings give the same bytes."""
+        """Write the record, in a folder that is made if it is not there: the same findings give the same bytes."""
         given = {"schema": SCHEMA} | asdict(self)
         given["findings"] = {
             name: {key: value for key, value in finding.items() if value not in ("", None) or key == "value"}
@@ -107,8 +107,14 @@ class Findings:
             f"  {json.dumps(name, ensure_ascii=False)}: {json.dumps(finding, ensure_ascii=False)}"
             for name, finding in given["findings"].items()
         ]
+        path.parent.mkdir(parents=True, exist_ok=True)
         with replaced(path) as part:
             part.write_text(head + "{\n" + ",\n".join(lines) + "\n }" + rest + "\n", encoding="utf-8")
+
+
+def record(study: str, command: str, modules: tuple[str, ...], found: Mapping[str, Finding]) -> Findings:
+    """The record of what a study found, with the version of the sources that are here; arguments as of `Findings`."""
+    return Findings(study=study, command=command, modules=modules, version=version_of(modules), findings=found)
 
 
 def read(path: Path) -> Findings:

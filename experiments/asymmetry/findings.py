@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments import findings
 from experiments.asymmetry.added_error import (
     QUESTIONS,
     SETTLING_RUNS,
@@ -22,7 +21,7 @@ from experiments.asymmetry.missions import Plan, Row
 from experiments.asymmetry.remedies import ARM, ARMS, EXACT, LEVEL, READINGS, REAL, REMEDIES, STEADIED
 from experiments.asymmetry.tau import Curves, equivalents
 from experiments.asymmetry.verdict import Verdict
-from experiments.findings import Finding, Findings, of, plain
+from experiments.findings import Finding, Findings, of, plain, record
 from experiments.intervals import CONFIDENCE, mean_over_missions
 
 MODULES = tuple(f"experiments.asymmetry.{name}" for name in ("findings", "flying", "tau"))
@@ -129,6 +128,4 @@ def findings_of(plan: Plan, rows: Sequence[Row], curves: Curves, command: str) -
         found |= _on_routes(missions, plan.routes, cause)
     found |= _remedies(missions, plan)
     found |= _stage_4(curves, [o for o in plan.offsets_m if o > 0])
-    return Findings(
-        study="asymmetry", command=command, modules=MODULES, version=findings.version_of(MODULES), findings=found
-    )
+    return record("asymmetry", command, MODULES, found)

@@ -13,7 +13,6 @@ from experiments.asymmetry.example import Example
 from experiments.asymmetry.figures import AWARE, LEVEL, REAL
 from experiments.asymmetry.gates import GateRow
 from experiments.asymmetry.missions import Plan, Row
-from experiments.asymmetry.question_page import legend_of
 from experiments.asymmetry.remedies import STEADIED
 from experiments.asymmetry.remedies_page import CAUSES
 from experiments.asymmetry.tables import mission_table, stage_4_table
@@ -85,13 +84,13 @@ def on_missions(results: Results, missions: dict[Mission, ComparedMission]) -> S
                 "over the leader's axis, where the nearest intersection is the wrong one and stays so. Dots below "
                 "it are missions in which the pitch is small beside the other errors, with which it adds in "
                 "squares. Excesses under 1 mm are drawn at 1 mm.",
-                legend=legend_of(*legend),
+                legend=legend,
             ),
             Figures(
                 panels=panels,
                 caption="Mean error of LAISN-2 behind a level leader, the real one, and the real one when it "
                 "broadcasts the attitude that its AHRS gives.",
-                legend=legend_of((LEVEL, "level leader"), (REAL, "real leader"), (AWARE, "attitude broadcast")),
+                legend=[(LEVEL, "level leader"), (REAL, "real leader"), (AWARE, "attitude broadcast")],
             ),
             table,
             Code(text=lines, title="Commands that fly the worst route of each row", folded=True),

@@ -8,19 +8,13 @@ from experiments.asymmetry.conditions import command
 from experiments.asymmetry.example import EVERYTHING, OFFSET_M, ROUTE, Example
 from experiments.asymmetry.figures import LEVEL, REAL
 from experiments.flight.anatomy import LABELS, Cause
-from experiments.pages.anatomy_page import asymmetry_over_time, share_table
-from experiments.pages.anatomy_page import legend_of as legend_of_causes
+from experiments.pages.anatomy_page import asymmetry_over_time, legend_of, share_table
 from experiments.pages.figures import svg
 from experiments.pages.page import Code, Figures, Section, Text
-from experiments.pages.style import SERIES, Colour
+from experiments.pages.style import SERIES
 from laisn.arrays import Bools, Floats
 
 _TOLD = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
-
-
-def legend_of(*entries: tuple[Colour, str]) -> list[tuple[str, str]]:
-    """A page's legend of colours."""
-    return [(colour.variable, text) for colour, text in entries]
 
 
 def question() -> Section:
@@ -72,7 +66,7 @@ def one_message(example: Example) -> Section:
                 "believes in by centimetres. With the circles drawn about the places of a level leader, those "
                 f"centimetres become {error:.2f} m: the fix stays on the dotted circle about the leader; its range "
                 "is right, its direction is wrong.",
-                legend=legend_of((REAL, "as it is"), (LEVEL, "as the follower believes, and the truth it looks for")),
+                legend=[(REAL, "as it is"), (LEVEL, "as the follower believes, and the truth it looks for")],
             ),
             Text(
                 text="Why so much? The fix comes from the difference of two ranges over a short baseline, which "
@@ -90,7 +84,7 @@ def one_message(example: Example) -> Section:
                 caption="The same flight over its first minutes, with pings one after another, between which the "
                 "leader moves on and works in the waves. Only the lever arm comes from the pitch; the random error is "
                 f"the paper's, with τ = 1 cm. RMS: {_sizes(anatomy.asymmetry[seen])}.",
-                legend=legend_of_causes(_TOLD),
+                legend=legend_of(_TOLD),
             ),
             share_table(anatomy),
             Text(

@@ -13,7 +13,7 @@ import numpy as np
 from experiments.campaign import campaign
 from experiments.campaign.campaign import Design
 from experiments.campaign.store import Record
-from experiments.findings import FILE, Finding, Findings, of, plain, version_of
+from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
 from experiments.intervals import proportion
@@ -75,7 +75,7 @@ def findings_of(found: Mapping[tuple[Variant, str], Sequence[Sequence[Record]]])
         named[f"lost {variant}"] = of(proportion(lost, len(ends)), "share of missions lost, 95 %")
         named[f"lost-runs {variant}"] = plain(lost, "missions lost")
         named["missions"] = plain(len(ends), "missions of each variant")
-    return Findings(study="closed-loop", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
+    return record("closed-loop", COMMAND, MODULES, named)
 
 
 def run(folder: Path) -> None:

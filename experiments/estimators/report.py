@@ -10,10 +10,22 @@ from experiments.estimators.cases import CASES, WRONG
 from experiments.estimators.gallery import picture
 from experiments.estimators.paired import Paired
 from experiments.estimators.plan import INTERVALS, OFFSETS_M, ON_AXIS, SEAS, SIGMAS
-from experiments.findings import Finding, Findings
-from experiments.intervals import Interval
+from experiments.findings import Findings
 from experiments.pages.figures import svg
-from experiments.pages.page import Block, Cell, Figures, Page, Section, Table, Text, number, percent, words, write
+from experiments.pages.page import (
+    Block,
+    Cell,
+    Figures,
+    Page,
+    Section,
+    Table,
+    Text,
+    number,
+    share_of,
+    with_limits,
+    words,
+    write,
+)
 
 _HEADS = ["E_P [m]", "LAISN-2 [m]", "over LAISN-2", "worst", "RMS over bound", "worst", "NEES", "least", "most",
           "instants in χ² [%]", "NIS of a range", "captured [%]", "LAISN-2 captured [%]"]  # fmt: skip
@@ -24,31 +36,23 @@ def _value(findings: Findings, key: str, digits: int = 2) -> Cell:
     return number(None if found is None or not isinstance(found.value, int | float) else found.value, digits)
 
 
-def _share(found: Finding) -> Cell:
-    return percent(Interval(*(float(v or 0.0) for v in (found.value, found.low, found.high))))
-
-
-def _with_limits(found: Finding, digits: int = 2) -> Cell:
-    return Cell(text=f"{found:.{digits}f i}".replace(" (– to –)", ""), sort=float(found.value or 0.0))
-
-
 def _row(findings: Findings, key: str, *first: Cell) -> list[Cell]:
     f = findings.findings
     return [
         *first,
-        _with_limits(f[f"error {key}"]),
-        _with_limits(f[f"laisn-2 {key}"]),
-        _with_limits(f[f"ratio {key}"]),
+        with_limits(f[f"error {key}"]),
+        with_limits(f[f"laisn-2 {key}"]),
+        with_limits(f[f"ratio {key}"]),
         _value(findings, f"worst {key}"),
         _value(findings, f"bound {key}"),
         _value(findings, f"bound-worst {key}"),
-        _with_limits(f[f"nees {key}"]),
+        with_limits(f[f"nees {key}"]),
         _value(findings, f"nees-least {key}"),
         _value(findings, f"nees-most {key}"),
         number(100.0 * float(f[f"inside {key}"].value or 0.0), 0),
-        _with_limits(f[f"nis {key}"]),
-        _share(f[f"captured {key}"]),
-        _share(f[f"captured-laisn-2 {key}"]),
+        with_limits(f[f"nis {key}"]),
+        share_of(f[f"captured {key}"]),
+        share_of(f[f"captured-laisn-2 {key}"]),
     ]
 
 
@@ -72,8 +76,8 @@ def _many(findings: Findings) -> Table:
             key = f"{transmitters} {route}"
             cells = [number(transmitters), words(route), number(int(f[f"many-runs {key}"].value or 0))]
             rows.append(
-                [*cells, _value(findings, f"many-captured {key}", 0), _share(f[f"many {key}"]),
-                 _share(f[f"many-laisn-2 {key}"])]
+                [*cells, _value(findings, f"many-captured {key}", 0), share_of(f[f"many {key}"]),
+                 share_of(f[f"many-laisn-2 {key}"])]
             )  # fmt: skip
     heads = ["transmitters", "route", "runs", "captured", "share [%]", "LAISN-2 [%]"]
     return Table(heads=heads, rows=rows, caption="Captures at the mirror image; messages every 5 s.")
@@ -138,7 +142,7 @@ def write_page(findings: Findings, found: Mapping[tuple[Any, ...], Any], path: P
         Figures(
             panels=[svg(figure, "ratio", "Mean position error of both navigators in all cases")],
             caption="Mean E_P over all routes, messages every 5 s.",
-            legend=[(colour.variable, text) for colour, text in legend],
+            legend=legend,
         ),
         _cases(findings),
     ]

@@ -14,8 +14,8 @@ from experiments.campaign.tasks import with_arrays
 from experiments.estimators.cases import CASES
 from experiments.estimators.paired import Captured, Paired
 from experiments.estimators.plan import INTERVALS, ON_AXIS, QUICK, SEAS, SEED, SIGMAS, Size, first_look, tasks
-from experiments.findings import FILE, Finding, Findings, of, plain, version_of
-from experiments.intervals import Interval, bootstrap_ratios, proportion
+from experiments.findings import FILE, Finding, Findings, of, plain, record
+from experiments.intervals import Interval, bootstrap_mean, bootstrap_ratios, proportion
 
 COMMAND = "laisn estimators"
 MODULES = ("experiments.estimators.study",)
@@ -47,7 +47,7 @@ def mean_of(missions: Sequence[Paired], name: str) -> Interval:
     """Mean over all runs of all missions of a figure, with limits: resamples draw runs."""
     runs = min(one.runs for one in missions)
     values = np.mean([getattr(one, name)[:runs] for one in missions], axis=0)
-    return bootstrap_ratios(values[:, None], np.ones((runs, 1)))[0]
+    return bootstrap_mean(values)
 
 
 def _of_missions(key: str, missions: Sequence[Paired], named: dict[str, Finding]) -> None:
@@ -110,7 +110,7 @@ def findings_of(found: Found) -> Findings:
             named[f"many {key}"] = of(proportion(tight, runs), "share of runs captured, 95 %")
             named[f"many-captured {key}"] = plain(tight, "runs captured")
             named[f"many-laisn-2 {key}"] = of(proportion(laisn, runs), "share of LAISN-2's runs captured, 95 %")
-    return Findings(study="estimators", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
+    return record("estimators", COMMAND, MODULES, named)
 
 
 def _result(name: tuple[Any, ...], row: Record) -> Paired | Captured:

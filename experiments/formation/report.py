@@ -9,9 +9,20 @@ from experiments.findings import Finding, Findings
 from experiments.flight.library import load
 from experiments.formation.channel import RATES, asked_interval_s, message_bits, reach_m, shortest_interval_s
 from experiments.formation.conditions import CONDITIONS
-from experiments.intervals import Interval
 from experiments.pages.figures import Line, panel, svg
-from experiments.pages.page import Cell, Figures, Page, Section, Table, Text, number, percent, words, write
+from experiments.pages.page import (
+    Cell,
+    Figures,
+    Page,
+    Section,
+    Table,
+    Text,
+    number,
+    share_of,
+    with_limits,
+    words,
+    write,
+)
 from experiments.pages.style import FULL, SERIES, Colour
 
 _HEADS = ["condition", "median [m]", "worst", "95 %", "largest", "legs", "largest in turns", "E_P [m]", "followers",
@@ -74,14 +85,6 @@ def picture(findings: Findings) -> tuple[Figure, list[tuple[Colour, str]]]:
     return figure, [(colour, text) for (_, colour, _), text in zip(_SERIES, _LEGEND, strict=True)]
 
 
-def _with_limits(finding: Finding, digits: int = 2) -> Cell:
-    return Cell(text=f"{finding:.{digits}f i}".replace(" (– to –)", ""), sort=_value(finding))
-
-
-def _share(finding: Finding) -> Cell:
-    return percent(Interval(*(float(v or 0.0) for v in (finding.value, finding.low, finding.high))))
-
-
 def _row(findings: Findings, name: str, title: str) -> list[Cell]:
     def plain(what: str, digits: int = 2) -> Cell:
         return number(_value(findings[f"{what} {name}"]), digits)
@@ -91,14 +94,14 @@ def _row(findings: Findings, name: str, title: str) -> list[Cell]:
     turn = _value(findings[f"turn {name}"]) or None
     return [
         words(title),
-        _with_limits(findings[f"run-median {name}"]),
+        with_limits(findings[f"run-median {name}"]),
         *(plain(what) for what in ("worst", "p95", "max", "leg")),
         number(turn),
-        _with_limits(findings[f"error {name}"]),
+        with_limits(findings[f"error {name}"]),
         Cell(text=f"{lost.value} {lost.what.removeprefix('followers lost, ')}", sort=_value(lost)),
-        _share(findings[f"lost {name}"]),
+        share_of(findings[f"lost {name}"]),
         plain("closest", 1),
-        _with_limits(findings[f"power {name}"], 1),
+        with_limits(findings[f"power {name}"], 1),
     ]
 
 
@@ -200,7 +203,7 @@ def write_page(findings: Findings, path: Path, *, quick: bool = False) -> Path:
                 Text(text=_ABOUT),
                 Figures(panels=[svg(figure, "stations", "Distance from the station in all conditions")],
                         caption="Distance from the station, on a logarithmic axis.",
-                        legend=[(colour.variable, text) for colour, text in legend]),
+                        legend=legend),
                 table]),
             Section(title="What the sound carries", blocks=_channel()),
             Section(title="For planners", blocks=[Text(text=rule) for rule in _rules(findings)]),

@@ -1,9 +1,5 @@
-"""Ten followers in formation, through all conditions: `python -m experiments.formation.study`.
+"""Ten followers in formation, through all conditions: `laisn formation`."""
 
-Writes `out/formation/results.json`. `--quick` flies two runs of 100 s.
-"""
-
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +10,7 @@ import numpy as np
 from experiments.campaign import campaign
 from experiments.campaign.campaign import Design
 from experiments.campaign.tasks import with_arrays
-from experiments.findings import FILE, Finding, Findings, of, plain, version_of
+from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.flight.swarm import simulate_swarm
 from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.intervals import bootstrap_mean, proportion
@@ -22,7 +18,7 @@ from experiments.study.facts import thruster_power
 from laisn.arrays import Floats
 from sim.station_keeping import closest_approaches, off_station, station_keeping, true_stations
 
-COMMAND = "python -m experiments.formation.study"
+COMMAND = "laisn formation"
 MODULES = ("experiments.formation.study",)
 RUNS = 60
 DURATION_S = 1000.0
@@ -107,7 +103,7 @@ def findings_of(found: Mapping[str, Sequence[Run]]) -> Findings:
     named: dict[str, Finding] = {"runs": plain(max(len(runs) for runs in found.values()), "runs of most conditions")}
     for name, runs in found.items():
         named |= _of_condition(name, runs)
-    return Findings(study="formation", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
+    return record("formation", COMMAND, MODULES, named)
 
 
 def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S) -> None:
@@ -124,17 +120,3 @@ def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S) -> None:
     for (name, _), (row,) in flown.items():
         found[name].append(Run(**with_arrays(row)))
     findings_of(found).write(folder / FILE)
-
-
-def main() -> None:
-    """Fly the study as the command line says."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--runs", type=int, default=RUNS, help="of each condition")
-    parser.add_argument("--quick", action="store_true", help="two runs of 100 s, to see that it works")
-    parser.add_argument("--out", type=Path, default=Path("out") / "formation", help="folder of the record")
-    told = parser.parse_args()
-    run(told.out, 2 if told.quick else told.runs, 100.0 if told.quick else DURATION_S)
-
-
-if __name__ == "__main__":
-    main()

@@ -4,7 +4,6 @@ Works in a checkout only: the figures about physics are drawn from the very func
 """
 
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
@@ -24,7 +23,7 @@ from experiments.gallery.documents import records
 from experiments.pages import figures
 from experiments.pages.figures import Line
 from experiments.pages.flight_figures import error_stack
-from experiments.pages.style import COLOURS, INK, SERIES, Colour
+from experiments.pages.style import COLOURS, INK, SERIES, Legend
 from experiments.real_ranges import gallery as real_ranges
 from experiments.reproduction import gallery as gallery_reproduction
 from experiments.route_keeping import study as route_keeping
@@ -49,8 +48,6 @@ STILLS = {
 TURN_S = (455.0, 620.0)
 """When the formation goes round the leader's corner: the moving picture of the README [s]."""
 FRAMES_HZ = 8
-
-Legend = Sequence[tuple[Colour, str]]
 
 
 def save(figure: Figure, name: str, legend: Legend = ()) -> None:

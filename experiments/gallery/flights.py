@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.campaign.missions import Mission
-from experiments.findings import FILE, Finding, Findings, plain, version_of
+from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors
@@ -74,10 +74,9 @@ def findings() -> Findings:
         named[f"error {name}"] = plain(mean, "mean E_P, run 0", "m")
         if name == "following-sea":
             named |= {"slip following-sea": _slips(sea)} | _tilt(sea)
-    return Findings(study="flights", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
+    return record("flights", COMMAND, MODULES, named)
 
 
 def run(folder: Path) -> None:
     """Fly them and write the record into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
     findings().write(folder / FILE)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.findings import FILE, Finding, Findings, plain, version_of
+from experiments.findings import FILE, Finding, Findings, plain, record
 from sim.geometry import attitude
 from sim.water.ocean import Ocean
 
@@ -66,10 +66,9 @@ def _righting(dt: float) -> Finding:
 def findings() -> Findings:
     """Set them in motion."""
     named = _remus() | {"righting": _righting(0.02)}
-    return Findings(study="hull-trials", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named)
+    return record("hull-trials", COMMAND, MODULES, named)
 
 
 def run(folder: Path) -> None:
     """Set them in motion and write the record into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
     findings().write(folder / FILE)

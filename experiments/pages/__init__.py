@@ -3,5 +3,5 @@
 Takes flights and numbers; gives one file that needs no network. `page` and `figures` are the vocabulary of all
 reports, `flight_report` and `anatomy_page` speak of one flight. Nothing is flown here.
 
-Imports: experiments.campaign experiments.flight experiments.intervals laisn sim
+Imports: experiments.campaign experiments.findings experiments.flight laisn sim
 """

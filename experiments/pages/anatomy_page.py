@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from experiments.flight.anatomy import LABELS, Anatomy, Cause, dissect
 from experiments.pages.figures import Line, panel, svg
 from experiments.pages.page import Block, Figures, Notice, Section, Table, Text, number, words
-from experiments.pages.style import FULL, HALF, SERIES, WIDTH
+from experiments.pages.style import FULL, HALF, SERIES, WIDTH, Colour
 from laisn.arrays import Floats
 from sim.flight import Flight
 
@@ -69,9 +69,9 @@ def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str, w
     return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title, width=width)
 
 
-def legend_of(causes: Sequence[Cause]) -> list[tuple[str, str]]:
+def legend_of(causes: Sequence[Cause]) -> list[tuple[Colour, str]]:
     """Legend of the figure `asymmetry_over_time`: colour and name of each cause."""
-    return [(COLOUR[cause].variable, LABELS[cause]) for cause in causes]
+    return [(COLOUR[cause], LABELS[cause]) for cause in causes]
 
 
 def section(flight: Flight) -> Section:

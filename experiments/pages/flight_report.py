@@ -24,7 +24,7 @@ Errors = Sequence[tuple[Floats, Floats]]
 
 DRAWN_FOLLOWERS = 12
 """Followers with a row of their own; tables and the map have all of them."""
-VEHICLES = ((LEADER.variable, "leader"), (FOLLOWER.variable, "follower"), (ESTIMATE.variable, "estimate"))
+VEHICLES = ((LEADER, "leader"), (FOLLOWER, "follower"), (ESTIMATE, "estimate"))
 
 
 def _drawn(flight: Flight) -> range:
@@ -64,7 +64,7 @@ def _error_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) -> 
     return Figures(
         panels=[svg(figure, f"{key}{follower}", f"{label}: {name}") for key, figure, label in figures],
         title=name if len(flight.estimates) > 1 else "",
-        legend=[*VEHICLES, (INK.variable, "the filter's own 2σ")] if follower == 0 else (),
+        legend=[*VEHICLES, (INK, "the filter's own 2σ")] if follower == 0 else (),
     )
 
 
@@ -110,9 +110,7 @@ def _ranges(flight: Flight) -> Section:
                 svg(flight_figures.ranges(flight, i), f"ranges{i}", f"Measured ranges of {name}"),
                 svg(flight_figures.fixes(flight, i), f"fixes{i}", f"Kinds of fix of {name} over time"),
             ],
-            legend=[(TRANSMITTERS[j].variable, f"from the {names[j]} transmitter") for j in range(used)]
-            if i == 0
-            else (),
+            legend=[(TRANSMITTERS[j], f"from the {names[j]} transmitter") for j in range(used)] if i == 0 else (),
             title=name if len(flight.estimates) > 1 else "",
         )
         for i, name in enumerate(flight.trajectory.names[1:][:DRAWN_FOLLOWERS])

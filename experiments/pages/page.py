@@ -18,12 +18,12 @@ import jinja2
 from markupsafe import Markup, escape
 
 from experiments.campaign.version import versions
-from experiments.pages.style import css
+from experiments.pages.style import Legend, css
 from laisn.whole_files import replaced
 
 if TYPE_CHECKING:
     # its special functions take a tenth of a second to import, and a page needs none
-    from experiments.intervals import Interval
+    from experiments.findings import Finding
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
 """Libraries that shape numbers, by name; the page says with which versions it was made."""
@@ -133,7 +133,7 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """Panels side by side under one caption; `legend` pairs a CSS colour variable with a text."""
+    """Panels side by side under one caption; `legend` pairs colours with texts."""
 
     kind: ClassVar[str] = "figures"
     panels: Sequence[str]
@@ -141,7 +141,7 @@ class Figures:
     caption: str = ""
     title: str = ""
     """Set above the panels."""
-    legend: Sequence[tuple[str, str]] = ()
+    legend: Legend = ()
 
     @property
     def layout(self) -> str:
@@ -221,10 +221,22 @@ def number(value: float | int | None, digits: int = 2, tone: str = "", title: st
     return Cell(text=shown, sort=value, tone=tone, title=title)
 
 
-def percent(share: "Interval", digits: int = 1, tone: str = "", title: str = "") -> Cell:
+def percent(share: Sequence[float], digits: int = 1, tone: str = "", title: str = "") -> Cell:
     """A share in per cent with its interval in brackets; a dash for limits that the data do not give."""
     value, low, high = (number(100 * v, digits).text for v in share)
-    return Cell(text=f"{value} ({low} … {high})", sort=number(share.value).sort, tone=tone, title=title)
+    return Cell(text=f"{value} ({low} … {high})", sort=number(share[0]).sort, tone=tone, title=title)
+
+
+def with_limits(finding: "Finding", digits: int = 2) -> Cell:
+    """A finding with its interval in brackets, if it has one."""
+    return Cell(text=f"{finding:.{digits}f i}".replace(" (– to –)", ""), sort=float(finding.value or 0.0))
+
+
+def share_of(finding: "Finding") -> Cell:
+    """A finding that is a share, in per cent with its interval; a dash for what the study could not tell."""
+    return percent(
+        [math.nan if value is None else float(value) for value in (finding.value, finding.low, finding.high)]
+    )
 
 
 def words(text: str, tone: str = "", title: str = "") -> Cell:

@@ -1,5 +1,6 @@
 """Colours and sizes of all pages; what the film shows too has the film's hues."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 
@@ -35,6 +36,8 @@ FRONT = Colour("#010125", "--front", "#0a8a32", "#59ff8c")
 MIDDLE = Colour("#010126", "--middle", "#2f6fd0", "#73b3ff")
 TRANSMITTERS = (REAR, FRONT, MIDDLE)
 """Hues of the film, bright enough for dark pages and dark enough for white ones."""
+Legend = Sequence[tuple[Colour, str]]
+"""Colours and what they stand for."""
 COLOURS = (INK, FRAME, GRID, MUTED, *SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS)
 
 WIDTH, HEIGHT = 4.4, 2.5

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from experiments.findings import FILE, Finding, Findings, plain, version_of
+from experiments.findings import FILE, Finding, plain, record
 from experiments.real_ranges.navigating import Score, among_beacons, by_laisn, dead_reckoning, score
 from experiments.real_ranges.settings import Beacons
 from laisn.estimates import Estimates
@@ -132,9 +132,7 @@ def run(folder: Path) -> None:
     found: dict[str, Finding] = {}
     for name in SETS:
         found |= ranges_of(name) | findings_of(name, scores(name))
-    folder.mkdir(parents=True, exist_ok=True)
-    record = Findings(study="real-ranges", command=COMMAND, modules=MODULES, version=version_of(MODULES))
-    replace(record, findings=found).write(folder / FILE)
+    record("real-ranges", COMMAND, MODULES, found).write(folder / FILE)
 
 
 if __name__ == "__main__":

@@ -4,9 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from experiments import findings
 from experiments.campaign.store import Record
-from experiments.findings import Finding, Findings, of, plain
+from experiments.findings import Finding, Findings, of, plain, record
 from experiments.intervals import proportion
 from experiments.reproduction.claims import Claim
 from experiments.reproduction.record import ratios
@@ -65,7 +64,4 @@ def findings_of(
                     found[f"printed {name} {mission}"] = plain(theirs, "mean E_P that the paper prints", "m")
                     apart = abs(row["e_p_mean_m"] - theirs)
                     found[f"apart {name} {mission}"] = plain(apart, "the difference of the two", "m")
-    return Findings(
-        study=f"reproduce-{motion}", command=f"laisn reproduce --motion {motion}", modules=MODULES,
-        version=findings.version_of(MODULES), findings=found,
-    )  # fmt: skip
+    return record(f"reproduce-{motion}", f"laisn reproduce --motion {motion}", MODULES, found)

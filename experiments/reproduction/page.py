@@ -88,7 +88,7 @@ def _routes(flights: Mapping[str, Trajectory]) -> Figures:
         ]
         figure = figures.panel(lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0)
         panels.append(figures.svg(figure, f"route-{name}", f"Routes of leader and follower on {name}"))
-    legend = [(LEADER.variable, "leader"), (FOLLOWER.variable, "follower")]
+    legend = [(LEADER, "leader"), (FOLLOWER, "follower")]
     return Figures(panels=panels, caption="Figure 2. Routes as flown.", legend=legend)
 
 

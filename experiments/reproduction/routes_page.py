@@ -84,7 +84,7 @@ def _routes(result: Study, flights: Mapping[str, Trajectory]) -> Figures:
             lines.append(Line(x=follower[:, 0], y=follower[:, 1], colour=FOLLOWER, width=0.6))
         panel = figures.panel(lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0)
         panels.append(figures.svg(panel, f"class-{name}", f"Routes of class {name}"))
-    legend = [("--frame", "leader"), ("--c1", "followers")]
+    legend = [(LEADER, "leader"), (FOLLOWER, "followers")]
     return Figures(panels=panels, legend=legend, caption=f"Up to {_DRAWN} routes of each class, as flown.")
 
 
@@ -107,7 +107,7 @@ def _spread(result: Study) -> Figures:
             y_limits=(0.0, 1.0),
         )  # fmt: skip
         panels.append(figures.svg(panel, f"spread-{name}", f"Distribution of mean position errors, {title}"))
-    legend = [("--c1", "LAISN-2"), ("--c2", "LAISN-3(2)"), ("--c3", "LAISN-3(1)")]
+    legend = list(zip(SERIES, ("LAISN-2", "LAISN-3(2)", "LAISN-3(1)"), strict=False))
     return Figures(panels=panels, legend=legend, caption="Mean E_P over routes: the share of routes below a value.")
 
 

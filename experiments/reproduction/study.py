@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,24 +26,15 @@ from experiments.reproduction.routes_study import draw_followers
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.reproduction.verdict import Judgement, Results
 from laisn.failure import LaisnError
+from sim.scenario.file import dotted
 from sim.scenario.settings import Follower, Scenario
-
-
-def _differences(given: Any, default: Any, path: str) -> list[tuple[str, Any]]:
-    if isinstance(given, dict) and isinstance(default, dict):
-        return [d for k, v in given.items() for d in _differences(v, default.get(k), f"{path}.{k}" if path else k)]
-    tables = isinstance(given, list) and bool(given) and isinstance(given[0], dict)
-    if tables and len(given) == len(default):
-        pairs = enumerate(zip(given, default, strict=True))
-        return [d for i, (g, o) in pairs for d in _differences(g, o, f"{path}.{i}")]
-    return [] if given == default else [(path, given)]
 
 
 def fly_command(scenario: Scenario, run: int) -> str:
     """The command that flies one run of a cell of a built-in mission alone, with the very same noise."""
-    default = Scenario(name=scenario.name, followers=(Follower(route=scenario.name),)).model_dump(mode="json")
-    changed = _differences(scenario.model_dump(mode="json"), default, "")
-    return fly_line(scenario.name, dict(changed), run)
+    usual = Scenario(name=scenario.name, followers=(Follower(route=scenario.name),))
+    default, given = (dotted(one.model_dump(mode="json")) for one in (usual, scenario))
+    return fly_line(scenario.name, {key: value for key, value in given.items() if value != default.get(key)}, run)
 
 
 def table_rows(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.findings import FILE, Finding, Findings, plain, version_of
+from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.library import ROUTES
 from sim.assembly import routes_of
 from sim.motion import simulate_motion
@@ -58,15 +58,12 @@ def findings_of(reports: Sequence[TrackingReport], planned: TrackingReport) -> F
         named[f"{quantity} least"] = plain(min(values), "of all vehicles", row[0][1].unit)
         named[f"{quantity} most"] = plain(max(values), "of all vehicles", row[0][1].unit)
     named |= _findings(planned, "T8-plan")
-    return Findings(
-        study="route-keeping", command=COMMAND, modules=MODULES, version=version_of(MODULES), findings=named
-    )
+    return record("route-keeping", COMMAND, MODULES, named)
 
 
 def run(folder: Path) -> None:
     """Fly everything and write the record into a folder."""
     planned = measure(scenario(("T8",)).model_copy(update={"motion": "kinematic"}))[1]
-    folder.mkdir(parents=True, exist_ok=True)
     findings_of(measure(scenario()), planned).write(folder / FILE)
 
 

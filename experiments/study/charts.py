@@ -12,8 +12,8 @@ from matplotlib.patches import Rectangle
 
 from experiments.intervals import Interval
 from experiments.pages.figures import Line, panel, svg
-from experiments.pages.style import FRAME, INK, SERIES, Colour
-from experiments.study.estimate import Results
+from experiments.pages.style import FRAME, INK, SERIES, Colour, Legend
+from experiments.study.estimate import Results, digits
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan
 
@@ -121,7 +121,7 @@ Valued = Callable[[dict[str, Any]], Interval | None]
 
 
 def over_factor(plan: Plan, layout: Layout, valued: Valued, label: str, name: str, *, zero: bool) -> tuple[
-    list[str], list[tuple[str, str]]
+    list[str], Legend
 ]:  # fmt: skip
     """Panels of a value over a factor, and the legend of their lines.
 
@@ -153,8 +153,8 @@ def over_factor(plan: Plan, layout: Layout, valued: Valued, label: str, name: st
                 lines.append(Line(x=x, y=y, colour=SERIES[i]))
             lines.append(Line(x=x, y=y, colour=SERIES[i], marker="o"))
             marks += [(p, v, SERIES[i]) for p, v in known]
-            if (SERIES[i].variable, said(kind)) not in legend and layout.lines:
-                legend.append((SERIES[i].variable, said(kind)))
+            if (SERIES[i], said(kind)) not in legend and layout.lines:
+                legend.append((SERIES[i], said(kind)))
         if not marks:
             continue
         title = ", ".join(f"{key} = {said(value)}" for key, value in chosen.items())
@@ -213,9 +213,8 @@ def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequen
             share = 0.0 if math.isnan(value) or high == low else float((value - low) / (high - low))
             shade = 0.05 + 0.6 * share
             axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=SERIES[1].placeholder, alpha=shade))
-            text = "–" if math.isnan(value) else f"{value:#.3g}".rstrip(".")
             if len(across.values) <= 12:
-                axes.text(j, i, text, ha="center", va="center", fontsize=7, color=INK.placeholder)
+                axes.text(j, i, digits(value), ha="center", va="center", fontsize=7, color=INK.placeholder)
         axes.set_xticks(range(len(across.values)), [said(v) for v in across.values])
         axes.set_yticks(range(len(up.values)), [said(v) for v in up.values])
         axes.set_xlim(-0.5, len(across.values) - 0.5)
@@ -224,7 +223,7 @@ def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequen
     return panels
 
 
-def over_seas(plan: Plan, results: Results, metric: str) -> tuple[list[str], list[tuple[str, str]]]:
+def over_seas(plan: Plan, results: Results, metric: str) -> tuple[list[str], Legend]:
     """Share of seas whose mean is below a value, a panel for each point and follower, a line for each arm."""
     panels, legend = [], []
     label, number = METRICS[metric].label, 0
@@ -237,8 +236,8 @@ def over_seas(plan: Plan, results: Results, metric: str) -> tuple[list[str], lis
                     continue
                 x, y = np.repeat(seas, 2), np.repeat(np.arange(seas.size + 1) / seas.size, 2)[1:-1]
                 lines.append(Line(x=x, y=y, colour=SERIES[i]))
-                if (SERIES[i].variable, arm) not in legend and len(plan.arms) > 1:
-                    legend.append((SERIES[i].variable, arm))
+                if (SERIES[i], arm) not in legend and len(plan.arms) > 1:
+                    legend.append((SERIES[i], arm))
             if lines and number < MOST_PANELS:
                 title = fill(", ".join(f"{key} = {said(v)}" for key, v in plan.points[point].items()), _TITLE)
                 figure = panel(lines, x_label=label, y_label="share of seas", title=title, y_limits=(0.0, 1.02))

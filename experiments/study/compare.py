@@ -14,7 +14,7 @@ from experiments.intervals import Interval
 from experiments.pages.figures import Line, panel, svg
 from experiments.pages.page import Block, Figures, Page, Section, Table, Text, number, words
 from experiments.pages.style import SERIES
-from experiments.study.estimate import over_runs
+from experiments.study.estimate import over_runs, shown
 from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
@@ -22,6 +22,7 @@ from laisn import metrics
 from laisn.failure import LaisnError
 from sim.flight import Flight
 from sim.log.reader import read
+from sim.scenario.file import dotted
 from sim.scenario.file import read as read_toml
 from sim.screen import shortened
 
@@ -32,14 +33,6 @@ _NO_SETTING = {"name", "question"}
 """Keys of a study likewise."""
 
 
-def _flat(value: Any, key: str = "") -> dict[str, Any]:
-    if isinstance(value, Mapping):
-        return {k: v for name, item in value.items() for k, v in _flat(item, f"{key}.{name}" if key else name).items()}
-    if isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
-        return {k: v for i, item in enumerate(value) for k, v in _flat(item, f"{key}.{i}").items()}
-    return {key: value}
-
-
 def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
     keys = dict.fromkeys(key for table in tables for key in table)
     found = {key: [table.get(key) for table in tables] for key in keys}
@@ -48,7 +41,7 @@ def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
 
 def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
     """Settings that are not the same in all flights, by key; None where a flight has no such key."""
-    return _differing([_flat(flight.scenario.model_dump(mode="json", exclude=_OWN)) for flight in flights])
+    return _differing([dotted(flight.scenario.model_dump(mode="json", exclude=_OWN)) for flight in flights])
 
 
 def _settings(names: Sequence[str], changed: Mapping[str, list[Any]]) -> Section:
@@ -63,7 +56,7 @@ def _settings(names: Sequence[str], changed: Mapping[str, list[Any]]) -> Section
 def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
     errors = [position_and_bearing_errors(flight)[0] for flight in flights]
     times = [flight.trajectory.time[flight.step_index()] for flight in flights]
-    legend = [(SERIES[i].variable, name) for i, name in enumerate(names)]
+    legend = [(SERIES[i], name) for i, name in enumerate(names)]
     panels = []
     for place, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi)):
         lines = [
@@ -79,9 +72,9 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
         values = (one.e_p_mean_m, one.e_p_max_m, one.e_b_mean_deg, one.e_b_max_deg, apart)
         rows.append([words(name), *(number(value, 3) for value in values)])
     heads = ("flight", "mean E_P [m]", "largest [m]", "mean E_B [°]", "largest [°]", f"mean E_P less {names[0]} [m]")
-    shown = Figures(panels=panels, legend=legend, caption="The first follower's errors.")
+    drawn = Figures(panels=panels, legend=legend, caption="The first follower's errors.")
     return [
-        Section(title="Errors of the first follower", blocks=[shown, Table(heads=heads, rows=rows)]),
+        Section(title="Errors of the first follower", blocks=[drawn, Table(heads=heads, rows=rows)]),
         _settings(names, differing(flights)),
     ]
 
@@ -102,7 +95,7 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
     measured = {"point", "sea", "run", "gated", *METRICS}
     shared = [k for k in tables[0][0] if k not in measured and all(k in table[0] for table in tables)]
     drawn = [k for k in shared if any(len({r[k] for r in t if r["sea"] == 0}) < len({r[k] for r in t}) for t in tables)]
-    keys = [k for k in shared if k not in drawn]
+    keys = [k for k in shared if k not in drawn and len({repr(row[k]) for table in tables for row in table}) > 1]
     values: list[dict[tuple[str, ...], dict[tuple[int, int], float]]] = []
     for folder, table in zip(folders, tables, strict=True):
         seeds = {row["sea"]: row["seed"] for row in read_table(folder / RESULTS)}
@@ -129,16 +122,17 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
 
 
 def _studies(names: Sequence[str], folders: Sequence[Path]) -> list[Section]:
+    tables = [dotted(read_toml(folder / STUDY)) for folder in folders]
+    asked = {table.get("report.metric", METRIC) for table in tables}
+    metric = asked.pop() if len(asked) == 1 else METRIC
     rows = []
-    for place, intervals in paired(folders, METRIC).items():
-        shown = [
-            words("–" if v is None else f"{v.value:.3g} ({v.low:.3g} to {v.high:.3g})".replace("-", "−"))
-            for v in intervals
-        ]
-        rows.append([words(", ".join(place)), *shown])
-    heads = ("place", f"mean E_P of {names[0]} [m]", *(f"{name} less that [m]" for name in names[1:]))
+    for place, intervals in paired(folders, metric).items():
+        cells = [words("–" if v is None else shown(v)) for v in intervals]
+        rows.append([words(", ".join(place) or "the only one"), *cells])
+    label, _, unit = METRICS[metric].label.partition(" [")
+    unit = f" [{unit}" if unit else ""
+    heads = ("place", f"{label} of {names[0]}{unit}", *(f"{name} less that{unit}" for name in names[1:]))
     text = "Differences are taken run by run, with 95 % intervals; a dash: other seas or runs, or no such place."
-    tables = [_flat(read_toml(folder / STUDY)) for folder in folders]
     return [
         Section(title="Paired differences", blocks=[Text(text=text), Table(heads=heads, rows=rows)]),
         _settings(names, _differing([{k: v for k, v in table.items() if k not in _NO_SETTING} for table in tables])),

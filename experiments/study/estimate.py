@@ -22,6 +22,20 @@ Place = tuple[int, str, str]
 """Point, arm and follower."""
 
 
+def digits(value: float) -> str:
+    """A number with three significant digits, zeros included, so that 0.500 stands beside 0.497; a dash for NaN."""
+    if math.isnan(value):
+        return "–"
+    return (f"{value:,.0f}" if abs(value) >= 1000 else f"{value:#.3g}".rstrip(".")).replace("-", "−")
+
+
+def shown(interval: Interval, unit: str = "") -> str:
+    """An estimate and its unit, with limits in brackets if the data give them; a dash for NaN."""
+    value = digits(interval.value) + (f" {unit}" if unit and not math.isnan(interval.value) else "")
+    limits = "" if math.isnan(interval.low) else f" ({digits(interval.low)} to {digits(interval.high)})"
+    return value + limits
+
+
 def _quantile(number: int) -> float:
     """Student's t of a mean of so many values."""
     return float(student.ppf((1 + CONFIDENCE) / 2, number - 1))

@@ -13,7 +13,7 @@ from experiments.study.draws import Draw, known
 from experiments.study.factors import Design, Factor
 from laisn.failure import LaisnError
 from sim.scenario.faults import key_of
-from sim.scenario.file import read
+from sim.scenario.file import dotted, read
 from sim.scenario.own_hull import beside, is_mjcf, is_model_key
 from sim.scenario.section import Section
 from sim.scenario.settings import Name
@@ -98,18 +98,6 @@ class Study:
     """Keys of the scenario whose values or distributions are at fault, and the part of the file that they stand in."""
 
 
-def _flat(table: Mapping[str, Any], leaf: Any, prefix: str = "") -> dict[str, Any]:
-    """Values by dotted key, whether the key stood in quotes or not."""
-    found: dict[str, Any] = {}
-    for name, value in table.items():
-        key = f"{prefix}{name}"
-        if isinstance(value, dict) and value and not leaf(value):
-            found |= _flat(value, leaf, f"{key}.")
-        else:
-            found[key] = value
-    return found
-
-
 def _names_a_law(table: Mapping[str, Any]) -> bool:
     """Whether a table is a distribution, perhaps one that is misspelled, and no part of a key."""
     ((name, given), *others) = table.items()
@@ -137,7 +125,7 @@ def _beside(folder: Path, key: str, value: Any) -> Any:
 
 
 def _settings(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    return {key: _beside(folder, key, value) for key, value in _flat(table, lambda _: False).items()}
+    return {key: _beside(folder, key, value) for key, value in dotted(table).items()}
 
 
 def _arms(given: list[dict[str, Any]], lines: list[str], folder: Path) -> tuple[Arm, ...]:
@@ -203,13 +191,13 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     draws: list[Draw] = []
     unsound: dict[str, str] = {}
     sampled = file.design != "factorial"
-    for key, given in _flat(file.vary, lambda v: bool({"from", "to", "steps"} & set(v))).items():
+    for key, given in dotted(file.vary, lambda v: bool({"from", "to", "steps"} & set(v))).items():
         try:
             factors.append(Factor.of(key, given, sampled=sampled))
         except ValueError as error:
             unsound[key] = "vary"
             lines.append(f"  vary.{key}: {error}")
-    for key, given in _flat(file.draw, _names_a_law).items():
+    for key, given in dotted(file.draw, _names_a_law).items():
         try:
             draws.append(Draw.of(key, given))
         except ValueError as error:

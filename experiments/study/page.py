@@ -8,8 +8,9 @@ import numpy as np
 
 from experiments.intervals import Interval
 from experiments.pages.page import Block, Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words
+from experiments.pages.style import Legend
 from experiments.study import charts
-from experiments.study.estimate import Place, Results
+from experiments.study.estimate import Place, Results, shown
 from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS
 from experiments.study.notable import commands, place_text
@@ -19,20 +20,8 @@ _FEWEST_SEAS = 8
 """Fewest seas of a figure over what was drawn; with fewer there is nothing to see."""
 
 
-def _shown(interval: Interval, unit: str = "") -> str:
-    def text(value: float) -> str:
-        return f"{value:.3g}".replace("-", "−")
-
-    if math.isnan(interval.value):
-        return "–"
-    end = f" {unit}" if unit else ""
-    if math.isnan(interval.low):
-        return text(interval.value) + end
-    return f"{text(interval.value)}{end} ({text(interval.low)} to {text(interval.high)})"
-
-
 def _cell(interval: Interval, tone: str = "") -> Cell:
-    return Cell(text=_shown(interval), sort=number(interval.value).sort, tone=tone)
+    return Cell(text=shown(interval), sort=number(interval.value).sort, tone=tone)
 
 
 def _verdicts(plan: Plan, results: Results, arm: str, metric: str) -> tuple[int, int, int]:
@@ -55,9 +44,9 @@ def summary_of(plan: Plan, results: Results) -> str:
     if not known:
         return f"Nothing can be said of the {label}."
     unit = METRICS[metric].label.partition(" [")[2].rstrip("]")
-    text = f"{label[0].upper()}{label[1:]}, with 95 % intervals: {_shown(known[0][1], unit)}"
+    text = f"{label[0].upper()}{label[1:]}, with 95 % intervals: {shown(known[0][1], unit)}"
     if len(known) > 1:
-        text += f" at best ({place_text(plan, known[0][0])}), {_shown(known[-1][1], unit)} at most "
+        text += f" at best ({place_text(plan, known[0][0])}), {shown(known[-1][1], unit)} at most "
         text += f"({place_text(plan, known[-1][0])})"
     text += "."
     for arm in plan.arms[1:]:
@@ -102,7 +91,7 @@ def _main(plan: Plan, results: Results) -> list[Block]:
     blocks: list[Block] = []
     if plan.study.design != "factorial":
         panels: list[str] = []
-        legend: list[tuple[str, str]] = []
+        legend: Legend = []
         for i, factor in enumerate(plan.study.factors[: charts.MOST_PANELS]):
             drawn, legend = _scatter(plan, results, factor.key, metric, i)
             panels += drawn
@@ -110,7 +99,7 @@ def _main(plan: Plan, results: Results) -> list[Block]:
         return [Figures(panels=panels, caption=caption, legend=legend)]
     layout = charts.layout_of(plan)
     if not layout.against:
-        return [Text(text=f"{label}: {_shown(results.estimate(next(iter(results.rows)), metric))}.")]
+        return [Text(text=f"{label}: {shown(results.estimate(next(iter(results.rows)), metric))}.")]
     panels, legend = charts.over_factor(plan, layout, valued, label, "main", zero=False)
     what = METRICS[metric].what
     caption = f"{what[0].upper()}{what[1:]} over {layout.against}"
@@ -131,9 +120,7 @@ def _main(plan: Plan, results: Results) -> list[Block]:
     return blocks
 
 
-def _scatter(plan: Plan, results: Results, key: str, metric: str, number_: int) -> tuple[
-    list[str], list[tuple[str, str]]
-]:  # fmt: skip
+def _scatter(plan: Plan, results: Results, key: str, metric: str, number_: int) -> tuple[list[str], Legend]:
     layout = charts.Layout(key, charts.ARM if len(plan.arms) > 1 else "", ())
     points = {repr(point[key]): i for i, point in enumerate(plan.points)}
 

@@ -195,6 +195,25 @@ def _put(table: dict[str, Any], key: str, value: object) -> None:
         raise ScenarioError(f"{shortened(plain(key.strip()), 100)} is no key of this scenario") from None
 
 
+def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _: False) -> dict[str, Any]:
+    """Values of a table by their dotted keys, such as `followers.0.depth_m`: what `assigned` puts in place.
+
+    Args:
+        table: of tables, and of lists of tables.
+        is_value: whether a table is a value itself, and no part of a key; an empty one always is.
+    """
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        inner = value
+        if isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+            inner = {str(i): item for i, item in enumerate(value)}
+        if isinstance(inner, Mapping) and inner and not is_value(inner):
+            found |= {f"{name}.{key}": one for key, one in dotted(inner, is_value).items()}
+        else:
+            found[name] = value
+    return found
+
+
 def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
     """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`.
 

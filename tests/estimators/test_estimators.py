@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from experiments.estimators import table
 from experiments.estimators.cases import CASES, ECHO_CHANCE, LOSS_CHANCE, Case, spoiled
 from experiments.estimators.paired import compare, mission, pair
 from laisn import lanes
@@ -63,18 +62,6 @@ def test_the_tightly_coupled_navigator_is_nearer_on_the_same_noise(name: str) ->
     assert found.ratio < 0.5
     assert (found.tight_mean, found.laisn_mean) == (again.tight_mean, again.laisn_mean)
     assert np.isnan(found.bound_rms) == (name != "G1")
-
-
-def test_the_table_prints_a_line_for_each_route(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    arguments = ["table", "G1", "--routes", "T7", "T8", "--intervals", "5", "--runs", "1"]
-    monkeypatch.setattr("sys.argv", arguments)
-    table.main()
-    printed = capsys.readouterr().out
-    assert printed.count("T7 5 s: E_P") == printed.count("T8 5 s: E_P") == 1
-    assert "× bound" in printed
-    assert "median ratio" in printed
 
 
 def test_runs_are_scored_against_the_truth_as_covariances_have_them() -> None:

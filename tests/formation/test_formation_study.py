@@ -1,10 +1,13 @@
 """The study of formations: its conditions, and figures by hand."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from experiments.command.cli import app
 from experiments.formation import study
 from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.formation.study import Run, findings_of, measure
@@ -117,7 +120,10 @@ def test_the_command_flies_as_many_runs_as_it_is_told(
     given: list[str], asked: tuple[int, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flown: list[object] = []
-    monkeypatch.setattr("sys.argv", ["study", *given])
     monkeypatch.setattr(study, "run", lambda _, *told: flown.append(told))
-    study.main()
+    # there is no record to read, and no page to write
+    monkeypatch.setattr("experiments.findings.read", lambda path: path)
+    monkeypatch.setattr("experiments.formation.report.write_page", lambda *_, quick: Path("page"))
+    result = CliRunner().invoke(app, ["formation", *given])
+    assert result.exit_code == 0, result.output
     assert flown == [asked]

@@ -34,7 +34,7 @@ def sample_page(**changes):
         Code(text="a < b"),
         Notice(text="it failed", tone="failure"),
         Table(heads=["name", "E_P [m]"], rows=[[words("T2"), number(1.234)], [words("T3"), number(None)]]),
-        Figures(panels=[drawing("one"), drawing("two")], caption="Both", legend=[("--c1", "y")]),
+        Figures(panels=[drawing("one"), drawing("two")], caption="Both", legend=[(SERIES[0], "y")]),
     ]
     content = {"title": "Title & more", "summary": "s", "facts": [("seed", "1")], "sections": [
         Section(title="A section", blocks=blocks)

@@ -13,11 +13,11 @@ from experiments.pages.figures import Line
 from experiments.pages.page import Table, Text
 from experiments.pages.style import SERIES
 from experiments.study import charts
-from experiments.study.estimate import Results
+from experiments.study.estimate import Results, shown
 from experiments.study.file import of_table
 from experiments.study.metrics import METRICS
 from experiments.study.notable import commands, notable, worst_entry
-from experiments.study.page import _cell, _design, _differences, _shown, _table, summary_of
+from experiments.study.page import _cell, _design, _differences, _table, summary_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.record import record_of
 from experiments.study.run import _of_runs
@@ -66,8 +66,8 @@ def place(point: int, arm: str) -> tuple[int, str, str]:
 
 def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(plan: Plan, results: Results) -> None:
     said = summary_of(plan, results)
-    best, worst = (_shown(results.estimate(place(*at), "e_p_mean_m"), "m") for at in ((0, "aware"), (1, "aware")))
-    assert best.startswith("0.5 m (0.4")
+    best, worst = (shown(results.estimate(place(*at), "e_p_mean_m"), "m") for at in ((0, "aware"), (1, "aware")))
+    assert best.startswith("0.500 m (0.4")
     assert f"Mean E_P, with 95 % intervals: {best} at best (" in said
     assert f", {worst} at most (" in said
     assert "14" not in said
@@ -250,9 +250,10 @@ def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: P
 def test_numbers_without_limits_stand_alone() -> None:
     nan = float("nan")
     given = Results.of([], []).estimate((0, "", ""), "e_p_mean_m")
-    assert _shown(given) == _cell(given).text == "–"
-    assert _shown(type(given)(-1.2345, nan, nan), "m") == "−1.23 m"
-    assert _shown(type(given)(1.2345, 0.5, 2.0), "m") == "1.23 m (0.5 to 2)"
+    assert shown(given) == _cell(given).text == "–"
+    assert shown(type(given)(-1.2345, nan, nan), "m") == "−1.23 m"
+    assert shown(type(given)(53124.6, nan, nan), "J") == "53,125 J"
+    assert shown(type(given)(1.2345, 0.5, 2.0), "m") == "1.23 m (0.500 to 2.00)"
 
 
 def test_maps_of_arms_are_shaded_alike(monkeypatch: pytest.MonkeyPatch) -> None:
