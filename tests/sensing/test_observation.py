@@ -1,0 +1,74 @@
+"""What sensors see of a mission before they err: written out for vehicles on circles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.scenario.settings import Acoustics, Sensors
+from sim.sensing.hearing import Hearing
+from sim.sensing.observation import errors_of, observe, start_of
+from tests import synthetic
+
+DEEPER_M = 0.05
+"""How far the depth sensor of the follower is below its origin."""
+
+
+@pytest.mark.parametrize(("step", "interval"), [(0.1, 1.0), (0.2, 2.0)])
+def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(step: float, interval: float) -> None:
+    """The second follower; instants, headings and places are those of the formulas."""
+    scenario = synthetic.make_scenario(20.0, 2, filter_step=step, message_interval=interval)
+    flown = synthetic.make_trajectory(scenario)
+    offset = flown.site_offset.copy()
+    offset[flown.site("follower2/depth_sensor")] = 0.0, 0.0, -DEEPER_M
+    flown = replace(flown, site_offset=offset)
+    truth = observe(flown, Hearing.of(scenario), 1)
+    steps = np.arange(1, round(20.0 / step) + 1)
+    at, rows = steps * step, steps * round(step / 0.1)
+    radius = synthetic.LEADER_RADIUS_M + 2 * synthetic.LANE_M
+    angle = at / synthetic.LEADER_RADIUS_M - synthetic.LAG_RAD
+    tilt = [np.deg2rad(3.0) * np.sin(0.4 * at + 2.0), np.deg2rad(2.0) * np.cos(0.7 * (0.4 * at + 2.0))]
+    assert truth.heading == pytest.approx(np.mod(np.pi / 2 - angle, 2 * np.pi))
+    ahead = np.column_stack([np.cos(tilt[0]) * np.cos(angle), np.cos(tilt[0]) * np.sin(angle), np.sin(tilt[0])])
+    through = flown.velocity[rows, 2] - [0.10, -0.05, 0.0]
+    assert truth.speed == pytest.approx(np.sum(ahead * through, axis=1))
+    upright = np.cos(tilt[0]) * np.cos(tilt[1])
+    assert truth.depth == pytest.approx(11.0 - 0.1 * np.cos(0.4 * at + 2.0) + DEEPER_M * upright)
+    # the hydrophone sits 0.1 m above the axis and leans with the hull
+    place = radius * np.column_stack([np.sin(angle), -np.cos(angle)]) + [0.0, synthetic.LEADER_RADIUS_M]
+    assert np.abs(truth.hydrophone - place).max() < 0.1 * np.sin(np.hypot(*np.max(np.abs(tilt), axis=1))) + 1e-9
+    assert truth.leader_position == pytest.approx(flown.position[rows, 0, :2])
+    sent = np.arange(interval, 20.0 + 1e-9, interval)
+    leader = sent / synthetic.LEADER_RADIUS_M
+    assert truth.timestamp == pytest.approx(sent)
+    assert truth.message_step == pytest.approx(sent / step)
+    assert truth.sent_heading == pytest.approx(np.mod(np.pi / 2 - leader, 2 * np.pi))
+    assert truth.sent_position[:, :2] == pytest.approx(flown.position[np.round(sent / 0.1).astype(int), 0, :2])
+    assert truth.sent_position[:, 2] == pytest.approx(8.0 - 0.1 * np.cos(0.4 * sent))
+    assert truth.sent_speed == pytest.approx(flown.forward_speed[np.round(sent / 0.1).astype(int), 0])
+    assert start_of(flown, 1)[2:] == pytest.approx(flown.velocity[0, 2, :2])
+    assert np.hypot(*(start_of(flown, 1)[:2] - flown.position[0, 2, :2])) < 0.01
+
+
+def test_errors_are_those_of_the_scenario_in_si_units() -> None:
+    """Each setting has a value of its own, so that none is taken for another."""
+    sensors = Sensors(
+        speed_bias_m_s=0.11, speed_sigma_m_s=0.12, heading_bias_deg=1.3, heading_sigma_deg=1.4, depth_sigma_m=0.15,
+        leader_heading_bias_deg=1.6, leader_heading_sigma_deg=1.7, leader_depth_sigma_m=0.18,
+        leader_attitude_sigma_deg=1.9, leader_attitude_offset_sigma_deg=2.1,
+    )  # fmt: skip
+    acoustics = Acoustics(
+        range_tau_m=(0.01, 0.02, 0.03), range_scale_mean_m=0.04, range_scale_sigma_m=0.05, surface_echo_chance=0.06,
+        bottom_echo_chance=0.07, loss_chance=0.08, burst_chance=0.09, burst_mean_messages=4.0, burst_loss_chance=0.91,
+    )  # fmt: skip
+    errors = errors_of(synthetic.make_scenario().model_copy(update={"sensors": sensors, "acoustics": acoustics}))
+    expected = {
+        "speed_bias": 0.11, "speed_sigma": 0.12, "heading_bias": np.deg2rad(1.3), "heading_sigma": np.deg2rad(1.4),
+        "depth_sigma": 0.15, "leader_heading_bias": np.deg2rad(1.6), "leader_heading_sigma": np.deg2rad(1.7),
+        "leader_depth_sigma": 0.18, "leader_pitch_sigma": np.deg2rad(1.9), "leader_roll_sigma": np.deg2rad(1.9),
+        "leader_attitude_time": 0.0, "leader_attitude_offset_sigma": np.deg2rad(2.1), "range_tau": (0.01, 0.02, 0.03),
+        "range_scale_mean": 0.04, "range_scale_sigma": 0.05, "echo_chance": (0.06, 0.07),
+        "channel": (0.08, 0.09, 4.0, 0.91),
+    }  # fmt: skip
+    for name, value in expected.items():
+        assert getattr(errors, name) == pytest.approx(value), name
