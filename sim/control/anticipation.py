@@ -11,9 +11,9 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
-from laisn.geometry import signed_angle
+from laisn.geometry import wrap_angle
 from sim.control.station import BEHIND, FRAME, FRAME_RATE, PORT, Frame
-from sim.control.trail import arc_at, at, pace
+from sim.control.trail import arc_at, at, pace, turned_since
 
 AGILITY = float(np.deg2rad(8.0))
 """Rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed."""
@@ -21,26 +21,83 @@ STEP = 1.0
 """It looks ahead and back in steps of this time [s] …"""
 STEPS = 10
 """… and so many of them."""
+_LITTLE = float(np.sin(AGILITY * STEP))
+"""A velocity that changes by less than this share of itself turns by less than a hull does in a step."""
+
+
+Turning = tuple[float, float, float]
+"""A station's distance to port [m], the heading of its frame [rad] and its rate [rad/s]."""
 
 
 @compiled
 def _through_water(
-    trail: tuple[Floats, int], where: tuple[float, float], turning: Floats, current: tuple[float, float], later: float
+    trail: tuple[Floats, int], where: tuple[float, float], turning: Turning, current: tuple[float, float], later: float
 ) -> tuple[float, float]:
     """Velocity through the water that a station needs so much later, east and north [m/s].
 
     Args:
         trail: of the leader, and how many points it has.
         where: arc of the station [m] and pace of the leader [m/s].
-        turning: distance to port [m], heading of the frame [rad] and its rate [rad/s].
+        turning: of the station.
         current: east and north [m/s].
         later: less than 0 is past [s].
     """
-    course = at(trail[0], trail[1], where[0] + later * where[1])[2]
+    _, _, ahead_east, ahead_north, _ = at(trail[0], trail[1], where[0] + later * where[1])
     frame, swept = turning[1] + later * turning[2], turning[0] * turning[2]
-    east = where[1] * np.sin(course) + swept * np.sin(frame)
-    north = where[1] * np.cos(course) + swept * np.cos(frame)
+    east = where[1] * ahead_east + swept * np.sin(frame)
+    north = where[1] * ahead_north + swept * np.cos(frame)
     return east - current[0], north - current[1]
+
+
+@compiled
+def _turns_slowly(
+    trail: tuple[Floats, int], where: tuple[float, float], turning: Turning, preview: float, speed: float
+) -> bool:
+    """Whether all headings that are looked at are surely nearer to the one needed now than a hull turns in a step.
+
+    So it is on straight legs, most of the time, and nothing has to be looked at.
+
+    Args:
+        trail: as of `_through_water` …
+        where: … likewise.
+        turning: likewise.
+        preview: how much later than now all is looked at [s].
+        speed: through the water that is needed then [m/s].
+    """
+    (arc, over_ground), (port, _, rate) = where, turning
+    reach = STEPS * STEP
+    bend = turned_since(trail[0], trail[1], arc + (preview - reach) * over_ground)
+    return bool(over_ground * bend + abs(port * rate * rate) * reach < _LITTLE * speed)
+
+
+@compiled
+def _between_envelopes(
+    trail: tuple[Floats, int],
+    where: tuple[float, float],
+    turning: Turning,
+    current: tuple[float, float],
+    preview: float,
+    heading: float,
+) -> float:
+    """Heading in the middle of the envelopes.
+
+    Args:
+        trail: as of `_through_water` …
+        where: … likewise.
+        turning: likewise.
+        current: likewise.
+        preview: how much later than now is looked at [s].
+        heading: that is needed then [rad].
+    """
+    upper = lower = heading
+    for side in (-1.0, 1.0):
+        then = heading
+        for j in range(1, STEPS + 1):
+            x, y = _through_water(trail, where, turning, current, preview + side * j * STEP)
+            then += wrap_angle(np.arctan2(x, y) - then)
+            upper = max(upper, then - AGILITY * j * STEP)
+            lower = min(lower, then + AGILITY * j * STEP)
+    return 0.5 * (upper + lower)
 
 
 @compiled
@@ -59,15 +116,10 @@ def in_time(
     """
     points, count = trail
     where = arc_at(points, count, time) - station[BEHIND], pace(points, count)
-    turning = np.array([station[PORT], memory[FRAME], memory[FRAME_RATE]])
+    turning = station[PORT], memory[FRAME], memory[FRAME_RATE]
     east, north = _through_water(trail, where, turning, current, f.preview)
-    heading = upper = lower = np.arctan2(east, north)
-    for side in (-1.0, 1.0):
-        then = heading
-        for j in range(1, STEPS + 1):
-            x, y = _through_water(trail, where, turning, current, f.preview + side * j * STEP)
-            then += signed_angle(np.arctan2(x, y) - then)
-            upper = max(upper, then - AGILITY * j * STEP)
-            lower = min(lower, then + AGILITY * j * STEP)
-    speed, heading = np.hypot(east, north), 0.5 * (upper + lower)
-    return speed * np.sin(heading) + current[0], speed * np.cos(heading) + current[1]
+    speed = np.sqrt(east * east + north * north)
+    if not _turns_slowly(trail, where, turning, f.preview, speed):
+        heading = _between_envelopes(trail, where, turning, current, f.preview, np.arctan2(east, north))
+        east, north = speed * np.sin(heading), speed * np.cos(heading)
+    return east + current[0], north + current[1]

@@ -14,7 +14,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
-from laisn.geometry import signed_angle
+from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
 from sim.control.anticipation import in_time
 from sim.control.approach import CONSTANT_BEARING, Approach, approach
@@ -138,7 +138,7 @@ def _feel(reading: Floats, belief: Floats, dt: float, memory: Floats) -> Felt:
         memory[LOG_PASSED], memory[COMPASS_PASSED] = reading[LOG], reading[COMPASS]
     memory[LOG_PASSED] += (reading[LOG] - memory[LOG_PASSED]) * dt / _LOG_TIME
     memory[COMPASS_PASSED] -= reading[TURNING] * dt
-    memory[COMPASS_PASSED] += signed_angle(reading[COMPASS] - memory[COMPASS_PASSED]) * dt / _COMPASS_TIME
+    memory[COMPASS_PASSED] += wrap_angle(reading[COMPASS] - memory[COMPASS_PASSED]) * dt / _COMPASS_TIME
     surge, pitch = memory[LOG_PASSED] - belief[LOG_BIAS], reading[INCLINE]
     heading = memory[COMPASS_PASSED] - belief[COMPASS_BIAS]
     # nothing measures how it slips; it sinks the way it points
@@ -233,7 +233,7 @@ def keep_station(
         if silent > quiet.patience:
             heading, speed = np.arctan2(target.way_east, target.way_north), quiet.speed
     _sink_to(depth, dt, memory, reference)
-    turn = clip(signed_angle(heading - memory[HEADING_WANTED]), -TURN_RATE * dt, TURN_RATE * dt)
+    turn = clip(wrap_angle(heading - memory[HEADING_WANTED]), -TURN_RATE * dt, TURN_RATE * dt)
     memory[HEADING_WANTED] += turn
     change = clip(speed - memory[SPEED_WANTED], -ACCELERATION * dt, ACCELERATION * dt)
     memory[SPEED_WANTED] = max(memory[SPEED_WANTED] + change, SPEED_LEAST)

@@ -11,7 +11,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
-from laisn.geometry import signed_angle
+from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
 from sim.control.trail import arc_at, at, pace
 
@@ -67,7 +67,7 @@ def _turn(f: Frame, speeds: tuple[float, float], port: float, towards: float, dt
     """Turn the frame towards a course; the leader's speeds are those over ground now, and through the water then."""
     over_ground, through = speeds
     width = max(abs(port), _NEAREST)
-    off = signed_angle(towards - memory[FRAME])
+    off = wrap_angle(towards - memory[FRAME])
     wanted = off / f.time
     outside = wanted * port > 0.0
     if outside:
@@ -100,9 +100,11 @@ def turn_frame(
     over_ground = pace(points, count)
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station[BEHIND]
-        through = at(points, count, arc)[3]
-        towards = at(points, count, arc + clip(station[BEHIND], 0.0, f.ahead))[2]
-        _turn(f, (over_ground, through), station[PORT], towards, dt, memory)
+        _, _, east, north, through = at(points, count, arc)
+        ahead = clip(station[BEHIND], 0.0, f.ahead)
+        if ahead > 0.0:
+            _, _, east, north, _ = at(points, count, arc + ahead)
+        _turn(f, (over_ground, through), station[PORT], np.arctan2(east, north), dt, memory)
 
 
 @compiled
@@ -119,13 +121,13 @@ def station_at(f: Frame, station: Floats, trail: tuple[Floats, int], time: float
     points, count = trail
     port, over_ground = station[PORT], pace(points, count)
     arc = arc_at(points, count, time) - station[BEHIND]
-    east, north, course, _ = at(points, count, arc)
+    east, north, ahead_east, ahead_north, _ = at(points, count, arc)
     sine, cosine, rate = np.sin(memory[FRAME]), np.cos(memory[FRAME]), memory[FRAME_RATE]
     return Target(
         east - port * cosine,
         north + port * sine,
-        over_ground * np.sin(course) + port * rate * sine,
-        over_ground * np.cos(course) + port * rate * cosine,
-        over_ground * np.sin(course),
-        over_ground * np.cos(course),
+        over_ground * ahead_east + port * rate * sine,
+        over_ground * ahead_north + port * rate * cosine,
+        over_ground * ahead_east,
+        over_ground * ahead_north,
     )

@@ -185,7 +185,7 @@ def read_own(
     speed, heading = biased(s.wandering, k * s.dt, forward_speed(pose, twist, water), heading_of(w, x, y, z))
     reading[0] = speed_reading(speed, s.speed[0], s.speed[1], first)
     reading[1] = heading_reading(heading, s.heading[0], s.heading[1], second)
-    third, _ = _normals(s, streams + _DEPTH, k)
+    third = _normals(s, streams + _DEPTH, k)[0] if s.depth_sigma > 0.0 else 0.0
     reading[2] = plain_reading(-site(pose, depth_sensor)[2], s.depth_sigma, third)
     tilt, _ = _normals(s, streams + _TILT, k)
     reading[3] = plain_reading(pitch_of(w, x, y, z), s.tilt_sigma, tilt)

@@ -32,9 +32,9 @@ def straight(speed: float = 1.5, course: float = 0.3, seconds: int = 60) -> tupl
 @pytest.mark.parametrize("arc", [-30.0, 0.0, 12.34, 90.0, 120.0])
 def test_a_straight_trail_goes_on_at_both_ends(arc: float) -> None:
     trail, count, ahead = straight()
-    east, north, course, through = way.at(trail, count[0], arc)
+    east, north, ahead_east, ahead_north, through = way.at(trail, count[0], arc)
     assert (east, north) == pytest.approx(tuple(arc * ahead), abs=1e-9)
-    assert (course, through) == pytest.approx((0.3, 1.0))
+    assert (ahead_east, ahead_north, through) == pytest.approx((*ahead, 1.0))
     assert way.pace(trail, count[0]) == pytest.approx(1.5)
     assert way.arc_at(trail, count[0], 70.0) == pytest.approx(105.0)
     assert way.arc_at(trail, count[0], 12.5) == pytest.approx(18.75)
@@ -48,7 +48,8 @@ def test_a_trail_through_few_points_of_a_circle_is_the_circle() -> None:
     trail, count = laid(points, times, angle)
     assert trail[count[0] - 1, way.ARC] == pytest.approx(40.0, abs=1e-9)
     for arc in np.linspace(6.0, 34.0, 57):
-        east, north, course, _ = way.at(trail, count[0], arc)
+        east, north, ahead_east, ahead_north, _ = way.at(trail, count[0], arc)
+        course = np.arctan2(ahead_east, ahead_north)
         assert np.hypot(east - radius, north) == pytest.approx(radius, abs=0.08)
         assert (course - arc / radius + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0.0, abs=0.1)
 
@@ -124,6 +125,62 @@ def test_on_a_straight_way_nothing_is_foreseen() -> None:
     trail, count, ahead = straight()
     told = in_time(FRAME, np.array([20.0, 7.0, 12.0]), (trail, count[0]), 60.0, (0.2, -0.1), np.array([0.3, 0.0]))
     assert told == pytest.approx(tuple(1.5 * ahead))
+
+
+def between_envelopes(
+    trail: Floats, count: int, station: Floats, time: float, current: Floats, memory: Floats
+) -> Floats:
+    """The same by McShane's envelopes in NumPy: of headings at all instants at once, over ground again at the end."""
+    later = FRAME.preview + np.arange(-10.0, 11.0)
+    speed = way.pace(trail, count)
+    arcs = way.arc_at(trail, count, time) - station[0] + later * speed
+    course = np.array([np.arctan2(*way.at(trail, count, arc)[2:4]) for arc in arcs])
+    frame, swept = memory[0] + later * memory[1], station[1] * memory[1]
+    needed = speed * np.array([np.sin(course), np.cos(course)]) + swept * np.array([np.sin(frame), np.cos(frame)])
+    needed -= current[:, None]
+    heading = np.unwrap(np.arctan2(*needed))
+    reach = AGILITY * np.abs(np.arange(-10.0, 11.0))
+    told = 0.5 * (np.max(heading - reach) + np.min(heading + reach))
+    return np.asarray(np.hypot(*needed[:, 10]) * np.array([np.sin(told), np.cos(told)]) + current)
+
+
+def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> None:
+    """A way that winds ever tighter, and a frame that turns: from bends that a hull follows to those that it cannot."""
+    times = np.arange(0.0, 200.0)
+    course = 2.0 * np.sin((0.02 * times) ** 2)
+    points = np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    trail, count = laid(points, times, course)
+    n, slow, quick = int(count[0]), 0, 0
+    for time in np.arange(60.25, 210.0, 0.7):
+        station, memory = np.array([25.0, 8.0, 12.0]), np.array([0.4, 0.01])
+        for current in (np.array([0.0, 0.0]), np.array([0.3, 0.5])):
+            told = in_time(FRAME, station, (trail, n), time, (current[0], current[1]), memory)
+            expected = between_envelopes(trail, n, station, time, current, memory)
+            assert told == pytest.approx(tuple(expected), abs=1e-9)
+            late = way.arc_at(trail, n, time) - 25.0
+            bends = np.ptp(np.unwrap([np.arctan2(*way.at(trail, n, late + j)[2:4]) for j in range(-10, 11)])) > 1.0
+            slow, quick = slow + (not bends), quick + bends
+    assert slow > 50
+    assert quick > 50
+
+
+def test_a_curve_turns_no_more_than_is_told() -> None:
+    """Of an S it is told what both bends are together, and little more: directions at 2000 places on it say so."""
+    times = np.arange(0.0, 100.0)
+    course = np.where(times < 50.0, 0.04 * times, 4.0 - 0.04 * times)
+    said = course + 0.3
+    trail, count = laid(np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0), times, said)
+    for since in (-8.0, 5.0, 48.5, 80.2, 98.9):
+        arcs = np.linspace(since, trail[count[0] - 1, way.ARC], 2000)
+        ways = np.array([way.at(trail, count[0], arc)[2:4] for arc in arcs])
+        turned = np.abs(np.diff(np.unwrap(np.arctan2(*ways.T)))).sum()
+        told = way.turned_since(trail, count[0], since)
+        assert told >= turned - 1e-9
+        # of the first segment, which comes out of the straight tail, more is told
+        assert told <= turned + (0.1 if since > 1.0 else 1.0)
+    assert way.turned_since(trail, 1, -10.0) == 0.0
+    # beyond its head the way is straight, but for the last segment, which may not have been passed
+    assert way.turned_since(trail, count[0], 150.0) < 0.1
 
 
 LAW = Approach(CONSTANT_BEARING, 1.0, 5.0, 0.2, 0.2, 0.2, 2.5)
