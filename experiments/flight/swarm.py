@@ -147,7 +147,7 @@ def simulate_swarm(scenario: Scenario) -> tuple[Trajectory, Floats, Ints]:
 
     Returns:
         The motion; what every navigator concluded at each instant, columns of `laisn.tight.swarm`, shape
-        (n + 1, f, 7); and how many fixes it gated, shape (f,).
+        (n + 1, f, COLUMNS); and how many fixes it gated, shape (f,).
 
     Raises:
         LaisnError: a route cannot be flown, or the sea is impossible.

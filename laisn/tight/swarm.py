@@ -13,10 +13,17 @@ from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y, model_of
 from laisn.tight.own_motion import advance, position
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import TightSettings
+from laisn.tight.sides import heaviest, hypothesis_weight
 
-EAST, NORTH, LOG_BIAS, COMPASS_BIAS, CURRENT_EAST, CURRENT_NORTH, SPREAD = range(7)
-"""Columns of what is concluded: place [m], biases [m/s] and [rad], current [m/s], and the largest standard deviation
-of the place over the mixture at the last message [m]."""
+EAST, NORTH, LOG_BIAS, COMPASS_BIAS, CURRENT_EAST, CURRENT_NORTH, SPREAD, LEAN_EAST, LEAN_NORTH = range(9)
+"""Columns of what is concluded: place [m], biases [m/s] and [rad], current [m/s]; of the mixture at the last message,
+the largest standard deviation of the place and, where it may be two places, the way from their mean to the likelier one
+[m]."""
+COLUMNS = 9
+
+_APART = 2.0
+"""Two hypotheses are two places, and not the halves of a wide one, where they are farther apart than so many times the
+sum of their standard deviations: intervals of 95 % about each do not meet."""
 
 Navigators = tuple[Belief, Model, Heard, Ints]
 """Beliefs of all followers, shape (f,), their one model, room for a message, and how many messages each follower's
@@ -38,8 +45,38 @@ def new_navigators(settings: TightSettings, starts: Floats) -> Navigators:
 
 
 @compiled
+def _spread(b: Belief, k: int, east: float, north: float) -> float:
+    """Standard deviation of the place of component k in a direction, a unit vector [m]."""
+    P = b.covariance
+    return math.sqrt(east * east * P[k, X, X] + 2.0 * east * north * P[k, X, Y] + north * north * P[k, Y, Y])
+
+
+@compiled
+def _lean(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
+    """Way from the mean place to that of the likelier of two hypotheses [m]; none where they are one place."""
+    first, second, most, next_most = 0, -1, -1.0, -1.0
+    for h in range(b.alive):
+        weight = hypothesis_weight(b, m, h)
+        if weight > most:
+            first, second, most, next_most = h, first if h > 0 else -1, weight, most
+        elif weight > next_most:
+            second, next_most = h, weight
+    if second < 0:
+        return 0.0, 0.0
+    i, j = heaviest(b, m, first), heaviest(b, m, second)
+    east, north = b.state[i, X] - b.state[j, X], b.state[i, Y] - b.state[j, Y]
+    apart = math.sqrt(east * east + north * north)
+    if apart == 0.0:
+        return 0.0, 0.0
+    east, north = east / apart, north / apart
+    if apart < _APART * (_spread(b, i, east, north) + _spread(b, j, east, north)):
+        return 0.0, 0.0
+    return b.state[i, X] - x, b.state[i, Y] - y
+
+
+@compiled
 def _tell(b: Belief, m: Model, out: Floats) -> None:
-    """Write down biases, current and spread, means over the mixture."""
+    """Write down biases and current, means over the mixture, its spread and where it leans."""
     x = y = log_bias = compass_bias = east = north = 0.0
     for k in range(b.alive * m.modes):
         w = b.weight[k]
@@ -59,6 +96,7 @@ def _tell(b: Belief, m: Model, out: Floats) -> None:
     half, across = 0.5 * (xx + yy), 0.5 * (xx - yy)
     out[LOG_BIAS], out[COMPASS_BIAS], out[CURRENT_EAST], out[CURRENT_NORTH] = log_bias, compass_bias, east, north
     out[SPREAD] = math.sqrt(half + math.sqrt(across * across + xy * xy))
+    out[LEAN_EAST], out[LEAN_NORTH] = _lean(b, m, x, y)
 
 
 @compiled
@@ -73,7 +111,7 @@ def navigate(
         received: whether a message is in.
         message: it, columns of `LeaderMessage` from timestamp to roll.
         ranges: of each follower, shape (f, 3), [m]; NaN where nothing was received.
-        out: columns EAST … SPREAD, shape (f, 7); overwritten.
+        out: columns EAST … LEAN_NORTH, shape (f, COLUMNS); overwritten.
 
     Returns:
         The follower whose covariance is not positive definite any more; −1 if there is none.

@@ -4,8 +4,10 @@ Nothing here is the truth. A follower has its log, compass, gyros, inclinometer 
 messages, and what its navigator makes of them: its place, the biases of log and compass, the current.
 
 Where messages stay away it goes on along the trail by dead reckoning, then slowly, and at last circles or surfaces,
-until it hears again. Where its place is too uncertain to tell on which side of its station it is, it goes parallel to
-the leader's way.
+until it hears again. Where it may be at either of two places, as with two transmitters on either side of the leader's
+axis, it steers by the likelier one. By their mean it would not steer at all, and both would stay as likely as they are;
+when it makes for the station from one of them, ranges soon tell whether that was the right one. Where its place is too
+uncertain to tell on which side of its station it is, it goes parallel to the leader's way.
 """
 
 from typing import NamedTuple
@@ -27,10 +29,12 @@ from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 LOG, COMPASS, PRESSURE, INCLINE, TURNING, PITCHING = range(6)
 """Columns of readings: speed log [m/s], compass [rad], pressure as depth [m], pitch [rad], rates of turn [rad/s]."""
 READINGS = 6
-BELIEVED_EAST, BELIEVED_NORTH, LOG_BIAS, COMPASS_BIAS, BELIEVED_CURRENT_EAST, BELIEVED_CURRENT_NORTH, SPREAD = range(7)
-"""Columns of beliefs: place [m], NaN before there is one; biases [m/s] and [rad]; current [m/s]; largest standard
-deviation of the place [m]."""
-BELIEFS = 7
+BELIEVED_EAST, BELIEVED_NORTH, LOG_BIAS, COMPASS_BIAS, BELIEVED_CURRENT_EAST, BELIEVED_CURRENT_NORTH = range(6)
+"""Columns of beliefs: mean place [m], NaN before there is one; biases [m/s] and [rad]; current [m/s] …"""
+SPREAD, LEAN_EAST, LEAN_NORTH = range(6, 9)
+"""… largest standard deviation of the place [m]; where it may be two places, the way from the mean to the likelier one
+[m]."""
+BELIEFS = 9
 HEARD_TIME, HEARD_EAST, HEARD_NORTH, HEARD_HEADING, HEARD_SPEED = range(5)
 """Columns of a message that the controller reads, as of `laisn.messages.LeaderMessage`."""
 KEPT_FRAME, KEPT_RATE, INTEGRAL, HEADING_WANTED, SPEED_WANTED, LOG_PASSED, COMPASS_PASSED, DEPTH_WANTED = range(
@@ -167,7 +171,7 @@ def _foreseen(
 @compiled
 def _to_station(law: Law, target: Target, belief: Floats, dt: float, memory: Floats) -> tuple[float, float]:
     """Velocity through the water towards the station [m/s]."""
-    place = belief[BELIEVED_EAST], belief[BELIEVED_NORTH]
+    place = belief[BELIEVED_EAST] + belief[LEAN_EAST], belief[BELIEVED_NORTH] + belief[LEAN_NORTH]
     current = belief[BELIEVED_CURRENT_EAST], belief[BELIEVED_CURRENT_NORTH]
     if place[0] != place[0]:
         # nothing is known of it yet

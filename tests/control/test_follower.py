@@ -99,6 +99,21 @@ def test_who_does_not_know_its_side_goes_parallel(spread: float, aims: bool) -> 
     assert deck.memory[follower.SPEED_WANTED] > before
 
 
+def test_who_may_be_at_either_of_two_places_steers_by_the_likelier() -> None:
+    """4 m to port of its station or as much to starboard, in the mean on it; by the mean it would go straight on."""
+    wanted = []
+    for lean in (-4.0, 0.0, 4.0):
+        deck = Deck()
+        deck.belief[follower.LEAN_EAST] = lean
+        wanted.append(deck.ticks(20)[-1, 2])
+    assert wanted[1] == pytest.approx(0.0, abs=1e-9)
+    assert wanted[0] > 0.1
+    assert wanted[2] == pytest.approx(-wanted[0])
+    # the same as if it were surely there
+    sure = Deck(aside=4.0)
+    assert sure.ticks(20)[-1, 2] == wanted[2]
+
+
 def test_a_new_depth_is_taken_up_at_a_fifth_of_a_metre_a_second() -> None:
     deck = Deck()
     deck.station[2] = 11.0

@@ -50,7 +50,7 @@ def test_a_swarm_of_lanes_is_so_many_navigators(variant: str) -> None:
     settings = NavigationSettings(variant=variant, dt=DT, use_attitude=True, hydrophone_height=0.2)  # type: ignore[arg-type]
     steps, starts = shared_voyage()
     together, alone = lane_swarm.new_navigators(settings, starts), [Navigator(settings, row) for row in starts]
-    out = np.zeros((FOLLOWERS, 7))
+    out = np.zeros((FOLLOWERS, swarm.COLUMNS))
     for k, step in enumerate(steps, start=1):
         assert lane_swarm.navigate(together, k, *tables(step), out) == -1
         for i, navigator in enumerate(alone):
@@ -70,11 +70,13 @@ def test_there_is_a_lane_for_each_of_sixty_four_followers_and_no_more() -> None:
 
 @pytest.mark.parametrize("told", [ALL_OF_2, TightSettings(known_start=False)], ids=["all of 2", "start of 3"])
 def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSettings) -> None:
-    """Spread is the largest standard deviation of the place at the last message, the rest means over the mixture."""
+    """Spread is the largest standard deviation of the place at the last message; lean is the way to the likelier of two
+    places, where twice their spreads do not meet; the rest are means over the mixture.
+    """
     told = replace(told, dt=DT)
     steps, starts = shared_voyage()
     together, alone = swarm.new_navigators(told, starts), [TightNavigator(told, row) for row in starts]
-    out = np.zeros((FOLLOWERS, 7))
+    out, leant, upright = np.zeros((FOLLOWERS, swarm.COLUMNS)), 0, 0
     for step in steps:
         assert swarm.navigate(together, *tables(step), out) == -1
         for i, navigator in enumerate(alone):
@@ -89,11 +91,22 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
                 spread = update.hypothesis_covariance + off[:, :, None] * off[:, None, :]
                 largest = np.linalg.eigvalsh(np.einsum("h,hij->ij", update.weight, spread))[-1]
                 assert out[i, swarm.SPREAD] == pytest.approx(np.sqrt(largest), rel=1e-9)
+                if told.assume.drift:
+                    continue
+                lean = np.zeros(2)
+                if update.weight.size > 1:
+                    apart = update.hypothesis[0] - update.hypothesis[1]
+                    along = apart / np.hypot(*apart)
+                    spreads = np.sqrt([along @ update.hypothesis_covariance[h] @ along for h in range(2)])
+                    lean = off[0] * (np.hypot(*apart) >= 2.0 * spreads.sum())
+                np.testing.assert_allclose(out[i, swarm.LEAN_EAST :], lean, rtol=0, atol=1e-9)
+                leant, upright = leant + lean.any(), upright + (not lean.any())
+    assert told.assume.drift or min(leant, upright) > 5
 
 
 def test_the_follower_whose_covariance_is_not_positive_definite_is_told() -> None:
     steps, starts = shared_voyage()
     together = swarm.new_navigators(replace(ALL_OF_2, dt=DT), starts)
     together[0][1].covariance[:] = -np.eye(10)
-    answers = [swarm.navigate(together, *tables(step), np.zeros((FOLLOWERS, 7))) for step in steps[:3]]
+    answers = [swarm.navigate(together, *tables(step), np.zeros((FOLLOWERS, swarm.COLUMNS))) for step in steps[:3]]
     assert answers == [-1, -1, 1]
