@@ -80,13 +80,19 @@ class StationKeeping:
     """Whether it was ever more than 10 m off its station, or never joined."""
 
 
-def off_station(scenario: Scenario, trajectory: Trajectory) -> Floats:
-    """Horizontal distance of each follower's hydrophone from its station, shape (n, f), [m]."""
-    stations = true_stations(scenario, trajectory)[..., :2]
+def off_station(scenario: Scenario, trajectory: Trajectory, stations: Floats | None = None) -> Floats:
+    """Horizontal distance of each follower's hydrophone from its station, shape (n, f), [m].
+
+    Args:
+        scenario: its followers' stations.
+        trajectory: as flown.
+        stations: of `true_stations`; None: they are found here.
+    """
+    stations = true_stations(scenario, trajectory) if stations is None else stations
     off = np.empty(stations.shape[:2])
     for i, follower in enumerate(scenario.followers):
         hydrophone = trajectory.site_path(f"{follower.name}/hydrophone")[:, :2]
-        off[:, i] = np.hypot(*(hydrophone - stations[:, i]).T)
+        off[:, i] = np.hypot(*(hydrophone - stations[:, i, :2]).T)
     return off
 
 

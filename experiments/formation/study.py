@@ -52,9 +52,10 @@ def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> R
     """Fly one run of a condition."""
     scenario = condition.scenario(run, duration_s)
     trajectory, beliefs, _ = simulate_swarm(scenario)
-    off = off_station(scenario, trajectory)
+    stations = true_stations(scenario, trajectory)
+    off = off_station(scenario, trajectory, stations)
     kept = [station_keeping(column, trajectory.time) for column in off.T]
-    turning = np.abs(true_stations(scenario, trajectory)[..., 3]) > TURNING
+    turning = np.abs(stations[..., 3]) > TURNING
     hydrophones = np.stack([trajectory.site_path(f"{f.name}/hydrophone")[:, :2] for f in scenario.followers], axis=1)
     error = np.hypot(*np.moveaxis(beliefs[1:, :, :2] - hydrophones[1:], -1, 0))
     density = scenario.ocean.density_kg_m3
