@@ -60,7 +60,7 @@ class Pilot:
     def _step(self, k: int, flown: TrajectorySince) -> None:
         """Sense and navigate at filter step k, which is now."""
         true = own_motion(flown(k * self._stride - 1), self._follower)[-1:]
-        wander(self._hearing.wandering, np.array([k * self._hearing.filter_step_s]), true)
+        wander(self._hearing.wandering, self._follower, np.array([k * self._hearing.filter_step_s]), true)
         (own,) = sense_own(
             true, np.array([k]), self._errors, seed=self._seed, run=self._run, follower=self._follower
         ).tolist()

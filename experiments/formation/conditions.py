@@ -9,6 +9,8 @@ ASIDE = {6: 4.0, 7: -5.0, 8: 6.0, 9: -7.0}
 """To port of the axis, where the followers astern stand in conditions that keep them off it [m]."""
 _GOLDEN_DEG = 137.508
 """Directions of the current from run to run: spread evenly, however many runs there are."""
+_PAIR_DEG = (271.756, 205.1425)
+"""Phases of log and compass from run to run, spread evenly as pairs: 360° by the plastic number and by its square."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +31,8 @@ class Condition:
     """So much farther behind than in the built-in swarm is every station [m]."""
     count: int = 0
     """So many followers in a grid, in place of the built-in ten; 0: those."""
+    swing: bool = False
+    """The biases of log and compass begin their swings at other phases in every run."""
     share: int = 1
     """Of so many runs one is flown."""
     truth: bool = False
@@ -45,6 +49,9 @@ class Condition:
         if self.drift:
             astray = run * _GOLDEN_DEG % 360
             told += ["sensors.leader_position_drift_m_s=0.01", f"sensors.leader_position_drift_deg={astray}"]
+        if self.swing:
+            phases = [run * step % 360 for step in _PAIR_DEG]
+            told += [f"sensors.speed_drift_phase_deg={phases[0]}", f"sensors.heading_drift_phase_deg={phases[1]}"]
         if self.set_back:
             ten = load("swarm", ()).followers
             behind = [f.station.behind_m + self.set_back for f in ten if f.station]
@@ -82,7 +89,8 @@ CONDITIONS = (
     Condition(name="compass", title="leader's compass 5° off, and estimated",
               settings=("sensors.leader_heading_bias_deg=5", "navigation.assume.exact_leader=false")),
     Condition(name="drift", title="biases of log and compass that drift by 0.1 m/s and 3°, and estimated",
-              settings=("sensors.speed_drift_m_s=0.1", "sensors.heading_drift_deg=3", "navigation.assume.drift=true")),
+              settings=("sensors.speed_drift_m_s=0.1", "sensors.heading_drift_deg=3", "navigation.assume.drift=true"),
+              swing=True),
     Condition(name="ins", title="leader's own place walks off by 1 cm/s", drift=True),
     Condition(name="5 s", title="messages every 5 s", settings=_SLOW),
     Condition(name="5 s current", title="messages every 5 s, current up to 0.5 m/s", settings=_SLOW, current=0.5),

@@ -20,12 +20,18 @@ class Sensors(Section):
     heading_sigma_deg: NonNegative = 2.0
     depth_sigma_m: NonNegative = 0.0
     speed_drift_m_s: Annotated[float, Field(ge=-10, le=10)] = Field(
-        0.0, description="the log's bias swings by so much about its mean, as a sine from 0"
+        0.0, description="the log's bias swings by so much about its mean, as a sine"
     )
     heading_drift_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
         0.0, description="the compass's bias swings likewise"
     )
     drift_period_s: Positive = Field(400.0, description="period of both swings")
+    speed_drift_phase_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
+        0.0, description="phase of the log's swing at the start; each further follower's is 137.5° ahead"
+    )
+    heading_drift_phase_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
+        0.0, description="phase of the compass's swing likewise"
+    )
     gyro_sigma_deg_s: NonNegative = Field(
         0.1, description="σ of each reading of a follower's gyros; followers on stations steer by them"
     )

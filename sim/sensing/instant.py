@@ -182,7 +182,8 @@ def read_own(
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
     streams = STREAMS * follower
     first, second = _normals(s, streams + _OWN_MOTION, k)
-    speed, heading = biased(s.wandering, k * s.dt, forward_speed(pose, twist, water), heading_of(w, x, y, z))
+    speed, heading = forward_speed(pose, twist, water), heading_of(w, x, y, z)
+    speed, heading = biased(s.wandering, follower, k * s.dt, speed, heading)
     reading[0] = speed_reading(speed, s.speed[0], s.speed[1], first)
     reading[1] = heading_reading(heading, s.heading[0], s.heading[1], second)
     third = _normals(s, streams + _DEPTH, k)[0] if s.depth_sigma > 0.0 else 0.0

@@ -41,6 +41,12 @@ def test_conditions_say_what_their_titles_say() -> None:
     assert {f.layer_m for f in fifty.followers} == {10.0}
     directions = {by_name["ins"].scenario(run).sensors.leader_position_drift_deg for run in range(5)}
     assert len(directions) == 5
+    swings = [by_name["drift"].scenario(run).sensors for run in range(9)]
+    phases = np.deg2rad([(s.speed_drift_phase_deg, s.heading_drift_phase_deg) for s in swings])
+    # neither phase, nor how far log and compass are apart, is in favour of a direction
+    apart = phases[:, 0] - phases[:, 1]
+    for angles in (phases[:, 0], phases[:, 1], apart):
+        assert abs(np.mean(np.exp(1j * angles))) < 0.2
     assert not any(f.believes for f in by_name["truth"].scenario(0).followers)
 
 

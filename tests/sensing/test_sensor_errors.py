@@ -123,9 +123,17 @@ def test_biases_swing_as_sines_and_the_leader_walks_off() -> None:
     told = Sensors(speed_drift_m_s=0.1, heading_drift_deg=4.0, drift_period_s=80.0, leader_position_drift_m_s=0.02,
                    leader_position_drift_deg=30.0)  # fmt: skip
     wandering, own = Wandering.of(told), np.zeros((5, 3))
-    wander(wandering, np.array([0.0, 20.0, 40.0, 60.0, 80.0]), own)
+    wander(wandering, 0, np.array([0.0, 20.0, 40.0, 60.0, 80.0]), own)
     np.testing.assert_allclose(own[:, 0], [0.0, 0.1, 0.0, -0.1, 0.0], atol=1e-12)
     np.testing.assert_allclose(np.rad2deg(own[:, 1]), [0.0, 4.0, 0.0, -4.0, 0.0], atol=1e-12)
     np.testing.assert_array_equal(own[:, 2], 0.0)
+    turned, phases = np.zeros((5, 3)), {"speed_drift_phase_deg": 90.0, "heading_drift_phase_deg": 180.0}
+    wander(Wandering.of(told.model_copy(update=phases)), 0, np.array([0.0, 20.0, 40.0, 60.0, 80.0]), turned)
+    np.testing.assert_allclose(turned[:, 0], [0.1, 0.0, -0.1, 0.0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(np.rad2deg(turned[:, 1]), [0.0, -4.0, 0.0, 4.0, 0.0], atol=1e-12)
+    # the third follower is twice the golden angle ahead
+    third = np.zeros((1, 3))
+    wander(wandering, 2, np.zeros(1), third)
+    assert third[0, 0] == pytest.approx(0.1 * np.sin(np.deg2rad(2 * 137.50776405003785)))
     # 30° off north, at 2 cm/s
     np.testing.assert_allclose(wandering.leader, (0.01, 0.02 * np.cos(np.pi / 6)))
