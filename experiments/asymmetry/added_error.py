@@ -159,7 +159,7 @@ def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Row]:
 def open_questions(
     missions: Iterable[ComparedMission], arm: Arm, looks: Sequence[int], question: Question
 ) -> list[tuple[float, float]]:
-    """Of missions whose verdict on a remedy is open: the share that it removes, and the runs that would settle it."""
+    """The share that a remedy removes on each mission whose verdict is open, and the runs that would settle it."""
     found = []
     for e in missions:
         if getattr(e.arms[arm.key], f"{question}_verdict") == Verdict.OPEN.value:

@@ -107,11 +107,11 @@ class Captured:
     """How many runs were captured at the mirror image."""
 
     runs: int
-    """Of each navigator."""
+    """Runs of each navigator."""
     laisn: int
-    """Of LAISN-2."""
+    """Captured runs of LAISN-2."""
     tight: int
-    """Of the tightly coupled navigator."""
+    """Captured runs of the tightly coupled navigator."""
 
 
 def _weaving(route: Route) -> tuple[tuple[float, float, float], ...]:

@@ -34,7 +34,7 @@ class Condition:
     swing: bool = False
     """The biases of log and compass begin their swings at other phases in every run."""
     share: int = 1
-    """Of so many runs one is flown."""
+    """One of so many runs is flown."""
     truth: bool = False
     """Followers steer by the truth."""
 

@@ -9,7 +9,7 @@ from experiments.campaign.store import columns_of, write_csv, write_table
 from experiments.pages.page import write
 from experiments.reproduction.record import fly_once
 from experiments.reproduction.routes_page import page_of
-from experiments.reproduction.routes_study import Study, distributions, evidence_of, judge
+from experiments.reproduction.routes_study import Study, distributions, judge, results_of
 from experiments.reproduction.stages import Key, Setting
 
 
@@ -32,7 +32,7 @@ def write_routes(settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], f
         settings=settings,
         rows=rows,
         classes=classes,
-        judgements=judge(evidence_of(rows, flights), classes, seed),
+        judgements=judge(results_of(rows, flights), classes, seed),
     )
     report = folder / "report.html"
     write(page_of(result, table, flights), report)

@@ -91,7 +91,7 @@ def geometry(flight: Trajectory) -> tuple[float, float]:
     return float(astern.mean()), float(flight.forward_speed[:, 1].max())
 
 
-def evidence_of(rows: Mapping[Key, Record], flights: Mapping[str, Trajectory]) -> Results:
+def results_of(rows: Mapping[Key, Record], flights: Mapping[str, Trajectory]) -> Results:
     """All routes; groups by geometry: the third least and most astern, and the tenth with the highest speed."""
     names = list(flights)
     shapes = np.array([geometry(flights[name]) for name in names])

@@ -15,6 +15,7 @@ from experiments.pages.page import write
 from experiments.reproduction import stages
 from experiments.reproduction.claims import CLAIMS, Claim
 from experiments.reproduction.findings import findings_of
+from experiments.reproduction.page import page_of
 from experiments.reproduction.record import (
     Reproduction,
     fly_once,
@@ -22,6 +23,7 @@ from experiments.reproduction.record import (
     mean_distance,
     plan_cells,
 )
+from experiments.reproduction.routes_run import write_routes
 from experiments.reproduction.routes_study import draw_followers
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.reproduction.verdict import Judgement, Results
@@ -112,14 +114,10 @@ def reproduce(
     flown = campaign.fly(design, folder, workers=workers, cluster=cluster, force=force, quiet=quiet)
     if missions is None:
         return _write(settings, plans, flown)
-    from experiments.reproduction.routes_run import write_routes
-
     return write_routes(settings, plans, flown)
 
 
 def _write(settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], flown: Flown) -> Path:
-    from experiments.reproduction.page import page_of
-
     folder, published = flown.store.folder, stages.published()
     rows = dict(zip(plans, flown.rows, strict=True))
     table = table_rows(settings, plans, rows, published)

@@ -17,6 +17,7 @@ from experiments.pages.page import write
 from experiments.study.estimate import Results
 from experiments.study.file import Study, table_in
 from experiments.study.plan import Plan, plan_of
+from experiments.study.record import record_of
 from experiments.study.run import Outcomes, first_messages, fly_study, run_columns, table_columns
 from laisn.failure import LaisnError
 from laisn.whole_files import replaced
@@ -78,8 +79,8 @@ def write_results(plan: Plan, outcomes: Outcomes, folder: Path, film: Path | Non
     Raises:
         LaisnError: nothing could be flown, or there is no such metric.
     """
+    # drawing takes a third of a second to import, and who reads a table draws nothing
     from experiments.study.page import page_of
-    from experiments.study.record import record_of
 
     if not outcomes.rows:
         raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))

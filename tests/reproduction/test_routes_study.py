@@ -7,7 +7,7 @@ import pytest
 
 from experiments.reproduction import routes_page, routes_study
 from experiments.reproduction.claims import Claim
-from experiments.reproduction.routes_study import distributions, evidence_of, geometry, judge
+from experiments.reproduction.routes_study import distributions, geometry, judge, results_of
 from experiments.reproduction.stages import METRICS, SETTINGS, Key
 from experiments.reproduction.verdict import Judgement, Results
 from sim.geometry import attitude
@@ -38,7 +38,7 @@ def test_routes_are_grouped_by_where_the_follower_swims() -> None:
     """Shares astern 0, 1/8 … 1: of nine the three least and the three most, with the ties of quantiles."""
     flights = {f"m{i}": flown(i / 8, 1.0 + 0.1 * (i == 4), 10.0 + i) for i in range(9)}
     rows: dict[Key, dict[str, float]] = {("base", name, "laisn-2"): {"e_p_mean_m": 1.0} for name in flights}
-    found = evidence_of(rows, flights)
+    found = results_of(rows, flights)
     assert list(found.lateral) == ["m0", "m1", "m2"]
     assert list(found.astern) == ["m6", "m7", "m8"]
     assert list(found.burst) == ["m4"]
