@@ -49,6 +49,7 @@ def steered(scenario: Scenario, navigator: Any = Navigator) -> tuple[Trajectory,
     [
         (),
         ("timing.filter_step_s=0.5", "timing.message_interval_s=5"),
+        ("timing.message_interval_s=0.1", "duration_s=5"),
         (
             "acoustics.loss_chance=0.2",
             "acoustics.burst_chance=0.1",

@@ -16,7 +16,7 @@ from laisn.navigator import Navigator
 from sim.flight import navigation_settings
 from sim.scenario.settings import Acoustics
 from sim.sensing.acoustics import TRANSMITTERS, propagate
-from sim.sensing.echo import Path, image, locked_path
+from sim.sensing.echo import Path, image, locked_path, mean_slowness
 from sim.sensing.hearing import Hearing
 from sim.sensing.loss import Channel, received
 from sim.sensing.observation import errors_of, observe
@@ -239,3 +239,11 @@ def test_a_reading_of_an_echo_is_the_path_of_the_echo():
     sound = propagate(trajectory, Hearing.of(scenario))
     assert_allclose(read, np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0], rtol=1e-15)
     assert {int(p) for p in np.unique(path)} == {0, 1, 2}
+
+
+def test_an_echo_along_the_boundary_has_the_slowness_there():
+    """Source and receiver on the surface, or on the floor: no depth is crossed."""
+    sound = SoundSpeed.through([[0.0, 1400.0], [30.0, 1450.0]])
+    for path, depth, speed in ((Path.SURFACE, 0.0, 1400.0), (Path.BOTTOM, 30.0, 1450.0)):
+        source, receiver = np.array([[0.0, 0.0, -depth]]), np.array([[9.0, 0.0, -depth]])
+        assert mean_slowness(sound, source, receiver, path, 30.0) == pytest.approx([1.0 / speed])
