@@ -12,6 +12,7 @@ from experiments.campaign.campaign import Design
 from experiments.campaign.tasks import with_arrays
 from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.flight.swarm import simulate_swarm
+from experiments.formation import weave
 from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.intervals import bootstrap_mean, proportion
 from experiments.study.facts import thruster_power
@@ -100,10 +101,11 @@ def _of_condition(name: str, runs: Sequence[Run]) -> dict[str, Finding]:
 
 
 def findings_of(found: Mapping[str, Sequence[Run]]) -> Findings:
-    """The record of all conditions."""
+    """The record of all conditions, and of what a leader's weave could tell."""
     named: dict[str, Finding] = {"runs": plain(max(len(runs) for runs in found.values()), "runs of most conditions")}
     for name, runs in found.items():
         named |= _of_condition(name, runs)
+    named |= weave.findings()
     return record("formation", COMMAND, MODULES, named)
 
 

@@ -52,7 +52,11 @@ def rows(html: str) -> dict[str, list[str]]:
 def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: Path) -> None:
     html = report.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
     found = rows(html)
-    assert list(found) == [*(condition.title for condition in CONDITIONS), "80", "500", "5000"]
+    assert list(found) == [*(condition.title for condition in CONDITIONS), "80", "500", "5000", "0", "2", "5", "10"]
+    # the last of three weaves of 5°, and the strongest: period, errors, what its way costs, 1 / J₀(10°) − 1
+    near, far = (f"{findings[f'weave 10 40 {behind}'].value:.2f}" for behind in (20, 40))
+    assert found["10"] == ["40", near, far, "0.8"]
+    assert (found["5"][0], found["0"][0]) == ("80", "–")
     # who asks takes a turn for each: five times as long for fifty as for ten
     message, interval, ten, fifty = (float(cell) for cell in found["80"])
     assert message < interval < ten
@@ -72,7 +76,9 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     """Every finding has a number of its own, and every phrase the number of its condition."""
     whats = ("run-median", "worst", "max", "closest", "error", "lost")
     keys = [f"{what} {condition.name}" for what in whats for condition in CONDITIONS]
-    values = {key: i + 0.25 if not key.startswith("lost") else (i - 80) / 100 for i, key in enumerate(keys)}
+    weaves = [f"weave {weave}" for weave in ("5 40 40", "0 40 40", "5 40 20", "0 40 20", "2 40 40", "10 40 40")]
+    keys = [*weaves, "weave 5 40 way", *keys]
+    values = {key: i + 0.25 if not key.startswith("lost") else (i - 87) / 100 for i, key in enumerate(keys)}
     made = {key: Finding(value=value, low=0.0, high=1.0) for key, value in values.items()}
     said = " ".join(report._rules(Findings(study="", command="", modules=(), version="", findings=made)))
     for phrase, key in (
@@ -84,6 +90,12 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
         ("worst follower was {} off with stations on it", "worst two"),
         ("on it, {} without", "worst two aside"),
         ("with three transmitters {}.", "worst calm"),
+        ("40 m behind its place to {} at best", "weave 5 40 40"),
+        ("in place of {}, one 20 m behind", "weave 0 40 40"),
+        ("one 20 m behind to {} in", "weave 5 40 20"),
+        ("in place of {}, for", "weave 0 40 20"),
+        ("hardly helps ({}), one", "weave 2 40 40"),
+        ("does more ({}).", "weave 10 40 40"),
         ("It was {} in calm water", "max calm"),
         ("and {} in a current", "max current"),
         ("came within {} and", "closest calm"),

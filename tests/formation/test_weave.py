@@ -1,0 +1,46 @@
+"""A leader that weaves, in closed form: where both vehicles are, what it costs, and which way the bound must go."""
+
+import numpy as np
+import pytest
+from scipy.special import j0
+
+from experiments.formation.weave import BEHIND, WEAVES, findings, geometry, least_error, longer
+
+
+def test_the_follower_is_where_the_leader_was_and_the_transmitters_on_the_axis_now() -> None:
+    """Of small swings: heading a sin ωt, so that the way is a v/ω (1 − cos ωt) aside."""
+    amplitude, omega, late = np.deg2rad(1.0), 2 * np.pi / 40.0, 20.0
+    told = geometry(1.0, 40.0, late)
+    time = told.dt * told.message_step
+    then = told.dt * np.arange(1, 3001) - late
+    np.testing.assert_allclose(told.heading, amplitude * np.sin(omega * then), rtol=0, atol=1e-12)
+    aside = amplitude / omega * (np.cos(omega * time) - np.cos(omega * (time - late)))
+    np.testing.assert_allclose(told.from_leader[:, 0], aside, atol=0.002)
+    np.testing.assert_allclose(told.from_leader[:, 1], -late, atol=0.01)
+    heading = amplitude * np.sin(omega * time)
+    axis = np.column_stack([np.sin(heading), np.cos(heading)])
+    np.testing.assert_allclose(told.arms[:, 1, :2] - told.arms[:, 0, :2], 2.0 * axis, atol=1e-12)
+    np.testing.assert_array_equal(told.arms[:, :, 2], -10.0)
+
+
+def test_a_straight_leader_is_straight_ahead() -> None:
+    told = geometry(0.0, 40.0, 40.0)
+    np.testing.assert_allclose(told.from_leader, np.tile([0.0, -40.0], (300, 1)), atol=1e-9)
+    assert longer(0.0) == 0.0
+
+
+@pytest.mark.parametrize("amplitude", [2.0, 5.0, 10.0])
+def test_a_weave_costs_what_a_bessel_function_says(amplitude: float) -> None:
+    """The mean of cos(a sin φ) over a period is J₀(a)."""
+    assert longer(amplitude) == pytest.approx(1.0 / j0(np.deg2rad(amplitude)) - 1.0, rel=1e-9)
+
+
+def test_who_weaves_more_is_better_known_and_who_is_nearer_too() -> None:
+    for behind in BEHIND:
+        errors = [least_error(amplitude, 40.0, float(behind)) for amplitude in (0.0, 2.0, 5.0, 10.0)]
+        assert errors == sorted(errors, reverse=True)
+        assert errors[-1] < 0.6 * errors[0]
+    assert all(least_error(a, p, 20.0) < least_error(a, p, 40.0) for a, p in WEAVES)
+    found = findings()
+    assert len(found) == len(WEAVES) * (len(BEHIND) + 1)
+    assert found["weave 5 40 20"].value == pytest.approx(least_error(5.0, 40.0, 20.0), rel=1e-5)
