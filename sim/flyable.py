@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from laisn.failure import LaisnError
-from sim.assembly import ocean_of, route_of, vehicle_names
+from sim.assembly import ocean_of, route_of, routes_of, setups_of, vehicle_names
+from sim.contact import HULL_RADIUS_M
 from sim.log.clock import Clock
+from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
 from sim.scenario.point_motion import Plan, plan
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Misfit, Scenario, Vehicle, Video
 from sim.scenario.video import CAMERAS
@@ -112,6 +115,54 @@ def _outrun(scenario: Scenario) -> list[Misfit]:
     return []
 
 
+def _met(scenario: Scenario) -> list[Misfit]:
+    """Vehicles that start where another does: followers that join their stations, or all, if contact is the end."""
+    joins = [isinstance(vehicle, Follower) and vehicle.start_m is not None for _, vehicle in scenario.vehicles()]
+    if scenario.contact == "mark" and not any(joins):
+        return []
+    try:
+        routes = routes_of(scenario)
+    except LaisnError:
+        return []  # told with its route
+    setups, keys = setups_of(scenario, routes), [key for key, _ in scenario.vehicles()]
+    found = []
+    for i, one in enumerate(setups):
+        for j, other in enumerate(setups[:i]):
+            x, y, z = np.subtract(one.position_m, other.position_m)
+            near = (joins[i] or joins[j]) and np.hypot(x, y) < LEAST_APART_M and abs(z) < LEAST_LAYER_M
+            if near or (scenario.contact == "end" and np.hypot(np.hypot(x, y), z) < 2.0 * HULL_RADIUS_M):
+                text = (
+                    f"{keys[j]} and {keys[i]} start {np.hypot(x, y):.2g} m apart in layers {abs(z):.2g} m apart; at "
+                    f"least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
+                )
+                found.append(Misfit((keys[j], keys[i]), text))
+    return found
+
+
+def _crowded(scenario: Scenario) -> list[Misfit]:
+    """Stations of one layer that meet where the leader turns, of followers that cannot give way."""
+    layers = sorted(f.layer_m for f in scenario.followers if f.station)
+    alone = all(b - a >= LEAST_LAYER_M for a, b in pairwise(sorted([*layers, scenario.leader.layer_m])))
+    if not layers or alone or scenario.formation.proximity:
+        return []
+    # following stations takes the plant's libraries, which most scenarios need not wait for
+    from sim.station_plan import nearest_stations
+
+    try:
+        found = nearest_stations(scenario)
+    except LaisnError:
+        return []  # told with the leader's route
+    if found is None or found.apart_m >= LEAST_APART_M:
+        return []
+    names = ["the leader's place" if i < 0 else f"followers[{i}].station" for i in found.pair]
+    text = (
+        f"{' and '.join(names)}, in one layer, come within {found.apart_m:.2g} m of each other at {found.time_s:g} s "
+        f"of the leader's route; at least {LEAST_APART_M:g} m are needed: give them layers {LEAST_LAYER_M:g} m apart, "
+        "other places, or formation.proximity to give way by"
+    )
+    return [Misfit(("followers", "formation", "leader"), text)]
+
+
 def misfits(scenario: Scenario) -> list[Misfit]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.misfits`."""
     found = [
@@ -126,4 +177,4 @@ def misfits(scenario: Scenario) -> list[Misfit]:
             continue
         where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
         found += _tried(partial(_plan, vehicle, name), where)
-    return [*found, *_outrun(scenario), *_cost(scenario)]
+    return [*found, *_outrun(scenario), *_met(scenario), *_crowded(scenario), *_cost(scenario)]

@@ -14,12 +14,14 @@ from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from sim.control.approach import LAWS, Approach
 from sim.control.autopilot import control, feel
+from sim.control.avoidance import Avoidance
 from sim.control.follower import (
     BELIEFS,
     FOLLOWER_MEMORY,
     READINGS,
     Law,
     Silence,
+    beware,
     embark,
     keep_station,
     listen,
@@ -29,8 +31,10 @@ from sim.control.station import Frame
 from sim.control.trail import TRAIL
 from sim.fleet import TICK, WATER, Steering
 from sim.scenario.formation import Formation
+from sim.scenario.proximity import Proximity
 from sim.scenario.settings import Scenario
 from sim.sensing.instant import MESSAGE, Senses, broadcast, forward_speed, hear, read_own, senses_of, site
+from sim.sensing.proximity import SEEN, Lookout, look, lookout_of
 from sim.vehicle.plant import Plant
 
 POSE, TWIST = slice(0, 7), slice(7, 13)
@@ -44,6 +48,7 @@ class Aboard(NamedTuple):
 
     law: Law
     senses: Senses
+    lookout: Lookout
     kinds: Ints
     """ROUTE … STATION of each follower, shape (f,)."""
     stations: Floats
@@ -60,6 +65,8 @@ class Aboard(NamedTuple):
     """Ranges of each follower to the three transmitters, shape (f, 3), [m]."""
     bad: Floats
     """Whether each follower's channel is in a burst of loss, shape (f,)."""
+    seen: Floats
+    """What each follower's last look around showed, shape (f, v, SEEN)."""
     beliefs: Floats
     """What each navigator concludes, shape (f, BELIEFS)."""
     trails: Floats
@@ -102,7 +109,15 @@ def law_of(formation: Formation) -> Law:
         then=_SILENT.index(formation.when_silent),
         speed=formation.silent_speed_m_s,
     )
-    return Law(frame, law, silence, formation.unsure_m)
+    near = formation.proximity or Proximity()
+    avoidance = Avoidance(
+        reach=near.range_m,
+        full=near.full_m,
+        speed=near.give_way_m_s,
+        least_way=formation.least_way_m_s,
+        fastest=formation.fastest_m_s,
+    )
+    return Law(frame, law, silence, formation.unsure_m, avoidance)
 
 
 def _kind(on_station: bool, believes: bool) -> int:
@@ -138,6 +153,7 @@ def aboard(scenario: Scenario, plant: Plant, steering: Steering) -> Aboard:
     return Aboard(
         law=law_of(scenario.formation),
         senses=senses_of(scenario),
+        lookout=lookout_of(scenario),
         kinds=kinds,
         stations=stations,
         sites=(
@@ -150,6 +166,7 @@ def aboard(scenario: Scenario, plant: Plant, steering: Steering) -> Aboard:
         message=np.zeros(MESSAGE),
         ranges=np.full((f, 3), np.nan),
         bad=np.zeros(f),
+        seen=np.full((f, f + 1, SEEN), np.nan),
         beliefs=np.zeros((f, BELIEFS)),
         trails=trails,
         counts=counts,
@@ -171,6 +188,9 @@ def sense(k: int, row: Floats, a: Aboard) -> bool:
     for i in range(a.kinds.size):
         body = row[i + 1, POSE], row[i + 1, TWIST], row[i + 1, WATER]
         read_own(a.senses, k, i, body, a.sites[2][i], a.readings[i])
+        if k > 0 and a.lookout.every > 0 and k % a.lookout.every == 0 and a.kinds[i] >= STATION_BY_TRUTH:
+            look(a.lookout, k, i, row, a.seen[i])
+            beware(a.law.avoidance, a.seen[i], a.beliefs[i], a.memory[i])
     if k == 0 or k % a.senses.message_every != 0:
         return False
     broadcast(a.senses, k, (row[0, POSE], row[0, TWIST], row[0, WATER]), a.message)

@@ -10,6 +10,7 @@ from sim.assembly import routes_of
 from sim.control.station import FRAME, FRAME_MEMORY, Frame, station_at, turn_frame
 from sim.control.trail import TRAIL, extend
 from sim.formation_fleet import law_of
+from sim.scenario.formation import LEAST_LAYER_M, Formation
 from sim.scenario.settings import Scenario
 from sim.tracking import off_place
 from sim.trajectory import Trajectory
@@ -41,6 +42,28 @@ def _stations(
             out[k, i, 2], out[k, i, 3] = memory[i, 0], memory[i, 1]
 
 
+def stations_along(
+    leader: Floats, speed: Floats, heading: Floats, stations: Floats, formation: Formation, dt: float
+) -> Floats:
+    """Where stations are if the leader goes along a way.
+
+    Args:
+        leader: east and north at n instants, shape (n, 2), [m].
+        speed: through the water, shape (n,), [m/s].
+        heading: shape (n,), [rad].
+        stations: behind, to port, depth, shape (f, 3), [m].
+        formation: how frames turn.
+        dt: between instants [s].
+
+    Returns:
+        East, north [m], heading of the formation's frame there [rad] and its rate [rad/s], shape (n, f, 4).
+    """
+    out = np.empty((leader.shape[0], stations.shape[0], 4))
+    place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
+    _stations(place, through, ahead, stations, law_of(formation).frame, dt, out)
+    return out
+
+
 def true_stations(scenario: Scenario, trajectory: Trajectory) -> Floats:
     """Where each follower's station truly was: in the leader's true trail, at every instant.
 
@@ -56,12 +79,8 @@ def true_stations(scenario: Scenario, trajectory: Trajectory) -> Floats:
         if follower.station:
             place = follower.station
             stations[i] = place.behind_m, place.port_m, place.depth_m
-    out = np.empty((trajectory.time.size, len(stations), 4))
-    leader = np.ascontiguousarray(trajectory.position[:, 0, :2])
-    speed, heading = np.ascontiguousarray(trajectory.forward_speed[:, 0]), trajectory.heading[:, 0]
-    frame = law_of(scenario.formation).frame
-    _stations(leader, speed, np.ascontiguousarray(heading), stations, frame, trajectory.dt, out)
-    return out
+    leader, speed = trajectory.position[:, 0, :2], trajectory.forward_speed[:, 0]
+    return stations_along(leader, speed, trajectory.heading[:, 0], stations, scenario.formation, trajectory.dt)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,15 +166,33 @@ class Approach:
     time_s: float
 
 
-def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
-    """The pair that came nearest in space, and the one that came nearest horizontally, whatever their depths."""
+def _all_closest(trajectory: Trajectory) -> tuple[Floats, Ints]:
     v = len(trajectory.names)
     least, when = np.empty((v, v, 2)), np.zeros((v, v, 2), dtype=np.int64)
     _closest(np.ascontiguousarray(trajectory.position), least, when)
-    found = []
-    for which in range(2):
-        i, j = (int(x) for x in np.unravel_index(int(np.argmin(least[..., which])), (v, v)))
-        pair = trajectory.names[j], trajectory.names[i]
-        time = float(trajectory.time[when[i, j, which]])
-        found.append(Approach(distance_m=float(np.sqrt(least[i, j, which])), pair=pair, time_s=time))
-    return found[0], found[1]
+    return least, when
+
+
+def _nearest(trajectory: Trajectory, squared: Floats, when: Ints) -> Approach:
+    """The nearest pair of squared distances of all pairs, shape (v, v), and the instants of them."""
+    i, j = (int(x) for x in np.unravel_index(int(np.argmin(squared)), squared.shape))
+    return Approach(
+        distance_m=float(np.sqrt(squared[i, j])),
+        pair=(trajectory.names[j], trajectory.names[i]),
+        time_s=float(trajectory.time[when[i, j]]),
+    )
+
+
+def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
+    """The pair that came nearest in space, and the one that came nearest horizontally, whatever their depths."""
+    least, when = _all_closest(trajectory)
+    space, level = (_nearest(trajectory, least[..., which], when[..., which]) for which in range(2))
+    return space, level
+
+
+def closest_in_a_layer(scenario: Scenario, trajectory: Trajectory) -> Approach | None:
+    """The pair of one layer that came nearest horizontally; None if no layer has two vehicles."""
+    depths = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
+    least, when = _all_closest(trajectory)
+    level = np.where(np.abs(depths[:, None] - depths) < LEAST_LAYER_M, least[..., 1], np.inf)
+    return _nearest(trajectory, level, when[..., 1]) if np.isfinite(level).any() else None

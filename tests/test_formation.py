@@ -16,6 +16,7 @@ from sim.control.follower import (
     BELIEFS,
     FOLLOWER_MEMORY,
     READINGS,
+    beware,
     embark,
     keep_station,
     listen,
@@ -27,6 +28,7 @@ from sim.formation_fleet import law_of
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
+from sim.sensing.proximity import look, lookout_of
 from sim.station_keeping import closest_approaches, station_keeping, true_stations
 from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
@@ -106,6 +108,38 @@ def test_a_run_has_the_same_noise_whoever_else_swims() -> None:
     np.testing.assert_array_equal(alone.position[:, 1], among.position[:, 1])
 
 
+CROSSING = [(20.0, 6.0, 12.0), (20.0, -6.0, 12.0)]
+
+
+def crossing(**formation: object) -> Scenario:
+    """Two followers of one layer, each of which starts where the other one's station is."""
+    followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}, "start_m": [-s, -y]} for s, y, d in CROSSING]
+    return validate({"name": "s", "duration_s": 60.0, "followers": followers, "formation": formation}, "test")
+
+
+def test_followers_that_sense_each_other_give_way() -> None:
+    blind, _ = flown(crossing())
+    wary, crew = flown(crossing(proximity={}))
+
+    def least(trajectory: Trajectory) -> float:
+        return float(np.hypot(*(trajectory.position[:, 1] - trajectory.position[:, 2])[:, :2].T).min())
+
+    assert least(blind) < 1.0
+    assert least(wary) > 2.0
+    # what they saw at the last look is what the sensor makes of the truth at that instant
+    look_at = np.concatenate([wary.position[-1], wary.quaternion[-1]], axis=1)
+    seen = np.empty_like(crew.aboard.seen[0])
+    for i in range(2):
+        look(lookout_of(crossing(proximity={})), 600, i, look_at, seen)
+        np.testing.assert_array_equal(crew.aboard.seen[i], seen)
+
+
+def test_a_sensor_that_shows_nobody_changes_nothing() -> None:
+    blind, _ = flown(mission(duration=20.0))
+    wary, _ = flown(mission(duration=20.0, formation={"proximity": {"range_m": 4.0}}))
+    np.testing.assert_array_equal(blind.position, wary.position)
+
+
 def test_the_controller_knows_nothing_of_the_truth() -> None:
     """It is handed readings, beliefs, messages and a clock: arrays made here, with no vehicle behind them."""
     law, memory = law_of(Formation()), np.zeros(FOLLOWER_MEMORY)
@@ -124,6 +158,11 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
     assert (steering.felt.surge, steering.felt.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
     told = set(inspect.signature(keep_station).parameters)
     assert told == {"law", "station", "senses", "known", "clock", "memory", "reference"}
+    # nor does it give way by anything but what its sensor shows, here somebody 2 m ahead
+    beware(law.avoidance, np.array([[np.nan, np.nan], [2.0, -0.2]]), belief, memory)
+    assert set(inspect.signature(beware).parameters) == {"avoidance", "seen", "belief", "memory"}
+    steering = keep_station(law, station, (reading, belief), (trail, count[0]), (now, 0.1), memory, reference)
+    assert steering.wanted[2] < 1.0
 
 
 def quiet_for(seconds: float, formation: Formation) -> tuple[Floats, Floats]:

@@ -13,6 +13,7 @@ from rich.table import Table
 from experiments.campaign.progress import literal, phases, tell
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import FILM, LAYOUT, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
+from experiments.flight.separation import giving_way_events
 from experiments.flight.summary import (
     capture_events,
     flight_bounds,
@@ -48,6 +49,10 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
         one, other = summary["closest_approach_pair"]
         apart = f"{literal(one)} and {literal(other)} came nearest to each other: {summary['closest_approach_m']:.1f} m"
         console.print(f"{apart} at {summary['closest_approach_s']:.0f} s", highlight=False)
+        if summary["closest_in_layer_m"] is not None:
+            names = " and ".join(literal(name).plain for name in summary["closest_in_layer_pair"])
+            level = f"of one layer {names} did, {summary['closest_in_layer_m']:.1f} m horizontally"
+            console.print(f"{level} at {summary['closest_in_layer_s']:.0f} s", highlight=False)
     else:
         heads = (
             "follower",
@@ -70,6 +75,11 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
                 literal(name), *metres, *degrees, *consistent, *([f"{row['off_place_rms_m']:.2f} m"] if steered else [])
             )
         console.print(table)
+    gave_way = {name: row["gave_way_s"] for name, row in summary["followers"].items() if row.get("gave_way_s")}
+    if gave_way:
+        longest = max(gave_way, key=gave_way.__getitem__)
+        number = f"{len(gave_way)} follower{'s' if len(gave_way) > 1 else ''} gave way to others"
+        console.print(f"{number}, {literal(longest)} longest: for {gave_way[longest]:.0f} s", highlight=False)
     if flight.outcome is not Outcome.COMPLETED:
         colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
         tell(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
@@ -153,7 +163,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
             flight = navigate(scenario, trajectory, new_navigator, outcome)
         errors = position_and_bearing_errors(flight)
         strays = stray_events(flight)
-        events = sorted([*capture_events(flight), *strays], key=lambda event: event.time_s)
+        events = sorted([*capture_events(flight), *giving_way_events(flight), *strays], key=lambda event: event.time_s)
         bounds = flight_bounds(flight)
         summary = summarise(flight, errors, bounds)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"

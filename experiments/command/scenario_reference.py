@@ -1,7 +1,7 @@
 """The scenario reference, generated from the models: every key with unit, default, bounds and meaning."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 from pydantic import BaseModel
 
@@ -101,7 +101,7 @@ def _sections(model: type[BaseModel], path: str = "") -> list[tuple[str, type[Ba
         for candidate in candidates:
             if isinstance(candidate, type) and issubclass(candidate, BaseModel):
                 name = f"{path}{key}"
-                shown = f"[[{name}]]" if candidate is not field.annotation else f"[{name}]"
+                shown = f"[[{name}]]" if get_origin(field.annotation) is tuple else f"[{name}]"
                 found += [(shown, candidate), *_sections(candidate, f"{name}.")]
     return found
 

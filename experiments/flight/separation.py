@@ -7,6 +7,7 @@ from sim.contact import contacts
 from sim.flight import Flight
 from sim.log.events import Event
 from sim.scenario.formation import LEAST_LAYER_M
+from sim.sensing.proximity import sightings
 from sim.station_keeping import true_stations
 
 SIGMAS = 3.0
@@ -18,6 +19,15 @@ def contact_events(flight: Flight) -> list[Event]:
     return [
         Event(contact.time_s, "warning", f"{contact.pair[1]} and {contact.pair[0]} touch", contact.pair[1])
         for contact in contacts(flight.trajectory)
+    ]
+
+
+def giving_way_events(flight: Flight) -> list[Event]:
+    """A line for the log where a follower first gives way to a vehicle that its sensor shows."""
+    names, first = flight.trajectory.names, sightings(flight.scenario, flight.trajectory).first_s
+    return [
+        Event(float(first[i, j]), "info", f"{names[i + 1]} gives way to {names[j]}", names[i + 1])
+        for i, j in np.argwhere(np.isfinite(first))
     ]
 
 

@@ -13,7 +13,8 @@ from laisn.arrays import Floats
 from sim.contact import contacts
 from sim.flight import Flight
 from sim.log.events import Event
-from sim.station_keeping import closest_approaches, off_places, station_keeping
+from sim.sensing.proximity import sightings
+from sim.station_keeping import closest_approaches, closest_in_a_layer, off_places, station_keeping
 
 
 def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
@@ -85,8 +86,9 @@ def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
 
 
 def _nearest(flight: Flight) -> dict[str, Any]:
-    """The two vehicles that came nearest to each other, in space and horizontally, and the pairs that touched."""
+    """Vehicles that came nearest to each other: in space, horizontally, horizontally of one layer; who touched."""
     space, level = closest_approaches(flight.trajectory)
+    layer = closest_in_a_layer(flight.scenario, flight.trajectory)
     return {
         "closest_approach_m": space.distance_m,
         "closest_approach_pair": list(space.pair),
@@ -94,6 +96,9 @@ def _nearest(flight: Flight) -> dict[str, Any]:
         "closest_horizontal_m": level.distance_m,
         "closest_horizontal_pair": list(level.pair),
         "closest_horizontal_s": level.time_s,
+        "closest_in_layer_m": None if layer is None else layer.distance_m,
+        "closest_in_layer_pair": None if layer is None else list(layer.pair),
+        "closest_in_layer_s": None if layer is None else layer.time_s,
         "contacts": [{"time_s": time, "pair": list(pair)} for time, pair in contacts(flight.trajectory)],
     }
 
@@ -135,6 +140,8 @@ def summarise(
     errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(errors, flight.estimates, strict=True)]
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
     names, off = flight.trajectory.names[1:], off_places(flight.scenario, flight.trajectory)
+    sensing = flight.scenario.formation.proximity is not None
+    spent = sightings(flight.scenario, flight.trajectory).spent_s
     return {
         "scenario": flight.scenario.name,
         "seed": flight.scenario.seed,
@@ -148,6 +155,7 @@ def summarise(
             name: asdict(metrics.summarise(*errors[i]))
             | consistency(flight, i, bounds[i])
             | _kept(flight, i, off[:, i])
+            | ({"gave_way_s": float(spent[i])} if sensing else {})
             | {"fixes": metrics.fix_counts(flight.estimates[i])}
             for i, name in enumerate(names)
         },

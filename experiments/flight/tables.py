@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from experiments.flight.separation import giving_way_events
 from experiments.flight.summary import (
     capture_events,
     position_and_bearing_errors,
@@ -49,7 +50,8 @@ def errors_table(flight: Flight) -> Table:
 def log_flight(flight: Flight, path: str | Path) -> Path:
     """Write the log of a flight as `laisn fly` does, but for its film; LogError if it cannot be written."""
     errors = position_and_bearing_errors(flight)
-    events = sorted([*capture_events(flight), *stray_events(flight)], key=lambda event: event.time_s)
+    all_events = [*capture_events(flight), *giving_way_events(flight), *stray_events(flight)]
+    events = sorted(all_events, key=lambda event: event.time_s)
     summary = json.dumps(summarise(flight, errors), indent=2, allow_nan=False) + "\n"
     writer.write(flight, Path(path), summary=summary, errors=errors, events=events)
     return Path(path)

@@ -31,6 +31,8 @@ class Condition:
     """So much farther behind than in the built-in swarm is every station [m]."""
     count: int = 0
     """So many followers in a grid, in place of the built-in ten; 0: those."""
+    layers: int = 1
+    """Layers of that grid, a metre apart."""
     swing: bool = False
     """The biases of log and compass begin their swings at other phases in every run."""
     share: int = 1
@@ -57,7 +59,8 @@ class Condition:
             behind = [f.station.behind_m + self.set_back for f in ten if f.station]
             told += [f"followers.{i}.station.behind_m={metres}" for i, metres in enumerate(behind)]
         if self.count:
-            shape = f'{{ kind = "grid", count = {self.count}, spacing_m = 10.0, layer_m = 0.0 }}'
+            depths = f"layer_m = 1.0, layers = {self.layers}"
+            shape = f'{{ kind = "grid", count = {self.count}, spacing_m = 10.0, {depths} }}'
             told += ["followers=[]", f"formation.shape={shape}"]
         if self.truth:
             told += [f"followers.{i}.steers_by=truth" for i in range(10)]
@@ -69,6 +72,7 @@ _SLOW = ("timing.message_interval_s=5",)
 _ACROSS = ("ocean.current_speed_m_s=0.5", "ocean.current_direction_deg=0")
 _ALONG = ("ocean.current_speed_m_s=0.5", "ocean.current_direction_deg=90")
 _LOSS = ("acoustics.loss_chance=0.2",)
+_NEAR = ("formation.proximity.range_m=8",)
 _BURSTS = ("acoustics.burst_chance=0.1333", "acoustics.burst_mean_messages=5")
 
 CONDITIONS = (
@@ -101,7 +105,9 @@ CONDITIONS = (
     Condition(name="two aside", title="2 transmitters, no station near the axis", settings=_TWO, aside=True),
     Condition(name="two", title="2 transmitters", settings=_TWO),
     Condition(name="two across", title="2 transmitters, current 0.5 m/s across", settings=(*_TWO, *_ACROSS)),
-    Condition(name="fifty", title="50 followers in a grid, in one layer", count=50, share=5),
+    Condition(name="fifty", title="50 followers in a grid of four layers", count=50, layers=4, share=5),
+    Condition(name="fifty near", title="50 followers in a grid, in one layer, that sense each other", settings=_NEAR,
+              count=50, share=5),
     Condition(name="laisn-2", title="LAISN-2", settings=("navigation.variant=laisn-2",)),
     Condition(name="laisn-3-1", title="LAISN-3(1)", settings=("navigation.variant=laisn-3-1",)),
     Condition(name="laisn-3-2", title="LAISN-3(2)", settings=("navigation.variant=laisn-3-2",)),

@@ -27,14 +27,15 @@ from experiments.pages.page import (
 from experiments.pages.style import FULL, SERIES, Colour
 
 _HEADS = ["condition", "median [m]", "worst", "95 %", "largest", "legs", "largest in turns", "E_P [m]", "followers",
-          "share [%]", "closest [m]", "power [W]"]  # fmt: skip
-_GROUPS = [("", 1), ("distance from the station", 6), ("", 1), ("lost", 2), ("", 2)]
+          "share [%]", "closest [m]", "of one layer", "power [W]"]  # fmt: skip
+_GROUPS = [("", 1), ("distance from the station", 6), ("", 1), ("lost", 2), ("", 3)]
 _CAPTION = (
     "Horizontal distances. Median: RMS of a run's median follower, mean over runs. Worst: RMS of the worst follower of "
     "all runs. 95 %: what the median follower exceeds for 5 % of the time. Legs: RMS of the median follower where the "
-    "formation goes straight on. Closest: least horizontal distance of two vehicles, whatever their layers. Power: of "
-    "a follower's thrusters. Brackets hold 95 % intervals, over runs where there are enough; those of shares take "
-    "followers as independent, which those of one run are not."
+    "formation goes straight on. Closest: least horizontal distance of two vehicles, whatever their layers; of one "
+    "layer: of two that swim less than a metre above each other. Power: of a follower's thrusters. Brackets hold 95 % "
+    "intervals, over runs where there are enough; those of shares take followers as independent, which those of one "
+    "run are not."
 )
 _ABOUT = (
     "A leader swims an L at 1 m/s and broadcasts where it is. Ten followers keep stations in its trail: six on the "
@@ -102,6 +103,7 @@ def _row(findings: Findings, name: str, title: str) -> list[Cell]:
         Cell(text=f"{lost.value} {lost.what.removeprefix('followers lost, ')}", sort=_value(lost)),
         share_of(findings[f"lost {name}"]),
         plain("closest", 1),
+        plain("within", 1),
         with_limits(findings[f"power {name}"], 1),
     ]
 
@@ -193,8 +195,11 @@ def _rules(findings: Findings) -> list[str]:
         f"What is left without errors: {metres('run-median truth')} for the median follower that steers by the truth, "
         f"and {metres('max truth')} at most.",
         "How many followers: they never transmit, so that the channel carries the same for one and for fifty. Of 50 in "
-        f"a grid of one layer the median follower was {metres('run-median fifty')} off, the worst "
-        f"{metres('worst fifty')}, and the nearest two vehicles came within {metres('closest fifty')} of each other.",
+        f"a grid of four layers the median follower was {metres('run-median fifty')} off, the worst "
+        f"{metres('worst fifty')}, and the nearest two of one layer came within {metres('within fifty')} of each "
+        "other. In a single layer the stations themselves come within a metre of each other where the leader turns: "
+        f"followers that sense each other kept {metres('within fifty near')} apart, the median one "
+        f"{metres('run-median fifty near')} off its station.",
     ]
 
 

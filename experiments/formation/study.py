@@ -17,7 +17,8 @@ from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.intervals import bootstrap_mean, proportion
 from experiments.study.facts import thruster_power
 from laisn.arrays import Floats
-from sim.station_keeping import closest_approaches, off_station, station_keeping, true_stations
+from sim.contact import contacts
+from sim.station_keeping import closest_approaches, closest_in_a_layer, off_station, station_keeping, true_stations
 
 COMMAND = "laisn formation"
 MODULES = ("experiments.formation.study",)
@@ -45,6 +46,10 @@ class Run:
     """Mean E_P [m]."""
     closest: float
     """Least horizontal distance of two vehicles, whatever their layers [m]."""
+    within: float
+    """Least horizontal distance of two vehicles of one layer [m]; NaN: no layer has two."""
+    touching: float
+    """1 where any hulls touched, else 0."""
     power: float
     """Mean of the followers' thrusters [W]."""
 
@@ -61,6 +66,7 @@ def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> R
     error = np.hypot(*np.moveaxis(beliefs[1:, :, :2] - hydrophones[1:], -1, 0))
     density = scenario.ocean.density_kg_m3
     power = [float(thruster_power(trajectory, v + 1, density).mean()) for v in range(len(kept))]
+    layer = closest_in_a_layer(scenario, trajectory)
     legs = np.where(turning, np.nan, off)
     return Run(
         rms=np.array([k.station_rms_m for k in kept]),
@@ -71,8 +77,17 @@ def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> R
         lost=np.array([float(k.lost) for k in kept]),
         error=error.mean(axis=0),
         closest=closest_approaches(trajectory)[1].distance_m,
+        within=float("nan") if layer is None else layer.distance_m,
+        touching=float(bool(contacts(trajectory))),
         power=float(np.mean(power)),
     )
+
+
+def _of_layers(within: Sequence[float]) -> Finding:
+    """The least distance in a layer, which is None where all have layers of their own."""
+    least = min(within)
+    what = "least horizontal distance of two vehicles of one layer"
+    return Finding(value=None, what=what, unit="m") if np.isnan(least) else plain(least, what, "m")
 
 
 def _of_condition(name: str, runs: Sequence[Run]) -> dict[str, Finding]:
@@ -96,6 +111,8 @@ def _of_condition(name: str, runs: Sequence[Run]) -> dict[str, Finding]:
         f"lost-runs {name}": plain(lost, f"followers lost, of {followers}"),
         f"lost {name}": of(proportion(lost, followers), "share of followers lost, 95 %"),
         f"closest {name}": plain(min(r.closest for r in runs), "least horizontal distance of two vehicles", "m"),
+        f"within {name}": _of_layers([r.within for r in runs]),
+        f"contact {name}": of(proportion(int(sum(r.touching for r in runs)), len(runs)), "share of runs with contact"),
         f"power {name}": over_runs([r.power for r in runs], "mean power of a follower's thrusters, 95 %", "W"),
     }
 

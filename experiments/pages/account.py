@@ -12,6 +12,7 @@ from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
 from laisn.metrics import longest_capture, nees
 from sim.flight import Flight
+from sim.sensing.proximity import sightings
 from sim.station_keeping import closest_approaches, off_station, station_keeping
 
 SIDE_M = 1.0
@@ -161,6 +162,16 @@ def _trust(one: Seen) -> str:
     )
 
 
+def _gave_way(flight: Flight) -> list[str]:
+    """Who gave way to others, and for how long; nothing where nobody had to."""
+    spent = sightings(flight.scenario, flight.trajectory).spent_s
+    number, most = int(np.count_nonzero(spent)), int(spent.argmax())
+    if not number:
+        return []
+    who = "One follower" if number == 1 else f"{number} followers"
+    return [f"{who} gave way to others, {flight.trajectory.names[most + 1]} for longest, {spent[most]:.0f} s."]
+
+
 def _stations(flight: Flight) -> list[str]:
     """How stations were kept, and how near vehicles came to each other; nothing where followers keep to routes."""
     truth = flight.trajectory
@@ -189,6 +200,7 @@ def _stations(flight: Flight) -> list[str]:
         f"Of all vehicles {_joined(space.pair)} came nearest to each other, to {_metres(space.distance_m)} at "
         f"{space.time_s:.0f} s.",
         f"Horizontally {_joined(level.pair)} did, to {_metres(level.distance_m)} at {level.time_s:.0f} s.",
+        *_gave_way(flight),
     ]
 
 

@@ -21,6 +21,7 @@ from sim.control.allocation import clip
 from sim.control.anticipation import in_time
 from sim.control.approach import CONSTANT_BEARING, Approach, approach
 from sim.control.autopilot import Felt
+from sim.control.avoidance import Avoidance, away, give_way
 from sim.control.guidance import DEPTH, SINKING, SPEED_LEAST
 from sim.control.station import FRAME, FRAME_MEMORY, FRAME_RATE, STATION_DEPTH, Frame, Target, station_at, turn_frame
 from sim.control.trail import TIME, extend
@@ -41,7 +42,9 @@ KEPT_FRAME, KEPT_RATE, INTEGRAL, HEADING_WANTED, SPEED_WANTED, LOG_PASSED, COMPA
     FRAME_MEMORY, FRAME_MEMORY + 8
 )
 """Columns of what a follower remembers, after those of its frame: first the frame as it was at the last message."""
-FOLLOWER_MEMORY = FRAME_MEMORY + 8
+PUSH_EAST, PUSH_NORTH = range(FRAME_MEMORY + 8, FRAME_MEMORY + 10)
+"""… and last the velocity away from vehicles that it has sensed nearby [m/s]."""
+FOLLOWER_MEMORY = FRAME_MEMORY + 10
 
 _LOG_TIME = 1.0
 """Time constant of the log's low-pass [s]."""
@@ -79,6 +82,7 @@ class Law(NamedTuple):
     silence: Silence
     unsure: float
     """With a larger standard deviation of its place a follower does not steer towards its station [m]."""
+    avoidance: Avoidance
 
 
 class Steering(NamedTuple):
@@ -133,6 +137,20 @@ def embark(own: tuple[float, float, float], leader: Floats, trail: Floats, count
     extend(trail, count, leader[HEARD_EAST], leader[HEARD_NORTH], leader[HEARD_TIME], said)
     memory[HEADING_WANTED], memory[SPEED_WANTED], memory[DEPTH_WANTED] = heading, speed, depth
     memory[LOG_PASSED], memory[COMPASS_PASSED] = np.nan, np.nan
+
+
+@compiled
+def beware(avoidance: Avoidance, seen: Floats, belief: Floats, memory: Floats) -> None:
+    """Take a look around by the proximity sensor: from now on the follower gives way to what is nearby.
+
+    Args:
+        avoidance: how to give way.
+        seen: columns of `sim.control.avoidance` for each vehicle, shape (v, 2).
+        belief: column COMPASS_BIAS is read [rad].
+        memory: columns PUSH_EAST and PUSH_NORTH are brought forward; the heading is as it was felt last.
+    """
+    heading = memory[COMPASS_PASSED] - belief[COMPASS_BIAS]
+    memory[PUSH_EAST], memory[PUSH_NORTH] = away(avoidance, seen, heading)
 
 
 @compiled
@@ -236,6 +254,9 @@ def keep_station(
         heading, speed = np.arctan2(east, north), np.hypot(east, north)
         if silent > quiet.patience:
             heading, speed = np.arctan2(target.way_east, target.way_north), quiet.speed
+    push = memory[PUSH_EAST], memory[PUSH_NORTH]
+    if push[0] != 0.0 or push[1] != 0.0:
+        heading, speed = give_way(law.avoidance, (heading, speed), push)
     _sink_to(depth, dt, memory, reference)
     turn = clip(wrap_angle(heading - memory[HEADING_WANTED]), -TURN_RATE * dt, TURN_RATE * dt)
     memory[HEADING_WANTED] += turn

@@ -5,15 +5,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from sim.scenario.proximity import Proximity
 from sim.scenario.section import NonNegative, Positive, Section, Speed
 from sim.scenario.shapes import Shape
+from sim.scenario.timing import CONTROL_STEP_S, is_multiple
 
 Metres = Annotated[float, Field(ge=-1000, le=1000)]
 
 LEAST_APART_M = 3.0
-"""Stations nearer than this to each other, or to the leader, in layers less than …"""
+"""Stations are refused that come nearer than this to each other, or to the leader: 2 m to keep clear of each other, and
+three standard deviations of the difference of two followers that are 0.25 m off each [m]."""
 LEAST_LAYER_M = 1.0
-"""… this apart are refused."""
+"""Layers that are farther apart than this keep followers apart wherever they are [m]."""
 
 
 class Station(Section):
@@ -28,6 +31,7 @@ class Formation(Section):
     """How followers on stations find and keep them."""
 
     shape: Shape | None = Field(None, description="makes the followers, in place of [[followers]]")
+    proximity: Proximity | None = Field(None, description="short-range sensor by which followers give way")
     law: Literal["constant-bearing", "ilos", "alos"] = Field(
         "constant-bearing", description="how a follower gets to its station: with the estimated current, or integrals"
     )
@@ -81,4 +85,30 @@ def conflicts(stations: list[tuple[str, Station]]) -> list[tuple[tuple[str, ...]
                     f"at least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
                 )
                 found.append(((f"{key}.station", f"{other}.station"), text))
+    return found
+
+
+def sensor_misfits(told: Proximity | None, stations: list[tuple[str, Station]]) -> list[tuple[tuple[str, ...], str]]:
+    """What keeps followers from giving way by a sensor as it is told: keys, and why."""
+    if told is None:
+        return []
+    key = "formation.proximity"
+    found: list[tuple[tuple[str, ...], str]] = []
+    if not stations:
+        found.append(((key, "followers"), f"{key} is for followers on stations; there are none"))
+    if told.full_m >= told.range_m:
+        text = f"{key}.full_m = {told.full_m:g} is not less than {key}.range_m = {told.range_m:g}"
+        found.append(((f"{key}.full_m", f"{key}.range_m"), text))
+    if not is_multiple(told.period_s, CONTROL_STEP_S):
+        text = f"{key}.period_s = {told.period_s:g} is no multiple of {CONTROL_STEP_S:g}"
+        found.append(((f"{key}.period_s",), text))
+    for i, (one, a) in enumerate(stations):
+        for other, b in stations[:i]:
+            apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
+            if apart < told.range_m and abs(a.depth_m - b.depth_m) < LEAST_LAYER_M:
+                text = (
+                    f"{one}.station and {other}.station are {apart:.3g} m apart in one layer, within {key}.range_m = "
+                    f"{told.range_m:g}: their followers would push each other away for ever"
+                )
+                found.append(((f"{one}.station", f"{other}.station", f"{key}.range_m"), text))
     return found

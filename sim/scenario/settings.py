@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from sim.scenario.formation import Formation, Station, conflicts
+from sim.scenario.formation import Formation, Station, conflicts, sensor_misfits
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
 from sim.scenario.section import LISTED, Name, Section
@@ -158,6 +158,7 @@ class Scenario(Section):
             found.append(Misfit(("formation.shape", "followers"), text))
         stations = [(f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station]
         found += [Misfit(keys, text) for keys, text in conflicts(stations)]
+        found += [Misfit(keys, text) for keys, text in sensor_misfits(self.formation.proximity, stations)]
         found += self._unheard(bool(stations))
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             keys = ("navigation.use_attitude", "leader.broadcast_attitude")

@@ -25,6 +25,9 @@ class Shape(Section):
     layer_m: Annotated[float, Field(ge=0, le=20)] = Field(
         1.0, description="how much deeper each is than the one before; 0: all in one layer"
     )
+    layers: Annotated[int, Field(ge=1, le=50)] | None = Field(
+        None, description="number of layers, taken in turn: a grid of 4 has one for each of its columns; default: count"
+    )
 
 
 def _line(i: int, count: int) -> Offset:
@@ -33,7 +36,8 @@ def _line(i: int, count: int) -> Offset:
 
 def _wings(i: int, count: int) -> Offset:
     rank, side = i // 2 + 1, 1.0 if i % 2 == 0 else -1.0
-    return (rank - 1) * math.sqrt(0.5), side * rank * math.sqrt(0.5)
+    # twice as far aside as behind: at 45° all of a wing would meet where the leader turns by 90°
+    return (rank - 1) * math.sqrt(0.2), side * rank * 2.0 * math.sqrt(0.2)
 
 
 def _column(i: int, count: int) -> Offset:
@@ -63,7 +67,7 @@ def followers_of(shape: Shape) -> list[dict[str, Any]]:
         station = {
             "behind_m": round(shape.behind_m + behind * shape.spacing_m, 6),
             "port_m": round(port * shape.spacing_m, 6),
-            "depth_m": shape.depth_m + i * shape.layer_m,
+            "depth_m": shape.depth_m + i % (shape.layers or shape.count) * shape.layer_m,
         }
         tables.append({"name": f"follower-{i + 1}", "station": station})
     return tables

@@ -56,6 +56,8 @@ class Stream(IntEnum):
     """Normals at every step: rates of turn about the hull's up and port axes."""
     TILT = 7
     """Normal at every step: the follower's inclinometer."""
+    NEARBY = 64
+    """Normals at a look at a vehicle: of vehicle v on stream 64 + v, the leader being vehicle 0."""
     LEADER_MOTION = LEADER_STREAMS
     """Normals at an emission: the leader's speed log, compass."""
     LEADER_DEPTH = LEADER_STREAMS + 1

@@ -7,11 +7,13 @@ import pytest
 
 from experiments.flight import separation
 from experiments.flight.fly import fly
-from experiments.flight.separation import _spread, contact_events, uncertainty_events
+from experiments.flight.separation import _spread, contact_events, giving_way_events, uncertainty_events
 from sim import flyable
 from sim.scenario.file import validate
+from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
 from sim.scenario.shapes import Shape, followers_of
+from sim.sensing.proximity import sightings
 from tests.synthetic import make_flight
 
 
@@ -71,7 +73,8 @@ def test_shapes_keep_their_spacing(kind: str, count: int) -> None:
     assert len(places) == count
     if count > 1:
         apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1)) + 1e9 * np.eye(count)
-        assert apart.min() == pytest.approx(8.0, abs=3.5 if kind == "v" else 1e-5)
+        # the first two of a V stand beside each other, two steps of 2 / √5 aside
+        assert apart.min() == pytest.approx(32.0 / np.sqrt(5.0) if (kind, count) == ("v", 2) else 8.0, abs=1e-5)
     assert places[:, 0].min() == pytest.approx(10.0)
 
 
@@ -95,3 +98,26 @@ def test_a_leader_that_followers_cannot_keep_up_with_is_named() -> None:
     }
     with pytest.raises(ValueError, match=r"waypoint 3 followers at 10 m would need 5\.2 m/s"):
         validate(table, "test", flyable._outrun)
+
+
+def test_who_gives_way_is_told_with_its_first_time_and_how_long() -> None:
+    """One of two abreast closes up at 0.5 m/s from 10.1 m: within 5 m after 10.2 s, as the look at 10.5 s shows."""
+    flight = make_flight(20.0, 2)
+    table = {
+        "name": "s",
+        "followers": [{"station": {"behind_m": 20.0, "port_m": port, "depth_m": 12.0}} for port in (0, 9)],
+        "formation": {"proximity": {"range_sigma_m": 0.0}},
+    }
+    trajectory = flight.trajectory
+    position = np.zeros_like(trajectory.position)
+    position[:, 0] = 500.0
+    position[:, 2, 0] = 10.1 - 0.5 * trajectory.time
+    moved = replace(flight, scenario=validate(table, "test"), trajectory=replace(trajectory, position=position))
+    assert [(event.time_s, event.level, event.text) for event in giving_way_events(moved)] == [
+        (pytest.approx(10.5), "info", "follower1 gives way to follower2"),
+        (pytest.approx(10.5), "info", "follower2 gives way to follower1"),
+    ]
+    # looks at 10.5, 11.0 … 20.0 s
+    np.testing.assert_allclose(sightings(moved.scenario, moved.trajectory).spent_s, 20 * 0.5)
+    blind = moved.scenario.model_copy(update={"formation": Formation()})
+    assert giving_way_events(replace(moved, scenario=blind)) == []

@@ -38,7 +38,10 @@ def test_conditions_say_what_their_titles_say() -> None:
     assert min(behind) >= 20.0
     fifty = by_name["fifty"].scenario(0)
     assert len(fifty.followers) == 50
-    assert {f.layer_m for f in fifty.followers} == {10.0}
+    assert {f.layer_m for f in fifty.followers} == {10.0, 11.0, 12.0, 13.0}
+    near = by_name["fifty near"].scenario(0)
+    assert {f.layer_m for f in near.followers} == {10.0}
+    assert near.formation.proximity
     directions = {by_name["ins"].scenario(run).sensors.leader_position_drift_deg for run in range(5)}
     assert len(directions) == 5
     swings = [by_name["drift"].scenario(run).sensors for run in range(9)]
@@ -54,7 +57,8 @@ def test_a_record_counts_what_runs_came_to() -> None:
     ones = np.ones(2)
     runs = [
         Run(rms=ones * (1 + i), p95=ones, largest=ones * 9 * (i + 1), turn=ones * i, leg=ones,
-            lost=np.array([0.0, float(i > 0)]), error=ones * i, closest=5.0 - i, power=10.0)
+            lost=np.array([0.0, float(i > 0)]), error=ones * i, closest=5.0 - i, within=4.0 + i,
+            touching=float(i == 1), power=10.0)
         for i in range(3)
     ]  # fmt: skip
     found = findings_of({"calm": runs})
@@ -63,7 +67,10 @@ def test_a_record_counts_what_runs_came_to() -> None:
     assert found["max calm"].value == 27.0
     assert (found["lost-runs calm"].value, found["closest calm"].value) == (2, 3.0)
     assert found["lost calm"].value == pytest.approx(2 / 6, rel=1e-5)
+    assert (found["within calm"].value, found["contact calm"].value) == (4.0, pytest.approx(1 / 3, rel=1e-5))
     assert found["runs"].value == 3
+    alone = findings_of({"calm": [replace(run, within=float("nan")) for run in runs]})
+    assert alone["within calm"].value is None
 
 
 def test_a_short_run_keeps_its_stations() -> None:

@@ -1,0 +1,88 @@
+"""What a follower senses nearby: places worked out by hand, errors by their moments, noise by its address."""
+
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats
+from sim.geometry import attitude
+from sim.scenario.settings import Scenario
+from sim.sensing.noise import Stream, normals
+from sim.sensing.proximity import BEARING, RANGE, SEEN, Lookout, look, lookout_of
+
+STEPS = 4000
+
+
+def sensor(run: int = 0, **keys: float) -> Lookout:
+    followers = [{"station": {"behind_m": 20.0, "depth_m": 12.0}}]
+    return lookout_of(Scenario(name="s", seed=5, run=run, followers=followers, formation={"proximity": keys}))
+
+
+EXACT = {"range_sigma_m": 0.0, "bearing_sigma_deg": 0.0}
+
+
+def poses(*places: tuple[float, float, float], heading: float = 0.0) -> Floats:
+    """Vehicles at places, all with one heading [rad]."""
+    quaternion = attitude.from_euler(np.full(len(places), heading))
+    return np.column_stack([np.array(places), quaternion])
+
+
+def seen(s: Lookout, follower: int, at: Floats, k: int = 1) -> Floats:
+    out = np.zeros((at.shape[0], SEEN))
+    look(s, k, follower, at, out)
+    return out
+
+
+def test_range_and_bearing_are_those_of_the_hulls_middles() -> None:
+    """The follower heads east: what is 3 m east and 4 m north of it is 53.13° to port, 5 m away."""
+    found = seen(
+        sensor(range_m=6.0, **EXACT), 0, poses((3.0, 4.0, -10.0), (0, 0, -10), (0, -2, -10), heading=np.pi / 2)
+    )
+    assert found[0] == pytest.approx([5.0, -np.arctan2(4.0, 3.0)])
+    assert np.isnan(found[1]).all()
+    assert found[2] == pytest.approx([2.0, np.pi / 2])
+
+
+@pytest.mark.parametrize(
+    ("place", "heard"),
+    [((4.99, 0, -10), True), ((5.01, 0, -10), False), ((4, 0, -10.7), True), ((4, 0, -10.71), False),
+     ((4, 0, -9.29), False), ((0, 4, -9.31), True)],
+)  # fmt: skip
+def test_it_reaches_to_its_range_within_its_fan(place: tuple[float, float, float], heard: bool) -> None:
+    """A fan of 20° opens by 4 m tan 10° = 0.705 m at 4 m."""
+    found = seen(sensor(**EXACT), 0, poses((90, 90, -10), (0, 0, -10), place))
+    assert np.isfinite(found[2]).all() == heard
+
+
+def test_errors_have_the_spread_of_the_data_sheet_and_no_bias() -> None:
+    s = sensor(range_sigma_m=0.2, bearing_sigma_deg=4.0)
+    at = poses((90, 90, -10), (0, 0, -10), (3, 0, -10))
+    found = np.array([seen(s, 0, at, k)[2] for k in range(1, STEPS + 1)]) - [3.0, np.pi / 2]
+    sigma = np.array([0.2, np.deg2rad(4.0)])
+    # six standard errors of a mean and of a standard deviation
+    np.testing.assert_array_less(np.abs(found.mean(axis=0)), 6 * sigma / np.sqrt(STEPS))
+    np.testing.assert_allclose(found.std(axis=0), sigma, rtol=6 / np.sqrt(2 * STEPS))
+    assert abs(np.corrcoef(found.T)[0, 1]) < 6 / np.sqrt(STEPS)
+
+
+def test_the_error_of_a_look_at_a_vehicle_depends_on_no_other() -> None:
+    """Follower 1 looks at vehicle 3 with the draws of its own stream for that, whoever else is there."""
+    s = sensor(run=2, range_sigma_m=0.2, bearing_sigma_deg=4.0)
+    (draws,) = normals(5, 2, Stream.NEARBY.number(1) + 3, 40)
+    places = [(90, 90, -10), (1, 1, -10), (0, 0, -10), (3, 0, -10), (2, 2, -10)]
+    found = seen(s, 1, poses(*places), 40)[3]
+    assert found == pytest.approx([3.0 + 0.2 * draws[0], np.pi / 2 + np.deg2rad(4.0) * draws[1]])
+    np.testing.assert_array_equal(found, seen(s, 1, poses(*places[:4]), 40)[3])
+    assert seen(sensor(run=3, range_sigma_m=0.2), 1, poses(*places), 40)[3, RANGE] != found[RANGE]
+    assert found[BEARING] != seen(s, 1, poses(*places), 45)[3, BEARING]
+
+
+def test_no_range_is_negative() -> None:
+    s = sensor(range_sigma_m=2.0)
+    at = poses((90, 90, -10), (0, 0, -10), (0.01, 0, -10))
+    ranges = np.array([seen(s, 0, at, k)[2, RANGE] for k in range(1, 200)])
+    assert ranges.min() == 0.0
+
+
+def test_who_has_no_sensor_never_looks() -> None:
+    assert lookout_of(Scenario(name="s", followers=[{"route": "T5"}])).every == 0
+    assert sensor(period_s=0.5).every == 5

@@ -1,0 +1,114 @@
+"""Stations on the leader's plan: where the frame does not turn, they are the trail moved aside, in closed form."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim import flyable
+from sim.scenario.file import validate
+from sim.scenario.settings import Scenario
+from sim.station_plan import nearest_stations
+
+LEFT = {"waypoints": [[0, 0, 0], [60, 60, 0], [200, 60, 140]]}
+STRAIGHT = {"waypoints": [[0, 0, 0], [200, 200, 0]]}
+STIFF = {"frame_time_s": 1e6}
+
+
+def mission(*places: tuple[float, float, float], leader: object = LEFT, **formation: Any) -> Scenario:
+    followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in places]
+    table = {"name": "s", "duration_s": 150.0, "leader": leader, "followers": followers, "formation": formation}
+    return validate(table, "test")
+
+
+@pytest.mark.parametrize(
+    ("other", "apart"),
+    [
+        ((20.0, 15.0), 0.0),  # as much farther to port as it is farther behind: they meet after the turn to port
+        ((20.0, 25.0), 10.0),
+        ((18.0, 15.0), 2.0),
+        ((20.0, -5.0), np.hypot(10.0, 10.0)),  # the nearest they are is at rest
+    ],
+)
+def test_after_a_right_angle_stations_stand_where_the_way_behind_and_aside_put_them(
+    other: tuple[float, float], apart: float
+) -> None:
+    """One stands 10 m behind and 5 m to port; on the second leg they are Δy − Δs apart along it, and no way aside."""
+    found = nearest_stations(mission((10.0, 5.0, 12.0), (*other, 12.0), **STIFF))
+    assert found is not None
+    assert found.apart_m == pytest.approx(apart, abs=0.02)
+    assert found.pair == (0, 1)
+    if apart < 5.0:
+        # the second one has gone round the corner by then
+        assert 60.0 + 15.0 < found.time_s < 60.0 + 30.0
+
+
+def test_on_a_straight_way_they_keep_their_distance() -> None:
+    found = nearest_stations(mission((10.0, 5.0, 12.0), (20.0, 15.0, 12.5), (12.0, 5.0, 13.5), leader=STRAIGHT))
+    assert found is not None
+    assert found.apart_m == pytest.approx(np.hypot(10.0, 10.0), abs=1e-6)
+
+
+def test_layers_of_their_own_need_no_distance() -> None:
+    assert nearest_stations(mission((10.0, 5.0, 12.0), (20.0, 15.0, 13.0))) is None
+
+
+def test_the_leader_is_in_a_layer_too() -> None:
+    """At 8 m, as it is unless something else is said; 10 m of way round its corner are less as the crow flies.
+
+    Of a quarter of a circle, turned at 10°/s at 1 m/s, and as much straight way before as after it.
+    """
+    radius = 1.0 / np.deg2rad(10.0)
+    apart = np.sqrt(2.0) * (radius + 0.5 * (10.0 - 0.5 * np.pi * radius))
+    found = nearest_stations(mission((10.0, 0.0, 8.5)))
+    assert found is not None
+    assert (found.pair, found.apart_m) == ((0, -1), pytest.approx(apart, abs=0.1))
+
+
+@pytest.mark.parametrize("count", [2, 5, 12])
+def test_wings_of_a_v_do_not_meet_in_a_right_angle(count: int) -> None:
+    """Twice as far aside as behind, a wing's neighbours at 10 m are 10 (2 − 1) / √5 m apart on the second leg."""
+    shape = {"kind": "v", "count": count, "layer_m": 0.0}
+    formation = {"shape": shape, **STIFF}
+    found = nearest_stations(validate({"name": "s", "duration_s": 180.0, "leader": LEFT, "formation": formation}, "t"))
+    assert found is not None
+    assert found.apart_m == pytest.approx(10.0 / np.sqrt(5.0) if count > 2 else 2 * 10 * 2 / np.sqrt(5.0), abs=0.02)
+
+
+def told(table: dict[str, Any]) -> Scenario:
+    return validate({"name": "s", "duration_s": 150.0, "leader": LEFT, **table}, "test", flyable.misfits)
+
+
+GRID = {"kind": "grid", "count": 12, "layer_m": 0.0}
+
+
+def test_stations_that_meet_in_the_turn_are_refused_unless_followers_give_way() -> None:
+    with pytest.raises(ValueError, match=r"followers\[\d+\].station and followers\[\d+\].station, in one layer"):
+        told({"formation": {"shape": GRID}})
+    told({"formation": {"shape": GRID, "proximity": {}}})
+    told({"formation": {"shape": GRID | {"layer_m": 1.0, "layers": 4}}})
+    told({"formation": {"shape": GRID}, "leader": STRAIGHT})
+
+
+def test_layers_are_taken_in_turn() -> None:
+    scenario = told({"formation": {"shape": GRID | {"layer_m": 1.5, "layers": 4, "depth_m": 9.0}}})
+    assert [f.layer_m for f in scenario.followers] == [9.0, 10.5, 12.0, 13.5] * 3
+
+
+@pytest.mark.parametrize(
+    ("table", "text"),
+    [
+        ({"formation": {"proximity": {}}, "followers": [{"route": "T5"}]}, "is for followers on stations"),
+        ({"formation": {"proximity": {"full_m": 5.0}}}, r"full_m = 5 is not less than formation.proximity.range_m = 5"),
+        ({"formation": {"proximity": {"period_s": 0.25}}}, r"period_s = 0.25 is no multiple of 0.1"),
+        ({"formation": {"proximity": {"range_m": 12.0}}}, r"are 10 m apart in one layer, within formation.prox"),
+        ({"followers": [{"station": {"behind_m": 10.0, "depth_m": 9.5}},
+                        {"station": {"behind_m": 30.0, "depth_m": 9.0}, "start_m": [-12.0, 0.0]}]},
+         r"followers\[0\] and followers\[1\] start 2 m apart in layers 0.5 m apart"),
+        ({"contact": "end", "followers": [{"route": "T5"}] * 2}, r"followers\[0\] and followers\[1\] start 0 m apart"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_named_before_anything_is_flown(table: dict[str, Any], text: str) -> None:
+    followers = [{"station": {"behind_m": behind, "depth_m": 10.0}} for behind in (20.0, 30.0)]
+    with pytest.raises(ValueError, match=text):
+        told({"followers": followers} | table)
