@@ -27,6 +27,8 @@ def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> Run:
         lost=(np.arange(10) < lost).astype(float),
         error=np.full(10, 0.25),
         closest=7.5 + rms,
+        within=8.5 + rms,
+        touching=0.0,
         power=8.0,
     )
 
@@ -62,19 +64,19 @@ def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: P
     assert message < interval < ten
     assert fifty == pytest.approx(5.0 * ten, abs=0.3)
     # distances of 3 m: the median of ten from 3.0 to 5.7 m, the worst, twice and five times as much, half as much
-    median, worst, p95, largest, leg, turn, error, lost, share, closest, power = found[CONDITIONS[2].title]
+    median, worst, p95, largest, leg, turn, error, lost, share, closest, within, power = found[CONDITIONS[2].title]
     assert median.startswith("4.35")
     assert (worst, p95, largest, leg, turn) == ("5.70", "8.70", "28.50", "2.17", "3.00")
     assert error.startswith("0.25")
     # six of twenty: Clopper and Pearson give 11.9 … 54.3 %
     assert (lost, share) == ("6 of 20", "30.0 (11.9 … 54.3)")
-    assert (closest, power.split()[0]) == ("10.5", "8.0")
+    assert (closest, within, power.split()[0]) == ("10.5", "11.5", "8.0")
     assert found[CONDITIONS[4].title][5] == "–", "no turn, no distance in it"
 
 
 def test_rules_quote_the_conditions_that_they_name() -> None:
     """Every finding has a number of its own, and every phrase the number of its condition."""
-    whats = ("run-median", "worst", "max", "closest", "error", "lost")
+    whats = ("run-median", "worst", "max", "closest", "within", "error", "lost")
     keys = [f"{what} {condition.name}" for what in whats for condition in CONDITIONS]
     weaves = [f"weave {weave}" for weave in ("5 40 40", "0 40 40", "5 40 20", "0 40 20", "2 40 40", "10 40 40")]
     keys = [*weaves, "weave 5 40 way", *keys]
@@ -104,9 +106,10 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
         ("assumed to, cost {} in place of", "run-median drift"),
         ("formation along: {} off", "run-median ins"),
         ("though {} off in the world", "error ins"),
-        ("one layer the median follower was {} off", "run-median fifty"),
+        ("four layers the median follower was {} off", "run-median fifty"),
         ("off, the worst {},", "worst fifty"),
-        ("vehicles came within {} of each other.", "closest fifty"),
+        ("two of one layer came within {} of each other.", "within fifty"),
+        ("sense each other kept {} apart", "within fifty near"),
         ("{} for the median follower that steers by the truth", "run-median truth"),
         ("truth, and {} at most", "max truth"),
     ):
