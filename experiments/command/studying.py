@@ -41,15 +41,16 @@ def _pairs(assignments: list[str] | None, option: str, *, several: bool) -> dict
 def _dry(study: "Study", workers: int | None) -> None:
     import os
 
-    from experiments.study.plan import plan_of
+    from experiments.study.plan import many, plan_of
     from experiments.study.study import effort_of
 
     plan = plan_of(study)
     effort = effort_of(plan, workers or len(os.sched_getaffinity(0)))
     typer.echo(
-        f"{study.name}: {len(plan.points)} points, {len(plan.arms)} arms, {study.seas} seas, {study.runs} runs; "
-        f"{effort.flights} flights, {effort.cells} cells, {effort.runs} runs; about {max(effort.seconds, 1):.0f} s "
-        f"and {effort.megabytes:.0f} MB, if nothing is stored yet"
+        f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, {many(study.seas, 'sea')}, "
+        f"{many(study.runs, 'run')} of noise; {many(effort.flights, 'flight')}, {many(effort.cells, 'cell')}, "
+        f"{many(effort.runs, 'run')}; about {max(effort.seconds, 1):.0f} s and {effort.megabytes:.0f} MB, if nothing "
+        "is stored yet"
     )
 
 

@@ -279,7 +279,8 @@ def svg(figure: Figure, name: str, label: str = "") -> str:
     used = set(re.findall(r"(?:url\(|href=\")#([^)\"]+)", text))
     text = re.sub(r' id="([^"]*)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", text)
     text = re.sub(r"(url\(|href=\")#", rf"\g<1>#{name}-", text)
-    text = re.sub(r"(\.\d\d)\d+", r"\1", text)
+    # of places alone: what is written on a figure keeps its digits
+    text = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(\.\d\d)\d+", r"\1", tag[0]), text)
     text = re.sub(r"font-family: [^;\"]*;? ?", "", text)
     text = text.replace("font-weight: 700", "font-weight: 600")
     text = _SYMBOL.sub(r'\1<tspan dy="2" font-size="70%">\2</tspan><tspan dy="-2">&#8203;</tspan>', text)

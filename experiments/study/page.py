@@ -14,7 +14,7 @@ from experiments.study.estimate import Place, Results, shown
 from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS
 from experiments.study.notable import commands, place_text
-from experiments.study.plan import ALONE, Entry, Plan
+from experiments.study.plan import ALONE, Entry, Plan, many
 
 _FEWEST_SEAS = 8
 """Fewest seas of a figure over what was drawn; with fewer there is nothing to see."""
@@ -68,9 +68,11 @@ def _design(plan: Plan) -> list[Block]:
     cells = sum(len(entry.scenario.followers) for entry in plan.entries)
     how = "every combination" if study.design == "factorial" else study.design
     text = (
-        f"{len(plan.points)} points ({how}), {len(plan.arms)} arms, {study.seas} seas and {study.runs} runs of noise "
-        f"for each: {plan.flights} flights, {cells * study.runs} runs. Arms fly on the same noise and the same seas. "
+        f"{many(len(plan.points), 'point')} ({how}), {many(len(plan.arms), 'arm')}, {many(study.seas, 'sea')} and "
+        f"{many(study.runs, 'run')} of noise for each: {many(plan.flights, 'flight')}, "
+        f"{many(cells * study.runs, 'run')}. "
     )
+    text += "Arms fly on the same noise and the same seas. " if len(plan.arms) > 1 else ""
     text += (
         "Intervals are 95 %, for the mean over all seas that might have been drawn."
         if study.seas > 1

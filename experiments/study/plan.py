@@ -74,6 +74,11 @@ class Plan:
         return len(shared) + self.study.runs * sum(entry.closed_loop for entry in self.entries)
 
 
+def many(number: int, noun: str) -> str:
+    """A number of things in words: 1 arm, 2 arms, 1,200 runs."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
 class _Flyable:
     """What keeps scenarios from being flown, found once for all that move and are filmed alike."""
 

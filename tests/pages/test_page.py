@@ -72,6 +72,14 @@ def test_figures_are_well_formed_and_take_their_colours_from_the_page():
     assert all(i.startswith("one-") for i in re.findall(r'id="([^"]*)"', text))
 
 
+def test_places_on_figures_lose_digits_and_words_do_not():
+    line = Line(x=np.array([0.0, 1.0]), y=np.array([0.0011, 0.0039]))
+    text = figures.svg(figures.panel([line], x_label="1.23456 m", y_label="", title="0.208"), "digits")
+    words = re.findall(r">([^<>]+)</text>", text)
+    assert {"1.23456 m", "0.208", "0.0020"} <= set(words)
+    assert not re.search(r"\.\d{3}", re.sub(r">[^<]*<", "><", text))
+
+
 def test_every_colour_has_a_light_and_a_dark_value():
     sheet = page.render(sample_page()).partition("<style>")[2].partition("</style>")[0]
     for colour in style.COLOURS:

@@ -152,7 +152,7 @@ def test_the_design_is_told_with_its_numbers(plan: Plan) -> None:
     assert isinstance(table, Table)
     # three depths, each flown once for both arms
     assert (
-        "3 points (every combination), 2 arms, 1 seas and 40 runs of noise for each: 3 flights, 240 runs." in text.text
+        "3 points (every combination), 2 arms, 1 sea and 40 runs of noise for each: 3 flights, 240 runs." in text.text
     )
     assert [[cell.text for cell in row] for row in table.rows] == [
         ["followers.0.depth_m", "varied", "10, 12, 14"], ["duration_s", "set", "20"],
