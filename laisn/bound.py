@@ -6,12 +6,13 @@ J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H. All derivatives are taken at the
 biases of log and compass, common scale error of ranges, and what else is unknown.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from laisn.arrays import Floats, Ints
+from laisn.records import require_numbers
 
 _LINE, _SHARES = np.polynomial.hermite_e.hermegauss(5)
 _NODES = np.stack(np.meshgrid(_LINE, _LINE), axis=2).reshape(-1, 2)
@@ -52,10 +53,7 @@ class TrueNoise:
     """Standard deviation, before the mission, of a further transmitter's constant error beside the first one's [m]."""
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not np.isfinite(value) or value < 0.0:
-                raise ValueError(f"{field.name} is {value}, expected a finite number, zero or more")
+        require_numbers(self)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ from laisn.gate import Gate
 from laisn.geometry import Point
 from laisn.hearing import Heard, hear, one_range, pair_fix
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
+from laisn.online import Online, require_own, require_time
 from laisn.settings import NavigationSettings
 from laisn.tuning import Tuning
 from laisn.variants import SEQUENTIAL, SINGLE
@@ -38,7 +39,7 @@ class FixRecord(NamedTuple):
     """Covariance of `innovation`, shape (2, 2), [m²]."""
 
 
-class Navigator:
+class Navigator(Online):
     """LAISN on one follower: predict, position update if a message arrived, speed update (paper, Section 2.1)."""
 
     def __init__(self, settings: NavigationSettings, start: Floats) -> None:
@@ -52,15 +53,12 @@ class Navigator:
             ValueError: the start is not four finite numbers.
             NotImplementedError: naming a choice that no formula knows.
         """
-        start = np.asarray(start, dtype=np.float64)
-        if start.shape != (4,) or not np.all(np.isfinite(start)):
-            raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
+        super().__init__(start, settings.position_sigma0)
         self.settings = settings
         sigma0 = np.repeat([settings.position_sigma0, settings.velocity_sigma0], 2)
-        self._filter = Filter(settings.dt, start, sigma0)
+        self._filter = Filter(settings.dt, self._state, sigma0)
         self._tuning = Tuning.of(settings)
         self._gate = Gate(self._tuning, Point(float(start[0]), float(start[1])))
-        self._step = 0
         self._own: OwnMotion | None = None
         self._message: LeaderMessage | None = None
 
@@ -92,8 +90,8 @@ class Navigator:
                 infinite, or the duration is not positive.
         """
         self._step += 1
-        if not all(map(math.isfinite, own)):
-            raise LaisnError(f"step {self._step}: own motion {own} is not finite")
+        require_own(self._step, own)
+        require_time(self._step, duration)
         if reception is not None:
             if not np.all(np.isfinite(reception.message[:6])):
                 raise LaisnError(f"step {self._step}: leader message {reception.message} is not finite")
@@ -104,8 +102,6 @@ class Navigator:
             if reception.transmitters is not None and np.any(np.isinf(reception.transmitters)):
                 raise LaisnError(f"step {self._step}: a transmitter is infinitely far; NaN stands for a missing one")
         if duration is not None:
-            if not 0 < duration < np.inf:
-                raise LaisnError(f"step {self._step}: it takes {duration} s, expected a positive time")
             self._gate.lengthen(duration - self.settings.dt)
         self._filter.predict(self._acceleration(own, reception), duration)
         records = [] if reception is None else self._update_position(own, reception)
@@ -120,14 +116,7 @@ class Navigator:
         Raises:
             ValueError: the measurements have another filter step than the settings, or the navigator is under way.
         """
-        measurements.require_fresh(self._step, self.settings.dt)
-        n = measurements.speed.size
-        state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
-        records: list[FixRecord] = []
-        durations = [None] * n if measurements.durations is None else measurements.durations.tolist()
-        for i, (own, reception) in enumerate(measurements.steps()):
-            records += self.step(own, reception, durations[i])
-            state[i], covariance[i] = self._filter.state, self._filter.covariance
+        state, covariance, records = self._take(measurements, self.settings.dt)
         f = len(records)
         return Estimates(
             state=state,

@@ -1,11 +1,14 @@
-"""Records whose arrays have the shapes that they say, and stay as they are."""
+"""Records whose numbers and arrays are what they say, and stay as they are."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+Offset = tuple[float, float, float]
+"""Forward, port and up from a body's origin [m]."""
 
 
 def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None:
@@ -14,6 +17,44 @@ def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None
         given = getattr(record, name).shape
         if given != shape:
             raise ValueError(f"{type(record).__name__}.{name} has shape {given}, expected {shape}")
+
+
+def require_numbers(record: Any, *, positive: Collection[str] = (), signed: Collection[str] = ()) -> None:
+    """ValueError naming the first number of a record that is not finite, or less than may be.
+
+    Args:
+        record: a dataclass; only its floats are looked at.
+        positive: fields that must not be zero.
+        signed: fields that may be negative.
+    """
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if not isinstance(value, float):
+            continue
+        enough = field.name in signed or value > 0.0 or (value == 0.0 and field.name not in positive)
+        if not np.isfinite(value) or not enough:
+            bound = "" if field.name in signed else ", positive" if field.name in positive else ", zero or more"
+            raise ValueError(f"{field.name} is {value}, expected a finite number{bound}")
+
+
+def require_chance(name: str, value: float) -> None:
+    """ValueError naming a chance that is not between 0 and 1."""
+    if not 0.0 < value < 1.0:
+        raise ValueError(f"{name} is {value}, expected a number between 0 and 1")
+
+
+def require_offsets(name: str, offsets: Collection[Offset]) -> None:
+    """ValueError unless there are offsets of two or three transmitters, the first two apart when level, or none."""
+    places = list(offsets)
+    if places and (
+        len(places) not in (2, 3)
+        or any(len(place) != 3 or not np.all(np.isfinite(place)) for place in places)
+        or places[0][:2] == places[1][:2]
+    ):
+        raise ValueError(
+            f"{name} is {offsets}, expected (forward, port, up) of the rear and the front one, one before, behind or "
+            "beside the other, and perhaps of the middle one"
+        )
 
 
 def _is_settled(array: npt.NDArray[Any]) -> bool:

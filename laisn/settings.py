@@ -1,17 +1,17 @@
 """What a navigator believes and how it decides: every constant of the paper, with the paper's value as default."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+
+from laisn.records import Offset, require_numbers, require_offsets
 
 Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main"]
 AnyVariant = Literal[Variant, "tight"]
 """What a mission may be navigated by: a LAISN, or the tightly coupled navigator of `laisn.tight`."""
 GateRule = Literal["off", "v-max", "v-measured"]
 SideRule = Literal["behind", "predicted"]
-
-Offset = tuple[float, float, float]
 
 VARIANTS: tuple[Variant, ...] = get_args(Variant)
 
@@ -87,21 +87,5 @@ class NavigationSettings:
             if value not in allowed:
                 raise ValueError(f"{name} is {value!r}; available: {', '.join(allowed)}")
         positive = {"dt", "baseline", "leader_speed_max", "follower_speed_max"}
-        signed = {"hydrophone_height", "middle_offset"}
-        offsets = self.transmitter_offsets
-        if offsets and (
-            len(offsets) not in (2, 3)
-            or any(len(offset) != 3 or not np.all(np.isfinite(offset)) for offset in offsets)
-            or offsets[0][:2] == offsets[1][:2]
-        ):
-            raise ValueError(
-                f"transmitter_offsets is {offsets}, expected (forward, port, up) of the rear and the front one, one "
-                "before, behind or beside the other, and perhaps of the middle one"
-            )
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not isinstance(value, float) or field.name in signed:
-                continue
-            if not np.isfinite(value) or value < 0 or (field.name in positive and value == 0):
-                bound = "positive" if field.name in positive else "zero or more"
-                raise ValueError(f"{field.name} is {value}, expected a finite number, {bound}")
+        require_offsets("transmitter_offsets", self.transmitter_offsets)
+        require_numbers(self, positive=positive, signed={"hydrophone_height", "middle_offset"})

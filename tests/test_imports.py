@@ -18,8 +18,8 @@ VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "lai
 
 def declared(room: str) -> set[str]:
     """What the first page of a room allows."""
-    (line,) = re.findall(r"^Imports: (.*)$", SOURCES[room].read_text(encoding="utf-8"), flags=re.MULTILINE)
-    return set(line.split())
+    (last,) = re.findall(r"^Imports: ([^\"]*)", SOURCES[room].read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return set(last.split())
 
 
 def within(module: str, room: str) -> bool:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +16,8 @@ from laisn.beacons.settings import BeaconSettings
 from laisn.estimates import Estimates, FixKind
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.online import Online, require_readings, require_time
 
-FASTEST = 50.0
-"""A reading of the odometry beyond this is broken, not fast [m/s]."""
-FARTHEST = 1e5
-"""A range beyond this is broken, not far [m]."""
 MOST_BEACONS = 64
 """More places than this are not those of beacons at rest."""
 
@@ -34,23 +32,6 @@ class Update(NamedTuple):
     """Mean over the mixture, shape (2,), [m]."""
     sigma: float
     """Root of half the trace of its covariance [m]."""
-
-
-def _check(step: int, own: OwnMotion, reception: Reception | None, duration: float) -> None:
-    """LaisnError naming what is broken of a step's readings."""
-    if not all(map(math.isfinite, own)):
-        raise LaisnError(f"step {step}: own motion {own} is not finite")
-    if not -FASTEST <= own.speed <= FASTEST:
-        raise LaisnError(f"step {step}: the odometry reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
-    if not 0.0 < duration < math.inf:
-        raise LaisnError(f"step {step}: it takes {duration} s, expected a positive time")
-    if reception is None:
-        return
-    if reception.transmitters is None:
-        raise LaisnError(f"step {step}: the message does not place its transmitters; this navigator needs beacons")
-    for value in reception.ranges:
-        if value < 0.0 or value > FARTHEST:
-            raise LaisnError(f"step {step}: ranges {reception.ranges}, expected 0 … {FARTHEST:g} m, NaN for none")
 
 
 def _heard(reception: Reception) -> list[tuple[Floats, float]]:
@@ -75,7 +56,7 @@ def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> 
     )
 
 
-class BeaconNavigator:
+class BeaconNavigator(Online):
     """The tightly coupled navigator of one vehicle among beacons at rest.
 
     A reading of its own motion is the mean speed over the step that it ends, and the direction of the way in it.
@@ -92,29 +73,11 @@ class BeaconNavigator:
         Raises:
             ValueError: the start is not four finite numbers.
         """
-        known = None
-        self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
-        if start is not None and settings.known_start:
-            start = np.asarray(start, dtype=np.float64)
-            if start.shape != (4,) or not np.all(np.isfinite(start)):
-                raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
-            known = (float(start[0]), float(start[1]))
-            self._state, self._covariance = start.copy(), np.diag(np.repeat([settings.start_sigma**2, 0.0], 2))
+        super().__init__(start if settings.known_start else None, settings.start_sigma)
         self.settings = settings
-        self._belief: Belief = new_belief(settings, known)
+        self._belief: Belief = new_belief(settings, self._start)
         self._beacons: dict[tuple[float, float], int] = {}
-        self._starter = 0 if known is None else -1
-        self._step = 0
-
-    @property
-    def state(self) -> Floats:
-        """x, y, vx, vy after the last step, shape (4,): mean over the mixture."""
-        return self._state.copy()
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance of `state` over the mixture, shape (4, 4)."""
-        return self._covariance.copy()
+        self._starter = 0 if self._start is None else -1
 
     @property
     def evidence(self) -> float:
@@ -141,7 +104,12 @@ class BeaconNavigator:
         """
         self._step += 1
         time = self.settings.dt if duration is None else duration
-        _check(self._step, own, reception, time)
+        require_readings(self._step, own, reception, "odometry")
+        require_time(self._step, time)
+        if reception is not None and reception.transmitters is None:
+            raise LaisnError(
+                f"step {self._step}: the message does not place its transmitters; this navigator needs beacons"
+            )
         advance(self._belief, self.settings.slip, own.speed, own.heading, time)
         used = None if reception is None else [self._hear(*heard, own.depth) for heard in _heard(reception)]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
@@ -157,15 +125,9 @@ class BeaconNavigator:
             LaisnError: as `step`.
         """
         # it takes steps of any length
-        measurements.require_fresh(self._step, measurements.dt)
-        n = measurements.speed.size
-        state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
-        updates: list[Update] = []
-        durations = np.full(n, measurements.dt) if measurements.durations is None else measurements.durations
-        for i, (own, reception) in enumerate(measurements.steps()):
-            updates += self.step(own, reception, float(durations[i]))
-            state[i], covariance[i] = self._state, self._covariance
-        return _estimates(state, covariance, updates)
+        if measurements.durations is None:
+            measurements = replace(measurements, durations=np.full(measurements.speed.size, measurements.dt))
+        return _estimates(*self._take(measurements, measurements.dt))
 
     def _beacon(self, place: tuple[float, float]) -> int:
         """Number of the beacon at a surveyed place; a new place is a new beacon."""

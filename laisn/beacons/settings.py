@@ -1,8 +1,10 @@
 """What the navigator among beacons takes its odometry and its ranges to be, as a data sheet would say it."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
+
+from laisn.records import require_chance, require_numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,16 +47,9 @@ class BeaconSettings:
     """Width of the span in which wrong ranges lie [m]."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.outlier_chance < 1.0:
-            raise ValueError(f"outlier_chance is {self.outlier_chance}, expected a number between 0 and 1")
+        require_chance("outlier_chance", self.outlier_chance)
         positive = {"dt", "start_sigma", "range_sigma", "outlier_span"}
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not isinstance(value, float) or item.name == "hydrophone_height":
-                continue
-            if not np.isfinite(value) or value < 0.0 or (item.name in positive and value == 0.0):
-                bound = "positive" if item.name in positive else "zero or more"
-                raise ValueError(f"{item.name} is {value}, expected a finite number, {bound}")
+        require_numbers(self, positive=positive, signed={"hydrophone_height"})
 
 
 MEDIA = {

@@ -10,6 +10,7 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.geometry import place_on_body
 from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.online import FARTHEST, Online, require_readings, require_time
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
 from laisn.tight.estimator import place_arms, receive
@@ -18,12 +19,6 @@ from laisn.tight.own_motion import advance, moments
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import TightSettings
 from laisn.tight.sides import heaviest, hypothesis_weight
-
-FASTEST = 50.0
-"""A reading of the log beyond this is broken, not fast [m/s]."""
-FARTHEST = 1e5
-"""A range, coordinate or depth beyond this is broken, not far [m]."""
-
 
 _NOTHING = np.empty(0), np.empty((0, 2)), np.empty((0, 2, 2))
 
@@ -52,23 +47,16 @@ class Update(NamedTuple):
 
 def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
     """LaisnError naming what is broken of a step's readings."""
-    if not all(map(math.isfinite, own)):
-        raise LaisnError(f"step {step}: own motion {own} is not finite")
-    if not -FASTEST <= own.speed <= FASTEST:
-        raise LaisnError(f"step {step}: the log reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
+    require_readings(step, own, reception, "log")
     if reception is None:
         return
-    message, ranges = reception.message, reception.ranges
-    places = reception.transmitters
+    message, places = reception.message, reception.transmitters
     if places is not None and not np.nanmax(np.abs(places), initial=0.0) <= 1e3 * FARTHEST:
         raise LaisnError(f"step {step}: a transmitter is farther than {1e3 * FARTHEST:g} m; NaN stands for none")
     if not all(map(math.isfinite, message[:6])):
         raise LaisnError(f"step {step}: leader message {message} is not finite")
     if max(abs(message.east), abs(message.north), abs(message.depth)) > 1e3 * FARTHEST:
         raise LaisnError(f"step {step}: the leader is at {message}, farther than {1e3 * FARTHEST:g} m")
-    for value in ranges:
-        if value < 0.0 or value > FARTHEST:
-            raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
 
 
 def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> TightEstimates:
@@ -100,7 +88,7 @@ def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> 
     )
 
 
-class TightNavigator:
+class TightNavigator(Online):
     """The tightly coupled navigator on one follower."""
 
     def __init__(self, settings: TightSettings, start: Floats | None) -> None:
@@ -115,30 +103,12 @@ class TightNavigator:
         Raises:
             ValueError: the start is not four finite numbers.
         """
+        super().__init__(start if settings.known_start else None, settings.start_sigma)
         self.settings = settings
         self._model = model_of(settings)
-        self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
         self._places = canonical(self._model)
-        known = None
-        if start is not None and settings.known_start:
-            start = np.asarray(start, dtype=np.float64)
-            if start.shape != (4,) or not np.all(np.isfinite(start)):
-                raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
-            known = (float(start[0]), float(start[1]))
-            self._state, self._covariance = start.copy(), np.diag(np.repeat([settings.start_sigma**2, 0.0], 2))
-        self._belief: Belief = new_belief(settings, self._model, known)
+        self._belief: Belief = new_belief(settings, self._model, self._start)
         self._heard = new_heard()
-        self._step = 0
-
-    @property
-    def state(self) -> Floats:
-        """x, y, vx, vy after the last step, shape (4,): mean over the mixture."""
-        return self._state.copy()
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance of `state` over the mixture, shape (4, 4)."""
-        return self._covariance.copy()
 
     def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
         """Advance by one filter step.
@@ -157,8 +127,7 @@ class TightNavigator:
         """
         self._step += 1
         _check(self._step, own, reception)
-        if duration is not None and not 0.0 < duration < math.inf:
-            raise LaisnError(f"step {self._step}: it takes {duration} s, expected a positive time")
+        require_time(self._step, duration)
         model = self._model if duration is None else self._model._replace(dt=duration)
         advance(self._belief, model, own.speed, own.heading)
         updates = [] if reception is None else [self._receive(own, reception)]
@@ -173,15 +142,7 @@ class TightNavigator:
             ValueError: the measurements have another filter step than the settings, or the navigator is under way.
             LaisnError: as `step`.
         """
-        measurements.require_fresh(self._step, self.settings.dt)
-        n = measurements.speed.size
-        state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
-        updates: list[Update] = []
-        durations = [None] * n if measurements.durations is None else measurements.durations.tolist()
-        for i, (own, reception) in enumerate(measurements.steps()):
-            updates += self.step(own, reception, durations[i])
-            state[i], covariance[i] = self._state, self._covariance
-        return _estimates(state, covariance, updates)
+        return _estimates(*self._take(measurements, self.settings.dt))
 
     def _place_anywhere(self, own: OwnMotion, reception: Reception) -> bool:
         """Place transmitters that are on no hull, or elsewhere on it; False if there are none."""

@@ -1,11 +1,11 @@
 """What the tightly coupled navigator takes its sensors to be, as a data sheet would say it."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
-Offset = tuple[float, float, float]
+from laisn.records import Offset, require_chance, require_numbers, require_offsets
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,14 +92,7 @@ class TightSettings:
                 f"transmitter_offsets has {len(self.transmitter_offsets)} places, expected one for each of "
                 f"{self.transmitters} transmitters"
             )
-        if not 0.0 < self.outlier_chance < 1.0:
-            raise ValueError(f"outlier_chance is {self.outlier_chance}, expected a number between 0 and 1")
+        require_offsets("transmitter_offsets", self.transmitter_offsets)
+        require_chance("outlier_chance", self.outlier_chance)
         positive = {"dt", "baseline", "start_sigma", "range_sigma", "outlier_span"}
-        signed = {"hydrophone_height", "middle_offset"}
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not isinstance(value, float) or item.name in signed:
-                continue
-            if not np.isfinite(value) or value < 0.0 or (item.name in positive and value == 0.0):
-                bound = "positive" if item.name in positive else "zero or more"
-                raise ValueError(f"{item.name} is {value}, expected a finite number, {bound}")
+        require_numbers(self, positive=positive, signed={"hydrophone_height", "middle_offset"})

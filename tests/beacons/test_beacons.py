@@ -295,7 +295,7 @@ def test_absurd_readings_are_named() -> None:
         (OwnMotion(math.nan, 0.0, 0.0), None, 0.1, "is not finite"),
         (OwnMotion(80.0, 0.0, 0.0), None, 0.1, "the odometry reads 80 m/s"),
         (fine, None, 0.0, "expected a positive time"),
-        (fine, reception((-3.0, math.nan, math.nan)), 0.1, "NaN for none"),
+        (fine, reception((-3.0, math.nan, math.nan)), 0.1, "NaN for a missing one"),
         (fine, reception()._replace(transmitters=None), 0.1, "needs beacons"),
     ]
     for own, heard, time, words in cases:
