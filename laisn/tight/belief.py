@@ -41,6 +41,8 @@ _LEADER = np.dtype(
         "leg",  # messages on the leg so far; 0: it turns, or nobody knows
         "steady",  # 1 where the leg's mean heading is used, else 0
         "leg_heading",  # mean heading of the leg, as it was at the last message [rad]
+        "squares", "compared",  # of readings on all legs from their means [rad²], and how many they are worth
+        "scatter",  # variance of a reading about its leg's heading, as far as known [rad²]
         "other_variance",  # `leader_variance` of steady legs while there is none, else of readings [rad²]
     )]
 )  # fmt: skip
@@ -126,6 +128,7 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     belief: Belief = np.zeros(1, dtype=_BELIEF).view(np.recarray)[0]
     belief.alive, belief.smoothed, belief.leader_variance = 1, 1.0, m.leader_variance
     belief.motion.speed = belief.leader.window_time = belief.leader.at_x = belief.leader.track = np.nan
+    belief.leader.scatter = m.leader_variance
     belief.leader.other_variance = m.leader_variance / 16.0
     belief.fresh = sigma**2
     if start is None:

@@ -39,7 +39,8 @@ class TightEstimates(Estimates):
     used: Ints
     """How many of its ranges the heaviest hypothesis used, shape (f,)."""
     nis: Floats
-    """Their squared residuals in units of S, shape (f,): `used` on average, if S is right; NaN if none was used."""
+    """Their squared residuals in units of S, shape (f,): `used` on average, if S is right; NaN if none was used,
+    or nothing was expected of them."""
     full_state: Floats
     """Mean over the mixture after each message, shape (f, 10), in the order of `names`; NaN for what is no state."""
     full_sigma: Floats

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, hull_to_world
@@ -118,12 +120,12 @@ def _reweigh(b: Belief, m: Model) -> bool:
 
 
 @compiled
-def _learn_leader(b: Belief, m: Model) -> None:
-    """Learn how much the leader's heading errs from message to message."""
+def learn_leader(b: Belief, m: Model) -> None:
+    """Learn how much the leader's heading errs from message to message: at most what readings on legs scatter by."""
     excess = 0.0
     for k in range(b.alive * m.modes):
         excess += b.weight[k] * b.turn_excess[k]
-    variance = b.leader_variance + _LEARNING * excess
+    variance = min(b.leader_variance + _LEARNING * excess, b.leader.scatter)
     b.leader_variance = min(max(variance, _LEAST_LEADER_VARIANCE), m.leader_variance)
 
 
@@ -162,7 +164,9 @@ def _begin(b: Belief, m: Model, heard: Heard, received: int) -> int:
         return 0
     if not add_ring(b, m, heard, 1.0):
         return -1
+    # all of them were used, but nothing had been expected of them that they could have missed
     b.taken[: b.alive * m.modes] = received
+    b.squared[: b.alive * m.modes] = np.nan
     begin_interval(b)
     refresh_output(b, m)
     return received
@@ -203,7 +207,7 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
     if b.alive * m.modes > 1 and not _reweigh(b, m):
         return -1
     if m.leader != ABSENT:
-        _learn_leader(b, m)
+        learn_leader(b, m)
     if b.alive > 1:
         tidy(b, m)
     if not _check_health(b, m, heard, received, most):

@@ -4,7 +4,8 @@ A reading errs at random, and turns the arms of the transmitters with it. Linear
 of the ranges err together: a regression with errors in its regressors (Fuller, Measurement Error Models, 1987), whose
 answer is biased however many messages there are. The leader's positions are exact. Where they lie on a straight line
 the heading stays, and the error of the mean heading, which is the same for all ranges of the leg but for what each
-message adds to the mean, is a part of b_L.
+message adds to the mean, is a part of b_L. How much readings scatter about the means of their legs bounds what they
+err by at random.
 """
 
 import math
@@ -50,15 +51,15 @@ def _turn_arms(heard: Heard, angle: float) -> None:
 @compiled
 def steady(b: Belief, m: Model, heard: Heard) -> None:
     """Replace the heading of a message by the leg's, with the arms; sets `heard.shift` and `heard.wander`."""
-    o, v = b.leader, m.leader_variance
+    o, told = b.leader, m.leader_variance
     bend = _bend(b, heard)
     straight = abs(bend) < _STRAIGHT
     heard.shift = heard.wander = 0.0
     error = wrap_angle(heard.heading - o.leg_heading - bend)
-    if o.leg > 0.0 and not (straight and error * error <= _AGREES * _AGREES * v):
+    if o.leg > 0.0 and not (straight and error * error <= _AGREES * _AGREES * told):
         if o.steady > 0.0:
             # from here on b_L is again without the mean's random error
-            heard.wander = v / o.leg
+            heard.wander = o.scatter / o.leg
             o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
         o.leg = o.steady = 0.0
         return
@@ -67,11 +68,15 @@ def steady(b: Belief, m: Model, heard: Heard) -> None:
     o.leg += 1.0
     shift = error / o.leg if o.leg > 1.0 else 0.0
     o.leg_heading = o.leg_heading + bend + shift if o.leg > 1.0 else heard.heading
+    if o.leg > 1.0:
+        o.squares += error * (error - shift)
+        o.compared += 1.0
+        o.scatter = min((told + o.squares) / (1.0 + o.compared), told)
     if o.steady > 0.0:
         # the way bends half an interval earlier than the heading
         heard.shift, heard.wander = shift, 0.25 * bend * bend
-    elif o.leg >= _ENOUGH or v < _LITTLE * o.leg * b.covariance[0, m.leader, m.leader]:
-        heard.wander = v / o.leg
+    elif o.leg >= _ENOUGH or o.scatter < _LITTLE * o.leg * b.covariance[0, m.leader, m.leader]:
+        heard.wander = o.scatter / o.leg
         o.steady = 1.0
         o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
     if o.steady > 0.0:

@@ -5,7 +5,7 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.tight.belief import Belief, new_belief
-from laisn.tight.estimator import loosen
+from laisn.tight.estimator import learn_leader, loosen
 from laisn.tight.leg import steady
 from laisn.tight.model import Model, model_of
 from laisn.tight.ranging import Heard, new_heard
@@ -35,6 +35,13 @@ def message(step: int, heading: float, course: float = COURSE, way: float = 1.0)
 def clockwise(points: Floats, angle: float) -> Floats:
     c, s = np.cos(angle), np.sin(angle)
     return np.asarray(points @ np.array([[c, -s], [s, c]]))
+
+
+def scatter(*legs: Floats) -> float:
+    """Variance of readings about the means of their legs, and of one reading as large as the settings say."""
+    told = SETTINGS.leader_heading_sigma**2
+    within = sum(float(np.sum((leg - leg.mean()) ** 2)) for leg in legs)
+    return min(told, (told + within) / (1 + sum(leg.size - 1 for leg in legs)))
 
 
 def test_the_heading_of_a_leg_is_the_mean_of_its_readings_and_b_l_goes_with_it() -> None:
@@ -92,8 +99,8 @@ def test_a_leg_ends_where_the_leader_turns_and_b_l_loses_the_means_error(
     assert float(turned.heading) == heading
     np.testing.assert_array_equal(turned.arms, ARMS)
     assert float(turned.shift) == 0.0
-    # variance of the mean of the eight readings of the leg
-    assert float(turned.wander) == pytest.approx(SETTINGS.leader_heading_sigma**2 / 8.0)
+    # variance of the mean of the eight readings of the leg, which scatter as they do
+    assert float(turned.wander) == pytest.approx(scatter(ERRORS[2:]) / 8.0, rel=1e-12)
 
 
 def test_hypotheses_in_one_place_that_differ_in_b_l_stay_two() -> None:
@@ -105,3 +112,27 @@ def test_hypotheses_in_one_place_that_differ_in_b_l_stay_two() -> None:
         belief.state[1, model.leader] += apart
         tidy(belief, model)
         assert belief.alive == alive
+
+
+def test_how_much_readings_scatter_is_learnt_from_all_legs_and_is_at_most_what_the_settings_say() -> None:
+    belief, model = made()
+    for step, error in enumerate(0.1 * ERRORS):
+        steady(belief, model, message(step, COURSE + error))
+    assert belief.leader.scatter == pytest.approx(scatter(0.1 * ERRORS[2:]), rel=1e-9)
+    at = message(ERRORS.size - 1, 0.0)
+    for step, error in enumerate(0.2 * ERRORS):
+        heard = message(step + 1, COURSE + 1.0 + error, COURSE + 1.0)
+        heard.east += at.east
+        heard.north += at.north
+        steady(belief, model, heard)
+    # the first message after the turn has no leg
+    assert belief.leader.scatter == pytest.approx(scatter(0.1 * ERRORS[2:], 0.2 * ERRORS[1:]), rel=1e-9)
+    wide, _ = made()
+    for step, error in enumerate(2.0 * ERRORS):
+        steady(wide, model, message(step, COURSE + error))
+    assert wide.leader.scatter == SETTINGS.leader_heading_sigma**2
+    # what ranges say of the same errors cannot be more
+    wide.leader.scatter = np.deg2rad(0.5) ** 2
+    wide.turn_excess[0] = 1.0
+    learn_leader(wide, model)
+    assert float(wide.leader_variance) == np.deg2rad(0.5) ** 2

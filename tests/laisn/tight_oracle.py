@@ -71,6 +71,7 @@ class Oracle:
         self.places: list[complex] = []
         self.leg: list[float] = []
         self.steady, self.other_v = False, self.v / 16.0
+        self.past_legs: list[Floats] = []
         self.first_time = self.logged = 0.0
         self.smoothed, self.silent = 1.0, 0
 
@@ -147,7 +148,7 @@ class Oracle:
                 self.add_ring(heard, 1.0)
                 self.used = len(heard.which)
                 for c in self.all:
-                    c.taken = self.used
+                    c.taken, c.squared = self.used, np.nan
                 self.begin()
             return
         for side in self.sides:
@@ -165,7 +166,7 @@ class Oracle:
             c.weight *= float(np.exp(c.evidence - best))
         normalise(self.sides)
         if not self.told.assume.exact_leader:
-            variance = self.v + 0.1 * sum(c.weight * c.excess for c in self.all)
+            variance = min(self.v + 0.1 * sum(c.weight * c.excess for c in self.all), self.scatter())
             self.v = min(max(variance, np.deg2rad(0.1) ** 2), self.most)
         tidy(self.sides)
         self.smoothed += 0.15 * (sum(c.weight * c.surprise for c in self.all) - self.smoothed)
@@ -188,6 +189,7 @@ class Oracle:
         `leg` holds what the leg's messages read, as if each were read at the leg's present direction. Ways of 0.3 m and
         more have a direction, a line bends by less than 5 mrad, and a reading that is four standard deviations off the
         mean belongs to no leg. The mean is used from four readings on, or once its variance is a tenth of that of b_L.
+        How much a reading scatters is learnt from those of all legs.
         """
         self.places = [*self.places[-2:], complex(*heard.place[::-1])]
         ways, most = np.diff(self.places), self.told.leader_heading_sigma**2
@@ -203,12 +205,13 @@ class Oracle:
             if self.steady:
                 self.v, self.other_v = self.other_v, self.v
                 for c in self.all:
-                    c.P[LEADER, LEADER] += most / before
+                    c.P[LEADER, LEADER] += self.scatter() / before
+            self.past_legs.append(np.array(self.leg))
             self.leg, self.steady = [], False
             return heard
         mean = float(np.mean(self.leg)) if before else heard.heading
         self.leg.append(mean + float(np.angle(np.exp(1j * (heard.heading - mean)))))
-        known = self.sides[0][0].P[LEADER, LEADER]
+        known, most = self.sides[0][0].P[LEADER, LEADER], self.scatter()
         if self.steady:
             for c in self.all:
                 c.x[LEADER] += np.mean(self.leg) - mean
@@ -226,6 +229,12 @@ class Oracle:
             return np.column_stack([arms[:, :2] @ turn.T, arms[:, 2]])
 
         return replace(heard, heading=heading, arms=turned(heard.arms), axis=turned(heard.axis))
+
+    def scatter(self) -> float:
+        """Variance of readings about the means of their legs: of all so far, and one as large as the settings say."""
+        legs = [np.array(leg) for leg in (*self.past_legs, self.leg) if len(leg)]
+        squares = sum(float(np.sum((leg - leg.mean()) ** 2)) for leg in legs)
+        return min(self.most, (self.most + squares) / (1 + sum(leg.size - 1 for leg in legs)))
 
     def loosen(self, heard: Heard) -> None:
         """A deviation of 3 % of the turn, where it is more than 0.1 rad, of the leader's 0.15 rad."""
