@@ -2,5 +2,6 @@
 
 Takes nothing, prints ratios and keeps their record; no result of the project depends on it.
 
-Imports: experiments.campaign experiments.findings experiments.flight experiments.intervals laisn sim
+Imports: experiments.campaign experiments.estimators experiments.findings experiments.flight experiments.intervals
+laisn sim
 """

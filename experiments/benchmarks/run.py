@@ -17,6 +17,7 @@ import numpy as np
 
 from experiments.benchmarks import mission as benchmarks_mission
 from experiments.benchmarks.formation import formation
+from experiments.benchmarks.navigators import filter_only, tight
 from experiments.benchmarks.row import Row, least_time
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
@@ -25,7 +26,7 @@ from experiments.findings import Finding, Findings, of, plain
 from experiments.intervals import Interval
 from laisn import lane_rows as row
 from laisn import lanes
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
 from laisn.elementary import fma
 from laisn.filter import Filter
@@ -33,7 +34,6 @@ from laisn.lane_rows import LANES
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
-from laisn.tuning import Tuning
 from sim.sensing.sensor_errors import SensorErrors, measure
 from sim.sensing.truth import MissionTruth
 
@@ -88,21 +88,6 @@ def peak_flops() -> float:
     """Floating-point operations that one core does in a second, measured on fused multiply-adds."""
     values, repeats = np.ones(LANES), 200_000
     return 16 * LANES * repeats / least_time(lambda: _peak(values, repeats))
-
-
-@compiled_lanes
-def _filter_only(own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning) -> Floats:
-    """Steps of a block on measurements that lie ready."""
-    block = row.new_block(start, t)
-    i = 0
-    for k in range(1, own.shape[0] + 1):
-        row.fill(block, row.SPEED, own[k - 1])
-        received = i < message_step.size and message_step[i] == k
-        if received:
-            row.fill(block, row.EAST, messages[i])
-            i += 1
-        lanes.advance(block, t, k, received)
-    return block
 
 
 def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSettings) -> Floats:
@@ -194,7 +179,7 @@ def navigation() -> list[Row]:
     tuned = row.tuning(settings)
     timed(
         "LAISN-2 filter only",
-        lambda: _filter_only(own_rows, truth.message_step, message_rows, truth.start, tuned),
+        lambda: filter_only(own_rows, truth.message_step, message_rows, truth.start, tuned),
         n,
     )
     few_runs, many_runs = (Cell(truth=truth, runs=range(runs)) for runs in (RUNS, 100 * RUNS))
@@ -210,6 +195,7 @@ def navigation() -> list[Row]:
 
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "navigation": navigation,
+    "tight": tight,
     "physics": benchmarks_mission.physics,
     "formation": formation,
     "log": benchmarks_mission.log,

@@ -3,5 +3,6 @@
 Takes the paper's point motion and sensors, physical missions, and what can go wrong (`cases`); plans tasks (`plan`),
 flies each by both navigators (`paired`), and writes a record and a page (`study`, `report`, `gallery`).
 
-Imports: experiments.campaign experiments.findings experiments.flight experiments.intervals experiments.pages experiments.reproduction laisn sim
-"""  # noqa: E501
+Imports: experiments.campaign experiments.findings experiments.flight experiments.intervals experiments.pages
+experiments.reproduction laisn sim
+"""
