@@ -1,9 +1,9 @@
 """The least error that any estimator of these ranges can have: posterior Cramér–Rao bound of a mission.
 
 The recursion of Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46 (1998), for a motion that its log and
-compass give but for noise and constant biases: the information about the state is carried from message to message by
-J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H. All derivatives are taken at the truth. The state is that of `laisn.tight`: position,
-biases of log and compass, common scale error of ranges, and what else is unknown.
+compass give but for noise, and biases that are constant or wander: the information about the state is carried from
+message to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H. All derivatives are taken at the truth. The state is that of
+`laisn.tight`: position, biases of log and compass, common scale error of ranges, and what else is unknown.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.records import require_numbers
+from laisn.smoothing import Chain, smooth
 
 _LINE, _SHARES = np.polynomial.hermite_e.hermegauss(5)
 _NODES = np.stack(np.meshgrid(_LINE, _LINE), axis=2).reshape(-1, 2)
@@ -51,6 +52,17 @@ class TrueNoise:
     """Standard deviation, before the mission, of the constant current along each axis [m/s]."""
     range_offset: float = 0.0
     """Standard deviation, before the mission, of a further transmitter's constant error beside the first one's [m]."""
+    speed_walk: float = 0.0
+    """How far the log's bias wanders in a second [m/s/√s]; 0 for a constant."""
+    heading_walk: float = 0.0
+    """How far the compass's bias wanders in a second [rad/√s]."""
+    current_walk: float = 0.0
+    """How far a current that is a state wanders in a second, along each axis [m/s/√s]."""
+    leader_way_sigma: float = 0.0
+    """Standard deviation of a mean current over 10 s as the leader's own way shows it [m/s]; 0: it shows none.
+
+    Longer times tell more in proportion: of the current, and of the leader's compass, where these are states.
+    """
 
     def __post_init__(self) -> None:
         require_numbers(self)
@@ -73,6 +85,8 @@ class Geometry:
     arms: Floats
     """Transmitters from the same origin: east, north, and how much deeper they are than the hydrophone, shape
     (m, t, 3), [m]; NaN where nothing is received."""
+    leader_velocity: Floats | None = None
+    """Of the leader through the water at emission: east and north, shape (m, 2), [m/s]; None: it does not tell."""
 
 
 def _states(noise: TrueNoise, transmitters: int) -> tuple[Floats, dict[str, int]]:
@@ -134,7 +148,73 @@ def _expected_information(
     return np.asarray(np.einsum("q,qij->ij", _WEIGHTS, found))
 
 
-def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | None = None) -> Floats:
+def _of_leaders_way(velocity: Floats, time: float, noise: TrueNoise, first: dict[str, int], size: int) -> Floats:
+    """Information of the leader's way since the last message, so many seconds ago, shape (size, size)."""
+    rows = np.zeros((2, size))
+    if "leader_heading_bias" in first:
+        rows[:, first["leader_heading_bias"]] = -velocity[1], velocity[0]
+    if "current" in first:
+        rows[:, first["current"] : first["current"] + 2] = np.eye(2)
+    return np.asarray(rows.T @ rows * (time / (10.0 * noise.leader_way_sigma**2)))
+
+
+class _Way:
+    """The way between two messages, step by step: what it does to the state x of s numbers, and what it adds."""
+
+    def __init__(self, speed: Floats, ahead: Floats, dt: float, noise: TrueNoise, first: dict[str, int], size: int):
+        """Take speeds, shape (k,), [m/s], and directions times Δt, shape (k, 2), [s], of its k steps."""
+        way, self._time, self._size = np.cumsum(speed[:, None] * ahead, axis=0), dt * np.arange(1, speed.size + 1), size
+        # the true way is the measured one turned anticlockwise by the compass bias, less the log's bias
+        self.rows = np.repeat(np.eye(size)[None, :2], speed.size, axis=0)
+        self.rows[:, :, 2] = -np.cumsum(ahead, axis=0)
+        self.rows[:, 0, 3], self.rows[:, 1, 3] = -way[:, 1], way[:, 0]
+        self._walks = {2: noise.speed_walk**2, 3: noise.heading_walk**2}
+        if "current" in first:
+            east = first["current"]
+            self.rows[:, 0, east] = self.rows[:, 1, east + 1] = self._time
+            self._walks |= dict.fromkeys((east, east + 1), noise.current_walk**2)
+        along = ahead[:, :, None] * ahead[:, None, :]
+        across = dt**2 * np.eye(2) - along
+        turned = ((speed * noise.heading_sigma) ** 2)[:, None, None]
+        self._grown = np.cumsum(noise.speed_sigma**2 * along + turned * across, axis=0)
+
+    def added(self) -> Floats:
+        """Covariance that each step's position has gained since the way began, shape (k, 2, 2)."""
+        gained, third = self._grown.copy(), self._time[:, None, None] / 3.0
+        for state, rate in self._walks.items():
+            # a bias that wanders moves the position by its mean over a straight way
+            moved = self.rows[:, :, state]
+            gained += rate * third * moved[:, :, None] * moved[:, None, :]
+        return gained
+
+    def onward(self) -> Floats:
+        """Covariance of what each step's position has gained with what the state has at the end, shape (k, 2, s)."""
+        shared, t, end = np.zeros((self._time.size, 2, self._size)), self._time[:, None], self._time[-1]
+        shared[:, :, :2] = self._grown
+        for state, rate in self._walks.items():
+            moved = self.rows[:, :, state]
+            shared[:, :, state] += rate * 0.5 * t * moved
+            both = (rate * (0.5 * t - t * t / (6.0 * end)) * moved)[:, :, None] * moved[-1]
+            shared[:, :, :2] += both
+        return shared
+
+    def matrix(self) -> Floats:
+        """F: the state at the end by that at the beginning, shape (s, s)."""
+        step = np.eye(self._size)
+        step[:2] = self.rows[-1]
+        return step
+
+    def noise(self) -> Floats:
+        """Q: covariance that the state gains on the way, shape (s, s)."""
+        gained = np.zeros((self._size, self._size))
+        gained[:2] = self.onward()[-1]
+        gained[2:, :2] = gained[:2, 2:].T
+        for state, rate in self._walks.items():
+            gained[state, state] = rate * self._time[-1]
+        return gained
+
+
+def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | None = None, lag: float = 0.0) -> Floats:
     """Least covariance of the position after each step, shape (n, 2, 2), [m²].
 
     Args:
@@ -142,42 +222,48 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
         noise: what is random in it, and what is known before.
         averaged: take the mean information over the positions that the bound itself allows, not that at the truth;
             None: for two transmitters, whose information at the truth is zero on their axis.
+        lag: how much later than a position the messages may be that it rests on [s]: of smoothing, where not 0.
     """
     n, transmitters = geometry.speed.size, geometry.arms.shape[1]
     variances, first = _states(noise, transmitters)
     size = variances.size
     mean = averaged if averaged is not None else transmitters < 3
     covariance: Floats = np.diag(variances)
-    bound = np.empty((n, 2, 2))
+    bound, onward = np.empty((n, 2, 2)), np.zeros((n, 2, size))
+    foretold, after, between = [covariance], [covariance], []
     ahead = geometry.dt * np.stack([np.sin(geometry.heading), np.cos(geometry.heading)], axis=1)
-    along = ahead[:, :, None] * ahead[:, None, :]
-    across = geometry.dt**2 * np.eye(2) - along
-    random = noise.speed_sigma**2 * along + ((geometry.speed * noise.heading_sigma) ** 2)[:, None, None] * across
     for i, (begin, end) in enumerate(pairwise([0, *geometry.message_step.tolist(), n])):
         if begin == end:
             break
-        part, step = slice(begin, end), np.eye(size)
-        way = np.cumsum(geometry.speed[part, None] * ahead[part], axis=0)
-        # the true way is the measured one turned anticlockwise by the compass bias, less the log's bias
-        rows = np.repeat(step[None, :2], end - begin, axis=0)
-        rows[:, :, 2] = -np.cumsum(ahead[part], axis=0)
-        rows[:, 0, 3], rows[:, 1, 3] = -way[:, 1], way[:, 0]
-        if "current" in first:
-            time = geometry.dt * np.arange(1, end - begin + 1)
-            rows[:, 0, first["current"]] = rows[:, 1, first["current"] + 1] = time
-        grown = np.cumsum(random[part], axis=0)
-        bound[part] = rows @ covariance @ rows.swapaxes(1, 2) + grown
-        step[:2] = rows[-1]
-        covariance = step @ covariance @ step.T
-        covariance[:2, :2] += grown[-1]
+        way = _Way(geometry.speed[begin:end], ahead[begin:end], geometry.dt, noise, first, size)
+        step = way.matrix()
+        bound[begin:end] = way.rows @ covariance @ way.rows.swapaxes(1, 2) + way.added()
+        onward[begin:end] = way.rows @ covariance @ step.T + way.onward()
+        between.append(covariance @ step.T)
+        if begin:
+            onward[begin - 1] = between[-1][:2]
+        covariance = step @ covariance @ step.T + way.noise()
         if i < geometry.message_step.size:
+            foretold.append(covariance)
             away, arms = geometry.from_leader[i], geometry.arms[i]
             if mean:
                 gained = _expected_information(away, covariance[:2, :2], arms, noise, first, size)
             else:
                 gained = _information(away[None], arms, noise, first, size)[0]
+            if noise.leader_way_sigma > 0.0 and geometry.leader_velocity is not None:
+                time = geometry.dt * (end - begin)
+                gained = gained + _of_leaders_way(geometry.leader_velocity[i], time, noise, first, size)
             # (P⁻¹ + I)⁻¹ without the inverse of P, which a known start makes singular
             found = np.linalg.solve(np.eye(size) + covariance @ gained, covariance)
             covariance = np.asarray(0.5 * (found + found.T), dtype=np.float64)
             bound[end - 1] = covariance[:2, :2]
-    return bound
+            after.append(covariance)
+    if lag <= 0.0:
+        return bound
+    links = len(after)
+    nothing = np.zeros((links, size))
+    chain = Chain(nothing, np.array(after), nothing, np.array(foretold), np.array([*between, between[-1]])[:links])
+    messages, steps = geometry.message_step, np.arange(1, n + 1)
+    latest = np.searchsorted(messages, steps, side="right")
+    last = np.searchsorted(messages, steps + round(lag / geometry.dt), side="right")
+    return smooth(chain, latest, last, (np.zeros((n, 2)), bound), onward).covariance

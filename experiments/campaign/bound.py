@@ -79,19 +79,23 @@ def geometry_of(
         message_step=arrived,
         from_leader=hydrophone[:, :2] - leader,
         arms=arms,
+        leader_velocity=(trajectory.velocity - trajectory.water_velocity)[sent, 0, :2],
     )
 
 
-def least_rms(geometry: Geometry, noise: TrueNoise) -> Floats:
-    """Least RMS of the position error after each step, shape (n,), [m]."""
-    return np.asarray(np.sqrt(np.trace(position_bound(geometry, noise), axis1=1, axis2=2)))
+def least_rms(geometry: Geometry, noise: TrueNoise, lag: float = 0.0) -> Floats:
+    """Least RMS of the position error after each step, shape (n,), [m]; with messages of up to a lag later [s]."""
+    return np.asarray(np.sqrt(np.trace(position_bound(geometry, noise, lag=lag), axis1=1, axis2=2)))
 
 
-def flight_bound(flight: Flight, follower: int = 0) -> Floats:
+def flight_bound(flight: Flight, follower: int = 0, lag: float = 0.0) -> Floats:
     """Least RMS of one follower's position error after each step, from the pings that it received, shape (n,), [m].
+
+    With a lag [s], messages of up to so much later are used too.
 
     That of the ranges, log and compass of this flight, with constant biases: sideslip, drift and echoes only raise what
     can be reached.
     """
     scenario, received = flight.scenario, np.isfinite(flight.measurements[follower].ranges)
-    return least_rms(geometry_of(flight.trajectory, Hearing.of(scenario), follower, received), noise_of(scenario))
+    geometry = geometry_of(flight.trajectory, Hearing.of(scenario), follower, received)
+    return least_rms(geometry, noise_of(scenario), lag)

@@ -6,6 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from experiments.campaign.bound import flight_bound
 from experiments.campaign.progress import literal
 from laisn import metrics
 from laisn.arrays import Floats
@@ -36,20 +37,28 @@ def smoothing_factory(lag_s: float | None) -> NavigatorFactory | None:
 
 
 def _consistency(estimates: Estimates, truth: Floats) -> tuple[str, str]:
-    """RMS of E_P, and mean NEES, from the first estimate on."""
+    """RMS of E_P [m], and mean NEES, from the first estimate on."""
     squares = metrics.position_errors(estimates.state[:, :2], truth)[estimates.unknown :] ** 2
     normalised = metrics.nees(estimates, truth)
     told = normalised[np.isfinite(normalised)]
-    rms = f"{math.sqrt(squares.mean()):.3f} m" if squares.size else "–"
+    rms = f"{math.sqrt(squares.mean()):.3f}" if squares.size else "–"
     return rms, f"{told.mean():.3g}" if told.size else "–"
 
 
+def _least(flight: Flight, follower: int, lag_s: float) -> str:
+    """RMS over the flight of the least error that any estimator can have [m]."""
+    bound = flight_bound(flight, follower, lag_s)[flight.estimates[follower].unknown :]
+    return f"{math.sqrt(np.mean(bound**2)):.3f}" if bound.size else "–"
+
+
 def show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: float) -> None:
-    """Print RMS errors and NEES of every follower, filtered and smoothed."""
-    table = Table("follower", "RMS E_P", "smoothed", "NEES", "smoothed", box=None, pad_edge=False)
+    """Print RMS errors of every follower, the least that there could be, and NEES, filtered and smoothed."""
+    heads = ("RMS E_P [m]", "smoothed", "bound [m]", "smoothed", "NEES", "smoothed")
+    table = Table("follower", *heads, box=None, pad_edge=False)
     for i, name in enumerate(filtered.trajectory.names[1:]):
         truth = filtered.hydrophone(i)[:, :2]
         both = (_consistency(flight.estimates[i], truth) for flight in (filtered, smoothed))
-        table.add_row(literal(name), *(cell for pair in zip(*both, strict=True) for cell in pair))
+        errors, normalised = zip(*both, strict=True)
+        table.add_row(literal(name), *errors, *(_least(filtered, i, lag) for lag in (0.0, lag_s)), *normalised)
     console.print(literal(f"smoothed with messages of up to {lag_s:g} s later", "bold"))
     console.print(table)

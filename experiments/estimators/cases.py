@@ -38,10 +38,9 @@ class Case:
     """A transmitter that is late by a constant time."""
 
     @property
-    def plain(self) -> bool:
-        """Whether the truth is as assumed: constant biases and nothing wrong, so that the bound is known."""
-        wrong = self.drift or self.echoes or self.losses or self.late or self.leader_heading_deg
-        return self.assume == Assume() and not wrong
+    def sound(self) -> bool:
+        """Whether nothing is wrong, so that there is a bound: on who takes as given what is assumed."""
+        return not (self.drift or self.echoes or self.losses or self.late or self.leader_heading_deg)
 
 
 _WARY = Assume(exact_leader=False, drift=True, offsets=True)

@@ -1,5 +1,6 @@
 """Runs of one mission by both navigators, on the same measurements."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -18,8 +19,10 @@ from laisn.bound import TrueNoise
 from laisn.lane_rows import LANES
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings
+from laisn.tight.leader_way import CURRENT_SIGMA
 from laisn.tight.mission import run_mission
-from laisn.tight.settings import TightSettings
+from laisn.tight.model import model_of
+from laisn.tight.settings import Assume, TightSettings
 from sim.scenario.routes import Route, library_route
 from sim.scenario.settings import Follower, Scenario
 from sim.sensing.hearing import Hearing
@@ -164,15 +167,41 @@ def mission(
     return truth, errors_of(asked)
 
 
+def noise_known(assume: Assume) -> TrueNoise:
+    """The paper's noise to who knows all but what these assumptions leave open, and that drift is slow.
+
+    With all given it is that of constant biases.
+    """
+    told = TightSettings(assume=assume)
+    model = model_of(told)
+    return TrueNoise(
+        speed_walk=math.sqrt(model.log_walk[0]) if assume.drift else 0.0,
+        heading_walk=math.sqrt(model.compass_walk[0]) if assume.drift else 0.0,
+        leader_heading_bias=0.0 if assume.exact_leader else told.leader_heading_bias_sigma,
+        current=told.current_sigma if assume.current else 0.0,
+        current_walk=math.sqrt(model.current_walk) if assume.current else 0.0,
+        range_offset=told.offset_sigma if assume.offsets else 0.0,
+        leader_way_sigma=CURRENT_SIGMA if assume.current or not assume.exact_leader else 0.0,
+    )
+
+
 @cache
 def bound_rms(
-    route: str, interval: float, transmitters: int, middle_offset: float = MIDDLE_OFFSET, weave: bool = False
+    route: str,
+    interval: float,
+    transmitters: int,
+    middle_offset: float = MIDDLE_OFFSET,
+    weave: bool = False,
+    assume: Assume | None = None,
 ) -> float:
-    """Least RMS of E_P over a mission with constant biases and an exact leader [m]; arguments as of `mission`."""
+    """Least RMS of E_P over a mission on which nothing is wrong [m], on average over all that its biases may be.
+
+    Arguments as of `mission`, and what is taken as given; None: all.
+    """
     asked = _asked(route, interval, 0.0, middle_offset, weave)
     trajectory, _ = mission_of(motion_of(asked)).seen(asked, 0)
     geometry = geometry_of(trajectory, Hearing.of(asked), transmitters=transmitters)
-    return float(np.sqrt(np.mean(least_rms(geometry, TrueNoise()) ** 2)))
+    return float(np.sqrt(np.mean(least_rms(geometry, noise_known(assume or Assume())) ** 2)))
 
 
 def nees(error: Floats, spread: Floats) -> Floats:
@@ -277,8 +306,10 @@ def compare(
     truth, errors = mission(route, interval, case.leader_heading_deg, middle_offset, weave)
     given = (settings or TightSettings(middle_offset=middle_offset)).assuming(case.assume, case.transmitters)
     measured = [spoiled(measure(truth, errors, seed=seed, run=run), case, seed, run) for run in range(runs)]
-    bound = bound_rms(route, interval, case.transmitters, middle_offset, weave) if case.plain else float("nan")
-    return paired(route, interval, pair(truth, measured, given, round(interval / truth.dt)), bound)
+    least = float("nan")
+    if case.sound:
+        least = bound_rms(route, interval, case.transmitters, middle_offset, weave, case.assume)
+    return paired(route, interval, pair(truth, measured, given, round(interval / truth.dt)), least)
 
 
 def captures(route: str, interval: float, transmitters: int, runs: range, seed: int) -> Captured:

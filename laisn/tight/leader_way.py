@@ -18,7 +18,7 @@ _FIRST_WINDOW = 1.0
 _GROWTH = 0.2
 _TURN = 0.2
 """A window with more turn than this says nothing: the way between messages is not known well enough [rad]."""
-_SIGMA = 0.05
+CURRENT_SIGMA = 0.05
 """Standard deviation of the mean current over a window of 10 s [m/s]."""
 
 
@@ -86,6 +86,6 @@ def watch_leader(b: Belief, m: Model, heard: Heard) -> None:
             logged = (per * o.logged_x, per * o.logged_y)
             seen = (per * (heard.east - o.window_x) - logged[0], per * (heard.north - o.window_y) - logged[1])
             for k in range(b.alive * m.modes):
-                _learn_component(b, m, k, seen, logged, _SIGMA * _SIGMA * 10.0 * per)
+                _learn_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
             _begin(b, heard)
     o.velocity_x, o.velocity_y, o.last_time, o.last_heading = sx, sy, heard.time, heard.heading

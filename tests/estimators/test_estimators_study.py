@@ -1,6 +1,6 @@
 """The study of the estimators: its figures of merit, its plan, its record and its page."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from experiments.estimators.plan import QUICK, SEAS, SIGMAS, Size, at_sea, tasks
 from experiments.estimators.report import write_page
 from experiments.findings import Findings
 from laisn.bound import TrueNoise
-from laisn.tight.settings import TightSettings
+from laisn.tight.settings import Assume, TightSettings
 from sim.scenario.routes import library_route
 
 
@@ -194,7 +194,16 @@ def test_the_bound_of_a_mission_is_that_of_its_transmitters_over_all_instants(mo
 
     monkeypatch.setattr(paired, "least_rms", least)
     assert paired.bound_rms.__wrapped__("T9", 5.0, 2) == pytest.approx(np.sqrt(12.5))
-    assert asked == [(2, TrueNoise())]
+    everything = Assume(exact_leader=False, drift=True, current=True, offsets=True)
+    paired.bound_rms.__wrapped__("T9", 5.0, 3, assume=everything)
+    # drift at a quarter of 2.5 mm/s and 1.7 mrad in a second is the slower of its two modes
+    walks = {"speed_walk": 6.25e-4, "heading_walk": 4.25e-4, "current_walk": 1e-3}
+    unknown = TrueNoise(
+        leader_heading_bias=float(np.deg2rad(6.0)), current=0.4, range_offset=0.015, leader_way_sigma=0.05
+    )
+    assert asked[0] == (2, TrueNoise())
+    assert asked[1][0] == 3
+    assert asdict(asked[1][1]) == pytest.approx(asdict(unknown) | walks, rel=1e-12)
 
 
 def test_settings_are_varied_by_their_factor() -> None:

@@ -234,3 +234,89 @@ def test_three_transmitters_are_judged_at_the_truth_and_two_on_the_average() -> 
         given = position_bound(geometry, noise)
         np.testing.assert_array_equal(given, position_bound(geometry, noise, averaged=count == 2))
         assert np.abs(given - position_bound(geometry, noise, averaged=count == 3)).max() > 1e-5
+
+
+def test_a_bias_that_wanders_moves_the_position_by_its_integral() -> None:
+    """North at v: b_θ of rate q adds v² q t³/3 across the way, b_v of rate q adds q t³/3 along it, a current both."""
+    n, v, log, compass, current, walk = 40, 1.5, 2e-3, 3e-3, 0.2, 4e-3
+    noise = replace(KNOWN, speed_sigma=0.0, speed_walk=log, heading_walk=compass, current=current, current_walk=walk)
+    geometry = replace(
+        at_rest(n, (0.0, -20.0), np.full((3, 3), np.nan)), speed=np.full(n, v), message_step=np.array([n])
+    )
+    bound = position_bound(replace(geometry, from_leader=geometry.from_leader[:1], arms=geometry.arms[:1]), noise)
+    t = 0.1 * n
+    expected = np.diag([(v * compass) ** 2, log**2]) * t**3 / 3.0 + (current**2 * t**2 + walk**2 * t**3 / 3.0) * np.eye(
+        2
+    )
+    np.testing.assert_allclose(bound[-1], expected, rtol=1e-12, atol=1e-18)
+
+
+@pytest.mark.parametrize("lag", [0.0, 1.5, 10.0])
+def test_messages_that_say_nothing_change_nothing(lag: float) -> None:
+    """A way in one piece or in two, and biases that wander on it: the same covariances of all that they share."""
+    noise = TrueNoise(speed_walk=0.02, heading_walk=0.03, current=0.3, current_walk=0.01, start=0.5)
+    arms = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.3, 0.0]])
+    many = replace(at_rest(60, (5.0, -20.0), arms, every=5), speed=np.full(60, 1.2), heading=np.full(60, 0.7))
+    silent = many.arms.copy()
+    silent[::2] = np.nan
+    few = replace(many, message_step=many.message_step[1::2], from_leader=many.from_leader[1::2], arms=many.arms[1::2])
+    expected = position_bound(few, noise, lag=lag)
+    np.testing.assert_allclose(position_bound(replace(many, arms=silent), noise, lag=lag), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("lag", [0.5, 100.0])
+def test_smoothing_is_least_squares_over_all_messages_that_come_in_time(lag: float) -> None:
+    """A random walk along one axis that a bias pushes: the inverse of the joint information of all its places."""
+    n, every, q, r, bias, start = 24, 4, 0.02**2, 0.5**2, 0.3, 0.4
+    arms = np.array([[0.0, 1e7, 0.0]])
+    noise = replace(KNOWN, speed_sigma=0.2, range_sigma=0.5, speed_bias=bias, start=start)
+    found = position_bound(at_rest(n, (0.0, 0.0), arms, every), noise, averaged=False, lag=lag)[:, 1, 1]
+    for step in range(1, n + 1):
+        joint = np.zeros((n + 2, n + 2))
+        joint[0, 0], joint[-1, -1] = start**-2, bias**-2
+        for k in range(1, n + 1):
+            row = np.zeros(n + 2)
+            row[[k - 1, k, -1]] = -1.0, 1.0, 0.1
+            joint += np.outer(row, row) / q
+            joint[k, k] += (k % every == 0 and k <= step + round(10 * lag)) / r
+        assert found[step - 1] == pytest.approx(np.linalg.inv(joint)[step, step], rel=1e-6)
+
+
+def test_the_leaders_way_tells_the_current_in_proportion_to_its_time() -> None:
+    """A scalar Kalman filter of place and current: 5 s of the leader's way have twice the variance of 10 s."""
+    sigma, before = 0.05, 0.4
+    noise = replace(KNOWN, speed_sigma=0.0, current=before, leader_way_sigma=sigma, leader_heading_bias=0.1)
+    geometry = at_rest(600, (0.0, -20.0), np.full((3, 3), np.nan), every=50)
+    assert position_bound(geometry, noise)[-1, 0, 0] == pytest.approx((60.0 * before) ** 2)
+    # a leader at rest says nothing of its compass
+    bound = position_bound(replace(geometry, leader_velocity=np.zeros((12, 2))), noise)
+    place, cross, current = 0.0, 0.0, before**2
+    for _ in range(12):
+        place, cross = place + 10.0 * cross + 25.0 * current, cross + 5.0 * current
+        spread = current + 2.0 * sigma**2
+        place, cross, current = (
+            place - cross**2 / spread,
+            cross - cross * current / spread,
+            2.0 * sigma**2 * current / spread,
+        )
+    np.testing.assert_allclose(bound[-1], place * np.eye(2), rtol=1e-9, atol=1e-12)
+    # one that heads east at v does not know a current to the north from a compass that is off by current / v
+    v, told = 1.2, replace(geometry, leader_velocity=np.tile([1.2, 0.0], (12, 1)))
+    east, north = (25.0 * (before**2 - before**4 / spread) for spread in
+                   before**2 + 2.0 * sigma**2 + np.array([0.0, (0.1 * v) ** 2]))  # fmt: skip
+    np.testing.assert_allclose(position_bound(told, noise)[49], np.diag([east, north]), rtol=1e-9, atol=1e-12)
+
+
+def test_the_leaders_way_tells_its_compass_apart_from_a_current_that_is_none() -> None:
+    """East at v, heard at right angles: b_L has 1/σ² + T v²/10 σ_c², and the ranges to two transmitters no more."""
+    sigma, bias, v = 0.05, 0.1, 1.2
+    noise = replace(
+        KNOWN, speed_sigma=0.0, start=3.0, range_sigma=1e-4, leader_way_sigma=sigma, leader_heading_bias=bias
+    )
+    arms = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    geometry = at_rest(50, (0.0, -20.0), arms, every=50)
+    told = replace(geometry, leader_velocity=np.array([[v, 0.0]]))
+    for given, known in ((geometry, bias**-2), (told, bias**-2 + 5.0 * v**2 / (10.0 * sigma**2))):
+        # ranges tell the bearing from the leader's axis, which is as wrong as its compass is
+        off = 1.0 / (3.0**-2 + known / 20.0**2)
+        assert position_bound(given, noise, averaged=False)[-1, 0, 0] == pytest.approx(off, rel=1e-3)
