@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from laisn.failure import LaisnError
 from laisn.tight.mission import run_mission
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import Assume, TightSettings
@@ -55,6 +56,24 @@ def test_a_single_range_does_not_begin_a_belief() -> None:
     assert np.all(np.isnan(result.state[:29]))
     assert np.hypot(*(result.state[29, :2] - mission.follower[30])) < 0.5
     assert result.weight[:2].max() == 0.0
+
+
+def test_an_unknown_start_is_not_sought_about_a_leader_far_from_its_transmitters() -> None:
+    """The ring is about the leader: what it found of transmitters elsewhere would be hundreds of metres off."""
+    mission, hull = Mission(steps=20), ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    measured = mission.measured()
+    for ahead, refused in ((13.9, False), (16.1, True)):
+        setting = TightSettings(transmitters=2, transmitter_offsets=tuple((x + ahead, y, z) for x, y, z in hull))
+        known = TightNavigator(setting, mission.start).run(measured)
+        assert np.all(np.isfinite(known.state))
+        navigator = TightNavigator(setting, None)
+        if refused:
+            with pytest.raises(
+                LaisnError, match="step 10: the nearest transmitter is 15 m from the leader's place, exp"
+            ):
+                navigator.run(measured)
+        else:
+            assert np.isnan(navigator.run(measured).nis[0])
 
 
 @pytest.mark.parametrize("seed", range(5))
