@@ -10,11 +10,14 @@ from experiments.flight.fly import motion_and_outcome
 from experiments.study.closed_runs import records_of_run
 from experiments.study.estimate import Results
 from experiments.study.run import _of_runs
+from sim.assembly import ocean_of, routes_of, setups_of
 from sim.contact import contacts, first_touch, hull_gap
+from sim.fleet import simulate_fleet
 from sim.flight import Outcome
 from sim.geometry import attitude
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
+from sim.vehicle.plant import Plant
 from tests.synthetic import make_flight
 
 
@@ -86,6 +89,16 @@ def test_contact_ends_a_mission_where_one_that_goes_on_is_marked(changes: dict[s
     assert contacts(ended) == [(ended.time[-1], ("follower-1", "follower-2"))] == contacts(whole)
     for name in ("time", "position", "quaternion", "velocity", "thrust"):
         np.testing.assert_array_equal(getattr(ended, name), getattr(whole, name)[: ended.time.size])
+
+
+def test_a_fleet_stops_where_its_ending_says() -> None:
+    """At the instant itself, not at the end of the stretch that compiled code flies at once."""
+    scenario = meeting()
+    routes = routes_of(scenario)
+    plant = Plant(setups_of(scenario, routes), ocean_of(scenario))
+    trajectory = simulate_fleet(plant, routes, 40.0, ending=first_touch)
+    assert first_touch(trajectory.position, trajectory.quaternion) == trajectory.time.size - 1
+    assert trajectory.time[-1] < 31.0
 
 
 def test_who_meets_nobody_flies_to_the_end() -> None:

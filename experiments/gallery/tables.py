@@ -40,7 +40,8 @@ AMONG_BEACONS = {
     "exact-beacons": "the same without beacons' own errors",
 }
 """Rows of the table of real ranges: navigators of the record, and words."""
-KEPT_STATIONS = {"median": ".2f", "worst": ".2f", "max": ".1f", "error": ".2f i", "lost": ".1% i", "closest": ".1f"}
+KEPT_STATIONS = {"median": ".2f", "worst": ".2f", "max": ".1f", "error": ".2f i", "lost": ".1% i", "closest": ".1f",
+                 "within": ".1f"}  # fmt: skip
 """Columns of the table of formations, and their formats."""
 
 
@@ -194,9 +195,11 @@ def formation(records: Records) -> str:
         name = condition.name
         if f"median {name}" not in found.findings:
             continue  # newer than the record
-        shown = [f"{found[f'{what} {name}']:{form}}" for what, form in KEPT_STATIONS.items()]
+        known = {f"{what} {name}": form for what, form in KEPT_STATIONS.items()}
+        shown = [f"{found[key]:{form}}" if key in found.findings else "–" for key, form in known.items()]
         rows.append([condition.title, *shown])
-    heads = ["", "off the station, RMS [m]: median follower", "worst", "most [m]", "E_P [m]", "lost", "closest [m]"]
+    heads = ["", "off the station, RMS [m]: median follower", "worst", "most [m]", "E_P [m]", "lost", "closest [m]",
+             "of one layer"]  # fmt: skip
     return markdown(heads, rows)
 
 
