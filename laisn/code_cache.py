@@ -29,7 +29,7 @@ from laisn.sources import PACKAGES, ROOT, Sources
 from laisn.whole_files import parts, remove_abandoned, replaced
 
 _KEPT_VERSIONS = 16
-"""Most files kept of a function, over versions of its sources and argument types."""
+"""Most files kept of a function, over versions of its sources, argument types and stages of compilation."""
 _DIGEST = hashlib.sha256().digest_size
 
 
@@ -127,37 +127,32 @@ class CodeCache(NullCache):
         self._stamp = None if function.__closure__ else _stamp(function.__module__)
         self._line = function.__code__.co_firstlineno
 
-    def _path(self, signature: object, codegen: Any) -> Path | None:
-        """File of one overload; None if it cannot be kept."""
+    def _path(self, code: str, codegen: Any) -> Path | None:
+        """File of code for some types of arguments; None if it cannot be kept."""
         place = folder()
         if self._stamp is None or place is None:
             return None
-        made_of = repr((self._stamp, self._name, self._line, str(signature), codegen.magic_tuple()))
+        made_of = repr((self._stamp, self._name, self._line, code, codegen.magic_tuple()))
         return place / f"{self._name}.{hashlib.sha256(made_of.encode()).hexdigest()[:32]}.code"
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The code for these argument types; None if it must be compiled."""
-        path = self._path(sig, target_context.codegen())
+    def _load(self, code: str, codegen: Any) -> Any:
+        """What was kept; None if nothing was."""
+        path = self._path(code, codegen)
         content = None if path is None else _read(path)
         if path is None or content is None:
             return None
-        signature, symbols, reduced = pickle.loads(content)
-        if signature != sig:
-            return None
-        _provide(symbols, target_context)
         with suppress(OSError):
             # the least recently used goes first
             os.utime(path)
-        rebuild: Callable[..., Any] = CompileResult._rebuild
-        return rebuild(target_context, *reduced)
+        return pickle.loads(content)
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep code, if it can be moved to another process and there is room on the disk."""
-        path = self._path(sig, data.codegen)
-        if path is None or data.library.has_dynamic_globals or any(not loop.can_cache for loop in data.lifted):
+    def _save(self, code: str, codegen: Any, kept: object) -> None:
+        """Keep something, if there is room on the disk."""
+        path = self._path(code, codegen)
+        if path is None:
             return
         pickled: Callable[..., bytes] = serialize.dumps
-        content = pickled((sig, _symbols(data.library), data._reduce()))
+        content = pickled(kept)
         try:
             with replaced(path) as part:
                 part.write_bytes(hashlib.sha256(content).digest() + content)
@@ -167,6 +162,30 @@ class CodeCache(NullCache):
         except OSError:
             # it is compiled again next time
             return
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The machine code for these argument types; None if it must be compiled."""
+        kept = self._load(str(sig), target_context.codegen())
+        if kept is None or kept[0] != sig:
+            return None
+        _, symbols, reduced = kept
+        _provide(symbols, target_context)
+        rebuild: Callable[..., Any] = CompileResult._rebuild
+        return rebuild(target_context, *reduced)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep machine code, if it can be moved to another process."""
+        if not data.library.has_dynamic_globals:
+            self._save(str(sig), data.codegen, (sig, _symbols(data.library), data._reduce()))
+
+    def load_part(self, args: Any, target_context: Any) -> Any:
+        """What `save_part` kept for these argument types; None if it must be compiled."""
+        kept = self._load(f"part {args}", target_context.codegen())
+        return None if kept is None or kept[0] != args else kept[1]
+
+    def save_part(self, args: Any, target_context: Any, part: object) -> None:
+        """Keep what compiled callers need of a function."""
+        self._save(f"part {args}", target_context.codegen(), (args, part))
 
 
 def _read(path: Path) -> bytes | None:

@@ -6,30 +6,15 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core.registry import CPUDispatcher
-from numba.core.types import unliteral
 
-from laisn.code_cache import CodeCache
+from laisn.compilation import TwoStageDispatcher
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-class _Compiled(CPUDispatcher):
-    """Code for types alone.
-
-    Numba would compile again for each constant that a caller passes, and for the constant at which the variable of a
-    loop begins, which costs a first flight a third more time and gains nothing: LLVM knows constants where it inlines.
-    """
-
-    def get_call_template(self, args: Any, kws: Any) -> Any:
-        plain: Callable[[Any], Any] = unliteral
-        return super().get_call_template(tuple(map(plain, args)), {name: plain(kind) for name, kind in kws.items()})
-
-
 def _kept(function: Function, **flags: Any) -> Function:
-    made: Any = _Compiled(function, targetoptions={"nopython": True, "error_model": "numpy", **flags})
-    # numba's own cache knows the file of the function alone, not what it imports
-    made._cache = CodeCache(function)
-    return cast(Function, made)
+    options = {"nopython": True, "error_model": "numpy", **flags}
+    return cast(Function, TwoStageDispatcher(function, options=options))
 
 
 def compiled(function: Function) -> Function:

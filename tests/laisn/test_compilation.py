@@ -1,0 +1,132 @@
+"""Compilation in two stages: nothing twice, the same answers, and errors that still come out."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+import pytest
+from numba.core import event
+from numba.core.bytecode import FunctionIdentity
+from numba.core.environment import Environment
+
+from laisn import code_cache
+from laisn.arrays import Floats
+from laisn.compiled import compiled
+from sim.geometry import attitude
+
+HELPERS = attitude.heading_of, attitude.pitch_of, attitude.roll_of
+HEADING_EAST = np.array([[1.0, 0.0, 0.0, 0.0]] * 2)
+
+
+@contextmanager
+def listening() -> Iterator[list[str]]:
+    """Names of functions that are compiled meanwhile: once for their part, once more for code that Python calls."""
+    told: list[str] = []
+
+    class Compiling(event.Listener):
+        def on_start(self, began: Any) -> None:
+            told.append(began.data["dispatcher"].py_func.__name__)
+
+        def on_end(self, _: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Compiling()):
+        yield told
+
+
+@pytest.fixture
+def _nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    code_cache.folder.cache_clear()
+    yield
+    code_cache.folder.cache_clear()
+
+
+@pytest.mark.usefixtures("_nothing_kept")
+def test_what_compiled_code_calls_is_compiled_once_for_all_callers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second caller is a new process as far as its helpers can tell: they have but what was kept."""
+    told_by = []
+    for rows in (HEADING_EAST, np.asfortranarray(HEADING_EAST)):
+        for helper in HELPERS:
+            monkeypatch.setattr(helper, "_parts", {})
+        angles = compiled(attitude._angles.py_func)
+        with listening() as told:
+            assert angles(rows, 0).tolist() == [np.pi / 2] * 2
+            assert angles(rows, 1).tolist() == [0.0] * 2
+        told_by.append(told)
+    assert {"_angles", *(helper.py_func.__name__ for helper in HELPERS)} <= set(told_by[0])
+    assert set(told_by[1]) == {"_angles"}
+
+
+@pytest.mark.usefixtures("_nothing_kept")
+def test_code_and_part_that_two_processes_kept_work_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numba numbers functions in each process anew, so that they have the same names in both."""
+
+    def new_process(first_number: int) -> Any:
+        monkeypatch.setattr(FunctionIdentity, "_unique_ids", count(first_number))
+        monkeypatch.setattr(Environment, "_memo", WeakValueDictionary())
+        return compiled(attitude._angles.py_func)
+
+    expected = [np.pi / 2] * 2
+    assert new_process(1_000_001)(HEADING_EAST, 0).tolist() == expected
+    assert compiled(_angles_by(new_process(1_000_000)))(HEADING_EAST).tolist() == expected
+    angles = new_process(1_000_000)
+    with listening() as told:
+        assert compiled(_angles_by(angles))(HEADING_EAST).tolist() == expected
+        assert angles(HEADING_EAST, 0).tolist() == expected
+    assert set(told) == {"caller"}
+
+
+def _angles_by(angles: Any) -> Any:
+    def caller(rows: Floats) -> Floats:
+        return angles(rows, 0)
+
+    return caller
+
+
+def test_a_function_that_others_call_has_no_machine_code_before_python_calls_it() -> None:
+    doubled, called = compiled(_double), compiled(_negative)
+    assert compiled(_twice(doubled))(3.0) == 12.0
+    assert list(doubled.overloads) == []
+    assert doubled(3.0) == 6.0
+    assert len(doubled.overloads) == 1
+    assert compiled(_twice(called))(3.0) == 3.0
+
+
+def _double(x: float) -> float:
+    return 2.0 * x
+
+
+def _negative(x: float) -> float:
+    return -x
+
+
+def _twice(function: Any) -> Any:
+    def twice(x: float) -> float:
+        return function(function(x))
+
+    return twice
+
+
+@compiled
+def _put(target: Floats, values: Floats) -> None:
+    target[:] = values
+
+
+@compiled
+def _put_all(target: Floats, values: Floats) -> None:
+    _put(target, values)
+
+
+def test_an_array_goes_into_one_of_its_shape_alone() -> None:
+    target = np.zeros(3)
+    _put_all(target, np.array([1.0, 2.0, 3.0]))
+    assert target.tolist() == [1.0, 2.0, 3.0]
+    for put in (_put, _put_all):
+        with pytest.raises(ValueError, match="different shape"):
+            put(target, np.zeros(2))
+    assert target.tolist() == [1.0, 2.0, 3.0]
