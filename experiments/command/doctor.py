@@ -54,7 +54,7 @@ def _modules() -> dict[str, str]:
 
 
 def faults() -> dict[str, str]:
-    """What is wrong with the packages that this project requires, by requirement ("numba>=0.61"); empty if nothing."""
+    """What is wrong with the packages that this project requires, by requirement ("av>=18"); empty if nothing."""
     try:
         required = [entry for entry in requires(_PROJECT) or () if "extra ==" not in entry]
     except PackageNotFoundError:

@@ -47,7 +47,7 @@ main()
             "numba mujoco",
             "numba mujoco",
             {"numba": "is not installed", "mujoco": "is not installed"},
-            r"pip install mujoco==[\d.]+ 'numba>=[\d.]+'$",
+            r"pip install mujoco==[\d.]+ 'numba[<>=\d.,]+'$",
         ),
         (
             "av OpenGL",
