@@ -1,5 +1,7 @@
 """Trail, stations and laws, against closed forms: straight lines, circles, a vehicle that obeys at once."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -52,6 +54,18 @@ def test_a_trail_through_few_points_of_a_circle_is_the_circle() -> None:
         course = np.arctan2(ahead_east, ahead_north)
         assert np.hypot(east - radius, north) == pytest.approx(radius, abs=0.08)
         assert (course - arc / radius + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("share", [lambda t: t * t, lambda t: 2.0 * t - t * t], ids=["ever faster", "ever slower"])
+def test_a_trail_of_uneven_pace_is_the_circle_everywhere(share: Callable[[Floats], Floats]) -> None:
+    """Points lie far from where an even pace would have them."""
+    angle = 3.0 * share(np.linspace(0.0, 1.0, 61))
+    points = 30.0 * np.column_stack([1.0 - np.cos(angle), np.sin(angle)])
+    trail, count = laid(points, np.arange(61.0), angle)
+    for arc in np.linspace(5.0, 85.0, 160):
+        east, north, *_ = way.at(trail, count[0], arc)
+        assert np.hypot(east - 30.0, north) == pytest.approx(30.0, abs=0.02)
+        assert 30.0 * np.arctan2(north, 30.0 - east) == pytest.approx(arc, abs=0.05)
 
 
 def test_a_leader_that_hardly_moves_leaves_no_trail_of_its_trembling() -> None:

@@ -104,6 +104,19 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
     assert told.assume.drift or min(leant, upright) > 5
 
 
+@pytest.mark.parametrize(("half", "leans"), [(1.99, False), (2.01, True)])
+def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, leans: bool) -> None:
+    """At ±half m east, weights 0.4 and 0.6, spreads 1 m: the mean is 0.2 half east, the likelier 0.8 half farther."""
+    (beliefs, model, *_) = swarm.new_navigators(TightSettings(transmitters=2), np.zeros((1, 4)))
+    belief, out = beliefs[0], np.zeros(swarm.COLUMNS)
+    belief.alive, belief.weight[:2] = 2, (0.4, 0.6)
+    belief.state[:2] = 0.0
+    belief.state[:2, 0] = -half, half
+    belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(8)])
+    swarm._tell(belief, model, out)
+    assert out[swarm.LEAN_EAST :] == pytest.approx((0.8 * half * leans, 0.0))
+
+
 def test_the_follower_whose_covariance_is_not_positive_definite_is_told() -> None:
     steps, starts = shared_voyage()
     together = swarm.new_navigators(replace(ALL_OF_2, dt=DT), starts)
