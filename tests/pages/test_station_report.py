@@ -12,7 +12,8 @@ from experiments.pages import account, flight_figures
 from experiments.pages.flight_report import flight_report
 from laisn.arrays import Floats
 from sim.flight import Flight
-from sim.scenario.formation import Station
+from sim.scenario.formation import Formation, Station
+from sim.scenario.proximity import Proximity
 from sim.scenario.settings import Follower
 from tests.synthetic import make_flight
 
@@ -74,6 +75,22 @@ def test_who_got_lost_is_named() -> None:
     assert "follower2 got lost." in said(kept((near, far)))
     far[far.size // 2 :] = 9.5
     assert "none got lost." in said(kept((near, far)))
+
+
+def test_who_gave_way_is_named_with_the_time_that_it_took() -> None:
+    """The second follower stands 9.6 m behind the first, and for the last 20 s of a minute 4.9 m, 0.4 m to its side."""
+    n = make_flight(60.0, 2).trajectory.time.size
+    flight = kept(steady(0.0, 0.4))
+    position = flight.trajectory.position.copy()
+    position[..., 2] = -10.0
+    position[n - 200 :, 2, 1] += 5.1
+    wary = flight.scenario.model_copy(update={"formation": Formation(proximity=Proximity(range_sigma_m=0.0))})
+    near = dataclasses.replace(
+        flight, scenario=wary, trajectory=dataclasses.replace(flight.trajectory, position=position)
+    )
+    # looks every half second from 40.5 to 60 s; each sees the other
+    assert "2 followers gave way to others, follower1 for longest, 20 s." in said(near)
+    assert "gave way" not in said(flight)
 
 
 def test_routes_are_not_spoken_of_as_stations() -> None:

@@ -1,6 +1,7 @@
 """What a study says of its results: sentences, verdicts, record and the runs to look at, for results made by hand."""
 
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
@@ -124,6 +125,23 @@ def test_worst_and_median_runs_are_those_of_their_place(plan: Plan, results: Res
     assert (entry.point, entry.arm, name) == (1, "aware", "follower")
     assert run == int(np.argmax(np.array(results.by_run(place(1, "aware"), "e_p_mean_m"))))
     assert commands(plan, results).count("--run") == 12
+
+
+def test_a_run_that_contact_ended_is_the_first_to_look_at(plan: Plan, results: Results) -> None:
+    """It has no error; of what is left the median, with 39 whole runs the twentieth, is told as before."""
+    at = place(0, "plain")
+    (values,) = results.by_run(at, "e_p_mean_m") or []
+    ended = values.copy()
+    ended[7] = np.nan
+    lists = [dict(results.runs[at][0]) | {"e_p_mean_m": ended.tolist()}]
+    found = replace(results, runs={**results.runs, at: lists}, _known={})
+    (_, worst), (_, median) = notable(plan, found, at)
+    assert worst == 7
+    assert np.count_nonzero(ended < ended[median]) == 19
+    assert found.estimate(at, "e_p_mean_m").value == pytest.approx(np.delete(values, 7).mean())
+    apart = found.difference(place(0, "aware"), "plain", "e_p_mean_m")
+    (theirs,) = results.by_run(place(0, "aware"), "e_p_mean_m") or []
+    assert apart.value == pytest.approx(np.delete(theirs - values, 7).mean())
 
 
 def test_commands_are_headed_by_the_runs_that_they_fly(plan: Plan, results: Results) -> None:
