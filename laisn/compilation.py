@@ -91,6 +91,8 @@ def _machine_code(part: Part, target_context: Any, *, without_gil: bool) -> Comp
     It has an environment of its own, where its wrapper keeps Python's objects: in a process that takes part and machine
     code from the cache, another process may have made either.
     """
+    # a part from the cache needed nothing of what numba can compile; its wrapper does
+    target_context.refresh()
     context, description = target_context.subtarget(enable_nrt=True), copy(part.description)
     description.env_name += "_called"
     environment = Environment.from_fndesc(description)
