@@ -6,13 +6,16 @@ time that a first flight takes to compile. What is computed stays the same to th
 arithmetic, except in passes over lanes, and these are optimised one by one as numba does it.
 """
 
+import os
 from collections.abc import Callable
 from copy import copy
 from functools import cache
+from itertools import count
 from typing import Any, NamedTuple
 
 from llvmlite import binding
 from numba.core import event, sigutils, typing
+from numba.core.bytecode import FunctionIdentity
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult, Flags, compile_extra
 from numba.core.compiler_lock import global_compiler_lock
@@ -22,6 +25,10 @@ from numba.core.runtime.nrt import rtsys
 from numba.core.types import unliteral
 
 from laisn.code_cache import CodeCache
+
+# Numba tells functions of one name and type apart by numbers, and counts in each process from one. Parts that several
+# processes kept meet in one: there, two functions must never have the same name.
+FunctionIdentity._unique_ids = count(int.from_bytes(os.urandom(6)))
 
 
 class Part(NamedTuple):

@@ -1,5 +1,8 @@
 """Compilation in two stages: nothing twice, the same answers, and errors that still come out."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -79,6 +82,31 @@ def test_code_and_part_that_two_processes_kept_work_together(monkeypatch: pytest
         assert compiled(_angles_by(angles))(HEADING_EAST).tolist() == expected
         assert angles(HEADING_EAST, 0).tolist() == expected
     assert set(told) == {"caller"}
+
+
+_CALLER = """
+from numba.core.bytecode import FunctionIdentity
+from sim.geometry.attitude import heading
+import numpy as np
+print(next(FunctionIdentity._unique_ids), heading(np.array([1.0, 0.0, 0.0, 0.0])))
+"""
+_CALLED = """
+from numba.core.bytecode import FunctionIdentity
+from sim.geometry.attitude import heading_of
+print(next(FunctionIdentity._unique_ids), heading_of(1.0, 0.0, 0.0, 0.0))
+"""
+
+
+def test_python_calls_what_another_process_kept_for_compiled_callers(tmp_path: Path) -> None:
+    """Nothing else is compiled there, so that nothing else loads what numba compiles with."""
+    env = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    told = [
+        subprocess.run([sys.executable, "-c", program], env=env, text=True, capture_output=True, check=True).stdout
+        for program in (_CALLER, _CALLED)
+    ]
+    (one, heading), (other, same) = (line.split() for line in told)
+    assert float(heading) == float(same) == np.pi / 2
+    assert abs(int(one) - int(other)) > 1000, "functions of two processes may have one name"
 
 
 def _angles_by(angles: Any) -> Any:
