@@ -1,10 +1,12 @@
 """How the command ends: when it is told to by a signal, and when nobody takes what it has to say."""
 
+import _thread
 import errno
 import io
 import os
 import signal
 import sys
+import threading
 from types import FrameType
 from typing import TextIO
 
@@ -40,6 +42,19 @@ def _obey(number: int, _: FrameType | None) -> None:
     raise _told[-1]
 
 
+def obey_again(lost: "sys.UnraisableHookArgs") -> None:
+    """Have a signal come once more that came while Python took an object away, where no error gets out."""
+    if not isinstance(lost.exc_value, Told):
+        sys.__unraisablehook__(lost)
+        return
+    _told.remove(lost.exc_value)
+    number = lost.exc_value.code - 128
+    signal.signal(number, _obey)
+    again = threading.Timer(0.01, _thread.interrupt_main, [number])
+    again.daemon = True
+    again.start()
+
+
 def _leave(number: int, _: FrameType | None) -> None:
     os._exit(128 + number)
 
@@ -49,6 +64,7 @@ def obey_signals() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _obey)
+    sys.unraisablehook = obey_again
 
 
 class _Output(io.RawIOBase):
