@@ -6,9 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.campaign.missions import simulate_mission
+from experiments.campaign.store import CampaignError
 from experiments.flight.fly import motion_and_outcome
 from experiments.study.closed_runs import records_of_run
 from experiments.study.estimate import Results
+from experiments.study.facts import facts_of
 from experiments.study.run import _of_runs
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.contact import contacts, first_touch, hull_gap
@@ -104,6 +107,16 @@ def test_a_fleet_stops_where_its_ending_says() -> None:
 def test_who_meets_nobody_flies_to_the_end() -> None:
     trajectory, outcome = motion_and_outcome(meeting(contact="end", duration_s=10.0))
     assert (trajectory.time[-1], outcome) == (10.0, Outcome.COMPLETED)
+
+
+def test_a_campaign_names_the_mission_that_contact_ends() -> None:
+    with pytest.raises(CampaignError, match=r"'s': at 29\.\d s follower-1 and follower-2 touched, which ended"):
+        simulate_mission(meeting(contact="end"))
+
+
+def test_facts_tell_who_touched() -> None:
+    scenario = meeting()
+    assert [row["touched"] for row in facts_of(scenario, simulate_mission(scenario))] == [1.0, 1.0]
 
 
 def test_a_run_that_contact_ended_is_counted_and_in_no_mean() -> None:

@@ -29,7 +29,7 @@ from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
 from sim.sensing.proximity import look, lookout_of
-from sim.station_keeping import closest_approaches, station_keeping, true_stations
+from sim.station_keeping import closest_approaches, closest_in_a_layer, station_keeping, true_stations
 from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
 
@@ -254,6 +254,20 @@ def test_the_nearest_pair_is_named_with_its_distance_and_time() -> None:
     apart = np.linalg.norm(flight.trajectory.position[:, 1] - flight.trajectory.position[:, 2], axis=1)
     assert space.distance_m == pytest.approx(apart.min())
     assert space.time_s == pytest.approx(flight.trajectory.time[np.argmin(apart)])
+
+
+def test_the_nearest_pair_of_one_layer_is_found_beside_nearer_ones() -> None:
+    """Depths 12, 12.9 and 20 m: the third is nearer to the first, but not in its layer; the leader is at 8 m."""
+    places = [(10.0, 0.0, 12.0), (10.0, 9.0, 12.9), (10.0, 3.5, 20.0)]
+    scenario = mission(places=places, duration=3.0)
+    flight, _ = fly(scenario)
+    found = closest_in_a_layer(scenario, flight.trajectory)
+    assert found is not None
+    assert found.pair == ("follower-1", "follower-2")
+    apart = flight.trajectory.position[:, 1, :2] - flight.trajectory.position[:, 2, :2]
+    assert found.distance_m == pytest.approx(np.hypot(*apart.T).min())
+    alone = mission(places=[(10.0, 0.0, 12.0), (10.0, 9.0, 13.0)])
+    assert closest_in_a_layer(alone, flight.trajectory.only([0, 1, 2], ())) is None
 
 
 @pytest.mark.parametrize(
