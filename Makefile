@@ -8,15 +8,16 @@ UV := $(shell command -v uv 2>/dev/null)
 
 .PHONY: help run test fuzz mutants check bench figures studies lock clean
 
+# Bytecode is kept whatever the environment says: it is not made when packages are installed, but when they are first
+# imported, which takes half the time, as most modules never are.
+run test fuzz: export PYTHONDONTWRITEBYTECODE =
 run: $(VENV)/.runtime  ## fly mission T5 (the target of a plain `make`)
 	$(BIN)/laisn fly T5
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-# Idle workers take tests from busy ones; more than eight only wait for each other. Dozens of children import the same
-# modules: their bytecode is kept, whatever the environment says.
-test fuzz: export PYTHONDONTWRITEBYTECODE =
+# Idle workers take tests from busy ones; more than eight only wait for each other.
 test: $(VENV)/.dev  ## run the tests on all cores; PYTEST_ARGS="-n 0 -k word" for some of them in one process
 	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
 
@@ -56,10 +57,10 @@ endif
 
 # $(1): lock file. The editable install builds with the pinned backend, so nothing unpinned is fetched.
 ifdef UV
-install = $(UV) pip install --quiet --compile-bytecode --python $(BIN)/python --require-hashes -r $(1) && \
+install = $(UV) pip install --quiet --python $(BIN)/python --require-hashes -r $(1) && \
   $(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .
 else
-install = $(PYTHON) -m pip --python $(BIN)/python install --quiet --require-hashes -r $(1) && \
+install = $(PYTHON) -m pip --python $(BIN)/python install --quiet --no-compile --require-hashes -r $(1) && \
   $(PYTHON) -m pip --python $(BIN)/python install --quiet --no-deps --no-build-isolation -e .
 endif
 
