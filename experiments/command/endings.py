@@ -1,6 +1,5 @@
 """How the command ends: when it is told to by a signal, and when nobody takes what it has to say."""
 
-import _thread
 import errno
 import io
 import os
@@ -50,7 +49,7 @@ def obey_again(lost: "sys.UnraisableHookArgs") -> None:
     _told.remove(lost.exc_value)
     number = lost.exc_value.code - 128
     signal.signal(number, _obey)
-    again = threading.Timer(0.01, _thread.interrupt_main, [number])
+    again = threading.Timer(0.01, signal.pthread_kill, [threading.main_thread().ident, number])
     again.daemon = True
     again.start()
 
