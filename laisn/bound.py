@@ -86,7 +86,7 @@ class Geometry:
     """Transmitters from the same origin: east, north, and how much deeper they are than the hydrophone, shape
     (m, t, 3), [m]; NaN where nothing is received."""
     leader_velocity: Floats | None = None
-    """Of the leader through the water at emission: east and north, shape (m, 2), [m/s]; None: it does not tell."""
+    """Velocity of the leader through the water at emission: east and north, shape (m, 2), [m/s]; None: untold."""
 
 
 def _states(noise: TrueNoise, transmitters: int) -> tuple[Floats, dict[str, int]]:

@@ -117,7 +117,10 @@ def off_station(scenario: Scenario, trajectory: Trajectory, stations: Floats | N
 
 def off_places(scenario: Scenario, trajectory: Trajectory) -> Floats:
     """Horizontal distance of each follower from its station, or from where its route has it, shape (n, f), [m]."""
-    kept = off_station(scenario, trajectory)
+    kept = np.empty((trajectory.time.size, len(scenario.followers)))
+    if any(follower.station for follower in scenario.followers):
+        # a first flight along routes need not compile what finds stations
+        kept = off_station(scenario, trajectory)
     routes = routes_of(scenario)
     for i, follower in enumerate(scenario.followers):
         if follower.station is None:

@@ -27,5 +27,5 @@ class Video(Section):
     width_px: Annotated[int, Field(ge=160, le=3840, multiple_of=2)] = 1280
     height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
     frame_rate_hz: Annotated[int, Field(ge=1, le=60)] = 30
-    speed_up: Positive = Field(20.0, description="seconds of mission in a second of film")
+    speed_up: Positive = Field(30.0, description="seconds of mission in a second of film")
     in_log: bool = Field(True, description="a rendered film also goes into the log, as channel /camera")

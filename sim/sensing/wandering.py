@@ -25,9 +25,9 @@ class Wandering(NamedTuple):
     heading: float
     """Amplitude of the compass's bias about its mean [rad]."""
     rate: float
-    """Of both sines [rad/s]."""
+    """Angular rate of both sines [rad/s]."""
     phases: tuple[float, float]
-    """Of the log's and the compass's at the start, for the first follower [rad]."""
+    """Phases of the sines of log and compass at the start, for the first follower [rad]."""
     leader: tuple[float, float]
     """Rate at which the leader's belief of its place walks off, east and north [m/s]."""
 

@@ -11,6 +11,7 @@ from experiments.campaign import missions
 from experiments.flight.library import load
 from experiments.study.estimate import Results, over_runs, over_seas
 from experiments.study.facts import DISC_DIAMETER_M, disc_power, facts_of, thruster_power
+from sim import station_keeping
 from sim.station_keeping import off_places
 from tests import straight
 
@@ -161,6 +162,12 @@ def test_facts_of_a_mission_are_those_of_its_motion():
         },
         abs=1e-9,
     )
+
+
+def test_nothing_is_compiled_for_stations_where_there_are_none(monkeypatch):
+    monkeypatch.setattr(station_keeping, "stations_along", None)
+    flown = straight.make_trajectory((0.0, 40.0, -10.0))
+    assert off_places(straight.make_scenario(), flown).shape == (flown.time.size, 1)
 
 
 def test_a_thruster_works_against_the_water_that_it_meets_along_the_hull():
