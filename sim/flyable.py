@@ -20,7 +20,7 @@ MOST_INSTANTS = 2_000_000
 MOST_PHYSICS_STEPS = 200_000_000
 """Most physics steps times vehicles, about an hour on one core."""
 MOST_PIXELS = 120_000_000_000
-"""Most pixels of a film's frames together: 72 minutes at 1280 × 720 and 30 Hz, a day and a half at 30 times its pace."""
+"""Most pixels of a film: 72 minutes at 1280 × 720 and 30 Hz, which is a day and a half at 30 times its pace."""
 
 
 def frames(duration_s: float, video: Video) -> int:
