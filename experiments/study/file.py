@@ -148,8 +148,9 @@ def _overlaps(study: Study) -> list[str]:
     spoken: dict[str, str] = {}
     lines = []
     parts = [(f"arm {arm.name}", list(arm.settings)) for arm in study.arms]
-    said = [("[set]", list(study.settings)), ("[vary]", [f.key for f in study.factors])]
-    for part, keys in [*said, ("[draw]", [d.key for d in study.draws])]:
+    unsound = {name: [key for key, part in study.unsound.items() if part == name] for name in ("vary", "draw")}
+    varied, drawn = [f.key for f in study.factors] + unsound["vary"], [d.key for d in study.draws] + unsound["draw"]
+    for part, keys in [("[set]", list(study.settings)), ("[vary]", varied), ("[draw]", drawn)]:
         for key in keys:
             if key in spoken:
                 lines.append(f"  {key}: stands in {spoken[key]} and in {part}; one must go")

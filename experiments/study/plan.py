@@ -12,6 +12,7 @@ from experiments.study.factors import points_of
 from experiments.study.file import Study, refusal
 from experiments.study.metrics import METRICS
 from sim.flyable import misfits
+from sim.scenario.faults import unknown_key
 from sim.scenario.file import ScenarioError, assigned, examined
 from sim.scenario.settings import Misfit, Scenario
 
@@ -191,6 +192,15 @@ def _examined(
     ]
 
 
+def _misplaced(study: Study, table: Mapping[str, Any]) -> list[str]:
+    """A line for each key that is none of this scenario, of those whose values are at fault themselves."""
+    lines = []
+    for key in study.unsound:
+        unknown = unknown_key(key)
+        lines += [unknown] if unknown else _with(table, {key: None})[1]
+    return lines
+
+
 def plan_of(study: Study) -> Plan:
     """Plan a study.
 
@@ -205,7 +215,7 @@ def plan_of(study: Study) -> Plan:
         lines.append(f"  vary, arm, seas: make {number} scenarios, there may be {MOST_ENTRIES}")
     elif table is not None:
         entries, faults = _examined(study, table, points, arms)
-        lines += _needless_seas(study, entries) + faults
+        lines += _misplaced(study, table) + _needless_seas(study, entries) + faults
     if lines:
         raise refusal(study.source, lines)
     return Plan(study=study, points=points, arms=tuple(arms), entries=entries)

@@ -59,6 +59,20 @@ def _hint(location: Location) -> str:
     return f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
 
 
+def _unknown(location: Location) -> str:
+    return f"  {shortened(plain(key_of(location)), 100)}: unknown key; {_hint(location)}"
+
+
+def unknown_key(key: str) -> str | None:
+    """A line if no scenario has a dotted key, such as `followers.0.depth_m`, whatever its value may be."""
+    location = tuple(int(part) if part.isdecimal() else part for part in key.split("."))
+    for n, part in enumerate(location):
+        section = _section(location[:n])
+        if isinstance(part, str) and section is not None and part not in section.model_fields:
+            return _unknown(location[: n + 1])
+    return None
+
+
 def told_apart(error: ValidationError) -> list[Any]:
     """The faults of a validation, but for those that follow from others."""
     faults = error.errors(include_url=False, include_context=False)
@@ -69,9 +83,9 @@ def told_apart(error: ValidationError) -> list[Any]:
 
 def described(fault: Mapping[str, Any]) -> str:
     """A fault in a line: key, what is expected, what was given."""
-    key = shortened(plain(key_of(fault["loc"])), 100)
     if fault["type"] == "extra_forbidden":
-        return f"  {key}: unknown key; {_hint(fault['loc'])}"
+        return _unknown(fault["loc"])
+    key = shortened(plain(key_of(fault["loc"])), 100)
     message = fault["msg"].removeprefix("Value error, ")
     given = fault["input"]
     if isinstance(given, dict | BaseModel) or fault["type"] == "missing":

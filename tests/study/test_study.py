@@ -232,6 +232,20 @@ def test_a_fault_of_one_part_of_a_file_hides_none_of_another():
     assert len(str(error.value).splitlines()) == 3, "without a scenario nothing can be said of its keys"
 
 
+def test_a_key_is_looked_at_though_its_values_are_at_fault():
+    vary = {"leader.excess_bouyancy_n": [], "followers.3.depth_m": {"from": 1, "to": 1}, "leader.depth_m": []}
+    draw = {"ocaen.floor_depth_m": {"uniform": [3]}, "acoustics.range_tau_m.0": {"unifrom": [0, 1]}}
+    with pytest.raises(StudyError) as error:
+        plan_of(study(vary=vary, draw=draw, set={"leader.depth_m": 8.0}))
+    text = str(error.value)
+    assert "leader.excess_bouyancy_n: unknown key; did you mean 'excess_buoyancy_n'?" in text
+    assert "followers.3.depth_m is no key of this scenario" in text
+    assert "ocaen: unknown key; did you mean 'ocean'?" in text
+    assert "leader.depth_m: stands in [set] and in [vary]" in text
+    # the five faults of values, and nothing of the two keys that are right
+    assert len(text.splitlines()) == 1 + 5 + 4
+
+
 def test_followers_that_steer_by_estimates_fly_every_run(tmp_path):
     one = study(
         """
