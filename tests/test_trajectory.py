@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sim.geometry import attitude
-from sim.trajectory import Trajectory
+from sim.trajectory import Trajectory, tilted
 
 RADIUS, RATE = 20.0, 0.05
 
@@ -74,6 +74,14 @@ def test_any_site_is_where_scipy_turns_it(trajectory: Trajectory) -> None:
         carried = turns.apply(offset.copy()).reshape(301, 2, 3)[:, vehicle]
         np.testing.assert_allclose(moved.site_position[:, s], moved.position[:, vehicle] + carried, atol=1e-13)
         np.testing.assert_array_equal(moved.site_path("abcd"[s]), moved.site_position[:, s])
+
+
+def test_a_leader_is_tilted_in_pitch_alone_where_nothing_is_said_of_roll(trajectory: Trajectory) -> None:
+    flown = tilted(trajectory, 0.2)
+    np.testing.assert_allclose(flown.pitch[:, 0], 0.2, atol=1e-12)
+    np.testing.assert_allclose(flown.roll[:, 0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(flown.heading, trajectory.heading, atol=1e-12)
+    np.testing.assert_array_equal(flown.quaternion[:, 1:], trajectory.quaternion[:, 1:])
 
 
 def test_speed_log_measures_along_the_hull_through_the_water(trajectory: Trajectory) -> None:

@@ -1,13 +1,16 @@
 """The study of formations: its conditions, and figures by hand."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from experiments.campaign.campaign import Design
 from experiments.command.cli import app
+from experiments.findings import read
 from experiments.formation import study
 from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.formation.study import Run, findings_of, measure
@@ -54,23 +57,59 @@ def test_conditions_say_what_their_titles_say() -> None:
 
 
 def test_a_record_counts_what_runs_came_to() -> None:
-    ones = np.ones(2)
+    """Three runs of three followers, of whom one is far worse than the others: no mean is a median."""
+    each = np.array([1.0, 2.0, 9.0])
     runs = [
-        Run(rms=ones * (1 + i), p95=ones, largest=ones * 9 * (i + 1), turn=ones * i, leg=ones,
-            lost=np.array([0.0, float(i > 0)]), error=ones * i, closest=5.0 - i, within=4.0 + i,
-            touching=float(i == 1), power=10.0)
+        Run(rms=each * (1 + i), p95=2 * each + i, largest=9 * each * (i + 1), turn=each * i, leg=each / 2 + i,
+            lost=np.array([0.0, 0.0, float(i > 0)]), error=each * i, closest=5.0 - i, within=4.0 + i,
+            touching=float(i == 1), power=10.0 * i * i)
         for i in range(3)
     ]  # fmt: skip
     found = findings_of({"calm": runs})
-    assert found["median calm"].value == 2.0
-    assert found["worst calm"].value == 3.0
-    assert found["max calm"].value == 27.0
+    # of 1, 2, 9, 2, 4, 18, 3, 6, 27
+    assert (found["median calm"].value, found["worst calm"].value) == (4.0, 27.0)
+    # medians of runs are 2, 4 and 6
+    assert found["run-median calm"].value == pytest.approx(4.0)
+    # of 2, 4, 18 and one and two more, and of 0.5, 1, 4.5 likewise
+    assert (found["p95 calm"].value, found["leg calm"].value) == (5.0, 2.5)
+    assert (found["max calm"].value, found["turn calm"].value) == (243.0, 18.0)
+    # means of runs are 0, 4 and 8, and 0, 10 and 40
+    assert (found["error calm"].value, found["power calm"].value) == pytest.approx((4.0, 50 / 3), rel=1e-5)
     assert (found["lost-runs calm"].value, found["closest calm"].value) == (2, 3.0)
-    assert found["lost calm"].value == pytest.approx(2 / 6, rel=1e-5)
+    assert found["lost-runs calm"].what == "followers lost, of 9"
+    assert found["lost calm"].value == pytest.approx(2 / 9, rel=1e-5)
     assert (found["within calm"].value, found["contact calm"].value) == (4.0, pytest.approx(1 / 3, rel=1e-5))
     assert found["runs"].value == 3
+    assert [found[f"{what} calm"].unit for what in ("median", "error", "power", "lost")] == ["m", "m", "W", ""]
     alone = findings_of({"calm": [replace(run, within=float("nan")) for run in runs]})
     assert alone["within calm"].value is None
+
+
+def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown: list[Design] = []
+
+    def fly(design: Design, folder: Path) -> SimpleNamespace:
+        flown.append(design)
+        row = asdict(
+            Run(rms=np.ones(1), p95=np.ones(1), largest=np.ones(1), turn=np.ones(1), leg=np.ones(1), lost=np.ones(1),
+                error=np.ones(1), closest=1.0, within=1.0, touching=0.0, power=1.0)
+        )  # fmt: skip
+        return SimpleNamespace(tasks={key: [row] for key in design.tasks})
+
+    monkeypatch.setattr(study.campaign, "fly", fly)
+    study.run(tmp_path, 6, 50.0)
+    (design,) = flown
+    for condition in CONDITIONS:
+        numbers = [number for name, number in design.tasks if name == condition.name]
+        assert numbers == list(range(0, 6, condition.share))
+        for number in numbers:
+            assert design.tasks[condition.name, number].args == (condition, number, 50.0)  # type: ignore[attr-defined]
+    assert {condition.share for condition in CONDITIONS} > {1}
+    found = read(tmp_path / "results.json")
+    assert found["runs"].value == 6
+    assert found[f"lost-runs {CONDITIONS[0].name}"].value == 6
 
 
 def test_a_short_run_keeps_its_stations() -> None:

@@ -26,6 +26,9 @@ def test_the_follower_is_where_the_leader_was_and_the_transmitters_on_the_axis_n
 def test_a_straight_leader_is_straight_ahead() -> None:
     told = geometry(0.0, 40.0, 40.0)
     np.testing.assert_allclose(told.from_leader, np.tile([0.0, -40.0], (300, 1)), atol=1e-9)
+    # whoever is 40 m behind and was there 40 s before swims 1 m/s
+    np.testing.assert_array_equal(told.speed, 1.0)
+    assert (told.dt, told.speed.size) == (0.1, 3000)
     assert longer(0.0) == 0.0
 
 

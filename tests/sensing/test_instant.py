@@ -6,7 +6,8 @@ import pytest
 from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.scenario.settings import Scenario, Sensors
-from sim.sensing.instant import Senses, broadcast, hear, read_own, senses_of
+from sim.sensing.instant import Senses, broadcast, hear, read_own, senses_of, site
+from sim.sensing.loss import Channel
 from sim.sensing.noise import Stream, normals, uniforms
 from tests.synthetic import make_scenario
 
@@ -66,6 +67,51 @@ def test_each_range_has_the_error_of_its_own_ping(used: int) -> None:
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(1), [k])[0, 0]
         far = np.array([true[:used].max()] * 2 + [true.max()])
         assert found == pytest.approx(true + taus * drawn[:3] + psi * true / far, abs=1e-9)
+
+
+def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches() -> None:
+    """All that may happen to a range, written out for 60 messages in a row."""
+    taus, (mean, sigma), seed, run, floor, reach = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5, 35.0, 45.2
+    chances, channel = (0.3, 0.2), Channel(0.1, 0.25, 3.0, 0.8)
+    senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    senses = senses._replace(
+        range_tau=taus, range_scale=(mean, sigma), transmitters=3, echo_chance=chances, channel=channel, loses=True,
+        floor=floor, max_range=reach, ratio=1.01, believed_speed=1515.0, clock_offset=2e-4, clock_drift=1e-6,
+    )  # fmt: skip
+    transmitters = np.array([[-1.0, 0.0, 0.2], [1.0, 0.0, 0.2], [0.0, 0.1, -0.1]])
+    leader = attitude.from_euler(np.pi / 2, PITCH, 0.2)
+    poses = np.array([np.r_[0.0, 0.0, -8.0, leader], np.r_[-36.0, 27.0, -10.0, attitude.from_euler(0.0)]])
+    there, sources = poses[1, :3] + [0.0, 0.0, 0.1], poses[0, :3] + attitude.rotate(leader, transmitters)
+    direct = np.linalg.norm(sources - there, axis=1)
+    assert direct.min() < reach < direct.max(), "one transmitter is out of reach"
+    bad, state, heard, in_bursts = np.zeros(1), False, [], 0
+    for k in range(10, 610, 10):
+        found = np.empty(3)
+        any_heard = hear(senses, k, 0, (transmitters, np.array([[0.0, 0.0, 0.1]])), poses, bad, found)
+        streams = Stream.ECHO, Stream.RANGE_UNIFORM, Stream.LOSS
+        echo, width, fate = (uniforms(seed, run, stream.number(0), [k])[0, :3] for stream in streams)
+        # mirrored in the surface, in the floor or not at all
+        height = np.where(echo < 0.3, -sources[:, 2], np.where(echo < 0.5, -2 * floor - sources[:, 2], sources[:, 2]))
+        length = np.hypot(np.hypot(*(sources - there)[:, :2].T), height - there[2])
+        expected = np.where(direct <= reach, 1.01 * length + 1515.0 * (2e-4 + 1e-6 * k * senses.dt), np.nan)
+        psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(0), [k])[0, 0]
+        expected += taus * width + psi * expected / np.nanmax(expected)
+        # a burst of three messages on average is left with a chance of a third
+        state = fate[0] >= 1 / 3 if state else fate[0] < 0.25
+        if fate[1] < (0.8 if state else 0.1):
+            expected[:] = np.nan
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+        assert any_heard == bool(np.isfinite(expected).any())
+        heard.append(any_heard)
+        in_bursts += state
+    assert 10 < in_bursts < 50
+    assert 10 < sum(heard) < 50
+
+
+def test_a_point_of_a_hull_turns_with_it() -> None:
+    offset, turned = np.array([0.7, -0.2, 0.3]), attitude.from_euler(2.0, -0.4, 0.5)
+    expected = np.array([1.0, 2.0, -3.0]) + attitude.rotate(turned, offset)
+    np.testing.assert_allclose(site(np.r_[1.0, 2.0, -3.0, turned], offset), expected, rtol=0, atol=1e-14)
 
 
 def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:

@@ -8,6 +8,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from experiments.intervals import Interval
 from experiments.pages.figures import Line
@@ -29,7 +30,7 @@ MEANS = {
     (1, "plain"): 2.0,
     (1, "aware"): 3.5,
     (2, "plain"): 1.5,
-    (2, "aware"): 1.5,
+    (2, "aware"): 1.499,
 }
 """Mean E_P [m] by point and arm."""
 RUNS = 40
@@ -82,7 +83,7 @@ def test_differences_are_told_with_their_verdicts(plan: Plan, results: Results) 
     ]  # fmt: skip
     assert [row[-1].text for row in table.rows] == ["lower", "higher", "open"]
     assert [row[-1].tone for row in table.rows] == ["yes", "no", "maybe"]
-    for row, apart in zip(table.rows, (-0.5, 1.5, 0.0), strict=True):
+    for row, apart in zip(table.rows, (-0.5, 1.5, -0.001), strict=True):
         assert float(row[-2].sort) == pytest.approx(apart, abs=1e-9)
 
 
@@ -94,6 +95,8 @@ def test_the_table_has_every_place_with_its_means(plan: Plan, results: Results) 
         assert cells["arm"].text == at[1]
         assert float(cells["mean E_P [m]"].sort) == pytest.approx(mean, abs=1e-9)
         assert float(cells["share of runs captured"].sort) == (0.25 if at[1] == "plain" else 0.0)
+    # the metric of the report first, and no other percentile than its head says
+    assert heads[3:6] == ["mean E_P [m]", "95th percentile of E_P [m]", "mean E_B [°]"]
     energy = [float(dict(zip(heads, row, strict=True))[heads[-1]].sort) for row in table.rows]
     assert energy == [100.0 * k for k in range(6)]
 
@@ -217,6 +220,14 @@ def test_lines_of_the_main_figure_are_the_means_of_their_arms(plan: Plan, result
         for line in mine:
             assert line.x.tolist() == [10.0, 12.0, 14.0]
             assert line.y == pytest.approx([MEANS[point, arm] for point in range(3)])
+
+
+def test_a_bar_reaches_from_the_lower_to_the_upper_limit() -> None:
+    axes = Figure().subplots()
+    charts._mark(axes, 3.0, Interval(2.0, 1.5, 4.0), SERIES[0])
+    charts._mark(axes, 5.0, Interval(2.0, np.nan, np.nan), SERIES[0])
+    ((bar,),) = (collection.get_segments() for collection in axes.collections)  # type: ignore[attr-defined]
+    assert np.asarray(bar).tolist() == [[3.0, 1.5], [3.0, 4.0]]
 
 
 def test_shares_of_seas_are_those_of_their_point(plan: Plan, drawn: Any) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import beta, binomtest
 
 from experiments.campaign import missions
 from experiments.flight.library import load
@@ -64,6 +64,22 @@ def test_seas_of_one_run_each_have_the_limits_of_clopper_and_pearson():
     low, high = (binomtest(k, 19).proportion_ci(method="exact") for k in (4, 5))
     assert low.low < share.low < high.low
     assert low.high < share.high < high.high
+
+
+def test_shares_of_seas_have_the_limits_of_as_many_runs_as_scatter_alike():
+    """Korn and Graubard: p (1 − p) over the variance of the mean, 25, times (t₃₉ / t₃)², from any table of Student's t.
+
+    Four seas of ten runs, of which 1, 2, 5 and 2 have the outcome: their mean is 0.25, its variance 0.03 / 4.
+    """
+    found = over_runs([(np.arange(10) < count).astype(float) for count in (1, 2, 5, 2)], shares=True)
+    alike = 0.25 * 0.75 / (0.03 / 4) * (2.0227 / 3.1824) ** 2
+    assert found.value == 0.25
+    assert found.low == pytest.approx(beta.ppf(0.025, 0.25 * alike, 0.75 * alike + 1), rel=1e-3)
+    assert found.high == pytest.approx(beta.ppf(0.975, 0.25 * alike + 1, 0.75 * alike), rel=1e-3)
+    # seas that scatter less than single runs would do not make more of them
+    even = over_runs([(np.arange(10) < 2).astype(float)] * 4, shares=True)
+    exact = binomtest(8, 40).proportion_ci(method="exact")
+    assert (even.low, even.high) == pytest.approx((exact.low, exact.high), rel=1e-9)
 
 
 def test_shares_of_seas_that_differ_cover_as_often_as_they_promise():
@@ -168,6 +184,13 @@ def test_nothing_is_compiled_for_stations_where_there_are_none(monkeypatch):
     monkeypatch.setattr(station_keeping, "stations_along", None)
     flown = straight.make_trajectory((0.0, 40.0, -10.0))
     assert off_places(straight.make_scenario(), flown).shape == (flown.time.size, 1)
+
+
+def test_a_follower_that_rises_is_as_far_off_its_depth_as_one_that_sinks():
+    scenario = straight.make_scenario()
+    start = (0.0, 40.0, -scenario.followers[0].depth_m)
+    (facts,) = facts_of(scenario, straight.make_trajectory(start, follower_velocity=(0.0, 0.0, 0.02)))
+    assert facts["depth_error_max_m"] == pytest.approx(0.4)
 
 
 def test_a_thruster_works_against_the_water_that_it_meets_along_the_hull():
