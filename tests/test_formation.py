@@ -25,6 +25,7 @@ from sim.control.trail import TRAIL
 from sim.fleet import simulate_fleet
 from sim.flight import navigate
 from sim.formation_fleet import law_of
+from sim.motion import simulate_motion
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
@@ -245,6 +246,17 @@ def test_figures_of_keeping_a_station_are_those_since_it_was_joined() -> None:
     never = station_keeping(np.full(10, 3.0), 0.1 * np.arange(10))
     assert np.isnan(never.joined_s)
     assert never.lost
+
+
+def test_a_follower_on_a_route_swims_as_it_does_without_others_on_stations() -> None:
+    """It steers by where it is."""
+    route = {"waypoints": [[0, -10, 5], [12, 0, 8], [30, 12, 20]], "depth_m": 10.0}
+    tables: dict[str, object] = {"name": "s", "duration_s": 20.0, "ocean": {"current_speed_m_s": 0.2}}
+    among = validate(
+        tables | {"followers": [route, {"station": {"behind_m": 5.0, "port_m": 10.0, "depth_m": 12.0}}]}, "test"
+    )
+    alone = simulate_motion(validate(tables | {"followers": [route]}, "test"))
+    np.testing.assert_allclose(flown(among)[0].position[:, 1], alone.position[:, 1], rtol=0, atol=1e-9)
 
 
 def test_the_nearest_pair_is_named_with_its_distance_and_time() -> None:

@@ -123,6 +123,9 @@ def test_arrival_is_when_a_waypoint_is_nearest():
     assert arrival_errors(route, time, position)[1:] == pytest.approx([2.0, 2.0], abs=0.1)
     # a trajectory that ends before the last waypoint has not missed it
     assert arrival_errors(route, time[:1500], position[:1500]).size == 2
+    # one that ends the moment it is due has
+    assert arrival_errors(route, time[:2001], position[:2001])[2] == pytest.approx(0.0, abs=1e-9)
+    assert arrival_errors(route, time[:2000], position[:2000]).size == 2
 
 
 def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:

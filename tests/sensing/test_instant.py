@@ -126,6 +126,12 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
     assert reading[0] == pytest.approx(attitude.forward(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0])
     assert reading[1] == pytest.approx(1.0 + 0.05 + 0.01 * abs(motion[1]))
     assert reading[2] == pytest.approx(10.0 - 0.5 * np.sin(PITCH) + 0.3 * depth[0])
+    # inclinometer and gyros likewise, in the order up and port
+    senses = senses._replace(tilt_sigma=0.02, gyro_sigma=0.004)
+    read_own(senses, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.zeros(3), reading)
+    tilt, gyro = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.TILT, Stream.GYRO))
+    expected = [PITCH + 0.02 * tilt[0], RATES[2] + 0.004 * gyro[0], RATES[1] + 0.004 * gyro[1]]
+    assert reading[3:].tolist() == pytest.approx(expected)
 
 
 def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:

@@ -1,15 +1,15 @@
 """Sensor errors: the paper's formulas, term by term, on draws taken from the streams themselves."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
-from sim.scenario.sensors import Sensors
 from sim.sensing.noise import Stream, normals, uniforms
 from sim.sensing.sensor_errors import SensorErrors, measure
 from sim.sensing.truth import MissionTruth
-from sim.sensing.wandering import Wandering, wander
 
 SEED, RUN = 11, 4
 STEPS, SENT = 40, np.array([5, 10, 20, 39])
@@ -119,21 +119,16 @@ def test_impossible_errors_are_named(field: str, value: float) -> None:
         SensorErrors(**{field: value})
 
 
-def test_biases_swing_as_sines_and_the_leader_walks_off() -> None:
-    told = Sensors(speed_drift_m_s=0.1, heading_drift_deg=4.0, drift_period_s=80.0, leader_position_drift_m_s=0.02,
-                   leader_position_drift_deg=30.0)  # fmt: skip
-    wandering, own = Wandering.of(told), np.zeros((5, 3))
-    wander(wandering, 0, np.array([0.0, 20.0, 40.0, 60.0, 80.0]), own)
-    np.testing.assert_allclose(own[:, 0], [0.0, 0.1, 0.0, -0.1, 0.0], atol=1e-12)
-    np.testing.assert_allclose(np.rad2deg(own[:, 1]), [0.0, 4.0, 0.0, -4.0, 0.0], atol=1e-12)
-    np.testing.assert_array_equal(own[:, 2], 0.0)
-    turned, phases = np.zeros((5, 3)), {"speed_drift_phase_deg": 90.0, "heading_drift_phase_deg": 180.0}
-    wander(Wandering.of(told.model_copy(update=phases)), 0, np.array([0.0, 20.0, 40.0, 60.0, 80.0]), turned)
-    np.testing.assert_allclose(turned[:, 0], [0.1, 0.0, -0.1, 0.0, 0.1], atol=1e-12)
-    np.testing.assert_allclose(np.rad2deg(turned[:, 1]), [0.0, -4.0, 0.0, 4.0, 0.0], atol=1e-12)
-    # the third follower is twice the golden angle ahead
-    third = np.zeros((1, 3))
-    wander(wandering, 2, np.zeros(1), third)
-    assert third[0, 0] == pytest.approx(0.1 * np.sin(np.deg2rad(2 * 137.50776405003785)))
-    # 30° off north, at 2 cm/s
-    np.testing.assert_allclose(wandering.leader, (0.01, 0.02 * np.cos(np.pi / 6)))
+def test_sensors_err_by_default_as_in_the_paper() -> None:
+    """Praczyk & Hożyń 2026, Eqs. 26 to 28 with the settings of Stage 1.
+
+    Log 0.2 and 0.2 m/s, compass 5° and 2°, τ of 1 cm, ψ of 0.1 and 0.05 m.
+    """
+    told = {"speed_bias": 0.2, "speed_sigma": 0.2, "heading_bias": np.deg2rad(5.0), "heading_sigma": np.deg2rad(2.0),
+            "range_tau": (0.01, 0.01, 0.01), "range_scale_mean": 0.1, "range_scale_sigma": 0.05}  # fmt: skip
+    given = SensorErrors()
+    assert not given.echoes
+    assert not given.channel.loses
+    for field in fields(SensorErrors):
+        if field.name not in ("echo_chance", "channel"):
+            assert getattr(given, field.name) == pytest.approx(told.get(field.name, 0.0)), field.name

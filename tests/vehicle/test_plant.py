@@ -95,6 +95,19 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle(either_way: None) ->
     np.testing.assert_allclose(plant.twist, twist, rtol=0, atol=1e-9)
 
 
+def test_a_wrench_beyond_all_numbers_is_found() -> None:
+    """Three forces of 10³⁰⁸ N, each of them finite."""
+    plant = Plant(setups(), Ocean.calm())
+    records = coefficients.read(plant.model, plant.names, 1026.0).copy()
+    pose, twist = plant.pose.copy(), np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
+    pose[1, 3:] = [1.0, 0.0, 0.0, 0.0]
+    solver = (plant.model.M_rowadr.astype(np.int64).reshape(2, 6), np.zeros(plant.model.nM), np.zeros((2, 6)))
+    assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver) == -1
+    records["linear_damping"][1, :3], records["linear_damping_fade"][1] = 1e308, 0.0
+    assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver) == 1
+    assert np.isfinite(solver[2]).all()
+
+
 def test_moments_of_thrusters_are_those_of_mujoco() -> None:
     """Thrusters may point and twist anywhere, and hulls may lie anyhow."""
     plant = Plant(setups(), Ocean.calm())
