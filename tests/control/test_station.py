@@ -114,14 +114,15 @@ def test_stations_in_a_turn_ask_no_more_than_can_be_swum(port: float) -> None:
     np.testing.assert_allclose(np.array(velocities)[300:-2], moved[300:-2], atol=0.12)
 
 
+@pytest.mark.parametrize("pace", [1.0, 2.5])
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.3, 0.3), (-0.2, 0.1)])
-def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple[float, float]) -> None:
-    """Leader north, then east, at 1 m/s; a station on the axis passes the corner at 60 s."""
+def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple[float, float], pace: float) -> None:
+    """Leader north, then east; a station on the axis passes the corner 20 s later, at 60 s."""
     times = np.arange(0.0, 121.0)
-    points = np.column_stack([np.maximum(times - 40.0, 0.0), np.minimum(times, 40.0)])
+    points = pace * np.column_stack([np.maximum(times - 40.0, 0.0), np.minimum(times, 40.0)])
     trail, count = laid(points, times, np.where(times > 40.0, np.pi / 2, 0.0))
-    station, memory = np.array([20.0, 0.0, 12.0]), np.zeros(FRAME_MEMORY)
-    before, after = np.array([-current[0], 1.0 - current[1]]), np.array([1.0 - current[0], -current[1]])
+    station, memory = np.array([20.0 * pace, 0.0, 12.0]), np.zeros(FRAME_MEMORY)
+    before, after = np.array([-current[0], pace - current[1]]), np.array([pace - current[0], -current[1]])
     start, end = np.arctan2(*before), np.arctan2(*after)
     for late in (-8.0, -5.0, -2.0, 2.0, 5.0, 8.0):
         told = in_time(FRAME, station, (trail, count[0]), 60.0 + late, current, memory)

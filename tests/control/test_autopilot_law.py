@@ -1,0 +1,129 @@
+"""The autopilot's law, written down once more from its documents, against its commands and what it remembers."""
+
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats
+from sim.control import autopilot
+from sim.control.autopilot import Felt
+from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING
+from sim.vehicle.mjcf import VehicleSetup
+from sim.vehicle.plant import Plant
+from sim.water.ocean import Ocean
+
+DT = 0.1
+LIMIT = 1e6
+"""Thrust that no state here asks for [N]."""
+
+
+def damping(c: Floats, way: float, rate: float) -> float:
+    return float((c[0] + c[1] * way + c[2] * abs(rate)) * rate)
+
+
+def law(d: np.void, wanted: tuple[float, float, float], ref: Floats, felt: Felt, memory: Floats) -> tuple[Floats, ...]:
+    """Thrust ahead, side force and moment to port, upward force and nose-up moment; and what is remembered."""
+    heading, turn, speed = wanted
+    omega, way, kept = d["omega"], abs(felt.surge), memory.copy()
+    lag = 1.0 / (4.0 * omega)
+    through = speed / max(np.cos(felt.pitch), 0.5)
+    later = through + lag * ref[ACCELERATING]
+    drag = d["drag_linear"] * np.exp(-d["drag_fade"] * later) * later + d["drag"] * later**2
+    slow = through - felt.surge
+    ahead = d["surge_mass"] * (ref[ACCELERATING] + omega / 2 * slow) + memory[autopilot.SPEED_INTEGRAL] + drag
+    kept[autopilot.SPEED_INTEGRAL] += d["surge_mass"] * (omega / 2) * (omega / 10) * slow * DT
+
+    # turns of the compass are to starboard, moments to port
+    off = np.arctan2(np.sin(heading - felt.heading), np.cos(heading - felt.heading))
+    soon = turn + lag * ref[TURNING]
+    wished = ref[TURNING] + omega**2 * off + 2 * omega * (turn - -felt.turning)
+    to_port = -d["yaw_inertia"] * wished - damping(d["yaw_damping"], way, soon) + memory[autopilot.HEADING_INTEGRAL]
+    kept[autopilot.HEADING_INTEGRAL] -= d["yaw_inertia"] * omega**2 * (omega / 10) * off * DT
+    side = -soon * (d["surge_mass"] * felt.surge - d["fin_side"] * way) - omega / 2 * d["sway_mass"] * felt.sway
+
+    share = d["by_pitch"] * np.clip((way - 0.3) / 0.3, 0.0, 1.0)
+    fast = max(way, 0.3)
+    high, lift = ref[DEPTH] - felt.depth, d["lift"] * fast**2
+    incidence = np.clip(share * memory[autopilot.DEPTH_INTEGRAL] / lift, *np.deg2rad([-12.0, 12.0]))
+    sink = ref[SINKING] + omega / 5 * high
+    steepest = fast * np.sin(np.deg2rad(20.0))
+    climb = -np.arcsin(np.clip(sink, -steepest, steepest) / fast)
+    turned = np.clip(share * climb + incidence - memory[autopilot.PITCH_COMMAND], *np.deg2rad([-5.0, 5.0]) * DT)
+    kept[autopilot.PITCH_COMMAND] += turned
+    pitch, rate = kept[autopilot.PITCH_COMMAND], turned / DT
+    push = d["heave_mass"] * ((omega / 2) ** 2 * high + omega * (ref[SINKING] - felt.sinking))
+    push += lift / fast * ref[SINKING]
+    upward = memory[autopilot.DEPTH_INTEGRAL] - incidence * lift - (1 - share) * push
+    by_lift, by_thrust = lift / fast * (omega / 5) ** 2 / 4, 0.2 * d["heave_mass"] * (omega / 2) ** 3
+    if share * abs(sink) < steepest:
+        kept[autopilot.DEPTH_INTEGRAL] -= (share * by_lift + (1 - share) * by_thrust) * high * DT
+    wished = omega**2 * (pitch - felt.pitch) + 2 * omega * (rate - -felt.pitching)
+    nose_up = d["pitch_inertia"] * wished + d["righting"] * pitch + damping(d["pitch_damping"], way, rate)
+    nose_up += memory[autopilot.PITCH_INTEGRAL]
+    kept[autopilot.PITCH_INTEGRAL] += d["pitch_inertia"] * omega**2 * (omega / 10) * (pitch - felt.pitch) * DT
+    return np.array([ahead, side, to_port, upward, nose_up]), kept
+
+
+@pytest.mark.parametrize("mode", ["pitch", "thrust"])
+@pytest.mark.parametrize("way", [1.2, 0.45, 0.2, -0.7])
+@pytest.mark.parametrize("deeper", [0.4, -0.3, 8.0, -8.0])
+def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: float, deeper: float) -> None:
+    """At all speeds and depths, with every state and every rate off by something."""
+    plant = Plant([VehicleSetup(name="leader", model="leader", position_m=(0.0, 0.0, -10.0))], Ocean.calm())
+    records = autopilot.design(plant, (mode,)).copy()
+    records["limits"], records["drag_fade"], records["drag_linear"] = [-LIMIT, LIMIT], 0.7, 3.0
+    records["yaw_damping"] = [1.0, 2.0, 3.0]
+    records["pitch_damping"] = [1.5, 2.5, 3.5]
+    (d,) = records
+    reference = np.zeros(8)
+    reference[[TURNING, ACCELERATING, DEPTH, SINKING]] = 0.02, 0.1, 10.0, 0.05
+    felt = Felt(surge=way, sway=0.1, heading=6.2, turning=0.03, pitch=0.06, pitching=-0.02, depth=10.0 - deeper,
+                sinking=0.02)  # fmt: skip
+    wanted = 0.1, 0.04, 1.3
+    command = np.zeros(5)
+    for integral in (2.0, -400.0):
+        memory = np.array([0.7, -3.0, 0.4, integral, 0.03])
+        expected, kept = law(d, wanted, reference, felt, memory)
+        autopilot.control(d, wanted, reference, felt, DT, memory, command)
+        bow, stern = d["lateral"]
+        raised, lowered = d["vertical"]
+        found = [command[0], command[1] + command[2], bow * command[1] + stern * command[2], command[3] + command[4],
+                 raised * command[3] + lowered * command[4]]  # fmt: skip
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(memory, kept, rtol=1e-9, atol=1e-12)
+
+
+def test_levers_and_coefficients_are_those_of_the_mjcf() -> None:
+    """What a hull's own law needs, read from its MJCF by name, in water of another density."""
+    for model in ("leader", "follower"):
+        setup = VehicleSetup(name=model, model=model, position_m=(0.0, 0.0, -10.0))
+        plant = Plant([setup], Ocean(density_kg_m3=1000.0))
+        (d,) = autopilot.design(plant, ("thrust",))
+        given = {
+            name: plant.model.numeric(f"{model}/{name}").data
+            for name in ("added_mass", "linear_damping", "linear_damping_fade", "quadratic_damping", "hull_lift",
+                         "hull_lift_planes", "fin_x", "fin_area", "fin_lift_slope", "strip_x", "strip_area",
+                         "cross_flow_drag")
+        }  # fmt: skip
+        area, drag, slope = given["hull_lift"]
+        fins = 500.0 * given["fin_lift_slope"][0] * given["fin_area"]
+        back = given["fin_x"][0]
+        assert d["drag"] == pytest.approx(500.0 * area * drag + given["quadratic_damping"][0])
+        assert d["drag_linear"] == given["linear_damping"][0]
+        assert d["drag_fade"] == given["linear_damping_fade"][0]
+        assert d["lift"] == pytest.approx(500.0 * area * slope * given["hull_lift_planes"][1] + fins[1])
+        assert d["fin_side"] == pytest.approx(-fins[0] * back)
+        assert d["sway_mass"] == pytest.approx(plant.model.body(f"{model}/hull").mass[0] + given["added_mass"][7])
+        # a strip at x moves at x times the rate, and has x as its lever
+        strips = sum(500.0 * a * abs(x) ** 3 for a, x in zip(given["strip_area"], given["strip_x"], strict=True))
+        for axis, across, fin in (("pitch", 1, 1), ("yaw", 0, 0)):
+            i = {"pitch": 4, "yaw": 5}[axis]
+            crossing = strips * given["cross_flow_drag"][across] + given["quadratic_damping"][i]
+            expected = [given["linear_damping"][i], fins[fin] * back**2, crossing]
+            np.testing.assert_allclose(d[f"{axis}_damping"], expected, rtol=1e-12)
+        assert d["by_pitch"] == 0.0
+        for axis in ("lateral", "vertical"):
+            sites = [plant.model.site(f"{model}/thruster_{axis}_{end}").pos[0] for end in ("bow", "stern")]
+            np.testing.assert_allclose(d[axis], sites)
+        names = ("main", "lateral_bow", "lateral_stern", "vertical_bow", "vertical_stern")
+        ranges = [plant.model.actuator(f"{model}/thruster_{name}").ctrlrange for name in names]
+        np.testing.assert_array_equal(d["limits"], ranges)
