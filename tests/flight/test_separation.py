@@ -12,7 +12,6 @@ from sim import flyable
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
-from sim.scenario.shapes import Shape, followers_of
 from sim.sensing.proximity import sightings
 from tests.synthetic import make_flight
 
@@ -63,19 +62,6 @@ def test_stations_nearer_than_three_sigma_are_told() -> None:
     events = uncertainty_events(flight)
     assert [event.text.split(",")[0] for event in events] == ["stations of follower-2 and follower-1"]
     assert "3 sigma" in events[0].text
-
-
-@pytest.mark.parametrize("kind", ["line", "v", "column", "grid", "ring"])
-@pytest.mark.parametrize("count", [1, 2, 7, 18])
-def test_shapes_keep_their_spacing(kind: str, count: int) -> None:
-    tables = followers_of(Shape(kind=kind, count=count, spacing_m=8.0, layer_m=0.0))  # type: ignore[arg-type]
-    places = np.array([(t["station"]["behind_m"], t["station"]["port_m"]) for t in tables])
-    assert len(places) == count
-    if count > 1:
-        apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1)) + 1e9 * np.eye(count)
-        # the first two of a V stand beside each other, two steps of 2 / √5 aside
-        assert apart.min() == pytest.approx(32.0 / np.sqrt(5.0) if (kind, count) == ("v", 2) else 8.0, abs=1e-5)
-    assert places[:, 0].min() == pytest.approx(10.0)
 
 
 def test_a_shape_stands_for_its_followers() -> None:

@@ -49,7 +49,7 @@ class Tried(NamedTuple):
     noticed: bool
     why: str
     slow: bool = False
-    """It was noticed by the time that tests took, alone on the machine."""
+    """Its tests did not end in time, alone on the machine, which is not taken for noticing it."""
 
 
 def argued() -> dict[tuple[str, str, str], str]:
@@ -70,7 +70,7 @@ def summary(package: str, tried: list[Tried], of: int) -> str:
     noticed = sum(t.noticed for t in tried)
     text = f"{package}: {noticed} of {len(tried)} noticed, {noticed / len(tried):.0%}"
     slow = sum(t.slow for t in tried)
-    text += f", {slow} of them by the time that tests took" if slow else ""
+    text += f", {slow} of the others take tests too long" if slow else ""
     if len(tried) < of:
         limits = binomtest(noticed, len(tried)).proportion_ci(method="wilson")
         text += f" (95 %: {limits.low:.0%} to {limits.high:.0%}), drawn from {of}"
@@ -78,15 +78,18 @@ def summary(package: str, tried: list[Tried], of: int) -> str:
 
 
 def told(mutant: Mutant, outcome: Outcome) -> Tried:
-    """Print a mutant if it survived, else a dot."""
-    noticed = outcome is not Outcome.SURVIVED
+    """Print a mutant if no test failed, else a dot."""
+    noticed = outcome is Outcome.NOTICED
     why = "" if noticed else argued().get((mutant.file, *mutant.change()), "")
     tried = Tried(mutant, noticed, why, outcome is Outcome.SLOW)
     if noticed:
         print(".", end="", flush=True)
     else:
         was, becomes = mutant.change()
-        print(f"\n{mutant.file}:{mutant.line}\n  - {was}\n  + {becomes}\n  {tried.why or 'SURVIVES'}", flush=True)
+        print(
+            f"\n{mutant.file}:{mutant.line}\n  - {was}\n  + {becomes}\n  {tried.why or outcome.value.upper()}",
+            flush=True,
+        )
     return tried
 
 
@@ -110,7 +113,7 @@ def record(found: dict[str, tuple[list[Tried], int]], seed: int, before: Mapping
             ),
             f"drawn {package}": plain(len(tried), f"mutants tried, of {of}"),
             f"nothing {package}": plain(sum(bool(t.why) for t in tried), "of these that change nothing, as is argued"),
-            f"survived {package}": plain(counted - noticed, "of these that no test notices"),
+            f"survived {package}": plain(counted - noticed, "of these that no test notices, or not in time"),
             f"seed {package}": plain(seed, f"of the draw, from {tried_on}"),
         }  # fmt: skip
     return Findings(

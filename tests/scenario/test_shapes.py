@@ -1,0 +1,71 @@
+"""Shapes of formations: where each follower stands, by geometry."""
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats
+from sim.scenario.shapes import Shape, followers_of
+
+Kind = Literal["line", "v", "column", "grid", "ring"]
+
+
+def places(kind: Kind, count: int, **told: Any) -> Floats:
+    """Behind, to port and depth of each follower, in that order, shape (count, 3), [m]."""
+    tables = followers_of(Shape(kind=kind, count=count, **told))
+    assert [table["name"] for table in tables] == [f"follower-{i + 1}" for i in range(count)]
+    stations = [table["station"] for table in tables]
+    return np.array([[s["behind_m"], s["port_m"], s["depth_m"]] for s in stations])
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        ("line", [(0, -2), (0, -1), (0, 0), (0, 1), (0, 2)]),
+        ("column", [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0)]),
+        ("grid", [(0, -1.5), (0, -0.5), (0, 0.5), (0, 1.5), (1, -1.5)]),
+        # wings to port and starboard by turns, twice as far aside as behind, a spacing from rank to rank
+        ("v", [(0, 2 / math.sqrt(5)), (0, -2 / math.sqrt(5)), (1 / math.sqrt(5), 4 / math.sqrt(5)),
+               (1 / math.sqrt(5), -4 / math.sqrt(5)), (2 / math.sqrt(5), 6 / math.sqrt(5))]),
+    ],
+)  # fmt: skip
+def test_five_followers_stand_as_the_shape_says(kind: Kind, expected: list[tuple[float, float]]) -> None:
+    found = places(kind, 5, spacing_m=8.0, behind_m=15.0)
+    np.testing.assert_allclose((found[:, :2] - [15.0, 0.0]) / 8.0, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5, 8])
+def test_a_ring_is_a_regular_polygon_whose_neighbours_are_a_spacing_apart(count: int) -> None:
+    found = places("ring", count, spacing_m=8.0, behind_m=15.0)[:, :2]
+    middle = np.array([15.0 + 4.0 / math.sin(math.pi / count), 0.0])
+    np.testing.assert_allclose(found[0], [15.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(found.mean(axis=0), middle, atol=1e-6)
+    sides = np.hypot(*(found - np.roll(found, 1, axis=0)).T)
+    np.testing.assert_allclose(sides, 8.0, atol=1e-5)
+    # the second is to port
+    assert found[1, 1] > 0.0 or count == 2
+
+
+def test_a_single_follower_stands_on_the_axis_where_a_shape_begins() -> None:
+    for kind in ("line", "column", "grid", "ring"):
+        np.testing.assert_allclose(places(kind, 1, behind_m=15.0), [[15.0, 0.0, 10.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["line", "v", "column", "grid", "ring"])
+@pytest.mark.parametrize("count", [1, 2, 7, 18])
+def test_shapes_keep_their_spacing(kind: Kind, count: int) -> None:
+    level = places(kind, count, spacing_m=8.0)[:, :2]
+    if count > 1:
+        apart = np.hypot(*(level[:, None] - level[None]).transpose(2, 0, 1)) + 1e9 * np.eye(count)
+        # the first two of a V stand beside each other, two steps of 2 / √5 aside
+        assert apart.min() == pytest.approx(32.0 / math.sqrt(5.0) if (kind, count) == ("v", 2) else 8.0, abs=1e-5)
+    assert level[:, 0].min() == pytest.approx(10.0)
+
+
+def test_layers_are_taken_in_turn() -> None:
+    told = {"depth_m": 12.0, "layer_m": 1.5}
+    assert places("column", 4, **told)[:, 2].tolist() == [12.0, 13.5, 15.0, 16.5]
+    assert places("column", 4, **told, layers=3)[:, 2].tolist() == [12.0, 13.5, 15.0, 12.0]
+    assert places("column", 4, **told, layers=1)[:, 2].tolist() == [12.0] * 4
