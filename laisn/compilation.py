@@ -22,9 +22,11 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import Environment
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime.nrt import rtsys
+from numba.core.typed_passes import NativeLowering
 from numba.core.types import unliteral
 
 from laisn.code_cache import CodeCache
+from laisn.counting import CountIfNeeded
 
 # Numba tells functions of one name and type apart by numbers, and counts in each process from one. Parts that several
 # processes kept meet in one: there, two functions must never have the same name.
@@ -66,6 +68,15 @@ class _PartCompiler(Compiler):
         # the vectoriser sees one pass over lanes at a time, and multiplications and additions fuse within it
         library.optimised = bool(flags.fastmath)
         super().__init__(typing_context, target_context, library, args, result, flags, names)
+
+    def define_pipelines(self) -> list[Any]:
+        """Numba's own, with one step more before code is made."""
+        pipelines: list[Any] = super().define_pipelines()
+        for pipeline in pipelines:
+            steps = [step for step, _ in pipeline.passes]
+            pipeline.add_pass_after(CountIfNeeded, steps[steps.index(NativeLowering) - 1])
+            pipeline.finalize()
+        return pipelines
 
 
 def _refuse_shapes(source: Any, target: Any) -> None:
