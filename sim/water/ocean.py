@@ -175,6 +175,21 @@ def flow(
         u, columns x [1/s]; the rate, along the path, of the gradient taken along `axis` [1/s²]; the gradient along
         `axis` of the particles' (linear) acceleration [1/s²].
     """
+    current, waves = water
+    if waves.shape[1] > 0:
+        return _flow_in_waves(position, velocity, axis, time, water)
+    # most seas are calm, and need neither sums over waves nor room for them
+    sx, sy, z, vz = current[2], current[3], position[2], velocity[2]
+    none = (0.0, 0.0, 0.0)
+    gradient = ((0.0, 0.0, sx), (0.0, 0.0, sy), none)
+    return (current[0] + sx * z, current[1] + sy * z, 0.0), (sx * vz, sy * vz, 0.0), gradient, none, none
+
+
+@compiled
+def _flow_in_waves(
+    position: Vector, velocity: Vector, axis: Vector, time: float, water: Water
+) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
+    """What `flow` says of a sea with waves."""
     x, y, z = position
     vx, vy, vz = velocity
     ax, ay, az = axis
@@ -189,10 +204,8 @@ def flow(
     # where waves do not change with height any more, neither does climbing count, nor what of an axis points up
     varies = 1.0 if z == below else 0.0
     vz, az = varies * vz, varies * az
-    # most seas are calm, and need no room for what they don't have
-    components = waves.shape[1]
-    orbits = _orbits(waves, x, y, below, time) if components > 0 else waves
-    for i in range(components):
+    orbits = _orbits(waves, x, y, below, time)
+    for i in range(waves.shape[1]):
         omega, k, ex, ey = waves[OMEGA, i], waves[K, i], waves[EAST, i], waves[NORTH, i]
         c_cos, c_sin, s_cos, s_sin = orbits[0, i], orbits[1, i], orbits[2, i], orbits[3, i]
         along, rise = ax * ex + ay * ey, k * vz
