@@ -35,10 +35,11 @@ NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
 
 RECORD = np.dtype(
     [(name, np.float64, shape) for name, (shape, _) in NUMERICS.items()]
-    + [("n_strips", np.int64), ("gravity", np.float64), ("density", np.float64)],
+    + [("n_strips", np.int64), ("gravity", np.float64), ("density", np.float64), ("cross_flow_root", np.float64, (2,))],
     align=True,
 )
-"""One record per vehicle: the numerics of its MJCF, and the world's gravity [m/s²] and density [kg/m³]."""
+"""One record per vehicle: the numerics of its MJCF, the world's gravity [m/s²] and density [kg/m³], and what each step
+would have to find anew: the cube roots of `cross_flow_drag`."""
 
 
 def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.void]:
@@ -71,8 +72,16 @@ def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.voi
             raise LaisnError(f"{name}: added_mass must be symmetric and positive semidefinite")
         record["gravity"] = -model.opt.gravity[2]
         record["density"] = density
+    _take_roots(records)
     records.flags.writeable = False
     return records
+
+
+def _take_roots(records: npt.NDArray[np.void]) -> None:
+    """Bring the roots of `cross_flow_drag` up to date."""
+    for root, drag in zip(records["cross_flow_root"], records["cross_flow_drag"], strict=True):
+        # not all at once: NumPy's powers of arrays round otherwise than compiled code's of numbers
+        root[:] = [float(value) ** (1 / 3) for value in drag]
 
 
 def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt.NDArray[np.void]:
@@ -89,6 +98,7 @@ def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt
         true["hull_lift"][i] *= (1.0, setup.drag_scale, setup.lift_scale)
         true["fin_lift_slope"][i] *= setup.lift_scale
         true["added_mass"][i] *= setup.added_mass_scale
+    _take_roots(true)
     true.flags.writeable = False
     return true
 

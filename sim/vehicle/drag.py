@@ -8,8 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 from sim.geometry.vectors import Vector
+
+
+@compiled
+def _faded(fade: Floats, axis: int, speed: float, before: float) -> float:
+    """Share of an axis's linear damping that is left: mostly all, or that of the axis before, which is known."""
+    if fade[axis] == 0.0:
+        return 1.0
+    if axis > 0 and fade[axis] == fade[axis - 1]:
+        return before
+    return float(np.exp(-fade[axis] * speed))
 
 
 @compiled
@@ -17,15 +28,21 @@ def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by axis."""
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     lin, fade, quad = c.linear_damping, c.linear_damping_fade, c.quadratic_damping
+    left_x = _faded(fade, 0, speed, 1.0)
+    left_y = _faded(fade, 1, speed, left_x)
+    left_z = _faded(fade, 2, speed, left_y)
+    left_roll = _faded(fade, 3, speed, left_z)
+    left_pitch = _faded(fade, 4, speed, left_roll)
+    left_yaw = _faded(fade, 5, speed, left_pitch)
     force = (
-        -(lin[0] * np.exp(-fade[0] * speed) + quad[0] * abs(v[0])) * v[0],
-        -(lin[1] * np.exp(-fade[1] * speed) + quad[1] * abs(v[1])) * v[1],
-        -(lin[2] * np.exp(-fade[2] * speed) + quad[2] * abs(v[2])) * v[2],
+        -(lin[0] * left_x + quad[0] * abs(v[0])) * v[0],
+        -(lin[1] * left_y + quad[1] * abs(v[1])) * v[1],
+        -(lin[2] * left_z + quad[2] * abs(v[2])) * v[2],
     )
     moment = (
-        -(lin[3] * np.exp(-fade[3] * speed) + quad[3] * abs(w[0])) * w[0],
-        -(lin[4] * np.exp(-fade[4] * speed) + quad[4] * abs(w[1])) * w[1],
-        -(lin[5] * np.exp(-fade[5] * speed) + quad[5] * abs(w[2])) * w[2],
+        -(lin[3] * left_roll + quad[3] * abs(w[0])) * w[0],
+        -(lin[4] * left_pitch + quad[4] * abs(w[1])) * w[1],
+        -(lin[5] * left_yaw + quad[5] * abs(w[2])) * w[2],
     )
     return force, moment
 
@@ -58,7 +75,7 @@ def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     With both coefficients C equal, a strip of side area A feels −½ρ A C |U| U of its own cross-flow U; unequal ones
     scale each axis by the cube root of its C: C |U| U along either axis alone, and always against the motion.
     """
-    root_y, root_z = c.cross_flow_drag[0] ** (1 / 3), c.cross_flow_drag[1] ** (1 / 3)
+    root_y, root_z = c.cross_flow_root[0], c.cross_flow_root[1]
     fy = fz = my = mz = 0.0
     for i in range(c.n_strips):
         x = c.strip_x[i]

@@ -180,28 +180,38 @@ def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tu
 
 
 @compiled
+def _between(x: Vector, m: Floats, y: Vector) -> float:
+    """Product xᵀ M y with the upper left 3×3 block of a matrix."""
+    return float(
+        x[0] * m[0, 0] * y[0] + x[0] * m[0, 1] * y[1] + x[0] * m[0, 2] * y[2]
+        + x[1] * m[1, 0] * y[0] + x[1] * m[1, 1] * y[1] + x[1] * m[1, 2] * y[2]
+        + x[2] * m[2, 0] * y[0] + x[2] * m[2, 1] * y[1] + x[2] * m[2, 2] * y[2]
+    )  # fmt: skip
+
+
+@compiled
 def _add_to_inertia(mass: Floats, row_address: Ints, added: Floats, share: float, r: Matrix) -> None:
     """Add the rotated added mass to the lower triangle of one free body's block of MuJoCo's `M`.
 
     Its rows are world velocities and body rates, so that the blocks are R A R', B R' and C of [[A, B'], [B, C]].
     """
-    for i in range(3):
+    low = row_address[0]
+    mass[low] += share * _between(r[0], added, r[0])
+    low = row_address[1]
+    mass[low] += share * _between(r[1], added, r[0])
+    mass[low + 1] += share * _between(r[1], added, r[1])
+    low = row_address[2]
+    mass[low] += share * _between(r[2], added, r[0])
+    mass[low + 1] += share * _between(r[2], added, r[1])
+    mass[low + 2] += share * _between(r[2], added, r[2])
+    for i in range(3, 6):
         low = row_address[i]
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(3):
-                for m in range(3):
-                    total += r[i][k] * added[k, m] * r[j][m]
-            mass[low + j] += share * total
-    for i in range(3):
-        low = row_address[3 + i]
-        for j in range(3):
-            total = 0.0
-            for m in range(3):
-                total += added[3 + i, m] * r[j][m]
-            mass[low + j] += share * total
-        for j in range(i + 1):
-            mass[low + 3 + j] += share * added[3 + i, 3 + j]
+        a = added[i, 0], added[i, 1], added[i, 2]
+        mass[low] += share * (a[0] * r[0][0] + a[1] * r[0][1] + a[2] * r[0][2])
+        mass[low + 1] += share * (a[0] * r[1][0] + a[1] * r[1][1] + a[2] * r[1][2])
+        mass[low + 2] += share * (a[0] * r[2][0] + a[1] * r[2][1] + a[2] * r[2][2])
+        for j in range(3, i + 1):
+            mass[low + j] += share * added[i, j]
 
 
 @compiled
