@@ -71,6 +71,12 @@ def folder() -> Path | None:
     return place if usable else None
 
 
+def keeps_nothing() -> bool:
+    """Whether code could be kept and none is, so that all that is called must be compiled."""
+    place = folder()
+    return place is not None and next(place.glob("*.code"), None) is None
+
+
 @cache
 def _stamp(module: str) -> str | None:
     """Hash of compiler and sources of a module's functions; None if code cannot be kept.

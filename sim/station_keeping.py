@@ -100,27 +100,28 @@ class StationKeeping:
 
 
 def off_station(scenario: Scenario, trajectory: Trajectory, stations: Floats | None = None) -> Floats:
-    """Horizontal distance of each follower's hydrophone from its station, shape (n, f), [m].
+    """Horizontal distance of each follower's hydrophone from its station, shape (n, f), [m]; NaN of one without.
 
     Args:
         scenario: its followers' stations.
         trajectory: as flown.
         stations: of `true_stations`; None: they are found here.
     """
-    stations = true_stations(scenario, trajectory) if stations is None else stations
-    off = np.empty(stations.shape[:2])
-    for i, follower in enumerate(scenario.followers):
-        hydrophone = trajectory.site_path(f"{follower.name}/hydrophone")[:, :2]
-        off[:, i] = np.hypot(*(hydrophone - stations[:, i, :2]).T)
+    off = np.full((trajectory.time.size, len(scenario.followers)), np.nan)
+    kept = [i for i, follower in enumerate(scenario.followers) if follower.station]
+    if not kept:
+        # a first flight along routes need not compile what finds stations
+        return off
+    places = true_stations(scenario, trajectory) if stations is None else stations
+    for i in kept:
+        hydrophone = trajectory.site_path(f"{scenario.followers[i].name}/hydrophone")[:, :2]
+        off[:, i] = np.hypot(*(hydrophone - places[:, i, :2]).T)
     return off
 
 
 def off_places(scenario: Scenario, trajectory: Trajectory) -> Floats:
     """Horizontal distance of each follower from its station, or from where its route has it, shape (n, f), [m]."""
-    kept = np.empty((trajectory.time.size, len(scenario.followers)))
-    if any(follower.station for follower in scenario.followers):
-        # a first flight along routes need not compile what finds stations
-        kept = off_station(scenario, trajectory)
+    kept = off_station(scenario, trajectory)
     routes = routes_of(scenario)
     for i, follower in enumerate(scenario.followers):
         if follower.station is None:

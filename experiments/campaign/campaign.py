@@ -159,8 +159,7 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
 
 def compile_ahead(plan: CellPlan) -> None:
     """Compile here, with a word, what each process would else compile for itself before its first result."""
-    two = min(2 * plan.scenario.timing.message_interval_s, plan.scenario.duration_s)
-    short = plan.scenario.model_copy(update={"duration_s": two})
+    short = plan.scenario.first_messages
     with compiling_shown():
         compute(missions.simulate_mission(short), [replace(plan, scenario=short, runs=1)])
 

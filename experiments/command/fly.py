@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.campaign.progress import literal, phases, tell
+from experiments.command.first_flight import compiling_beside
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import FILM, LAYOUT, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
 from experiments.flight.separation import giving_way_events
@@ -146,7 +147,11 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
 
     watch = Stopwatch()
     # a report without a film is drawn beside the log, by a process that gets ready while the mission is flown
-    with nullcontext() if with_video else alongside(_report_drawing) as beside, phases(console) as shown:
+    with (
+        compiling_beside(scenario, film=with_video),
+        nullcontext() if with_video else alongside(_report_drawing) as beside,
+        phases(console) as shown,
+    ):
 
         @contextmanager
         def phase(name: str) -> Iterator[Callable[[float], None]]:
@@ -155,8 +160,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
 
         with phase("prepare"):
             # a flight of two messages, so that compiling on first use counts neither as simulation nor as navigation
-            two = min(2 * scenario.timing.message_interval_s, scenario.duration_s)
-            fly(scenario.model_copy(update={"duration_s": two}))
+            fly(scenario.first_messages)
         with phase("simulate") as update:
             trajectory, outcome = motion_and_outcome(scenario, update)
         with phase("navigate"):

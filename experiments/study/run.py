@@ -74,8 +74,7 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
 
 def first_messages(entry: Entry) -> None:
     """Fly an entry as far as its second message: compiling is all that takes time."""
-    two = min(2 * entry.scenario.timing.message_interval_s, entry.scenario.duration_s)
-    fly(entry.scenario.model_copy(update={"duration_s": two}))
+    fly(entry.scenario.first_messages)
 
 
 def fly_study(

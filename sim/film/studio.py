@@ -13,11 +13,11 @@ import numpy as np
 
 from laisn.arrays import Bytes, Floats
 from sim.assembly import models_of, ocean_of
+from sim.film import antialiasing, pixels
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.cameras import Director
 from sim.film.footage import Footage
 from sim.film.overlay import Overlay
-from sim.film.pixels import to_yuv420
 from sim.film.scene import Stage
 from sim.flight import Flight
 from sim.scenario.settings import Video
@@ -119,12 +119,21 @@ def encode(frames: Iterator[Bytes], video: Video) -> Iterator[bytes]:
 
     codec = encoder(video)
     planes = np.empty((video.height_px * 3 // 2, video.width_px), np.uint8)
-    for number, pixels in enumerate(frames):
-        to_yuv420(pixels, planes)
+    for number, shown in enumerate(frames):
+        pixels.to_yuv420(shown, planes)
         picture = av.VideoFrame.from_ndarray(planes, format="yuv420p")
         picture.pts, picture.time_base = number, codec.time_base
         yield from (bytes(packet) for packet in codec.encode(picture))
     yield from (bytes(packet) for packet in codec.encode(None))
+
+
+def compile_ahead() -> None:
+    """Compile what a child compiles before its first frame; it then finds that in the cache."""
+    seen, shown = np.zeros((2, 2, 3), np.uint8), np.zeros((3, 3, 4), np.uint8)
+    pixels.upright(seen, shown[:2].copy())
+    pixels.lay(shown[:2, :2], seen, seen)
+    pixels.to_yuv420(np.zeros((2, 2, 4), np.uint8), np.zeros((3, 2), np.uint8))
+    antialiasing.smooth(seen, seen.copy(), 0, 0, 2, 2)
 
 
 def group_file(folder: Path, group: int) -> Path:
@@ -159,5 +168,5 @@ def main_still(folder: Path, time: float) -> None:
 
     job: Job = pickle.loads((folder / "job").read_bytes())
     with open_stage(job) as stage:
-        pixels = Studio(job, stage).frame(time, title=False)
-        Image.fromarray(pixels).convert("RGB").save(folder / "still.png")
+        shown = Studio(job, stage).frame(time, title=False)
+        Image.fromarray(shown).convert("RGB").save(folder / "still.png")

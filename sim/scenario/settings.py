@@ -216,6 +216,12 @@ class Scenario(Section):
         return round(self.timing.message_interval_s / self.timing.filter_step_s)
 
     @property
+    def first_messages(self) -> "Scenario":
+        """The scenario as far as its second message: to fly that takes no time but for compiling."""
+        two = min(2 * self.timing.message_interval_s, self.duration_s)
+        return self.model_copy(update={"duration_s": two})
+
+    @property
     def filter_steps(self) -> int:
         """Number n of filter steps."""
         return math.floor(self.duration_s / self.timing.filter_step_s + 0.5)

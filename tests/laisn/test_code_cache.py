@@ -123,6 +123,16 @@ def test_a_folder_that_others_can_write_is_not_used(cache: Path, mode: int) -> N
     assert list(cache.iterdir()) == []
 
 
+def test_nothing_is_kept_until_something_is(cache: Path) -> None:
+    assert code_cache.keeps_nothing()
+    added()
+    assert not code_cache.keeps_nothing()
+    shutil.rmtree(cache)
+    cache.write_text("no folder")
+    code_cache.folder.cache_clear()
+    assert not code_cache.keeps_nothing(), "where nothing can be kept, another process compiles in vain"
+
+
 def test_a_link_or_a_file_in_the_folder_s_place_is_not_used(cache: Path, tmp_path: Path) -> None:
     cache.parent.mkdir()
     elsewhere = tmp_path / "elsewhere"
