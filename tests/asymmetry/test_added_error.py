@@ -95,6 +95,10 @@ def test_sums_weigh_missions_by_what_pitch_adds() -> None:
     found = captures_removed([m for one in lost for m in one.values()], EXACT)
     assert found.value == pytest.approx(0.75)
     assert captures_in_all([m for one in lost for m in one.values()], REAL).value == pytest.approx(16 / 128)
+    # a level leader has 8 of them too, of the 24 with pitch: pitch adds 16, and the remedy, with 12, keeps 4
+    counts = {"level": 8, "real": 24, "attitude-0": 12}
+    both = paired([row(arm, 0.2, np.arange(64) < n) for arm, n in counts.items()])
+    assert captures_removed(list(both.values()), EXACT).value == pytest.approx(0.75)
 
 
 def test_missions_are_chosen_by_the_closed_form_and_not_by_what_came_of_them() -> None:

@@ -54,6 +54,12 @@ def test_drift_is_the_same_for_the_same_run_and_leaves_ranges_alone() -> None:
         assert np.linalg.norm(weight) == pytest.approx(amplitude, rel=1e-9)
         assert np.abs(waves @ weight - drift[read]).max() < 1e-9
 
+    # each has a phase of its own
+    log, compass = np.random.default_rng([1, 0]).uniform(0.0, 2.0 * np.pi, 2)
+    assert (once.speed - clean.speed)[moving] == pytest.approx(0.1 * np.sin(2 * np.pi * time / 300.0 + log)[moving])
+    expected = np.deg2rad(3.0) * np.sin(2 * np.pi * time / 400.0 + compass)
+    assert once.heading - clean.heading == pytest.approx(expected, abs=1e-12)
+
 
 @pytest.mark.parametrize("name", ["G1", "G6"])
 def test_the_tightly_coupled_navigator_is_nearer_on_the_same_noise(name: str) -> None:

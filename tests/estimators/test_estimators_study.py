@@ -206,6 +206,21 @@ def test_the_bound_of_a_mission_is_that_of_its_transmitters_over_all_instants(mo
     assert asdict(asked[1][1]) == pytest.approx(asdict(unknown) | walks, rel=1e-12)
 
 
+@pytest.mark.parametrize("state", ["leader_heading_bias", "current", "range_offset"])
+def test_a_bound_leaves_open_what_is_not_assumed_to_be_known(state: str) -> None:
+    """Each alone beside what is open in any case; a current and a leader's compass show in the leader's way."""
+    assume = {"leader_heading_bias": Assume(exact_leader=False), "current": Assume(current=True),
+              "range_offset": Assume(offsets=True)}[state]  # fmt: skip
+    told, noise = TightSettings(), paired.noise_known(assume)
+    usual = {"leader_heading_bias": told.leader_heading_bias_sigma, "current": told.current_sigma,
+             "range_offset": told.offset_sigma}  # fmt: skip
+    for name, sigma in usual.items():
+        assert getattr(noise, name) == (sigma if name == state else 0.0)
+    assert (noise.leader_way_sigma > 0.0) == (state != "range_offset")
+    assert (noise.current_walk > 0.0) == (state == "current")
+    assert noise.speed_walk == noise.heading_walk == 0.0
+
+
 def test_settings_are_varied_by_their_factor() -> None:
     usual = TightSettings()
     for sigma in SIGMAS:
@@ -220,6 +235,9 @@ def test_the_plan_names_every_task_once_and_flies_every_case() -> None:
     cases = [name for name in names if name[0] == "case"]
     assert len(cases) == 7 * 2 * 8
     assert sum(1 for name in names if name[0] == "captures") == 4 * -(-10_000 // 640)
+    # a first look has few runs, and fewer where settings are varied
+    assert QUICK.varied < QUICK.runs < Size().varied < Size().runs
+    assert QUICK.varied > 1, "of one run there is no scatter"
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 from experiments.real_ranges import study
 from experiments.real_ranges.navigating import Score, among_beacons, score
 from experiments.real_ranges.settings import Beacons, beacons_of
-from laisn.beacons.settings import MEDIA
+from laisn.beacons.settings import MEDIA, BeaconSettings
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
@@ -88,6 +88,21 @@ def test_settings_follow_the_medium_but_for_what_is_given() -> None:
         beacons_of({"outlier_chance": 1.0, "start_sigma_m": 0})
     assert "beacons.outlier_chance: Input should be less than 1" in str(caught.value)
     assert "beacons.start_sigma_m: Input should be greater than 0" in str(caught.value)
+
+
+def test_variants_among_beacons_lack_the_states_that_they_name() -> None:
+    usual = BeaconSettings()
+    for name, lacking in (
+        ("steady-gyro", {"gyro_bias_sigma": 0.0}),
+        ("exact-speed", {"speed_scale_sigma": 0.0}),
+        ("exact-beacons", {"survey_sigma": 0.0, "range_offset_sigma": 0.0}),
+        ("known-scale", {"range_scale_sigma": 0.003}),
+        ("unknown-start", {"known_start": False}),
+        ("tight", {}),
+    ):
+        assert study.AMONG[name].over(usual) == replace(usual, **{"known_start": True} | lacking)
+    assert {told.medium for name, told in study.AMONG.items() if name not in ("tight", "unknown-start")} == {"air"}
+    assert len(study.AMONG) == 6
 
 
 def test_the_record_has_the_median_the_worst_and_all() -> None:

@@ -39,6 +39,9 @@ TWO, THREE, BOTH = ("laisn-2",), ("laisn-3-2",), ("laisn-2", "laisn-3-2")
 @pytest.mark.parametrize(
     ("number", "figure", "verdict"),
     [
+        (2, lambda s, m, v, x: {"5s": 2.0, "10s": 4.0}.get(s), "holds"),
+        (2, lambda s, m, v, x: {"5s": 2.01, "10s": 4.0}.get(s), "depends"),
+        (2, lambda s, m, v, x: {"5s": 2.0, "10s": 3.99}.get(s), "depends"),
         (3, on_routes("L1", BOTH, 1.25), "holds"),
         (3, on_routes("L1", BOTH, 1.26), "depends"),
         # the nine tenths of sixteen lie between the fourteenth and the fifteenth

@@ -1,6 +1,7 @@
 """The stages as data: every published row belongs to one setting, and every setting says what the paper says."""
 
 import csv
+import re
 from importlib import resources
 
 import pytest
@@ -73,6 +74,28 @@ def test_columns_of_a_table_are_the_values_of_its_setting():
     ):
         assert {key: by_name[name][key] for key in base} == base | changed
         assert by_name[name]["setting"] == name
+
+
+SAID = {
+    r"Δt = ([\d.]+) s": "dt_s", r"Δt_D = ([\d.]+) s": "dt_range_s", r"β = ([\d.]+)": "beta_m2",
+    r"\bT = ([\d.]+)": "threshold_m", r"\bL = ([\d.]+) m": "leader_length_m", r"H_T = ([\d.]+) m": "h_t_m",
+    r"μ_D = ([\d.]+) m": "mu_range_m", r"τ = ([\d.]+) m": "tau_rear_m",
+    r"compass ([\d.]+)° off": "mu_heading_leader_deg",
+}  # fmt: skip
+"""What titles say of a setting, and the column that has it."""
+
+
+@pytest.mark.parametrize("setting", stages.SETTINGS, ids=lambda setting: setting.name)
+def test_a_setting_is_what_its_title_says_in_the_stage_of_its_table(setting):
+    found = stages.columns(setting)
+    told = {column: float(m[1]) for words, column in SAID.items() if (m := re.search(words, setting.title))}
+    assert told
+    assert {column: found[column] for column in told} == told
+    # Tables 1; 2 to 4; 5 and 6; 7; 8 and 9 are those of the five stages (paper, Section 3)
+    stage_of = {"1": 1, "2-4": 2, "5": 3, "6": 3, "7": 4, "8": 5, "9": 5, "text": 4}
+    model = next(s for s in stages.SETTINGS if s.name == (setting.like or setting.name))
+    assert setting.stage == found["stage"] == stage_of[model.table]
+    assert {s.table for s in stages.settings_of([setting.stage])} & {model.table}
 
 
 def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
