@@ -1,0 +1,32 @@
+"""A swarm that thinks while it swims: what steered it is what its measurements say afterwards, and is counted."""
+
+import numpy as np
+import pytest
+
+from experiments.flight.swarm import simulate_swarm
+from laisn.estimates import FixKind
+from laisn.navigators import new_navigator
+from sim.flight import navigate
+from sim.scenario.file import validate
+
+
+@pytest.mark.parametrize("variant", ["laisn-2", "tight"])
+def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(variant: str) -> None:
+    """Among echoes, so that some fixes are rejected and some are not."""
+    stations = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0)]
+    table = {
+        "name": "s", "duration_s": 12.0, "navigation": {"variant": variant},
+        "acoustics": {"surface_echo_chance": 0.5},
+        "followers": [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in stations],
+    }  # fmt: skip
+    scenario = validate(table, "test")
+    trajectory, history, gated = simulate_swarm(scenario)
+    flight = navigate(scenario, trajectory, new_navigator)
+    assert trajectory.time[-1] == pytest.approx(12.0)
+    for i, estimates in enumerate(flight.estimates):
+        np.testing.assert_allclose(history[1:, i, :2], estimates.state[:, :2], rtol=0, atol=1e-9)
+        start = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[0, :2]
+        np.testing.assert_allclose(history[0, i, :2], start, rtol=0, atol=1e-9)
+        assert gated[i] == np.count_nonzero(estimates.fix_kind == FixKind.GATED)
+    assert 0 < gated.sum() < 24
+    assert gated.tolist() != gated[::-1].tolist()
