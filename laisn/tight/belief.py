@@ -114,7 +114,7 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
 
     None: the start is unknown, and there is no hypothesis before the first message with two ranges.
     """
-    n = m.size
+    n = m.states
     sigma = np.zeros(MOST_STATES)
     sigma[[X, Y]] = settings.start_sigma
     sigma[LOG], sigma[COMPASS] = settings.speed_bias_sigma, settings.heading_bias_sigma
@@ -125,18 +125,21 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
         sigma[m.current : m.current + 2] = settings.current_sigma
     if m.offset != ABSENT:
         sigma[m.offset : n] = settings.offset_sigma
-    belief: Belief = np.zeros(1, dtype=_BELIEF).view(np.recarray)[0]
-    belief.alive, belief.smoothed, belief.leader_variance = 1, 1.0, m.leader_variance
-    belief.motion.speed = belief.leader.window_time = belief.leader.at_x = belief.leader.track = np.nan
-    belief.leader.scatter = m.leader_variance
-    belief.leader.other_variance = m.leader_variance / 16.0
-    belief.fresh = sigma**2
+    made = np.zeros(1, dtype=_BELIEF)
+    belief: Belief = made.view(np.recarray)[0]
+    made["smoothed"], made["leader_variance"], made["fresh"] = 1.0, m.leader_variance, sigma**2
+    made["motion"]["speed"] = np.nan
+    leader = made["leader"]
+    leader["window_time"] = leader["at_x"] = leader["track"] = np.nan
+    leader["scatter"], leader["other_variance"] = m.leader_variance, m.leader_variance / 16.0
     if start is None:
-        belief.alive = 0
-        refresh_output(belief, m)
+        made["output"]["x"] = made["output"]["y"] = np.nan
         return belief
-    belief.state[: m.modes, [X, Y]] = start
-    belief.covariance[: m.modes] = np.diag(sigma**2)
-    belief.weight[: m.modes] = 1.0 / m.modes
-    refresh_output(belief, m)
+    made["alive"] = 1
+    made["state"][0, : m.modes, : LOG] = start
+    made["covariance"][0, : m.modes] = np.diag(sigma**2)
+    made["weight"][0, : m.modes] = 1.0 / m.modes
+    # no bias turns or shortens the way
+    made["output"]["x"], made["output"]["y"] = start
+    made["output"]["c_cos"] = 1.0
     return belief

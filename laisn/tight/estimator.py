@@ -83,7 +83,7 @@ def loosen(b: Belief, m: Model, heard: Heard) -> None:
 def _move_and_look(b: Belief, m: Model, k: int, heard: Heard) -> bool:
     """Move component k; where its compass bias bends the way too much, at the biases that the message suggests."""
     way = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
-    x, P, n = b.state, b.covariance, m.size
+    x, P, n = b.state, b.covariance, m.states
     log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
     if 0.5 * P[k, COMPASS, COMPASS] * way < _BEND:
         move(b, m, k, log_bias, compass_bias)

@@ -35,7 +35,7 @@ def _learn_component(
     b: Belief, m: Model, k: int, seen: tuple[float, float], logged: tuple[float, float], variance: float
 ) -> None:
     """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once; `logged` is v_L u(θ_L)."""
-    x, P, n, gain = b.state, b.covariance, m.size, b.before_state
+    x, P, n, gain = b.state, b.covariance, m.states, b.before_state
     moving, turning = m.current != ABSENT, m.leader != ABSENT
     bias = x[k, m.leader] if turning else 0.0
     c, s = math.cos(bias), math.sin(bias)

@@ -6,15 +6,19 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, compiled_run
+from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimator import count_received, place_arms, receive
 from laisn.tight.model import Model, model_of
-from laisn.tight.own_motion import advance, moments, position
+from laisn.tight.own_motion import moments, position, reckon
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import TightSettings
 from laisn.tight.sides import heaviest, hypothesis_weight
+
+_AHEAD = 64
+"""Headings whose sines and cosines are taken together."""
 
 
 class Found(NamedTuple):
@@ -44,6 +48,13 @@ def note(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
         outcome[2] = b.squared[k] if b.taken[k] > 0 else np.nan
 
 
+@compiled
+def look_ahead(own: Floats, first: int, turns: Floats) -> None:
+    """Sines and cosines of the next headings, in SIMD, shape (2, `_AHEAD`): they hang on nothing that is estimated."""
+    for k in range(min(own.shape[0] - first, _AHEAD)):
+        turns[0, k], turns[1, k] = sin_cos(own[first + k, 1])
+
+
 @compiled_run
 def filter_mission(
     b: Belief, m: Model, heard: Heard, own: Floats, message_step: Ints, messages: Floats, found: Found
@@ -62,27 +73,31 @@ def filter_mission(
     Returns:
         The step at which a covariance was not positive definite; 0 if none was.
     """
-    i = 0
+    i, states, covariances, outcome = 0, found.state, found.covariance, found.outcome
+    turns = np.empty((2, _AHEAD))
     for k in range(own.shape[0]):
-        advance(b, m, own[k, 0], own[k, 1])
+        ahead = k % _AHEAD
+        if ahead == 0:
+            look_ahead(own, k, turns)
+        reckon(b.motion, m, own[k, 0], turns[0, ahead], turns[1, ahead], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
             row = messages[i]
             heard.time, heard.east, heard.north, heard.heading, heard.speed = row[0], row[1], row[2], row[3], row[4]
-            heard.ranges[:] = row[8:11]
+            heard.ranges[0], heard.ranges[1], heard.ranges[2] = row[8], row[9], row[10]
             place_arms(heard, m, row[6], row[7], row[5] - (own[k, 2] - m.hydrophone_height))
             used = receive(b, m, heard)
             if used < 0:
                 return k + 1
-            if found.outcome.shape[0] > 0:
-                note(b, m, heard, used, found.outcome[i])
+            if outcome.shape[0] > 0:
+                note(b, m, heard, used, outcome[i])
             i += 1
-        if found.covariance.shape[0] > 0:
+        if covariances.shape[0] > 0:
             moments(b, m)
-            found.state[k] = b.now
-            found.covariance[k, 0], found.covariance[k, 1] = b.now_covariance[0, 0], b.now_covariance[0, 1]
-            found.covariance[k, 2] = b.now_covariance[1, 1]
+            states[k] = b.now
+            covariances[k, 0], covariances[k, 1] = b.now_covariance[0, 0], b.now_covariance[0, 1]
+            covariances[k, 2] = b.now_covariance[1, 1]
         else:
-            found.state[k, 0], found.state[k, 1] = position(b)
+            states[k, 0], states[k, 1] = position(b)
     return 0
 
 

@@ -15,7 +15,8 @@ decide; each such side is a *hypothesis*. Where biases drift, each hypothesis ha
 Gaussian, of one mode of one hypothesis, is a *component*.
 """
 
-from typing import NamedTuple
+import math
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -39,44 +40,31 @@ _DEVIATION = 0.03
 """Change of a drifting compass's bias in a turn, as a share of the turn."""
 
 
-class Model(NamedTuple):
-    """`TightSettings` as compiled code takes them."""
+_MODEL = np.dtype([
+    ("states", np.int64),  # n, how many there are
+    ("modes", np.int64),
+    ("leader", np.int64),  # index of b_L, bias of the leader's heading, in the state, or `ABSENT`
+    ("current", np.int64),  # index of the current's east component, or `ABSENT`; its north component comes next
+    ("offset", np.int64),  # index of d_2, the second transmitter's constant error, or `ABSENT`
+    ("transmitters", np.int64),
+    ("use_attitude", np.bool_),
+    ("dt", np.float64),
+    ("baseline", np.float64), ("middle_offset", np.float64), ("hydrophone_height", np.float64),
+    ("speed_variance", np.float64), ("heading_variance", np.float64),
+    ("slip_rate", np.float64),  # variance of position that motion unseen by the log adds in a second [m²/s]
+    ("log_walk", np.float64, 2),  # variance that b_v gains in a second, by mode [m²/s³]
+    ("compass_walk", np.float64, 2),  # variance that b_θ gains in a second, by mode [rad²/s]
+    ("current_walk", np.float64),
+    ("leader_walk", np.float64),  # variance that b_L gains in a second [rad²/s]
+    ("deviation", np.float64),
+    ("range_sigma", np.float64), ("range_scale_variance", np.float64),
+    ("leader_variance", np.float64),  # of the heading in a message [rad²]: the learnt one starts here and is never more
+    ("log_accepted", np.float64),  # logarithm of the chance that a range is a direct one
+    ("log_rejected", np.float64),  # logarithm of the probability density of an echo's excess, in [1/m]
+], align=True)  # fmt: skip
 
-    size: int
-    """n, number of states."""
-    modes: int
-    leader: int
-    """Index of b_L, bias of the leader's heading, in the state, or `ABSENT`."""
-    current: int
-    """Index of the current's east component in the state, or `ABSENT`; its north component comes next."""
-    offset: int
-    """Index of d_2, the second transmitter's constant error, in the state, or `ABSENT`."""
-    transmitters: int
-    use_attitude: bool
-    dt: float
-    baseline: float
-    middle_offset: float
-    hydrophone_height: float
-    speed_variance: float
-    heading_variance: float
-    slip_rate: float
-    """Variance of position that motion unseen by the log adds in a second, along each axis [m²/s]."""
-    log_walk: tuple[float, float]
-    """Variance that b_v gains in a second, by mode [m²/s³]."""
-    compass_walk: tuple[float, float]
-    """Variance that b_θ gains in a second, by mode [rad²/s]."""
-    current_walk: float
-    leader_walk: float
-    """Variance that b_L gains in a second [rad²/s]."""
-    deviation: float
-    range_sigma: float
-    range_scale_variance: float
-    leader_variance: float
-    """Variance of the heading in a message [rad²]; the learnt one starts here and never exceeds it."""
-    log_accepted: float
-    """Logarithm of the chance that a range is a direct one."""
-    log_rejected: float
-    """Logarithm of the probability density of an echo's excess, in [1/m]."""
+Model: TypeAlias = Any
+"""`TightSettings` as compiled code takes them: a record with the fields of `_MODEL`, so that calls pass a pointer."""
 
 
 def model_of(settings: TightSettings) -> Model:
@@ -91,32 +79,33 @@ def model_of(settings: TightSettings) -> Model:
         offset, size = size, size + settings.transmitters - 1
     log_walk, compass_walk = (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (_STEADY_LOG, _STEADY_COMPASS)
     slow, quick = _MODES if assume.drift else (1.0, 1.0)
-    return Model(
-        size=size,
-        modes=2 if assume.drift else 1,
-        leader=leader,
-        current=current,
-        offset=offset,
-        transmitters=settings.transmitters,
-        use_attitude=settings.use_attitude,
-        dt=settings.dt,
-        baseline=settings.baseline,
-        middle_offset=settings.middle_offset,
-        hydrophone_height=settings.hydrophone_height,
-        speed_variance=settings.speed_sigma**2,
-        heading_variance=settings.heading_sigma**2,
-        slip_rate=settings.slip**2,
-        log_walk=((slow * log_walk) ** 2, (quick * log_walk) ** 2),
-        compass_walk=((slow * compass_walk) ** 2, (quick * compass_walk) ** 2),
-        current_walk=_CURRENT_WALK**2,
-        leader_walk=_LEADER_COMPASS**2,
-        deviation=_DEVIATION**2 if assume.drift else 0.0,
-        range_sigma=settings.range_sigma,
-        range_scale_variance=settings.range_scale_sigma**2,
-        leader_variance=0.0 if assume.exact_leader else settings.leader_heading_sigma**2,
-        log_accepted=float(np.log1p(-settings.outlier_chance)),
-        log_rejected=float(np.log(settings.outlier_chance / settings.outlier_span)),
-    )
+    fields = {
+        "states": size,
+        "modes": 2 if assume.drift else 1,
+        "leader": leader,
+        "current": current,
+        "offset": offset,
+        "transmitters": settings.transmitters,
+        "use_attitude": settings.use_attitude,
+        "dt": settings.dt,
+        "baseline": settings.baseline,
+        "middle_offset": settings.middle_offset,
+        "hydrophone_height": settings.hydrophone_height,
+        "speed_variance": settings.speed_sigma**2,
+        "heading_variance": settings.heading_sigma**2,
+        "slip_rate": settings.slip**2,
+        "log_walk": ((slow * log_walk) ** 2, (quick * log_walk) ** 2),
+        "compass_walk": ((slow * compass_walk) ** 2, (quick * compass_walk) ** 2),
+        "current_walk": _CURRENT_WALK**2,
+        "leader_walk": _LEADER_COMPASS**2,
+        "deviation": _DEVIATION**2 if assume.drift else 0.0,
+        "range_sigma": settings.range_sigma,
+        "range_scale_variance": settings.range_scale_sigma**2,
+        "leader_variance": 0.0 if assume.exact_leader else settings.leader_heading_sigma**2,
+        "log_accepted": math.log1p(-settings.outlier_chance),
+        "log_rejected": math.log(settings.outlier_chance / settings.outlier_span),
+    }
+    return np.array([tuple(fields[name] for name in _MODEL.names or ())], dtype=_MODEL).view(np.recarray)[0]
 
 
 def canonical(model: Model) -> Ints:

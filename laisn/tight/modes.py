@@ -17,7 +17,7 @@ def mix_modes(b: Belief, m: Model) -> None:
     """Blend the two modes of each hypothesis; nothing where there is one."""
     if m.modes == 1:
         return
-    x, P, n = b.state, b.covariance, m.size
+    x, P, n = b.state, b.covariance, m.states
     for h in range(b.alive):
         slow, quick = 2 * h, 2 * h + 1
         both_slow, both_quick = b.weight[slow], b.weight[quick]

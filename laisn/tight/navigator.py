@@ -130,8 +130,7 @@ class TightNavigator(Online):
         self._step += 1
         _check(self._step, own, reception)
         require_time(self._step, duration)
-        model = self._model if duration is None else self._model._replace(dt=duration)
-        advance(self._belief, model, own.speed, own.heading)
+        advance(self._belief, self._model, own.speed, own.heading, self.settings.dt if duration is None else duration)
         updates = [] if reception is None else [self._receive(own, reception)]
         moments(self._belief, self._model)
         self._state, self._covariance = self._belief.now.copy(), self._belief.now_covariance.copy()
@@ -197,7 +196,7 @@ class TightNavigator(Online):
 
     def _update(self, received: int, used: int) -> Update:
         b, modes = self._belief, self._model.modes
-        components, n = int(b.alive) * modes, self._model.size
+        components, n = int(b.alive) * modes, self._model.states
         full_state, full_sigma = np.full((2, len(TightEstimates.names)), np.nan)
         if not components:
             return Update(self._step, received, 0, np.nan, full_state, full_sigma, *_NOTHING)

@@ -10,30 +10,36 @@ from laisn.tight.belief import Belief
 from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
 
 
-@compiled
-def advance(b: Belief, m: Model, speed: float, heading: float) -> None:
-    """One filter step, with the readings of log [m/s] and compass [rad] at its end.
-
-    The way is that of the mean velocity of both ends: a turn would otherwise be a step late.
-    """
-    o = b.motion
-    sine, cosine = sin_cos(heading)
+@inlined
+def reckon(o: Any, m: Model, speed: float, sine: float, cosine: float, dt: float) -> None:
+    """One step of the motion `o` of a belief: as `advance`, with sine and cosine of the compass's reading."""
     if o.speed != o.speed:
         o.speed, o.sin, o.cos = speed, sine, cosine
         o.message_sin, o.message_cos = sine, cosine
-    half = 0.5 * m.dt
+    half = 0.5 * dt
     before = o.speed
     o.ax += half * (before * o.sin + speed * sine)
     o.ay += half * (before * o.cos + speed * cosine)
     o.bx += half * (o.sin + sine)
     o.by += half * (o.cos + cosine)
-    along = m.speed_variance * m.dt * m.dt
-    across = m.heading_variance * speed * speed * m.dt * m.dt
-    o.nxx += along * sine * sine + across * cosine * cosine
-    o.nxy += (along - across) * sine * cosine
-    o.nyy += along * cosine * cosine + across * sine * sine
-    o.time += m.dt
+    across = m.heading_variance * speed * speed * dt * dt
+    # the error along the way is larger by so much than that across it
+    more = m.speed_variance * dt * dt - across
+    o.nxx += across + more * sine * sine
+    o.nxy += more * sine * cosine
+    o.nyy += across + more * cosine * cosine
+    o.time += dt
     o.speed, o.sin, o.cos = speed, sine, cosine
+
+
+@compiled
+def advance(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
+    """One filter step of so many seconds, with the readings of log [m/s] and compass [rad] at its end.
+
+    The way is that of the mean velocity of both ends: a turn would otherwise be a step late.
+    """
+    sine, cosine = sin_cos(heading)
+    reckon(b.motion, m, speed, sine, cosine, dt)
 
 
 @inlined
@@ -70,7 +76,7 @@ def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> N
     The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too much has to be turned
     back. What biases do that wander on the way is added for a straight one.
     """
-    x, P, o, n = b.state, b.covariance, b.motion, m.size
+    x, P, o, n = b.state, b.covariance, b.motion, m.states
     c, s, way_x, way_y, by_log_x, by_log_y = _way(o, log_bias, compass_bias)
     by_compass_x, by_compass_y = -way_y, way_x
     time = o.time
@@ -143,7 +149,7 @@ def position(b: Belief) -> tuple[float, float]:
 def _add_component(b: Belief, m: Model, k: int) -> None:
     """Add component k, moved to now, to the moments of the mixture about the origin (in `b.now`)."""
     mean, covariance, rows = b.now, b.now_covariance, b.rows
-    x, P, o, n, weight = b.state, b.covariance, b.motion, m.size, b.weight[k]
+    x, P, o, n, weight = b.state, b.covariance, b.motion, m.states, b.weight[k]
     c, s, way_x, way_y, by_log_x, by_log_y = _way(o, x[k, LOG], x[k, COMPASS])
     ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
     speed, time = o.speed - x[k, LOG], o.time

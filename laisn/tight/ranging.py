@@ -112,7 +112,7 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
         if m.offset != ABSENT and i > 0:
             expected += x[k, m.offset + i - 1]
         w.residual[i] = heard.ranges[i] - expected
-        for h in range(m.size):
+        for h in range(m.states):
             gain = P[k, h, X] * hx + P[k, h, Y] * hy + P[k, h, SCALE] * share
             if turning:
                 gain += P[k, h, m.leader] * w.row_leader[i]
@@ -175,14 +175,14 @@ def _certain(b: Belief, m: Model, count: int, squared: float) -> bool:
 def _absorb(b: Belief, m: Model, k: int, count: int) -> None:
     """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ and whitened residuals ν, over the ranges in `work.used`."""
     w, x, P = b.work, b.state, b.covariance
-    for h in range(m.size):
+    for h in range(m.states):
         for j in range(count):
             value = w.gain[h, w.used[j]]
             for i in range(j):
                 value -= w.root[j, i] * w.white_gain[h, i]
             w.white_gain[h, j] = value / w.root[j, j]
             x[k, h] += w.white_gain[h, j] * w.white[j]
-    for h in range(m.size):
+    for h in range(m.states):
         for i in range(h + 1):
             value = P[k, h, i]
             for j in range(count):

@@ -32,9 +32,9 @@ _ANYWHERE = 0.01
 def _reset(b: Belief, m: Model, k: int) -> None:
     """Give a component no weight, no position, no bias of the leader, and fresh other biases."""
     b.weight[k] = 0.0
-    for i in range(m.size):
+    for i in range(m.states):
         b.state[k, i] = 0.0
-        for j in range(m.size):
+        for j in range(m.states):
             b.covariance[k, i, j] = 0.0
         if i not in (X, Y, m.leader):
             b.covariance[k, i, i] = b.fresh[i]
@@ -57,9 +57,9 @@ def _try_bearing(b: Belief, m: Model, k: int, heard: Heard, distance: float, bea
 def _gather(b: Belief, m: Model, source: int, target: int, weight: float) -> None:
     """Add a component's moments about the origin to those of another one."""
     b.weight[target] += weight
-    for i in range(m.size):
+    for i in range(m.states):
         b.state[target, i] += weight * b.state[source, i]
-        for j in range(m.size):
+        for j in range(m.states):
             moment = b.covariance[source, i, j] + b.state[source, i] * b.state[source, j]
             b.covariance[target, i, j] += weight * moment
 
@@ -68,10 +68,10 @@ def _gather(b: Belief, m: Model, source: int, target: int, weight: float) -> Non
 def _finish(b: Belief, m: Model, k: int, heard: Heard) -> None:
     """Make a component of gathered moments, turn it by what the leader's compass may be off, and move it in place."""
     x, P, per = b.state, b.covariance, 1.0 / b.weight[k]
-    for i in range(m.size):
+    for i in range(m.states):
         x[k, i] *= per
-    for i in range(m.size):
-        for j in range(m.size):
+    for i in range(m.states):
+        for j in range(m.states):
             P[k, i, j] = P[k, i, j] * per - x[k, i] * x[k, j]
     if m.leader != ABSENT:
         by_bias_x, by_bias_y, bias = -x[k, Y], x[k, X], b.fresh[m.leader]
@@ -135,7 +135,7 @@ def add_ring(b: Belief, m: Model, heard: Heard, weight: float) -> bool:
     for h in range(2):
         k = first + h * m.modes
         _reset(b, m, k)
-        for i in range(m.size):
+        for i in range(m.states):
             b.covariance[k, i, i] = 0.0
     east, north, variance = heard.east, heard.north, b.leader_variance
     # about the leader, and with its heading as broadcast: both are put right at the end

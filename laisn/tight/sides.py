@@ -52,9 +52,9 @@ def copy(b: Belief, m: Model, source: int, target: int) -> None:
     """Copy a component."""
     b.weight[target], b.evidence[target] = b.weight[source], b.evidence[source]
     _copy_outcome(b, source, target)
-    for g in range(m.size):
+    for g in range(m.states):
         b.state[target, g] = b.state[source, g]
-        for h in range(m.size):
+        for h in range(m.states):
             b.covariance[target, g, h] = b.covariance[source, g, h]
 
 
@@ -68,7 +68,7 @@ def _copy_hypothesis(b: Belief, m: Model, source: int, target: int) -> None:
 @compiled
 def _keep_half(b: Belief, m: Model, k: int, heard: Heard, side: float) -> None:
     """Replace component k by its part on one side of the axis: left for +1, right for −1; with its exact moments."""
-    x, P, n = b.state, b.covariance, m.size
+    x, P, n = b.state, b.covariance, m.states
     lateral, gx, gy, gl, _ = _lateral(b, m, k, heard)
     column = b.before_state
     for i in range(n):
@@ -180,7 +180,7 @@ def _merge(b: Belief, m: Model, g: int, h: int) -> None:
         if total > 0.0:
             if b.weight[j] > b.weight[i]:
                 _copy_outcome(b, j, i)
-            blend(b.state, b.covariance, i, j, b.weight[j] / total, m.size)
+            blend(b.state, b.covariance, i, j, b.weight[j] / total, m.states)
         b.weight[i] = total
     _remove(b, m, h)
 

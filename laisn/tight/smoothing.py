@@ -39,7 +39,7 @@ def _move_all(b: Belief, m: Model, count: int, log_bias: float, compass_bias: fl
 
 def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
     """Mean and covariance of a belief's mixture, shapes (s,) and (s, s)."""
-    count, n = int(b.alive) * m.modes, m.size
+    count, n = int(b.alive) * m.modes, m.states
     weight, states = b.weight[:count], b.state[:count, :n]
     mean = weight @ states
     off = states - mean
@@ -66,18 +66,18 @@ class _Leg:
 
     def _begin(self) -> None:
         """Put the merged Gaussian back to the beginning of the way."""
-        n, modes = self._m.size, self._m.modes
+        n, modes = self._m.states, self._m.modes
         self._b.state[:modes, :n], self._b.covariance[:modes, :n, :n] = self.mean, self.covariance
 
     def _moved(self) -> tuple[Floats, Floats]:
         """Mean and covariance after the way in the belief's motion."""
-        n, modes = self._m.size, self._m.modes
+        n, modes = self._m.states, self._m.modes
         _move_all(self._b, self._m, modes, *self._biases)
         return self._b.state[0, :n].copy(), np.einsum("k,kij->ij", self._modes, self._b.covariance[:modes, :n, :n])
 
     def _matrix(self) -> Floats:
         """F of the way in the belief's motion: a move is affine in the state, and this what it does to unit vectors."""
-        b, n = self._b, self._m.size
+        b, n = self._b, self._m.states
         b.state[: n + 1, :n] = np.eye(n + 1, n)
         _move_all(b, self._m, n + 1, *self._biases)
         return np.array((b.state[:n, :n] - b.state[n, :n]).T)
@@ -95,10 +95,10 @@ class _Leg:
         b.motion = motion
         self._begin()
         moments(b, m)
-        rows, mean, covariance = b.rows[:, : m.size].copy(), b.now.copy(), b.now_covariance.copy()
+        rows, mean, covariance = b.rows[:, : m.states].copy(), b.now.copy(), b.now_covariance.copy()
         reading = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
         # the position is two of the states that have come so far; velocities depend on those that stay as they are
-        rows[:2] = np.eye(2, m.size)
+        rows[:2] = np.eye(2, m.states)
         moved, spread = self._moved()
         mean[:2], covariance = moved[:2], rows @ spread @ rows.T
         covariance[2:, 2:] += reading
@@ -158,7 +158,7 @@ class SmoothingNavigator(TightNavigator):
         latest = np.array(self._latest)
         last = np.searchsorted(times[self._steps], measurements.time + self._lag + _SAME_TIME, side="right") - 1
         mean, covariance = estimates.state.copy(), estimates.covariance.copy()
-        onward = np.zeros((latest.size, 4, self._model.size))
+        onward = np.zeros((latest.size, 4, self._model.states))
         last[latest < 0] = latest[latest < 0]
         for i in np.flatnonzero(last > latest).tolist():
             mean[i], covariance[i], onward[i] = legs[latest[i]].at(self._motions[i])

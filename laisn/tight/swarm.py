@@ -120,7 +120,7 @@ def navigate(
     outcome = np.empty(3)
     for i in range(beliefs.size):
         b = beliefs[i]
-        advance(b, m, readings[i, 0], readings[i, 1])
+        advance(b, m, readings[i, 0], readings[i, 1], m.dt)
         if received:
             heard.time, heard.east, heard.north = message[0], message[1], message[2]
             heard.heading, heard.speed = message[3], message[4]

@@ -56,7 +56,7 @@ def test_the_way_is_the_trapezoid_of_unbiased_readings() -> None:
     speed, heading = readings(20)
     belief, model = made()
     for v, theta in zip(speed, heading, strict=True):
-        advance(belief, model, v, theta)
+        advance(belief, model, v, theta, 0.1)
     true = (speed - BIASES[2]) * np.exp(1j * (np.pi / 2 - (heading - BIASES[3])))
     # the first reading stands for the beginning of its step too
     pairs = np.concatenate([[true[0]], true])
@@ -74,9 +74,9 @@ def way_of(state: npt.NDArray[np.complex128], motion: Floats) -> npt.NDArray[np.
 
 def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     belief, model = made()
-    model = model._replace(log_walk=(0.0, 0.0), compass_walk=(0.0, 0.0), current_walk=0.0, leader_walk=0.0)
+    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = 0.0
     for v, theta in zip(*readings(30), strict=True):
-        advance(belief, model, v, theta)
+        advance(belief, model, v, theta, 0.1)
     motion = np.array(belief.motion.tolist())
     F = np.eye(N)
     F[:2] = np.stack([way_of(BIASES + 1e-30j * unit, motion).imag / 1e-30 for unit in np.eye(N)], axis=1)
@@ -97,7 +97,7 @@ def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
 def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
     belief, model = made()
     for v, theta in zip(*readings(30), strict=True):
-        advance(belief, model, v, theta)
+        advance(belief, model, v, theta, 0.1)
     moments(belief, model)
     mean, covariance = belief.now.copy(), belief.now_covariance.copy()
     move(belief, model, 0, BIASES[2], BIASES[3])
@@ -108,10 +108,10 @@ def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
 def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_position() -> None:
     """v = (s − b_v) Rot(b_θ) u(θ) + c: mean, covariance and that with the position, by complex steps."""
     belief, model = made()
-    model = model._replace(log_walk=(0.0, 0.0), compass_walk=(0.0, 0.0), current_walk=0.0, leader_walk=0.0)
+    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = 0.0
     speed, heading = readings(30)
     for v, theta in zip(speed, heading, strict=True):
-        advance(belief, model, v, theta)
+        advance(belief, model, v, theta, 0.1)
     motion = np.array(belief.motion.tolist())
 
     def velocity(state: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
@@ -139,13 +139,13 @@ def test_biases_that_wander_add_up_over_intervals_as_over_their_sum() -> None:
     """On a straight way at constant speed the wandering biases are a linear system: its steps compose exactly."""
     whole, model = made()
     parts, _ = made()
-    advance(whole, model, 1.0, 0.3)
-    advance(parts, model, 1.0, 0.3)
+    advance(whole, model, 1.0, 0.3, 0.1)
+    advance(parts, model, 1.0, 0.3, 0.1)
     begin_interval(whole)
     begin_interval(parts)
     for _ in range(60):
-        advance(whole, model, 1.0, 0.3)
-        advance(parts, model, 1.0, 0.3)
+        advance(whole, model, 1.0, 0.3, 0.1)
+        advance(parts, model, 1.0, 0.3, 0.1)
         move(parts, model, 0, parts.state[0, 2], parts.state[0, 3])
         begin_interval(parts)
     move(whole, model, 0, whole.state[0, 2], whole.state[0, 3])
@@ -246,7 +246,7 @@ def test_a_leaders_way_tells_the_current_as_filterpy_has_it(exact: bool) -> None
     settings = TightSettings(assume=Assume(exact_leader=exact, current=True))
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
-    n = model.size
+    n = model.states
     root = np.random.default_rng(2).normal(size=(n, n)) * 0.1
     belief.covariance[0, :n, :n] = root @ root.T
     if not exact:

@@ -147,7 +147,7 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     for lap in range(100):
         assert filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, found) == 0
         for k in range(int(belief.alive) * model.modes):
-            covariance = belief.covariance[k, : model.size, : model.size]
+            covariance = belief.covariance[k, : model.states, : model.states]
             np.testing.assert_array_equal(covariance, covariance.T)
             sigma = np.sqrt(np.diag(covariance))
             assert np.linalg.eigvalsh(covariance / np.outer(sigma, sigma)).min() > 1e-9, lap
