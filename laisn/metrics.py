@@ -14,6 +14,8 @@ from laisn.geometry import Point, Turn, is_singular, turn
 
 CAPTURE_ERROR = 5.0
 """Position error beyond which an estimate near the mirror image of the truth counts as captured there [m]."""
+_FLAT = 1e-8
+"""Least determinant of a covariance with an inverse, as a share of the product of its variances."""
 
 
 @formula
@@ -48,9 +50,19 @@ def is_captured(estimate: Point, truth: Point, leader: Point, axis: Turn) -> boo
 
 
 @formula
+def is_invertible(pxx: float, pxy: float, pyy: float) -> bool:
+    """Whether a position's covariance has an inverse that is more than rounding.
+
+    Not where the position is known exactly, nor where one axis of the ellipse is less than a ten thousandth of the
+    other: the sign of the determinant is chance there.
+    """
+    return not is_singular(pxx, pyy) and pxx * pyy - pxy * pxy > _FLAT * pxx * pyy
+
+
+@formula
 def normalised_square(x: float, y: float, pxx: float, pxy: float, pyy: float) -> float:
     """eᵀ P⁻¹ e of an error (x, y) and its covariance; NaN where that is singular."""
-    known = not is_singular(pxx, pyy)
+    known = is_invertible(pxx, pxy, pyy)
     per_det = 1.0 / (pxx * pyy - pxy * pxy if known else 1.0)
     square = (pyy * x * x - 2.0 * pxy * x * y + pxx * y * y) * per_det
     return square if known else np.nan

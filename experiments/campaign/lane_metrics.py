@@ -10,9 +10,9 @@ from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes, inlined
 from laisn.elementary import to_bits
 from laisn.estimates import FixKind
-from laisn.geometry import Point, is_singular, turn
+from laisn.geometry import Point, turn
 from laisn.lane_rows import LANES
-from laisn.metrics import bearing_error, is_captured, normalised_square, squared_error
+from laisn.metrics import bearing_error, is_captured, is_invertible, normalised_square, squared_error
 
 _LOST = int(FixKind.LOST)
 
@@ -89,7 +89,7 @@ def tally_step(
 
         pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
         nees = normalised_square(estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy)
-        known = not is_singular(pxx, pyy)
+        known = is_invertible(pxx, pxy, pyy)
         tally[SUM_NEES + lane] += nees if known else 0.0
         tally[COUNT_NEES + lane] += 1.0 if known else 0.0
 

@@ -27,7 +27,13 @@ _MOTION = np.dtype(
         "nxx", "nxy", "nyy",  # covariance of A's random errors [m²]
         "time",  # since the last message [s]
         "speed", "sin", "cos",  # the last reading of the log [m/s], NaN before the first, and the compass's direction
-        "message_sin", "message_cos",  # direction at the last message
+    )]
+)  # fmt: skip
+_TURN = np.dtype(
+    [(name, np.float64) for name in (
+        "sin", "cos",  # the heading before it; zeros before the first one
+        "angle",  # the largest between that heading and a later one [rad]
+        "still",  # since it was last larger than before [s]
     )]
 )  # fmt: skip
 _LEADER = np.dtype(
@@ -56,13 +62,14 @@ _WORK = np.dtype([
     ("row_scale", np.float64, _T), ("row_leader", np.float64, _T),
     ("curvature", np.float64, (_T, 3, 3)),  # … and second ones by (x, y, b_L), times their covariance
     ("spread", np.float64, (_T, _T)),  # S: covariance of the residuals [m²]
-    ("root", np.float64, (_T, _T)),  # its Cholesky factor over the ranges that are used
+    ("root", np.float64, (_T, _T)),  # its Cholesky factor over the ranges that are used …
+    ("per_root", np.float64, _T),  # … and the reciprocals of its diagonal
     ("white", np.float64, _T), ("turned", np.float64, _T),  # residuals, and `row_leader`, in units of it
     ("gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ
     ("white_gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ root⁻ᵀ over the ranges that are used
     ("used", np.int64, _T),  # their indices
 ])  # fmt: skip
-_BELIEF = np.dtype([
+_BELIEF = np.dtype((np.record, np.dtype([
     ("state", np.float64, (_COMPONENTS, MOST_STATES)),  # mean of each component: `hypothesis · modes + mode`
     ("covariance", np.float64, (_COMPONENTS, MOST_STATES, MOST_STATES)),
     ("weight", np.float64, _COMPONENTS),  # sum 1 over those alive
@@ -75,13 +82,14 @@ _BELIEF = np.dtype([
     ("smoothed", np.float64),  # surprise over some messages
     ("rejected", np.float64),  # messages in a row without a range that was believed
     ("leader_variance", np.float64),  # of the random error of the leader's heading, as learnt so far [rad²]
+    ("turn", _TURN), ("leader_turn", _TURN),  # that either compass is in, or the last one
     ("motion", _MOTION), ("leader", _LEADER), ("output", _OUTPUT), ("work", _WORK),
     ("now", np.float64, 4), ("now_covariance", np.float64, (4, 4)),  # x, y, vx, vy over the mixture, at the last step
     ("rows", np.float64, (4, MOST_STATES)),  # their derivatives by a component's states
     ("fresh", np.float64, MOST_STATES),  # variances at the start
     ("before_state", np.float64, MOST_STATES),  # a component before the motion since the last message; else room …
     ("before_covariance", np.float64, (MOST_STATES, MOST_STATES)),
-], align=True)  # fmt: skip
+], align=True)))  # fmt: skip
 
 Belief: TypeAlias = Any
 """A mixture of Gaussians, and what was sensed since the last message: a record with the fields of `_BELIEF`."""
@@ -114,31 +122,34 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
 
     None: the start is unknown, and there is no hypothesis before the first message with two ranges.
     """
-    n = m.states
+    # by key, as attributes of a record are slow outside of compiled code
+    states, modes, leader, current, offset, leader_variance = m[
+        ["states", "modes", "leader", "current", "offset", "leader_variance"]
+    ].item()
     sigma = np.zeros(MOST_STATES)
-    sigma[[X, Y]] = settings.start_sigma
+    sigma[:LOG] = settings.start_sigma
     sigma[LOG], sigma[COMPASS] = settings.speed_bias_sigma, settings.heading_bias_sigma
     sigma[SCALE] = settings.range_scale_bias_sigma
-    if m.leader != ABSENT:
-        sigma[m.leader] = settings.leader_heading_bias_sigma
-    if m.current != ABSENT:
-        sigma[m.current : m.current + 2] = settings.current_sigma
-    if m.offset != ABSENT:
-        sigma[m.offset : n] = settings.offset_sigma
+    if leader != ABSENT:
+        sigma[leader] = settings.leader_heading_bias_sigma
+    if current != ABSENT:
+        sigma[current : current + 2] = settings.current_sigma
+    if offset != ABSENT:
+        sigma[offset:states] = settings.offset_sigma
     made = np.zeros(1, dtype=_BELIEF)
-    belief: Belief = made.view(np.recarray)[0]
-    made["smoothed"], made["leader_variance"], made["fresh"] = 1.0, m.leader_variance, sigma**2
+    belief: Belief = made[0]
+    made["smoothed"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, sigma**2
     made["motion"]["speed"] = np.nan
-    leader = made["leader"]
-    leader["window_time"] = leader["at_x"] = leader["track"] = np.nan
-    leader["scatter"], leader["other_variance"] = m.leader_variance, m.leader_variance / 16.0
+    about = made["leader"]
+    about["window_time"] = about["at_x"] = about["track"] = np.nan
+    about["scatter"], about["other_variance"] = leader_variance, leader_variance / 16.0
     if start is None:
         made["output"]["x"] = made["output"]["y"] = np.nan
         return belief
     made["alive"] = 1
-    made["state"][0, : m.modes, : LOG] = start
-    made["covariance"][0, : m.modes] = np.diag(sigma**2)
-    made["weight"][0, : m.modes] = 1.0 / m.modes
+    made["state"][0, :modes, :LOG] = start
+    made["covariance"][0, :modes] = np.diag(sigma**2)
+    made["weight"][0, :modes] = 1.0 / modes
     # no bias turns or shortens the way
     made["output"]["x"], made["output"]["y"] = start
     made["output"]["c_cos"] = 1.0

@@ -6,21 +6,20 @@ import numpy as np
 
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
-from laisn.geometry import angle_between, hull_to_world
+from laisn.geometry import hull_to_world
 from laisn.tight.belief import Belief, refresh_output
+from laisn.tight.deviation import deviate
 from laisn.tight.leader_way import watch_leader
 from laisn.tight.leg import steady
 from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
 from laisn.tight.modes import mix_modes
-from laisn.tight.own_motion import begin_interval, move, turned_since_message
+from laisn.tight.own_motion import begin_interval, move
 from laisn.tight.ranging import Heard, learn
 from laisn.tight.ring import add_ring, think_again
 from laisn.tight.sides import normalise, split, tidy
 
 _BEND = 0.003
 """A compass bias so uncertain that the way bends by more than this is taken from the message first [m]."""
-_TURN, _LEADER_TURN = 0.1, 0.15
-"""Turns beyond these change a drifting compass's bias [rad]."""
 _SMOOTHING = 0.15
 """Gain of the smoothed surprise."""
 _LEARNING = 0.1
@@ -60,21 +59,13 @@ def place_arms(heard: Heard, m: Model, pitch: float, roll: float, deeper: float)
 
 @compiled
 def loosen(b: Belief, m: Model, heard: Heard) -> None:
-    """What a message does to biases before it is learnt from.
-
-    Deviations: a compass that has turned may have another bias, the leader's too; and b_L, which goes with the heading
-    that stands for the broadcast one.
+    """What a message does to biases before it is learnt from: deviations, and b_L, which goes with the heading that
+    stands for the broadcast one.
     """
-    own = turned_since_message(b)
-    leader = 0.0
-    if m.leader != ABSENT and b.leader.window_time == b.leader.window_time:
-        leader = angle_between(heard.heading, b.leader.last_heading)
-    for k in range(b.alive * m.modes):
-        if own > _TURN:
-            b.covariance[k, COMPASS, COMPASS] += m.deviation * own * own
-        if leader > _LEADER_TURN:
-            b.covariance[k, m.leader, m.leader] += m.deviation * leader * leader
-        if m.leader != ABSENT:
+    if m.deviation > 0.0:
+        deviate(b, m, heard)
+    if m.leader != ABSENT:
+        for k in range(b.alive * m.modes):
             b.state[k, m.leader] += heard.shift
             b.covariance[k, m.leader, m.leader] += heard.wander
 

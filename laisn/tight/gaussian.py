@@ -12,7 +12,7 @@ _NEGLIGIBLE = 1e-12
 
 
 @compiled
-def factor(spread: Floats, used: Ints, count: int, root: Floats) -> bool:
+def factor(spread: Floats, used: Ints, count: int, root: Floats, per_root: Floats) -> bool:
     """Cholesky factor of a covariance over some of its variables; False if it is not positive definite.
 
     Args:
@@ -20,6 +20,7 @@ def factor(spread: Floats, used: Ints, count: int, root: Floats) -> bool:
         used: indices of the variables, the first `count` of it.
         count: how many.
         root: lower triangle of the factor, in the order of `used`; overwritten.
+        per_root: reciprocals of its diagonal, as dividing takes much longer than multiplying; overwritten.
     """
     for i in range(count):
         for j in range(i + 1):
@@ -27,9 +28,10 @@ def factor(spread: Floats, used: Ints, count: int, root: Floats) -> bool:
             for h in range(j):
                 value -= root[i, h] * root[j, h]
             if i > j:
-                root[i, j] = value / root[j, j]
+                root[i, j] = value * per_root[j]
             elif value > 0.0:
                 root[i, i] = math.sqrt(value)
+                per_root[i] = 1.0 / root[i, i]
             else:
                 # NaN comes here too
                 return False

@@ -79,7 +79,7 @@ def filter_mission(
         ahead = k % _AHEAD
         if ahead == 0:
             look_ahead(own, k, turns)
-        reckon(b.motion, m, own[k, 0], turns[0, ahead], turns[1, ahead], m.dt)
+        reckon(b, m, own[k, 0], turns[0, ahead], turns[1, ahead], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
             row = messages[i]
             heard.time, heard.east, heard.north, heard.heading, heard.speed = row[0], row[1], row[2], row[3], row[4]

@@ -40,7 +40,7 @@ _DEVIATION = 0.03
 """Change of a drifting compass's bias in a turn, as a share of the turn."""
 
 
-_MODEL = np.dtype([
+_MODEL = np.dtype((np.record, np.dtype([
     ("states", np.int64),  # n, how many there are
     ("modes", np.int64),
     ("leader", np.int64),  # index of b_L, bias of the leader's heading, in the state, or `ABSENT`
@@ -61,7 +61,7 @@ _MODEL = np.dtype([
     ("leader_variance", np.float64),  # of the heading in a message [rad²]: the learnt one starts here and is never more
     ("log_accepted", np.float64),  # logarithm of the chance that a range is a direct one
     ("log_rejected", np.float64),  # logarithm of the probability density of an echo's excess, in [1/m]
-], align=True)  # fmt: skip
+], align=True)))  # fmt: skip
 
 Model: TypeAlias = Any
 """`TightSettings` as compiled code takes them: a record with the fields of `_MODEL`, so that calls pass a pointer."""
@@ -105,7 +105,7 @@ def model_of(settings: TightSettings) -> Model:
         "log_accepted": math.log1p(-settings.outlier_chance),
         "log_rejected": math.log(settings.outlier_chance / settings.outlier_span),
     }
-    return np.array([tuple(fields[name] for name in _MODEL.names or ())], dtype=_MODEL).view(np.recarray)[0]
+    return np.array([tuple(fields[name] for name in _MODEL.names or ())], dtype=_MODEL)[0]
 
 
 def canonical(model: Model) -> Ints:

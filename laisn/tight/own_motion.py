@@ -11,11 +11,12 @@ from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
 
 
 @inlined
-def reckon(o: Any, m: Model, speed: float, sine: float, cosine: float, dt: float) -> None:
-    """One step of the motion `o` of a belief: as `advance`, with sine and cosine of the compass's reading."""
+def reckon(b: Belief, m: Model, speed: float, sine: float, cosine: float, dt: float) -> None:
+    """As `advance`, with sine and cosine of the compass's reading."""
+    o = b.motion
     if o.speed != o.speed:
         o.speed, o.sin, o.cos = speed, sine, cosine
-        o.message_sin, o.message_cos = sine, cosine
+        b.turn.sin, b.turn.cos = sine, cosine
     half = 0.5 * dt
     before = o.speed
     o.ax += half * (before * o.sin + speed * sine)
@@ -39,7 +40,7 @@ def advance(b: Belief, m: Model, speed: float, heading: float, dt: float) -> Non
     The way is that of the mean velocity of both ends: a turn would otherwise be a step late.
     """
     sine, cosine = sin_cos(heading)
-    reckon(b.motion, m, speed, sine, cosine, dt)
+    reckon(b, m, speed, sine, cosine, dt)
 
 
 @inlined
@@ -47,16 +48,6 @@ def begin_interval(b: Belief) -> None:
     """Forget the way so far: the components have been moved by it."""
     o = b.motion
     o.ax = o.ay = o.bx = o.by = o.nxx = o.nxy = o.nyy = o.time = 0.0
-    o.message_sin, o.message_cos = o.sin, o.cos
-
-
-@compiled
-def turned_since_message(b: Belief) -> float:
-    """Angle between the headings now and at the last message, 0 … π [rad]."""
-    o = b.motion
-    cross = o.sin * o.message_cos - o.cos * o.message_sin
-    dot = o.sin * o.message_sin + o.cos * o.message_cos
-    return float(abs(np.arctan2(cross, dot)))
 
 
 @inlined

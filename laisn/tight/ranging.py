@@ -24,7 +24,7 @@ _SHORTEST = 0.01
 """Nearer to a transmitter than this the direction to it means nothing [m]."""
 
 
-_HEARD = np.dtype([
+_HEARD = np.dtype((np.record, np.dtype([
     ("time", np.float64),  # of emission, on the leader's clock [s]
     ("east", np.float64), ("north", np.float64),  # of the leader's origin [m]
     ("heading", np.float64),  # of the leader [rad] …
@@ -32,7 +32,7 @@ _HEARD = np.dtype([
     ("arms", np.float64, (3, 3)),  # from the origin to each transmitter: east, north, how much deeper than we [m]
     ("ranges", np.float64, 3),  # slant ranges [m]; NaN where nothing was received
     ("shift", np.float64), ("wander", np.float64),  # what b_L and its variance grow by at this message [rad], [rad²]
-])  # fmt: skip
+])))  # fmt: skip
 
 Heard: TypeAlias = Any
 """A message and its ranges: a record with the fields of `_HEARD`."""
@@ -40,7 +40,7 @@ Heard: TypeAlias = Any
 
 def new_heard() -> Heard:
     """Room for a message."""
-    return np.zeros(1, dtype=_HEARD).view(np.recarray)[0]
+    return np.zeros(1, dtype=_HEARD)[0]
 
 
 @compiled
@@ -73,7 +73,7 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
             w.used[count] = i
             count += 1
             farthest = max(farthest, heard.ranges[i])
-    farthest = max(farthest, _SHORTEST)
+    per_farthest = 1.0 / max(farthest, _SHORTEST)
     for j in range(count):
         i = w.used[j]
         ax, ay = heard.arms[i, 0], heard.arms[i, 1]
@@ -82,7 +82,7 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
         rho = max(math.sqrt(dx * dx + dy * dy + dz * dz), _SHORTEST)
         per_rho = 1.0 / rho
         hx, hy = dx * per_rho, dy * per_rho
-        share = rho / farthest
+        share = rho * per_farthest
         w.row_x[i], w.row_y[i], w.row_scale[i] = hx, hy, share
         # second derivatives by x and y, times the covariance
         fxx, fxy, fyy = (1.0 - hx * hx) * per_rho, -hx * hy * per_rho, (1.0 - hy * hy) * per_rho
@@ -148,14 +148,14 @@ def _likelihood(b: Belief, count: int) -> tuple[float, float]:
     NaN if S is not positive definite. Leaves the factor of S and the whitened residuals in `work`.
     """
     w = b.work
-    if not factor(w.spread, w.used, count, w.root):
+    if not factor(w.spread, w.used, count, w.root, w.per_root):
         return math.nan, math.nan
     squared, volume = 0.0, 1.0
     for i in range(count):
         value = w.residual[w.used[i]]
         for h in range(i):
             value -= w.root[i, h] * w.white[h]
-        w.white[i] = value / w.root[i, i]
+        w.white[i] = value * w.per_root[i]
         squared += w.white[i] * w.white[i]
         volume *= w.root[i, i]
     return -0.5 * (squared + count * _LOG_TURN) - log(volume), squared
@@ -168,7 +168,7 @@ def _certain(b: Belief, m: Model, count: int, squared: float) -> bool:
     for j in range(count):
         i = b.work.used[j]
         largest = max(largest, b.work.spread[i, i])
-    return 0.5 * squared < m.log_accepted - m.log_rejected - 0.5 * (_LOG_TURN + log(largest))
+    return bool(0.5 * squared < m.log_accepted - m.log_rejected - 0.5 * (_LOG_TURN + log(largest)))
 
 
 @inlined
@@ -180,7 +180,7 @@ def _absorb(b: Belief, m: Model, k: int, count: int) -> None:
             value = w.gain[h, w.used[j]]
             for i in range(j):
                 value -= w.root[j, i] * w.white_gain[h, i]
-            w.white_gain[h, j] = value / w.root[j, j]
+            w.white_gain[h, j] = value * w.per_root[j]
             x[k, h] += w.white_gain[h, j] * w.white[j]
     for h in range(m.states):
         for i in range(h + 1):
@@ -203,7 +203,7 @@ def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
         value = w.row_leader[w.used[i]]
         for h in range(i):
             value -= w.root[i, h] * w.turned[h]
-        w.turned[i] = value / w.root[i, i]
+        w.turned[i] = value * w.per_root[i]
         match += w.turned[i] * w.white[i]
         size += w.turned[i] * w.turned[i]
     return v * match, v - v * v * size

@@ -7,6 +7,7 @@ nearly linear. Halves that the data do not support lose their weight; halves tha
 import math
 
 from laisn.compiled import compiled, inlined
+from laisn.elementary import sin_cos
 from laisn.tight.belief import ROOM, Belief
 from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.gaussian import blend, half_moments
@@ -31,10 +32,10 @@ def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, f
     """
     x, arms = b.state, heard.arms
     bias = x[k, m.leader] if m.leader != ABSENT else 0.0
-    c, s = math.cos(bias), math.sin(bias)
+    s, c = sin_cos(bias)
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
-    length = math.sqrt(ex * ex + ey * ey)
-    tx, ty = (c * ex - s * ey) / length, (s * ex + c * ey) / length
+    per_length = 1.0 / math.sqrt(ex * ex + ey * ey)
+    tx, ty = (c * ex - s * ey) * per_length, (s * ex + c * ey) * per_length
     qx, qy = x[k, X] - heard.east, x[k, Y] - heard.north
     ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
     return tx * oy - ty * ox, -ty, tx, -(tx * qx + ty * qy), math.sqrt(qx * qx + qy * qy)
@@ -106,7 +107,7 @@ def _reaches_across(b: Belief, m: Model, k: int, heard: Heard) -> bool:
 @compiled
 def heaviest(b: Belief, m: Model, h: int) -> int:
     """Component with the most weight of a hypothesis."""
-    best = h * m.modes
+    best: int = h * m.modes
     for mode in range(1, m.modes):
         if b.weight[h * m.modes + mode] > b.weight[best]:
             best = h * m.modes + mode

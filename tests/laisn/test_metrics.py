@@ -47,6 +47,17 @@ def test_consistency_of_known_covariances() -> None:
     np.testing.assert_allclose(metrics.nis(estimates()), [5.0, np.nan, 1.0])
 
 
+@pytest.mark.parametrize(("shorter", "expected"), [(2e-4, 1.0), (1e-5, np.nan), (0.0, np.nan)])
+def test_an_ellipse_that_rounding_may_have_flattened_says_nothing(shorter: float, expected: float) -> None:
+    """An error along the long axis, of 1 m; a determinant that rounding made negative makes no negative square."""
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    covariance = np.zeros((3, 4, 4))
+    covariance[:, :2, :2] = turn @ np.diag([1.0, shorter**2]) @ turn.T
+    covariance[1:, 0, 1] *= 1.0 + 1e-10 if shorter == 0.0 else 1.0
+    given = metrics.nees(estimates(state=np.zeros((3, 4)), covariance=covariance), np.tile([0.6, 0.8], (3, 1)))
+    np.testing.assert_allclose(given, np.full(3, expected), rtol=1e-6)
+
+
 def test_nees_of_gaussian_errors_averages_two() -> None:
     rng = np.random.default_rng(0)
     root = np.array([[2.0, 0.0], [1.0, 0.5]])

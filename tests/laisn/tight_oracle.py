@@ -34,6 +34,15 @@ from tests.laisn.tight_ranges import Heard, aside, hear, learn, pair, rotation, 
 
 
 @dataclass
+class Turn:
+    """A turn since a heading that had been kept for 10 s: the largest angle from it, and when it was last exceeded."""
+
+    begin: complex
+    largest: float = 0.0
+    still: float = 0.0
+
+
+@dataclass
 class Oracle:
     """One follower. `step` is that of `TightNavigator`."""
 
@@ -66,7 +75,7 @@ class Oracle:
         self.readings: list[tuple[float, complex, float]] = []
         self.trapezoids = np.zeros(2, dtype=complex)
         self.last: tuple[float, complex] | None = None
-        self.at_message: complex = 0.0
+        self.turns: dict[int, Turn] = {}
         self.leader: list[Heard] = []
         self.places: list[complex] = []
         self.leg: list[float] = []
@@ -82,7 +91,8 @@ class Oracle:
     def step(self, own: OwnMotion, reception: Reception | None, dt: float) -> None:
         direction = complex(np.sin(own.heading), np.cos(own.heading))
         if self.last is None:
-            self.last, self.at_message = (own.speed, direction), direction
+            self.last = own.speed, direction
+            self.turns[COMPASS] = Turn(direction)
         for speed, towards in (self.last, (own.speed, direction)):
             self.trapezoids = self.trapezoids + 0.5 * dt * towards * np.array([speed, 1.0])
         self.readings.append((own.speed, direction, dt))
@@ -180,8 +190,7 @@ class Oracle:
         self.begin()
 
     def begin(self) -> None:
-        assert self.last is not None
-        self.readings, self.at_message, self.trapezoids = [], self.last[1], np.zeros(2, dtype=complex)
+        self.readings, self.trapezoids = [], np.zeros(2, dtype=complex)
 
     def steadied(self, heard: Heard) -> Heard:
         """A message with the mean heading of a straight leg, where three places of the leader lie on a line.
@@ -239,12 +248,19 @@ class Oracle:
     def loosen(self, heard: Heard) -> None:
         """A deviation of 3 % of the turn, where it is more than 0.1 rad, of the leader's 0.15 rad."""
         assert self.last is not None
-        own = abs(np.angle(self.last[1] / self.at_message))
-        leader = abs(np.angle(np.exp(1j * (heard.heading - self.leader[-1].heading)))) if self.leader else 0.0
-        for c in self.all:
-            c.P[COMPASS, COMPASS] += (0.03 * own) ** 2 if own > 0.1 else 0.0
-            turns = leader > 0.15 and self.fresh[LEADER] > 0.0
-            c.P[LEADER, LEADER] += (0.03 * leader) ** 2 if turns else 0.0
+        time = sum(dt for _, _, dt in self.readings)
+        ahead = complex(np.sin(heard.heading), np.cos(heard.heading))
+        leaders = [(LEADER, ahead, 0.15)] if self.fresh[LEADER] > 0.0 else []
+        for state, direction, least in [(COMPASS, self.last[1], 0.1), *leaders]:
+            turn = self.turns.setdefault(state, Turn(direction, still=-time))
+            before, now = turn.largest, abs(np.angle(direction / turn.begin))
+            turn.still += time
+            if now > max(before, least):
+                turn.largest, turn.still = now, 0.0
+            elif turn.still >= 10.0 - 1e-6:
+                self.turns[state] = Turn(direction)
+            for c in self.all:
+                c.P[state, state] += 0.03**2 * (turn.largest**2 - before**2)
 
     def moved_to(self, c: Component, heard: Heard) -> Component:
         """Linearised at the biases that the message suggests, where the way bends by more than 3 mm."""
