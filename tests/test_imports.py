@@ -1,5 +1,6 @@
 """The house: each room imports what its first page says, nothing imports in a circle, laisn knows no simulator."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -14,6 +15,28 @@ VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "lai
               "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigating",
               "laisn.records", "laisn.tight.estimates", "laisn.tight.settings", "laisn.whole_files"}  # fmt: skip
 """What the simulator may know of navigation: words, not navigators."""
+
+
+LATE = {
+    "distributed": "optional, for clusters alone",
+    "rerun": "optional, for recordings alone",
+    "tests": "a checkout alone has it, and only documents are made of it",
+    "OpenGL": "a library that is missing breaks the import",
+    "mujoco": "so does a graphics library that MuJoCo lacks",
+    "av": "codecs are needed by films alone",
+    "scipy.io": "data sets in MATLAB's format alone need it",
+    "scipy.ndimage": "a fifth of a second, and only children that render place cameras",
+    "filterpy": "all of scipy.stats, two thirds of a second",
+    "numba": "the compiler, which code from the cache does without",
+    "rich": "tables on a terminal, which Python's users have no use for",
+    "laisn.tight.navigator": "its code takes long to load, and few missions need it",
+    "sim.vehicle.own_hull": "only scenarios with a hull of their own need MuJoCo to be looked at",
+    "sim.station_plan": "only scenarios with stations need the plant to be looked at",
+    "sim.flyable": "the sea and the hulls take half a second, and who reads or lists scenarios needs neither",
+    "experiments.flight.swarm": "navigators of swarms take a tenth of a second, and few missions have stations",
+    "experiments.study.page": "drawing takes a third of a second, and who reads a table draws nothing",
+}
+"""What may be imported within functions, and why; in the command and in `laisn_sim`, which answer at once, anything."""
 
 
 def declared(room: str) -> set[str]:
@@ -71,6 +94,22 @@ def test_the_world_speaks_only_the_vocabulary_of_navigation(module: str) -> None
 def test_one_module_knows_filterpy(module: str) -> None:
     knows = re.search(r"^\s*(import|from) filterpy", SOURCES[module].read_text(encoding="utf-8"), flags=re.MULTILINE)
     assert bool(knows) == (module == "laisn.filter")
+
+
+def late(path: Path) -> set[str]:
+    """What a source imports within functions."""
+    functions = [n for n in ast.walk(ast.parse(path.read_bytes())) if isinstance(n, ast.FunctionDef)]
+    inside = [node for function in functions for node in ast.walk(function)]
+    plain = {alias.name for node in inside if isinstance(node, ast.Import) for alias in node.names}
+    modules = [(node.module or "", node.names) for node in inside if isinstance(node, ast.ImportFrom)]
+    return plain | {f"{module}.{alias.name}" for module, names in modules for alias in names}
+
+
+def test_an_import_within_a_function_has_its_reason() -> None:
+    found = {m: late(path) for m, path in SOURCES.items() if not within(m, "experiments.command")}
+    assert not {(m, name) for m, names in found.items() for name in names if not any(within(name, x) for x in LATE)}
+    used = set().union(*found.values())
+    assert not {name for name in LATE if not any(within(one, name) for one in used)}, "allowed, but not used"
 
 
 def test_imports_are_seen_wherever_they_hide(tmp_path: Path) -> None:

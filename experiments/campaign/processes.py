@@ -96,6 +96,7 @@ def _require_scheduler(address: str) -> None:
 
     Raises LaisnError if none answers in time, or the address cannot be one.
     """
+    # optional, for clusters alone
     import distributed
 
     async def ask() -> None:

@@ -74,6 +74,7 @@ def while_compiling(tell: Callable[[bool], None]) -> Iterator[None]:
 
     Code that was compiled before, in this process or by one that left it in the cache, is not compiled again.
     """
+    # whoever shows progress alone need not load the compiler
     from numba.core import event
 
     class Compiling(event.Listener):

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from sim.screen import plain
+
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
 ]
@@ -33,6 +35,4 @@ ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", he
 
 def say(text: object) -> None:
     """Print a line of text from a file or a user without control characters."""
-    from sim.screen import plain
-
     typer.echo(plain(text))

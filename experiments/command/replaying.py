@@ -1,5 +1,6 @@
 """Navigation once more on a log, and what a log holds."""
 
+import json
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -61,8 +62,6 @@ def replay(
     if smooth_s is not None:
         show_smoothing(console, again, smoothed, smooth_s)
     if out is not None:
-        import json
-
         errors = position_and_bearing_errors(smoothed)
         writer.write(smoothed, out, summary=json.dumps(summarise(smoothed, errors), indent=2) + "\n", errors=errors)
         tell(console, f"log in {out}")

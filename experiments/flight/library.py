@@ -90,6 +90,7 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
     Raises:
         ScenarioError: names file, key, value and limit of every fault.
     """
+    # sea and hulls take half a second to import, and who reads or lists scenarios needs neither
     from sim.flyable import misfits
 
     return validate(*_read(source, assignments), further=misfits)
@@ -105,6 +106,7 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
     Raises:
         ScenarioError: names key, value and limit of every fault.
     """
+    # as in `load_flyable`
     from sim.flyable import misfits
 
     if isinstance(source, Scenario):
@@ -141,6 +143,7 @@ def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
 
 def show() -> None:
     """Print the built-in scenarios with a line each."""
+    # for the terminal alone: Python's users have no use for it
     from rich.console import Console
     from rich.table import Table
 

@@ -19,6 +19,7 @@ STERN_PLANE_DEG = -5.0
 
 def _remus() -> dict[str, Finding]:
     """Final speed and its rise, steady turns, and pitch under stern planes of a REMUS 100."""
+    # the tests are there in a checkout alone
     from tests.vehicle.test_remus import DT, run
 
     found, rises, rates, radii = {}, [], [], []
@@ -47,6 +48,7 @@ def _remus() -> dict[str, Finding]:
 
 def _righting(dt: float) -> Finding:
     """Period of a hull in ideal water that is let go at 1°."""
+    # the tests are there in a checkout alone
     from tests.vehicle.tank import Tank, hull
     from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
 

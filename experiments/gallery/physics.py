@@ -17,6 +17,7 @@ Drawn = tuple[Figure, Sequence[tuple[Colour, str]]]
 
 def remus_speed() -> Drawn:
     """Speed from rest, with the published final speeds."""
+    # the tests are there in a checkout alone
     from tests.vehicle.test_remus import run
 
     lines = []
@@ -37,6 +38,7 @@ def remus_speed() -> Drawn:
 
 def remus_turn() -> Drawn:
     """Turn rate by rudder, with the published values."""
+    # the tests are there in a checkout alone
     from tests.vehicle.test_remus import run
 
     lines = []
@@ -53,6 +55,7 @@ def remus_turn() -> Drawn:
 
 def pendulum() -> Drawn:
     """Pitch of a hull in ideal water that is let go at 1°, beside the closed form."""
+    # the tests are there in a checkout alone
     from tests.vehicle.tank import Tank, hull
     from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
 
@@ -79,6 +82,7 @@ def pendulum() -> Drawn:
 
 def orbits() -> Drawn:
     """Paths of small neutral spheres in a wave, beside the ellipses of linear theory."""
+    # the tests are there in a checkout alone
     from tests.vehicle.tank import Tank, hull
 
     floor, height, period, radius, dt = 6.0, 0.5, 4.0, 0.02, 0.005

@@ -166,6 +166,7 @@ class Film:
     @property
     def poster(self) -> str:
         """Data of a frame from the film's middle, seen before it plays; FFmpegError if it is no film."""
+        # most pages have no film
         import av
 
         with av.open(str(self.path)) as source:

@@ -8,6 +8,8 @@ import sys
 from functools import cache
 from typing import NamedTuple
 
+import numpy as np
+
 BACKENDS = {"linux": ("egl", "osmesa"), "darwin": ("cgl",), "win32": ("wgl",)}.get(sys.platform, ("egl", "osmesa"))
 """Values of MUJOCO_GL worth trying, the best first."""
 
@@ -52,8 +54,8 @@ def render_ball() -> str:
     Raises:
         RuntimeError: a context was made, but the picture is wrong.
     """
+    # a library that is missing breaks the import
     import mujoco
-    import numpy as np
     from OpenGL import GL
 
     model = mujoco.MjModel.from_xml_string(_BALL)

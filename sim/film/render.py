@@ -198,6 +198,7 @@ def render(
 
 def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
     """Wrap access units as they are: one for each frame, in order."""
+    # codecs take a tenth of a second to load, and stills need none
     import av
 
     step = Fraction(1, video.frame_rate_hz)

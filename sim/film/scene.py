@@ -170,6 +170,7 @@ class Stage:
 
     def _read_one_mipmap(self) -> None:
         """Take a pixel of a texture from the nearest of its sizes alone: on a processor, two cost as much again."""
+        # as in `_fog`
         from OpenGL import GL
 
         flat = mujoco.mjtTexture.mjTEXTURE_2D.value

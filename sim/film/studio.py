@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from laisn.arrays import Bytes, Floats
 from sim.assembly import models_of, ocean_of
@@ -101,6 +102,7 @@ def open_stage(job: Job) -> Stage:
 
 def encoder(video: Video) -> Any:
     """An H.264 encoder for one group of pictures: Annex B, no B-frames, a packet for each frame."""
+    # codecs are for children: whoever starts them imports this file too
     import av
 
     codec = av.CodecContext.create("libx264", "w")
@@ -115,6 +117,7 @@ def encoder(video: Video) -> Any:
 
 def encode(frames: Iterator[Bytes], video: Video) -> Iterator[bytes]:
     """Access units of one group of pictures, in Annex B form, one for each frame."""
+    # as in `encoder`
     import av
 
     codec = encoder(video)
@@ -164,8 +167,6 @@ def main(folder: Path, worker: int) -> None:
 
 def main_still(folder: Path, time: float) -> None:
     """Render one frame of the job in `folder` into its file "still.png"."""
-    from PIL import Image
-
     job: Job = pickle.loads((folder / "job").read_bytes())
     with open_stage(job) as stage:
         shown = Studio(job, stage).frame(time, title=False)
