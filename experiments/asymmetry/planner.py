@@ -6,11 +6,8 @@ from experiments.asymmetry.map import closed_form_error
 from laisn.arrays import Floats
 
 PITCH_DEG = (1.0, 2.0, 5.0, 10.0, 15.0)
-BOUND_M = (0.25, 0.5, 1.0, 2.0)
 OFF_AXIS_DEG = (90.0, 60.0, 45.0, 30.0, 20.0)
 """Angle between the leader's axis and the direction to the follower: 90 abeam, the same ahead and astern."""
-RANGES_M = (40.0, 100.0)
-"""Greatest ranges that the rules are for."""
 _DEEPEST_M = 50.0
 
 

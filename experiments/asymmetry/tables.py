@@ -108,20 +108,12 @@ def _pitch_cell(excess: Interval, over_pitch: Curve) -> Cell:
 def stage_4_table(curves: Curves, offsets: Sequence[float]) -> Table:
     """Which pitch does what the paper's τ does, at its message interval of 5 s."""
     rows = []
-    for curve in curves.tau:
-        if curve.interval_s != 5.0 or curve.variant != "laisn-2":
-            continue
+    for curve in curves.stage_4():
         row: list[Cell] = [words(curve.route)]
         for tau in (0.03, 0.06):
             excess = curve.excess_at(tau)
             row.append(mean_cell(excess))
-            for offset in offsets:
-                over_pitch = next(
-                    c
-                    for c in curves.pitch
-                    if (c.route, c.variant, c.interval_s, c.depth_offset_m) == (curve.route, "laisn-2", 5.0, offset)
-                )
-                row.append(_pitch_cell(excess, over_pitch))
+            row += [_pitch_cell(excess, over) for offset in offsets if (over := curves.pitch_of(curve, offset))]
         rows.append(row)
     per_tau = ["excess [m]", *(f"{offset:g} m" for offset in offsets)]
     return Table(

@@ -69,6 +69,15 @@ class Curves:
         """The curve over τ of a route; StopIteration if it was not flown."""
         return next(c for c in self.tau if (c.route, c.variant, c.interval_s) == (route, variant, interval_s))
 
+    def pitch_of(self, tau: Curve, depth_offset: float) -> Curve | None:
+        """The curve over pitch of the route, variant and interval of one over τ; None if it was not flown."""
+        where = (tau.route, tau.variant, tau.interval_s, depth_offset)
+        return next((c for c in self.pitch if (c.route, c.variant, c.interval_s, c.depth_offset_m) == where), None)
+
+    def stage_4(self) -> list[Curve]:
+        """Curves over τ of LAISN-2 with messages every 5 s, as in the paper's Stage 4."""
+        return [c for c in self.tau if (c.variant, c.interval_s) == ("laisn-2", 5.0)]
+
 
 def equivalent(excess: float, curve: Curve) -> float:
     """Size of the value at which a curve has that excess; NaN below zero and beyond the curve's end.
@@ -86,12 +95,8 @@ def equivalents(curves: Curves, tau: float, depth_offset: float) -> list[float]:
 
     NaN where the larger τ does no harm, or more than any pitch that was flown.
     """
-    found = []
-    for curve in (c for c in curves.tau if (c.variant, c.interval_s) == ("laisn-2", 5.0)):
-        where = (curve.route, curve.variant, curve.interval_s, depth_offset)
-        over = [c for c in curves.pitch if (c.route, c.variant, c.interval_s, c.depth_offset_m) == where]
-        found += [equivalent(float(curve.excess[curve.value.index(tau)]), c) for c in over]
-    return found
+    pairs = [(curve, curves.pitch_of(curve, depth_offset)) for curve in curves.stage_4()]
+    return [equivalent(curve.excess_at(tau).value, over) for curve, over in pairs if over]
 
 
 def _curve(cells: Sequence[Cell], **key: Any) -> Curve:

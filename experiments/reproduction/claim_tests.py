@@ -24,11 +24,13 @@ def _judgement(parts: Sequence[bool], figures: str) -> Judgement:
     return Judgement(verdict=verdict, figures=figures)
 
 
-_NO_DATA = Judgement(verdict="no data", figures="the rows that this test needs were not run, or are not in the tables")
+class NoDataError(LookupError):
+    """Figures that a test needs are missing."""
 
 
-def _complete(*arrays: Floats) -> bool:
-    return all(a.size and np.all(np.isfinite(a)) for a in arrays)
+def _require(*arrays: Floats) -> None:
+    if not all(a.size and np.all(np.isfinite(a)) for a in arrays):
+        raise NoDataError
 
 
 def _spread(ratio: Floats, names: Sequence[str]) -> str:
@@ -61,8 +63,7 @@ def sector_errors(steps: Steps) -> tuple[float, float]:
 def lateral(results: Results) -> Judgement:
     lateral, others = results.among(results.lateral), results.others(results.lateral)
     worst, best = (results.values("base", "laisn-2", "e_p_max_m", m) for m in (lateral, others))
-    if not _complete(worst, best):
-        return _NO_DATA
+    _require(worst, best)
     parts = [float(np.median(worst)) < float(np.median(best)), bool(worst.max() < best.min())]
     text = (
         f"E_P max of {_named(lateral)}: {worst.min():.2f} … {worst.max():.2f} m; "
@@ -87,16 +88,14 @@ def lateral(results: Results) -> Judgement:
 
 def interval(results: Results) -> Judgement:
     five, ten = (_ratio(results, (s, "laisn-2"), ("base", "laisn-2")) for s in ("5s", "10s"))
-    if not _complete(five, ten):
-        return _NO_DATA
+    _require(five, ten)
     text = f"5 s over 1 s: {_spread(five, results.missions)}; 10 s over 1 s: {_spread(ten, results.missions)}"
     return _judgement([bool(np.median(five) <= 2), bool(np.median(ten) >= 4)], text)
 
 
 def baseline(results: Results) -> Judgement:
     ratio = np.concatenate([_ratio(results, ("L1", v), ("5s", v)) for v in ("laisn-2", "laisn-3-2")])
-    if not _complete(ratio):
-        return _NO_DATA
+    _require(ratio)
     names = [f"{m} {v}" for v in ("LAISN-2", "LAISN-3(2)") for m in results.missions]
     parts = [bool(np.median(ratio) <= 1.25), bool(np.quantile(ratio, 0.9) <= 1.5)]
     return _judgement(parts, f"1 m over 2 m: {_spread(ratio, names)}")
@@ -104,8 +103,7 @@ def baseline(results: Results) -> Judgement:
 
 def offset(results: Results) -> Judgement:
     ratio = _ratio(results, ("HT0.2", "laisn-3-2"), ("5s", "laisn-3-2"))
-    if not _complete(ratio):
-        return _NO_DATA
+    _require(ratio)
     change = np.abs(np.log(ratio))
     parts = [bool(np.median(change) <= np.log(1.1)), bool(np.quantile(change, 0.9) <= np.log(1.2))]
     return _judgement(parts, f"0.2 m over 0.1 m: {_spread(ratio, results.missions)}")
@@ -115,8 +113,7 @@ def third(results: Results) -> Judgement:
     parts, texts = [], []
     for setting, title in (("base", "1 s"), ("5s", "5 s")):
         ratio = _ratio(results, (setting, "laisn-3-2"), (setting, "laisn-2"))
-        if not _complete(ratio):
-            return _NO_DATA
+        _require(ratio)
         parts += [bool(np.median(ratio) >= 0.95), bool(np.mean(ratio < 0.9) <= 0.1)]
         texts.append(f"{title}: {_spread(ratio, results.missions)}")
     return _judgement(parts, "LAISN-3(2) over LAISN-2, " + "; ".join(texts))
@@ -126,8 +123,7 @@ def worse(results: Results) -> Judgement:
     mean, top = (
         _ratio(results, ("base", "laisn-3-1"), ("base", "laisn-2"), metric) for metric in ("e_p_mean_m", "e_p_max_m")
     )
-    if not _complete(mean, top):
-        return _NO_DATA
+    _require(mean, top)
     parts = [bool(np.median(r) > 1) for r in (mean, top)] + [bool(np.mean(r > 1) >= 0.9) for r in (mean, top)]
     return _judgement(parts, f"mean: {_spread(mean, results.missions)}; max: {_spread(top, results.missions)}")
 
@@ -135,8 +131,7 @@ def worse(results: Results) -> Judgement:
 def asymmetric(results: Results) -> Judgement:
     missions = results.among(results.astern)
     two, three = (results.values("asymmetric", v, "e_p_mean_m", missions) for v in ("laisn-2", "laisn-3-2"))
-    if not _complete(two, three):
-        return _NO_DATA
+    _require(two, three)
     ratio = three / two
     text = f"LAISN-3(2) over LAISN-2, mean E_P on {_named(missions)}: {_spread(ratio, missions)}"
     return _judgement([bool(np.median(ratio) <= 0.8), bool(np.mean(ratio <= 0.8) >= 0.9)], text)
@@ -144,8 +139,7 @@ def asymmetric(results: Results) -> Judgement:
 
 def shared(results: Results) -> Judgement:
     ratio = _ratio(results, ("muD0.3", "laisn-2"), ("5s", "laisn-2"))
-    if not _complete(ratio):
-        return _NO_DATA
+    _require(ratio)
     parts = [bool(np.median(ratio) <= 1.25), bool(np.quantile(ratio, 0.9) <= 1.5)]
     return _judgement(parts, f"0.3 m over 0.1 m: {_spread(ratio, results.missions)}")
 
@@ -154,12 +148,11 @@ def heading(results: Results) -> Judgement:
     error = results.values("heading5", "laisn-2", "e_p_mean_m")
     growth = error / results.values("base", "laisn-2", "e_p_mean_m")
     distance = results.values("base", "laisn-2", "distance_m")
-    if not _complete(error, growth, distance):
-        return _NO_DATA
+    _require(error, growth, distance)
     names = list(results.missions)
     lateral = np.isin(names, list(results.lateral))
     if lateral.all() or not lateral.any():
-        return _NO_DATA
+        raise NoDataError
     grown = [float(np.median(growth[group])) for group in (lateral, ~lateral)]
     dominates = grown[0] > grown[1] and grown[0] > 5
     slope = float(error @ distance / (distance @ distance))
@@ -178,8 +171,7 @@ def burst(results: Results) -> Judgement:
     top = results.values("base", "laisn-2", "e_b_max_deg")
     bursts, others = results.among(results.burst), results.others(results.burst)
     mine, theirs = (results.values("base", "laisn-2", "e_b_max_deg", m) for m in (bursts, others))
-    if not _complete(top, mine, theirs):
-        return _NO_DATA
+    _require(top, mine, theirs)
     largest = results.missions[int(np.argmax(top))]
     parts = [bool(np.median(mine) > np.median(theirs)), largest in bursts]
     text = (

@@ -78,7 +78,7 @@ def test_verdicts_are_counted_over_resampled_routes(monkeypatch: pytest.MonkeyPa
             assert sum(CLASSES[m] == name for m in names) == 2
         return Judgement(verdict="holds" if first in names else "does not hold", figures="")
 
-    monkeypatch.setattr(routes_study, "CLAIMS", (Claim(number=1, text="", criterion="", judge=drawn),))
+    monkeypatch.setattr(routes_study, "CLAIMS", (Claim(number=1, text="", criterion="", test=drawn),))
     results = Results(rows={}, missions=list(CLASSES))
     ((_, whole, shares),) = judge(results, CLASSES, 1)
     assert whole.verdict == "holds"
