@@ -35,6 +35,11 @@ class Finding:
     what: str = ""
     """What it is, and what its limits are."""
 
+    @property
+    def number(self) -> float:
+        """The value as a number; NaN of a word, and where the study could not tell."""
+        return float(self.value) if isinstance(self.value, int | float) else math.nan
+
     def __format__(self, spec: str) -> str:
         """Format as text: a Python format, `low` or `high` before it for a limit, ` i` after it to add the limits.
 

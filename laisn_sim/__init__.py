@@ -262,4 +262,4 @@ def study(
     _require_own_packages()
     from experiments.study.folder import run
 
-    return run(source, keys, out=out, workers=workers, cluster=cluster, force=force)
+    return run(source, keys, out, workers=workers, cluster=cluster, force=force)

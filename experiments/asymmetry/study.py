@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import pyarrow as pa
 
@@ -23,7 +23,7 @@ from experiments.asymmetry.missions_page import Results
 from experiments.asymmetry.report import write_report
 from experiments.asymmetry.tau import Curves, fly_curves
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design
+from experiments.campaign.campaign import Design, Means
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import Record, columns_of, write_table
 from experiments.campaign.tasks import Task, typed
@@ -46,29 +46,22 @@ def run(
     folder: Path,
     *,
     quick: bool = False,
-    workers: int | None = None,
-    cluster: str | None = None,
-    force: bool = False,
-    quiet: bool = False,
     film: Callable[[Example, Path], Path | None] | None = None,
+    **means: Unpack[Means],
 ) -> Path:
     """Fly the study, or what is missing of it, and write tables and report.
 
     Args:
         folder: of the results; made if it is not there.
         quick: a first look: three conditions, two routes, short missions.
-        workers: local processes; None: one for each core.
-        cluster: address of a Dask scheduler (tcp://…); its workers compute instead.
-        force: compute everything again.
-        quiet: show no progress.
         film: renders the film of the example into the folder, or gives None where that cannot be done.
+        means: as of `campaign.fly`.
 
     Returns:
         The report.
 
     Raises:
-        ValueError: the folder holds results of another version, or the cluster cannot be used.
-        CampaignError: a process died; what was computed is stored.
+        LaisnError: as of `campaign.fly`.
     """
     plan = QUICK if quick else Plan()
     conditions = QUICK_CONDITIONS if quick else CONDITIONS
@@ -81,7 +74,7 @@ def run(
         what="fleets",
         ahead=partial(_first_look, conditions[0], plan),
     )
-    flown = campaign.fly(design, folder, workers=workers, cluster=cluster, force=force, quiet=quiet).tasks
+    flown = campaign.fly(design, folder, **means).tasks
 
     with compiling_shown():
         chart: pa.Table = measure_map(quick_grid() if quick else full_grid(), NavigationSettings(side_rule="predicted"))

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from experiments.campaign import missions
 from experiments.campaign.plans import CellPlan, compute
@@ -27,6 +27,19 @@ Facts = Callable[[Scenario, Trajectory], list[Record]]
 
 _BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
+
+
+class Means(TypedDict, total=False):
+    """How a campaign is flown, which changes nothing of what comes out."""
+
+    workers: int | None
+    """Local processes; None: one for each core."""
+    cluster: str | None
+    """Address of a Dask scheduler (tcp://…); its workers compute instead."""
+    force: bool
+    """Compute everything again."""
+    quiet: bool
+    """Show no progress."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,38 +187,27 @@ def compute_cells(plans: Sequence[CellPlan], store: Store, pool: Pool, *, quiet:
                 advance()
 
 
-def fly(
-    design: Design,
-    folder: Path,
-    *,
-    workers: int | None = None,
-    cluster: str | None = None,
-    force: bool = False,
-    quiet: bool = False,
-    tolerant: bool = False,
-) -> Flown:
+def fly(design: Design, folder: Path, *, tolerant: bool = False, **means: Unpack[Means]) -> Flown:
     """Fly a design, or what is missing of it.
 
     Args:
         design: the cells and tasks.
         folder: of the results; made if it is not there.
-        workers: local processes; None: one for each core.
-        cluster: address of a Dask scheduler (tcp://…); its workers compute instead.
-        force: compute everything again.
-        quiet: show no progress.
         tolerant: go on without what cannot be flown.
+        means: as of `Means`.
 
     Returns:
         What came out: the same whatever the workers and interruptions.
 
     Raises:
-        LaisnError: the folder is of another version, the cluster cannot be used, or an
-            estimate diverged.
+        LaisnError: the folder is of another version, the cluster cannot be used, or an estimate diverged.
         CampaignError: a process died, the sources changed, or, unless `tolerant`, something cannot be flown; what was
             computed is stored.
     """
+    workers, cluster, quiet = means.get("workers"), means.get("cluster"), means.get("quiet", False)
     processes = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
-    store, facts, compiling = Store(folder, force=force), design.facts, cluster is None and not quiet
+    store, facts = Store(folder, force=means.get("force", False)), design.facts
+    compiling = cluster is None and not quiet
     cells = missing_cells(design.cells, store)
     motions = {plan.motion: plan.scenario for plan in cells}
     if facts:

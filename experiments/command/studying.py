@@ -196,13 +196,15 @@ def estimators(
     quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
     workers: WorkersOption = None,
     out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
 ) -> None:
     """Compare LAISN-2, the tightly coupled navigator, and the least error that is possible."""
     from experiments.estimators import report, study
     from experiments.findings import FILE, read
 
     folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
-    found = study.run(folder, quick=quick, workers=workers)
+    found = study.run(folder, quick=quick, workers=workers, force=force, cluster=cluster)
     say(f"report in {report.write_page(read(folder / FILE), found, folder / 'report.html', quick=quick)}")
 
 
@@ -211,13 +213,17 @@ def formation(
     runs: Annotated[
         int | None, typer.Option(min=1, max=10_000, help="runs of each condition, in place of the study's own number")
     ] = None,
+    workers: WorkersOption = None,
     out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
 ) -> None:
     """Fly ten followers in formation through currents, waves, losses and navigators."""
     from experiments.findings import FILE, read
     from experiments.formation import report, study
 
     folder = out or Path("out") / ("formation-quick" if quick else "formation")
-    study.run(folder, runs or (2 if quick else study.RUNS), 100.0 if quick else study.DURATION_S)
+    size = runs or (2 if quick else study.RUNS), 100.0 if quick else study.DURATION_S
+    study.run(folder, *size, workers=workers, force=force, cluster=cluster)
     page = report.write_page(read(folder / FILE), folder / "report.html", quick=quick)
     say(f"report in {page}")

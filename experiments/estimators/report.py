@@ -33,7 +33,7 @@ _HEADS = ["E_P [m]", "LAISN-2 [m]", "over LAISN-2", "worst", "RMS over bound", "
 
 def _value(findings: Findings, key: str, digits: int = 2) -> Cell:
     found = findings.findings.get(key)
-    return number(None if found is None or not isinstance(found.value, int | float) else found.value, digits)
+    return number(None if found is None else found.number, digits)
 
 
 def _row(findings: Findings, key: str, *first: Cell) -> list[Cell]:
@@ -49,7 +49,7 @@ def _row(findings: Findings, key: str, *first: Cell) -> list[Cell]:
         with_limits(f[f"nees {key}"]),
         _value(findings, f"nees-least {key}"),
         _value(findings, f"nees-most {key}"),
-        number(100.0 * float(f[f"inside {key}"].value or 0.0), 0),
+        number(100.0 * f[f"inside {key}"].number, 0),
         with_limits(f[f"nis {key}"]),
         share_of(f[f"captured {key}"]),
         share_of(f[f"captured-laisn-2 {key}"]),

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.findings import Finding, Findings
+from experiments.findings import Findings
 from experiments.flight.library import load
 from experiments.formation.channel import RATES, asked_interval_s, message_bits, reach_m, shortest_interval_s
 from experiments.formation.conditions import CONDITIONS
@@ -50,17 +50,13 @@ _SERIES = (("run-median", SERIES[0], "o"), ("worst", SERIES[1], "D"), ("max", SE
 _LEGEND = ("median follower's RMS and its 95 % interval", "worst follower's RMS", "largest distance at any time")
 
 
-def _value(finding: Finding) -> float:
-    return np.nan if not isinstance(finding.value, int | float) else float(finding.value)
-
-
 def picture(findings: Findings) -> tuple[Figure, list[tuple[Colour, str]]]:
     """Distance from the station in each condition, the first of them at the top; a bar is a 95 % interval."""
     places = np.arange(len(CONDITIONS), dtype=np.float64)[::-1]
     lines = []
     for key, colour, marker in _SERIES:
         found = [findings[f"{key} {condition.name}"] for condition in CONDITIONS]
-        values = np.array([_value(finding) for finding in found])
+        values = np.array([finding.number for finding in found])
         lines.append(Line(x=values, y=places, colour=colour, marker=marker, size=4.5))
         lines += [
             Line(x=np.array([finding.low, finding.high]), y=np.repeat(place, 2), colour=colour, width=1.6)
@@ -89,18 +85,18 @@ def picture(findings: Findings) -> tuple[Figure, list[tuple[Colour, str]]]:
 
 def _row(findings: Findings, name: str, title: str) -> list[Cell]:
     def plain(what: str, digits: int = 2) -> Cell:
-        return number(_value(findings[f"{what} {name}"]), digits)
+        return number(findings[f"{what} {name}"].number, digits)
 
     lost = findings[f"lost-runs {name}"]
     # without a turn on the way there is no largest distance in it
-    turn = _value(findings[f"turn {name}"]) or None
+    turn = findings[f"turn {name}"].number or None
     return [
         words(title),
         with_limits(findings[f"run-median {name}"]),
         *(plain(what) for what in ("worst", "p95", "max", "leg")),
         number(turn),
         with_limits(findings[f"error {name}"]),
-        Cell(text=f"{lost.value} {lost.what.removeprefix('followers lost, ')}", sort=_value(lost)),
+        Cell(text=f"{lost.value} {lost.what.removeprefix('followers lost, ')}", sort=lost.number),
         share_of(findings[f"lost {name}"]),
         plain("closest", 1),
         plain("within", 1),
@@ -141,8 +137,8 @@ def _weaves(findings: Findings) -> list[Text | Table]:
         rows.append([
             number(amplitude, 0),
             number(period if amplitude else None, 0),
-            *(number(_value(findings[f"{name} {behind}"])) for behind in BEHIND),
-            number(100.0 * _value(findings[f"{name} way"]), 1),
+            *(number(findings[f"{name} {behind}"].number) for behind in BEHIND),
+            number(100.0 * findings[f"{name} way"].number, 1),
         ])  # fmt: skip
     about = (
         "On the axis of two transmitters a follower can tell neither port from starboard nor well how far it is aside. "

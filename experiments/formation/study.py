@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design
+from experiments.campaign.campaign import Design, Means
 from experiments.campaign.tasks import with_arrays
 from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.flight.swarm import simulate_swarm
@@ -126,8 +127,8 @@ def findings_of(found: Mapping[str, Sequence[Run]]) -> Findings:
     return record("formation", COMMAND, MODULES, named)
 
 
-def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S) -> None:
-    """Fly all conditions, or what is missing of them, and write the record into a folder."""
+def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S, **means: Unpack[Means]) -> None:
+    """Fly all conditions, or what is missing, and write the record into a folder; `means` as of `campaign.fly`."""
     tasks = {
         (c.name, number): partial(measure, c, number, duration_s)
         for number in range(runs)
@@ -135,7 +136,7 @@ def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S) -> None:
         if number % c.share == 0
     }
     design = Design(tasks=tasks, what="formations", ahead=partial(measure, CONDITIONS[0], 0, 3.0))
-    flown = campaign.fly(design, folder).tasks
+    flown = campaign.fly(design, folder, **means).tasks
     found: dict[str, list[Run]] = {condition.name: [] for condition in CONDITIONS}
     for (name, _), (row,) in flown.items():
         found[name].append(Run(**with_arrays(row)))

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, Flown
+from experiments.campaign.campaign import Design, Flown, Means
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Record, columns_of, write_csv, write_table
 from experiments.findings import FILE
@@ -76,11 +77,8 @@ def reproduce(
     runs: int = 60,
     missions: int | None = None,
     seed: int = 1,
-    workers: int | None = None,
     out: Path | None = None,
-    force: bool = False,
-    cluster: str | None = None,
-    quiet: bool = False,
+    **means: Unpack[Means],
 ) -> Path:
     """Fly the paper's stages, write `tables.parquet`, `tables.csv`, `results.json` and `report.html`.
 
@@ -90,18 +88,14 @@ def reproduce(
         runs: of each cell.
         missions: routes drawn for each class of the paper's routes, in place of the paper's eight; None: the eight.
         seed: key of all random numbers.
-        workers: local processes; None: one for each core.
         out: folder; None: out/reproduce-MOTION.
-        force: compute everything again.
-        cluster: address of a Dask scheduler to compute on.
-        quiet: show no progress.
+        means: as of `campaign.fly`.
 
     Returns:
         The report.
 
     Raises:
-        LaisnError: unknown stage or motion, no runs, a folder of another version, an unusable cluster.
-        WorkerDiedError: a process died; what was computed is stored.
+        LaisnError: unknown stage or motion, no runs, or as of `campaign.fly`.
     """
     settings = stages.settings_of(stage or None)
     if motion not in ("physics", "kinematic"):
@@ -110,8 +104,7 @@ def reproduce(
     folder = out or Path("out") / f"{name}-{motion}"
     followers = followers_of_the_paper() if missions is None else draw_followers(missions, seed)
     plans = plan_cells(settings, followers, motion=motion, runs=runs, seed=seed, keep_steps=missions is None)
-    design = Design(cells=list(plans.values()))
-    flown = campaign.fly(design, folder, workers=workers, cluster=cluster, force=force, quiet=quiet)
+    flown = campaign.fly(Design(cells=list(plans.values())), folder, **means)
     if missions is None:
         return _write(settings, plans, flown)
     return write_routes(settings, plans, flown)

@@ -54,7 +54,7 @@ def findings_of(reports: Sequence[TrackingReport], planned: TrackingReport) -> F
     each = [_findings(report, report.name) for report in reports]
     named: dict[str, Finding] = {key: finding for one in each for key, finding in one.items()}
     for row in zip(*(one.items() for one in each), strict=True):
-        quantity, values = row[0][0].partition(" ")[0], [float(finding.value or 0.0) for _, finding in row]
+        quantity, values = row[0][0].partition(" ")[0], [finding.number for _, finding in row]
         named[f"{quantity} least"] = plain(min(values), "of all vehicles", row[0][1].unit)
         named[f"{quantity} most"] = plain(max(values), "of all vehicles", row[0][1].unit)
     named |= _findings(planned, "T8-plan")

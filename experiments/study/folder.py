@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from experiments import findings
+from experiments.campaign.campaign import Means
 from experiments.findings import Finding
 from experiments.flight.table import Table
 from experiments.study.file import study_of
@@ -56,16 +57,10 @@ class StudyFolder:
 
 
 def run(
-    source: str | Path | Mapping[str, Any],
-    keys: Mapping[str, Any],
-    *,
-    out: str | Path | None,
-    workers: int | None,
-    cluster: str | None,
-    force: bool,
+    source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], out: str | Path | None, **means: Unpack[Means]
 ) -> StudyFolder:
     """Fly a study and give its results; arguments and errors as of `laisn_sim.study`."""
     study = study_of(source if isinstance(source, Mapping) else str(source), keys)
     folder = Path("out") / study.name if out is None else Path(out)
-    run_study(study, folder, workers=workers, cluster=cluster, force=force, quiet=True)
+    run_study(study, folder, **(means | {"quiet": True}))
     return StudyFolder(folder)

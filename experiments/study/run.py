@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from experiments.campaign import campaign, missions
-from experiments.campaign.campaign import Design
+from experiments.campaign.campaign import Design, Means
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Record, columns_of
 from experiments.flight.fly import fly
@@ -72,36 +72,19 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
     return {"point": entry.point, **point, "arm": entry.arm, "sea": entry.sea, "follower": name, **drawn}
 
 
-def first_messages(entry: Entry) -> None:
-    """Fly an entry as far as its second message: compiling is all that takes time."""
-    fly(entry.scenario.first_messages)
-
-
-def fly_study(
-    plan: Plan,
-    folder: Path,
-    *,
-    workers: int | None = None,
-    cluster: str | None = None,
-    force: bool = False,
-    quiet: bool = False,
-) -> Outcomes:
+def fly_study(plan: Plan, folder: Path, **means: Unpack[Means]) -> Outcomes:
     """Fly a study, or what is missing of it.
 
     Args:
         plan: of the study.
         folder: of the results; made if it is not there.
-        workers: local processes; None: one for each core.
-        cluster: address of a Dask scheduler (tcp://…); its workers fly instead.
-        force: compute everything again.
-        quiet: show no progress.
+        means: as of `campaign.fly`.
 
     Returns:
         Rows in the order of the plan: the same whatever the workers and interruptions.
 
     Raises:
-        LaisnError: the folder is of another version, the cluster cannot be used, or an estimate diverged.
-        CampaignError: a process died or the sources changed; what was computed is stored.
+        LaisnError: as of `campaign.fly`.
     """
     cells = {entry.place: plans_of(entry, plan.study.runs) for entry in plan.entries}
     closed = [entry for entry in plan.entries if entry.closed_loop]
@@ -115,9 +98,9 @@ def fly_study(
         facts=facts_of,
         tasks=tasks,
         what="runs",
-        ahead=partial(first_messages, closed[0]) if closed else None,
+        ahead=partial(fly, closed[0].scenario.first_messages) if closed else None,
     )
-    flown = campaign.fly(design, folder, workers=workers, cluster=cluster, force=force, quiet=quiet, tolerant=True)
+    flown = campaign.fly(design, folder, tolerant=True, **means)
     outcomes = Outcomes(rows=[], runs=[])
     for entry in plan.entries:
         names = [(entry.place, run) for run in range(plan.study.runs)] if entry.closed_loop else [entry.motion]

@@ -4,12 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 import tomli_w
 
 from experiments.campaign import missions
-from experiments.campaign.campaign import compile_ahead
+from experiments.campaign.campaign import Means, compile_ahead
 from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.store import write_table
 from experiments.flight.fly import fly
@@ -18,7 +18,7 @@ from experiments.study.estimate import Results
 from experiments.study.file import Study, table_in
 from experiments.study.plan import Plan, plan_of
 from experiments.study.record import record_of
-from experiments.study.run import Outcomes, first_messages, fly_study, run_columns, table_columns
+from experiments.study.run import Outcomes, fly_study, run_columns, table_columns
 from laisn.failure import LaisnError
 from laisn.whole_files import replaced
 
@@ -49,7 +49,7 @@ def effort_of(plan: Plan, workers: int) -> Effort:
     entry, runs = plan.entries[0], plan.study.runs
     cells = sum(len(e.scenario.followers) for e in plan.entries)
     if entry.closed_loop:
-        first_messages(entry)
+        fly(entry.scenario.first_messages)
         start = perf_counter()
         fly(entry.scenario)
         seconds, size = plan.flights * (perf_counter() - start), 4_000 * plan.flights
@@ -98,22 +98,16 @@ def run_study(
     study: Study,
     folder: Path,
     *,
-    workers: int | None = None,
-    cluster: str | None = None,
-    force: bool = False,
-    quiet: bool = False,
     film: Callable[[Plan, Results, Path], Path | None] | None = None,
+    **means: Unpack[Means],
 ) -> Path:
     """Fly a study, or what is missing of it, and write its tables and its page.
 
     Args:
         study: as read from its file.
         folder: of the results.
-        workers: local processes; None: one for each core.
-        cluster: address of a Dask scheduler to fly on.
-        force: compute everything again.
-        quiet: show no progress.
         film: makes the film that is to stand on the page; None: there is none.
+        means: as of `campaign.fly`.
 
     Returns:
         The page.
@@ -123,6 +117,6 @@ def run_study(
         LaisnError: as of `fly_study` and `write_results`.
     """
     plan = plan_of(study)
-    outcomes = fly_study(plan, folder, workers=workers, cluster=cluster, force=force, quiet=quiet)
+    outcomes = fly_study(plan, folder, **means)
     filmed = film(plan, Results.of(outcomes.rows, outcomes.runs), folder) if film and outcomes.rows else None
     return write_results(plan, outcomes, folder, filmed)

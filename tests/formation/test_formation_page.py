@@ -3,6 +3,7 @@
 import re
 from html import unescape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -165,13 +166,18 @@ def test_the_command_flies_what_it_is_told_and_names_the_page(
 ) -> None:
     asked = []
 
-    def flown(folder: Path, runs: int, duration_s: float) -> None:
-        asked.append((runs, duration_s))
+    def flown(folder: Path, runs: int, duration_s: float, **means: Any) -> None:
+        asked.append((runs, duration_s, means))
         folder.mkdir(parents=True, exist_ok=True)
         findings.write(folder / "results.json")
 
     monkeypatch.setattr(study, "run", flown)
-    for told, expected in (([], (study.RUNS, 1000.0)), (["--quick"], (2, 100.0)), (["--runs", "7"], (7, 1000.0))):
+    usual = {"workers": None, "force": False, "cluster": None}
+    for told, expected in (
+        ([], (study.RUNS, 1000.0, usual)),
+        (["--quick", "--force"], (2, 100.0, usual | {"force": True})),
+        (["--runs", "7", "--workers", "1"], (7, 1000.0, usual | {"workers": 1})),
+    ):
         folder = tmp_path / str(len(asked))
         answer = CliRunner().invoke(app, ["formation", *told, "--out", str(folder)])
         assert answer.exit_code == 0, answer.output
