@@ -1,10 +1,12 @@
 """Settings of all tests."""
 
 import gc
+import io
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
@@ -71,6 +73,26 @@ def pytest_unconfigure() -> None:
     done in five.
     """
     gc.freeze()
+
+
+@pytest.fixture
+def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every figure is drawn like the first one: to draw it takes most of a page's time, and some tests ask no more."""
+    from matplotlib.figure import Figure
+
+    draw, first = Figure.savefig, []
+
+    def drawn(figure: Figure, stream: object, **given: Any) -> None:
+        if not isinstance(stream, io.StringIO):
+            draw(figure, stream, **given)
+            return
+        if not first:
+            own = io.StringIO()
+            draw(figure, own, **given)
+            first.append(own.getvalue())
+        stream.write(first[0])
+
+    monkeypatch.setattr(Figure, "savefig", drawn)
 
 
 @pytest.fixture

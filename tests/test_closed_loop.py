@@ -91,8 +91,8 @@ def test_who_knows_its_position_swims_as_if_told_the_truth() -> None:
     exact = ("sensors.speed_bias_m_s=0", "sensors.speed_sigma_m_s=0", "sensors.heading_bias_deg=0",
              "sensors.heading_sigma_deg=0", "acoustics.range_tau_m=[0,0,0]", "acoustics.range_scale_mean_m=0",
              "acoustics.range_scale_sigma_m=0")  # fmt: skip
-    flight, _ = fly(mission(*exact, duration=200.0))
-    told, _ = fly(mission(*exact, "followers.0.steers_by=truth", duration=200.0))
+    flight, _ = fly(mission(*exact, duration=100.0))
+    told, _ = fly(mission(*exact, "followers.0.steers_by=truth", duration=100.0))
     error = np.hypot(*(flight.estimates[0].state[:, :2] - flight.hydrophone(0)[:, :2]).T)
     apart = np.linalg.norm(flight.trajectory.position[:, 1] - told.trajectory.position[:, 1], axis=1)
     assert error.max() < 0.005
@@ -109,11 +109,11 @@ def test_who_hears_nothing_follows_its_log_and_compass_astray() -> None:
         "sensors.speed_sigma_m_s=0",
         "sensors.heading_bias_deg=5",
         "sensors.heading_sigma_deg=0",
-        duration=200.0,
+        duration=120.0,
     )
     flight, _ = fly(scenario)
     assert np.isnan(flight.measurements[0].ranges).all()
-    made_good = (flight.trajectory.position[2000, 1] - flight.trajectory.position[1000, 1]) / 100.0
+    made_good = (flight.trajectory.position[1200, 1] - flight.trajectory.position[600, 1]) / 60.0
     expected = 0.8 * np.array([-np.sin(np.deg2rad(5.0)), np.cos(np.deg2rad(5.0))])
     assert made_good[:2] == pytest.approx(expected, abs=0.005)
 

@@ -167,6 +167,7 @@ def test_what_missions_need_is_compiled_ahead():
     assert told == []
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
     report = asymmetry.run(tmp_path, quick=True, workers=1, quiet=True)
     first = report.read_bytes()

@@ -111,7 +111,7 @@ def test_with_the_papers_beta_a_noiseless_mission_is_exact_to_the_gain(variant: 
 def test_an_independent_navigator_agrees(variant: Variant, gate: GateRule, offset: tuple[float, float, float]) -> None:
     """On noisy missions with gross errors, lost messages and a leader whose speed is measured with noise."""
     random = np.random.default_rng(5)
-    measurements, _, start = mission(1500, noise=random, offset=offset)
+    measurements, _, start = mission(700, noise=random, offset=offset)
     ranges, message = measurements.ranges.copy(), measurements.message.copy()
     m = len(ranges)
     message[:, 4] += random.normal(0, 0.2, m)
@@ -132,8 +132,8 @@ def test_an_independent_navigator_agrees(variant: Variant, gate: GateRule, offse
     np.testing.assert_allclose(estimates.state[:, :2], np.array(expected)[:, :2], atol=1e-8)
     np.testing.assert_allclose(estimates.state[:, 2:], np.array(expected)[:, 2:], atol=1e-6)
     kinds = estimates.fix_kind.tolist()
-    assert kinds.count(FixKind.GATED) == oracle.rejected > 5
-    assert kinds.count(FixKind.LOST) == lost.sum() > 5
+    assert kinds.count(FixKind.GATED) == oracle.rejected > 2
+    assert kinds.count(FixKind.LOST) == lost.sum() > 2
     if offset[0] == -20.0 and variant in ("laisn-2", "laisn-3-1"):
         assert FixKind.ASTERN in kinds
 

@@ -26,6 +26,7 @@ def short(monkeypatch):
     monkeypatch.setattr(stages, "scenario", brief)
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_a_reproduction_writes_tables_and_report(tmp_path, short):
     report = reproduce.reproduce([1, 2], motion="kinematic", runs=2, out=tmp_path, workers=1, quiet=True)
     table = pq.read_table(tmp_path / "tables.parquet").to_pylist()
@@ -139,6 +140,7 @@ def test_more_routes_leave_those_before_as_they_were():
     assert routes_study.draw_followers(2, seed=5) != few
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_a_study_of_drawn_routes(tmp_path, short):
     report = reproduce.reproduce(
         [1], motion="kinematic", runs=2, missions=2, out=tmp_path, workers=1, quiet=True

@@ -19,6 +19,7 @@ from laisn.failure import LaisnError
 from sim.log.reader import read
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_flights_are_compared_with_the_settings_that_differ(tmp_path, monkeypatch):
     for name, bias in (("a", 0.1), ("b", 0.3)):
         scenario = load("T5", ["duration_s=20", f"sensors.speed_bias_m_s={bias}"])

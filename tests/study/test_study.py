@@ -246,6 +246,7 @@ def test_a_key_is_looked_at_though_its_values_are_at_fault():
     assert len(text.splitlines()) == 1 + 5 + 4
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_followers_that_steer_by_estimates_fly_every_run(tmp_path):
     one = study(
         """
@@ -267,6 +268,7 @@ followers.0.steers_by = "estimate"
     assert row["e_p_mean_m"] == pytest.approx(float(position.mean()), rel=1e-12)
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_captures_of_single_flights_are_those_of_cells(tmp_path):
     keys = {"scenario": "T7", "vary": {"followers.0.depth_m": [20]}, "set": {"duration_s": 80.0}}
     one = study(SMALL, seas=1, runs=8, arm=[], draw={}, **keys)
@@ -296,6 +298,7 @@ def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(var
     assert len({row["gated"] for row in rows}) > 1, "the mission cannot tell"
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_a_mission_that_cannot_be_flown_is_named_and_the_others_go_on(tmp_path, monkeypatch):
     from experiments.campaign import missions
     from experiments.campaign.store import CampaignError

@@ -70,23 +70,23 @@ def test_a_sobol_design_needs_a_power_of_two():
     ],
 )
 def test_draws_follow_their_law(given, law):
-    """The Kolmogorov-Smirnov test of 2000 seas; one in a thousand right draws would fail it, and seeds are fixed."""
+    """The Kolmogorov-Smirnov test of 1000 seas; one in a thousand right draws would fail it, and seeds are fixed."""
     draw = Draw.of("leader.mass", given)
-    assert stats.kstest([draw.value(1, sea) for sea in range(2000)], law.cdf).pvalue > 1e-3
+    assert stats.kstest([draw.value(1, sea) for sea in range(1000)], law.cdf).pvalue > 1e-3
 
 
 def test_choices_come_alike_often():
     draw = Draw.of("navigation.variant", {"choice": ["a", "b", "c"]})
-    found = [draw.value(1, sea) for sea in range(3000)]
+    found = [draw.value(1, sea) for sea in range(1000)]
     assert stats.chisquare([found.count(c) for c in "abc"]).pvalue > 1e-3
 
 
 def test_draws_of_keys_seas_and_seeds_are_independent():
     one, other = (Draw.of(key, {"uniform": [0, 1]}) for key in ("a", "b"))
-    x = [one.value(1, sea) for sea in range(2000)]
-    for y in ([other.value(1, sea) for sea in range(2000)], [one.value(2, sea) for sea in range(2000)],
-              [one.value(1, sea + 1) for sea in range(2000)]):  # fmt: skip
-        assert abs(np.corrcoef(x, y)[0, 1]) < 4 / math.sqrt(2000)
+    x = [one.value(1, sea) for sea in range(1000)]
+    for y in ([other.value(1, sea) for sea in range(1000)], [one.value(2, sea) for sea in range(1000)],
+              [one.value(1, sea + 1) for sea in range(1000)]):  # fmt: skip
+        assert abs(np.corrcoef(x, y)[0, 1]) < 4 / math.sqrt(1000)
 
 
 @pytest.mark.parametrize(
