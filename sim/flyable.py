@@ -143,13 +143,15 @@ def _crowded(scenario: Scenario) -> list[Misfit]:
     """Stations of one layer that meet where the leader turns, of followers that cannot give way."""
     layers = sorted(f.layer_m for f in scenario.followers if f.station)
     alone = all(b - a >= LEAST_LAYER_M for a, b in pairwise(sorted([*layers, scenario.leader.layer_m])))
-    if not layers or alone or scenario.formation.proximity:
+    if not layers or alone:
         return []
     # following stations takes the plant's libraries, which most scenarios need not wait for
-    from sim.station_plan import nearest_stations
+    from sim.station_plan import hardest_crossing, nearest_stations
 
+    near = scenario.formation.proximity
     try:
-        found = nearest_stations(scenario)
+        crossing = None if near is None else hardest_crossing(scenario, near.range_m)
+        found = nearest_stations(scenario) if near is None else crossing and crossing.meeting
     except LaisnError:
         return []  # told with the leader's route
     if found is None or found.apart_m >= LEAST_APART_M:
@@ -157,10 +159,22 @@ def _crowded(scenario: Scenario) -> list[Misfit]:
     names = ["the leader's place" if i < 0 else f"followers[{i}].station" for i in found.pair]
     text = (
         f"{' and '.join(names)}, in one layer, come within {found.apart_m:.2g} m of each other at {found.time_s:g} s "
-        f"of the leader's route; at least {LEAST_APART_M:g} m are needed: give them layers {LEAST_LAYER_M:g} m apart, "
-        "other places, or formation.proximity to give way by"
+        f"of the leader's route"
     )
-    return [Misfit(("followers", "formation", "leader"), text)]
+    elsewhere = f"give them layers {LEAST_LAYER_M:g} m apart, other places"
+    if near is None or crossing is None:
+        text += f"; at least {LEAST_APART_M:g} m are needed: {elsewhere}, or formation.proximity to give way by"
+        return [Misfit(("followers", "formation", "leader"), text)]
+    text += f" and close up at {crossing.closing_m_s:.2g} m/s"
+    if crossing.way_m_s < crossing.needed_m_s:
+        text += f"; to give way takes {crossing.needed_m_s:.2g} m/s through the water, one of them has "
+        text += f"{crossing.way_m_s:.2g}: {elsewhere}, or another course in this current"
+        return [Misfit(("followers", "formation", "leader", "ocean"), text)]
+    if near.range_m < LEAST_APART_M + crossing.braking_m:
+        text += f"; to brake in time they have to sense each other {LEAST_APART_M + crossing.braking_m:.2g} m away, "
+        text += f"formation.proximity.range_m is {near.range_m:g}: {elsewhere}, or a longer range"
+        return [Misfit(("followers", "formation.proximity.range_m", "leader"), text)]
+    return []
 
 
 def misfits(scenario: Scenario) -> list[Misfit]:

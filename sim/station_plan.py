@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from laisn.arrays import Floats, Ints
 from sim.assembly import route_of
-from sim.scenario.formation import LEAST_LAYER_M
-from sim.scenario.point_motion import plan
+from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
+from sim.scenario.point_motion import ACCELERATION, plan
 from sim.scenario.settings import Scenario
 from sim.station_keeping import stations_along
 
@@ -28,15 +29,49 @@ class Encounter(NamedTuple):
     time_s: float
 
 
-def nearest_stations(scenario: Scenario) -> Encounter | None:
-    """The two stations of one layer that come nearest to each other; None if no layer has two.
+class Crossing(NamedTuple):
+    """Two stations of one layer that meet, and what their followers have to give way with."""
 
-    Raises:
-        LaisnError: the leader's route cannot be flown.
-    """
+    meeting: Encounter
+    closing_m_s: float
+    """Fastest at which the stations come nearer to each other once their followers sense each other."""
+    way_m_s: float
+    """Speed through the water of the slower one of those who give way, when they begin to sense each other."""
+    needed_m_s: float
+    """What it takes: its share of the closing, and steerage way besides."""
+    braking_m: float
+    """Distance that they come nearer in until they have lost what they close up at."""
+
+
+class _Followed(NamedTuple):
+    """Stations of f followers and the leader, followed along the leader's plan."""
+
+    numbers: list[int]
+    """Of followers, −1 for the leader at the end, shape (f + 1,)."""
+    pairs: Ints
+    """Rows of two that are in one layer, shape (p, 2)."""
+    time: Floats
+    """Shape (n,), [s]."""
+    way: Floats
+    """East and north, shape (n, f + 1, 2), [m]."""
+    drift: Floats
+    """Current in each one's layer, shape (f + 1, 2), [m/s]."""
+
+    def meeting(self, i: int, j: int) -> Encounter:
+        """Where a pair is nearest to each other."""
+        apart = self.apart(i, j)
+        k = int(apart.argmin())
+        return Encounter((self.numbers[j], self.numbers[i]), float(apart[k]), float(self.time[k]))
+
+    def apart(self, i: int, j: int) -> Floats:
+        """Distance of a pair, shape (n,), [m]."""
+        return np.asarray(np.hypot(*(self.way[:, i] - self.way[:, j]).T))
+
+
+def _follow(scenario: Scenario) -> _Followed | None:
+    """Stations along the leader's plan; None if no layer has two."""
     kept = [(i, f.station) for i, f in enumerate(scenario.followers) if f.station]
     places = np.array([[s.behind_m, s.port_m, s.depth_m] for _, s in kept] + [[0.0, 0.0, scenario.leader.layer_m]])
-    numbers = [i for i, _ in kept] + [-1]
     alike = np.abs(places[:, None, 2] - places[None, :, 2]) < LEAST_LAYER_M
     pairs = np.argwhere(np.tril(alike, -1))
     if not pairs.size:
@@ -44,15 +79,58 @@ def nearest_stations(scenario: Scenario) -> Encounter | None:
     time = np.arange(0.0, scenario.duration_s + _STEP_S, _STEP_S)
     leader = plan(route_of(scenario.leader, "leader")).at(time)
     ocean, towards = scenario.ocean, np.deg2rad(scenario.ocean.current_direction_deg)
-    drift = ocean.current_speed_m_s - ocean.current_shear_per_s * scenario.leader.layer_m
+    speeds = ocean.current_speed_m_s - ocean.current_shear_per_s * places[:, 2]
+    drift = speeds[:, None] * np.array([np.sin(towards), np.cos(towards)])
     through = np.hypot(
-        leader.speed * np.sin(leader.course) - drift * np.sin(towards),
-        leader.speed * np.cos(leader.course) - drift * np.cos(towards),
+        leader.speed * np.sin(leader.course) - drift[-1, 0],
+        leader.speed * np.cos(leader.course) - drift[-1, 1],
     )
     way = np.column_stack([leader.east, leader.north])
     found = stations_along(way, through, leader.course, places, scenario.formation, _STEP_S)[..., :2]
-    least = [np.hypot(*(found[:, i] - found[:, j]).T) for i, j in pairs]
-    nearest = int(np.argmin([apart.min() for apart in least]))
-    i, j = pairs[nearest]
-    k = int(least[nearest].argmin())
-    return Encounter((numbers[j], numbers[i]), float(least[nearest][k]), float(time[k]))
+    return _Followed([i for i, _ in kept] + [-1], pairs, time, found, drift)
+
+
+def nearest_stations(scenario: Scenario) -> Encounter | None:
+    """The two stations of one layer that come nearest to each other; None if no layer has two.
+
+    Raises:
+        LaisnError: the leader's route cannot be flown.
+    """
+    followed = _follow(scenario)
+    if followed is None:
+        return None
+    return min((followed.meeting(i, j) for i, j in followed.pairs), key=lambda met: met.apart_m)
+
+
+def hardest_crossing(scenario: Scenario, reach_m: float) -> Crossing | None:
+    """Of stations of one layer that meet, the two whose followers have the least way to lose for what it takes.
+
+    Who gives way loses way through the water, and keeps steerage way: in a following current little is left to lose.
+
+    Args:
+        scenario: mission.
+        reach_m: distance at which followers sense each other.
+
+    Returns:
+        None if no two come as near as stations of one layer must not.
+
+    Raises:
+        LaisnError: the leader's route cannot be flown.
+    """
+    followed, crossings = _follow(scenario), []
+    for i, j in [] if followed is None else followed.pairs:
+        assert followed is not None  # it has pairs
+        meeting, apart = followed.meeting(i, j), followed.apart(i, j)
+        if meeting.apart_m >= LEAST_APART_M:
+            continue
+        nearest = int(apart.argmin())
+        outside = np.flatnonzero(apart[:nearest] >= reach_m)
+        sensed = int(outside[-1]) if outside.size else 0
+        closing = -float(np.diff(apart[sensed : nearest + 1], prepend=apart[sensed]).min()) / _STEP_S
+        # the leader gives way to nobody
+        able = [n for n in (i, j) if followed.numbers[n] >= 0]
+        step = (followed.way[sensed + 1] - followed.way[sensed]) / _STEP_S - followed.drift
+        way = min(float(np.hypot(*step[n])) for n in able)
+        needed = closing / len(able) + scenario.formation.least_way_m_s
+        crossings.append(Crossing(meeting, closing, way, needed, closing**2 / (2.0 * len(able) * ACCELERATION)))
+    return min(crossings, key=lambda crossing: crossing.way_m_s - crossing.needed_m_s, default=None)

@@ -8,7 +8,7 @@ import pytest
 from sim import flyable
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
-from sim.station_plan import nearest_stations
+from sim.station_plan import hardest_crossing, nearest_stations
 
 LEFT = {"waypoints": [[0, 0, 0], [60, 60, 0], [200, 60, 140]]}
 STRAIGHT = {"waypoints": [[0, 0, 0], [200, 200, 0]]}
@@ -85,9 +85,50 @@ GRID = {"kind": "grid", "count": 12, "layer_m": 0.0}
 def test_stations_that_meet_in_the_turn_are_refused_unless_followers_give_way() -> None:
     with pytest.raises(ValueError, match=r"followers\[\d+\].station and followers\[\d+\].station, in one layer"):
         told({"formation": {"shape": GRID}})
-    told({"formation": {"shape": GRID, "proximity": {}}})
+    told({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}})
+    with pytest.raises(ValueError, match=r"sense each other 5\.\d m away, formation.proximity.range_m is 5: give"):
+        told({"formation": {"shape": GRID, "proximity": {}}})
     told({"formation": {"shape": GRID | {"layer_m": 1.0, "layers": 4}}})
     told({"formation": {"shape": GRID}, "leader": STRAIGHT})
+
+
+@pytest.mark.parametrize(
+    ("place", "depth", "share"),
+    [((50.0, 45.0), 12.0, 0.5), ((50.0, 45.0), 25.0, 0.5), ((40.0, 40.0), 8.0, 1.0)],
+)
+def test_who_gives_way_needs_its_share_of_the_closing_and_steerage_way(
+    place: tuple[float, float], depth: float, share: float
+) -> None:
+    """Of two that meet round a right angle at 1 m/s, one has yet to turn: they close up at √2 m/s, less the hundredth
+    that its rounded corner keeps them off the diagonal. The leader gives way to nobody. Before the corner the current
+    takes of their way what it has in their layer.
+    """
+    other = () if share == 1.0 else ((10.0, 5.0, depth),)
+    scenario = mission(*other, (*place, depth), **STIFF)
+    ocean = {"current_speed_m_s": 0.3, "current_direction_deg": 90.0, "current_shear_per_s": 0.005}
+    for current, way in ((None, 1.0), (ocean, 1.0 - (0.3 - 0.005 * depth))):
+        sea = scenario.ocean.model_copy(update=current or {})
+        crossing = hardest_crossing(scenario.model_copy(update={"ocean": sea}), 40.0)
+        assert crossing is not None
+        assert crossing.meeting.apart_m == pytest.approx(0.0, abs=0.02)
+        assert crossing.closing_m_s == pytest.approx(np.sqrt(2.0), abs=0.02)
+        assert crossing.needed_m_s == pytest.approx(share * np.sqrt(2.0) + 0.2, abs=0.02)
+        # both brake at 0.2 m/s², or one alone
+        assert crossing.braking_m == pytest.approx(share * 2.0 / (2.0 * 0.2), abs=0.1)
+        assert crossing.way_m_s == pytest.approx(way, abs=0.01)
+
+
+def test_stations_that_keep_apart_have_nothing_to_give_way_to() -> None:
+    assert hardest_crossing(mission((10.0, 5.0, 12.0), (20.0, 25.0, 12.0), **STIFF), 8.0) is None
+    assert hardest_crossing(mission((10.0, 5.0, 12.0), (20.0, 15.0, 13.0), **STIFF), 8.0) is None
+
+
+def test_followers_that_cannot_give_way_are_refused_in_a_following_current_alone() -> None:
+    formation = {"shape": GRID, "proximity": {"range_m": 8.0}}
+    for direction in (180.0, 270.0):
+        told({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": direction}})
+    with pytest.raises(ValueError, match=r"close up at 1\.\d+ m/s; to give way takes 0\.9\d+ m/s .* has 0\.49:"):
+        told({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": 90.0}})
 
 
 def test_layers_are_taken_in_turn() -> None:
