@@ -98,8 +98,8 @@ def test_one_module_knows_filterpy(module: str) -> None:
 
 def late(path: Path) -> set[str]:
     """What a source imports within functions."""
-    functions = [n for n in ast.walk(ast.parse(path.read_bytes())) if isinstance(n, ast.FunctionDef)]
-    inside = [node for function in functions for node in ast.walk(function)]
+    functions = [n for n in house.statements(ast.parse(path.read_bytes()).body) if isinstance(n, ast.FunctionDef)]
+    inside = [node for function in functions for node in house.statements(function.body)]
     plain = {alias.name for node in inside if isinstance(node, ast.Import) for alias in node.names}
     modules = [(node.module or "", node.names) for node in inside if isinstance(node, ast.ImportFrom)]
     return plain | {f"{module}.{alias.name}" for module, names in modules for alias in names}
