@@ -92,6 +92,18 @@ def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: f
         np.testing.assert_allclose(memory, kept, rtol=1e-9, atol=1e-12)
 
 
+def test_a_hull_turns_about_its_origin_wherever_its_mass_lies() -> None:
+    """Steiner: a centre 0.3 m ahead adds 0.09 m to both moments of inertia, and no righting."""
+    plant = Plant([VehicleSetup(name="leader", model="leader", position_m=(0.0, 0.0, -10.0))], Ocean.calm())
+    (before,) = autopilot.design(plant, ("pitch",)).copy()
+    body = plant.model.body("leader/hull")
+    body.ipos[0] += 0.3
+    (after,) = autopilot.design(plant, ("pitch",))
+    for name in ("yaw_inertia", "pitch_inertia"):
+        assert after[name] - before[name] == pytest.approx(0.09 * body.mass[0])
+    assert after["righting"] == before["righting"]
+
+
 def test_levers_and_coefficients_are_those_of_the_mjcf() -> None:
     """What a hull's own law needs, read from its MJCF by name, in water of another density."""
     for model in ("leader", "follower"):

@@ -231,6 +231,14 @@ def test_a_point_that_obeys_arrives(law: int) -> None:
     assert abs(off[0]) < (0.05 if law == CONSTANT_BEARING else 1.0)
 
 
+@pytest.mark.parametrize(("velocity", "asked"), [((4.0, 3.0), 2.5), ((0.04, 0.03), 0.2), ((0.8, 0.6), 1.0)])
+def test_a_station_too_fast_or_too_slow_is_followed_at_the_limit(velocity: tuple[float, float], asked: float) -> None:
+    """Along the way of the station, of which nothing is lacking."""
+    target = Target(0.0, 0.0, *velocity, *velocity)
+    found = approach(LAW._replace(least_way=0.0), target, (0.0, 0.0), (0.0, 0.0), 0.1, 0.0)
+    assert found == pytest.approx((0.8 * asked, 0.6 * asked, 0.0))
+
+
 def test_a_far_station_is_approached_at_the_greatest_speed_and_a_near_one_in_proportion() -> None:
     target = Target(0.0, 0.0, 1.0, 0.0, 1.0, 0.0)
     assert approach(LAW, target, (-1e6, 0.0), (0.0, 0.0), 0.1, 0.0)[:2] == pytest.approx((2.0, 0.0))

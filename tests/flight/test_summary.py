@@ -61,6 +61,15 @@ def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) 
         assert {kind: count for kind, count in row["fixes"].items() if count} == kinds
 
 
+def test_a_notebook_shows_mean_and_largest_error_of_each_follower(flight: Flight) -> None:
+    shown = flight._repr_html_()
+    for i, estimates in enumerate(flight.estimates):
+        error = np.linalg.norm(estimates.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1)
+        assert f"<td>follower{i + 1}</td><td>{error.mean():.2f} m</td><td>{error.max():.2f} m</td>" in shown
+    assert shown.index("mean E_P") < shown.index("largest E_P")
+    assert "2 followers" in shown
+
+
 def test_the_summary_names_those_that_came_nearest(flight: Flight) -> None:
     summary, trajectory = summarise(flight, position_and_bearing_errors(flight)), flight.trajectory
     for axes, what in ((3, "approach"), (2, "horizontal")):

@@ -122,6 +122,12 @@ def test_malformed_depths_are_refused(points, message):
         DepthProfile.through(points)
 
 
+def test_legs_of_less_than_a_second_may_be_asked_for_and_none_of_no_time():
+    assert RouteClass(leg_time=(0.5, 2.0)).leg_time == (0.5, 2.0)
+    with pytest.raises(ValueError, match="legs that take time"):
+        RouteClass(leg_time=(0.0, 2.0))
+
+
 @examples(20)
 @given(st.integers(0, 2**32), st.sampled_from(sorted(CLASSES)))
 def test_random_routes_keep_to_their_class(seed, name):
@@ -135,6 +141,12 @@ def test_random_routes_keep_to_their_class(seed, name):
     assert follower.speed.max() <= route_class.speed_max + 1e-9
     assert route.leg_speed.min() >= route_class.speed_min
     assert route.time[-1] == 1000
+    # legs are drawn between two times; the last may be longer by what would have been too short for one of its own
+    shortest, longest = route_class.leg_time
+    legs = np.diff(route.time)
+    assert shortest - 0.5 <= legs.min()
+    assert legs[:-1].max() <= longest + 0.5
+    assert legs[-1] <= longest + shortest
     east, north = route.waypoint.T - np.array([np.interp(route.time, MISSION, m) for m in (leader.east, leader.north)])
     bearing = np.arctan2(east, north) - np.interp(route.time, MISSION, leader.course)
     # within a degree, as the leader turns by that much in a tick

@@ -120,6 +120,10 @@ def test_random_error_is_that_of_the_filter_itself() -> None:
     # 3 s later a share 1/e of it is left
     assert np.mean(history[-31] * history[-1]) == pytest.approx(sigma**2 / np.e, abs=0.02 * sigma**2)
     assert random_error(sensors.model_copy(update={"leader_gyro_time_constant_s": 0.0})) == (np.deg2rad(0.5), 0.0)
+    # in closed form: what a step adds, over what it takes away
+    kept, step = np.exp(-0.1 / 3.0), np.deg2rad(12.0 / 60.0) * np.sqrt(0.1)
+    added = (kept * step) ** 2 + (share * np.deg2rad(0.5)) ** 2
+    assert sigma == pytest.approx(np.sqrt(added / (1.0 - kept**2)), rel=1e-12)
     # any gyros make it smaller, those of a second too
     quick = random_error(sensors.model_copy(update={"leader_gyro_time_constant_s": 1.0}))
     assert quick.time == 1.0
