@@ -78,22 +78,30 @@ def test_nothing_imports_the_command() -> None:
     assert not [m for m in outside for name in IMPORTS[m] if within(name, "experiments.command")]
 
 
-@pytest.mark.parametrize("module", [m for m in IMPORTS if within(m, "laisn")])
-def test_laisn_knows_no_simulator(module: str) -> None:
-    assert all(within(name, "laisn") for name in IMPORTS[module])
-    assert not re.search(r"^\s*(import|from) mujoco", SOURCES[module].read_text(encoding="utf-8"), flags=re.MULTILINE)
+def imported_by(package: str) -> set[tuple[str, str]]:
+    """Pairs of a module of a package and a module of this project that it imports."""
+    return {(module, name) for module in IMPORTS if within(module, package) for name in IMPORTS[module]}
 
 
-@pytest.mark.parametrize("module", [m for m in IMPORTS if within(m, "sim")])
-def test_the_world_speaks_only_the_vocabulary_of_navigation(module: str) -> None:
-    assert not [name for name in IMPORTS[module] if within(name, "experiments")]
-    assert {name for name in IMPORTS[module] if within(name, "laisn")} <= VOCABULARY
+def knowing(library: str) -> list[str]:
+    """Modules of `laisn` that import a library."""
+    line = re.compile(rf"^\s*(import|from) {library}", flags=re.MULTILINE)
+    return [m for m in IMPORTS if within(m, "laisn") and line.search(SOURCES[m].read_text(encoding="utf-8"))]
 
 
-@pytest.mark.parametrize("module", [m for m in IMPORTS if within(m, "laisn")])
-def test_one_module_knows_filterpy(module: str) -> None:
-    knows = re.search(r"^\s*(import|from) filterpy", SOURCES[module].read_text(encoding="utf-8"), flags=re.MULTILINE)
-    assert bool(knows) == (module == "laisn.filter")
+def test_laisn_knows_no_simulator() -> None:
+    assert {pair for pair in imported_by("laisn") if not within(pair[1], "laisn")} == set()
+    assert knowing("mujoco") == []
+
+
+def test_the_world_speaks_only_the_vocabulary_of_navigation() -> None:
+    found = imported_by("sim")
+    assert {pair for pair in found if within(pair[1], "experiments")} == set()
+    assert {pair for pair in found if within(pair[1], "laisn") and pair[1] not in VOCABULARY} == set()
+
+
+def test_one_module_knows_filterpy() -> None:
+    assert knowing("filterpy") == ["laisn.filter"]
 
 
 def late(path: Path) -> set[str]:

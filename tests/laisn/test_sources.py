@@ -24,13 +24,17 @@ def parsed(module: str, text: str, package: bool) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_no_import_of_this_project_is_overlooked(path):
-    package = path.name == "__init__.py"
-    place = path.parent if package else path.with_suffix("")
-    module = ".".join(place.relative_to(ROOT).parts)
-    text = path.read_text(encoding="utf-8")
-    assert parsed(module, text, package) <= set(sources.imports(module, text.encode(), package=package))
+def test_no_import_of_this_project_is_overlooked():
+    overlooked = {}
+    for path in FILES:
+        package = path.name == "__init__.py"
+        place = path.parent if package else path.with_suffix("")
+        module = ".".join(place.relative_to(ROOT).parts)
+        text = path.read_text(encoding="utf-8")
+        found = set(sources.imports(module, text.encode(), package=package))
+        overlooked[module] = parsed(module, text, package) - found
+    assert len(overlooked) > 300
+    assert {module: names for module, names in overlooked.items() if names} == {}
 
 
 @pytest.mark.parametrize(
