@@ -107,7 +107,11 @@ def _tight_settings(scenario: Scenario, height: float) -> TightSettings:
         slip = SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0
     return TightSettings(
         assume=Assume(
-            exact_leader=assume.exact_leader, drift=assume.drift, current=assume.current, offsets=assume.offsets
+            exact_leader=assume.exact_leader,
+            drift=assume.drift,
+            deviation=assume.deviation,
+            current=assume.current,
+            offsets=assume.offsets,
         ),
         transmitters=assume.transmitters,
         dt=scenario.timing.filter_step_s,

@@ -11,6 +11,8 @@ SPEED_DRIFT, SPEED_PERIOD = 0.1, 300.0
 """Sinusoidal drift of the log's bias: amplitude [m/s] and period [s]."""
 HEADING_DRIFT, HEADING_PERIOD = float(np.deg2rad(3.0)), 400.0
 """Sinusoidal drift of the compass's bias: amplitude [rad] and period [s]."""
+DEVIATION = 0.03
+"""Amplitude of a deviation that goes once round with the heading [rad]."""
 LATE = 0.010
 """Error by which the front transmitter's range is too long [m]."""
 ECHO_CHANCE = 0.05
@@ -32,6 +34,8 @@ class Case:
     leader_heading_deg: float = 0.0
     """Mean error of the leader's compass; its spread is that of the paper's Tables 8 and 9."""
     drift: bool = False
+    deviation: bool = False
+    """The compass's bias changes with the heading, as a sine."""
     echoes: bool = False
     losses: bool = False
     late: bool = False
@@ -40,7 +44,7 @@ class Case:
     @property
     def sound(self) -> bool:
         """Whether nothing is wrong, so that there is a bound: on who takes as given what is assumed."""
-        return not (self.drift or self.echoes or self.losses or self.late or self.leader_heading_deg)
+        return not (self.drift or self.deviation or self.echoes or self.losses or self.late or self.leader_heading_deg)
 
 
 _WARY = Assume(exact_leader=False, drift=True, offsets=True)
@@ -65,6 +69,7 @@ WRONG = tuple(
     for name, title, truth, aware in (
         ("leader", "leader's compass 5° off", {"leader_heading_deg": 5.0}, Assume(exact_leader=False)),
         ("drift", "biases that drift", {"drift": True}, Assume(drift=True)),
+        ("deviation", "a compass with a deviation of 1.7°", {"deviation": True}, Assume(deviation=True)),
         ("late", "a transmitter 10 mm late", {"late": True}, Assume(offsets=True)),
         ("echoes", "5 % echoes", {"echoes": True}, Assume()),
         ("losses", "20 % of messages lost", {"losses": True}, Assume()),
@@ -86,6 +91,10 @@ def spoiled(measurements: Measurements, case: Case, seed: int, run: int) -> Meas
         measurements = replace(
             measurements, speed=np.maximum(measurements.speed + log, 0.0), heading=measurements.heading + compass
         )
+    if case.deviation:
+        turned = np.random.default_rng([seed, run, 1]).uniform(0.0, 2.0 * np.pi)
+        off = DEVIATION * np.sin(measurements.heading + turned)
+        measurements = replace(measurements, heading=measurements.heading + off)
     if not (case.late or case.echoes or case.losses):
         return measurements
     ranges = measurements.ranges.copy()

@@ -37,7 +37,7 @@ _MODES = (0.25, 2.5)
 _LEADER_COMPASS = 5e-5  # [rad/√s]
 _CURRENT_WALK = 1e-3  # [m/s/√s]
 _DEVIATION = 0.03
-"""Change of a drifting compass's bias in a turn, as a share of the turn."""
+"""Change of a compass's bias in a turn, as a share of the turn, where it has a deviation."""
 
 
 _MODEL = np.dtype((np.record, np.dtype([
@@ -98,7 +98,7 @@ def model_of(settings: TightSettings) -> Model:
         "compass_walk": ((slow * compass_walk) ** 2, (quick * compass_walk) ** 2),
         "current_walk": _CURRENT_WALK**2,
         "leader_walk": _LEADER_COMPASS**2,
-        "deviation": _DEVIATION**2 if assume.drift else 0.0,
+        "deviation": _DEVIATION**2 if assume.deviation else 0.0,
         "range_sigma": settings.range_sigma,
         "range_scale_variance": settings.range_scale_sigma**2,
         "leader_variance": 0.0 if assume.exact_leader else settings.leader_heading_sigma**2,

@@ -15,7 +15,9 @@ class Assume:
     exact_leader: bool = True
     """The heading that the leader broadcasts has no bias."""
     drift: bool = False
-    """The biases of log and compass drift, and the compass has a deviation that changes with the heading."""
+    """The biases of log and compass drift."""
+    deviation: bool = False
+    """The compass errs by another bias on another heading; the leader's too, unless it is exact."""
     current: bool = False
     """The water moves, alike for leader and follower."""
     offsets: bool = False

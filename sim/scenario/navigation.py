@@ -27,8 +27,9 @@ class Assume(Section):
     exact_leader: bool = Field(
         _SENSORS.assume.exact_leader, description="the leader's compass has no bias; else that is estimated"
     )
-    drift: bool = Field(
-        _SENSORS.assume.drift, description="biases of log and compass drift; the compass has a deviation"
+    drift: bool = Field(_SENSORS.assume.drift, description="biases of log and compass drift")
+    deviation: bool = Field(
+        _SENSORS.assume.deviation, description="compasses err by another bias on another heading, by 3 % of a turn"
     )
     current: bool = Field(_SENSORS.assume.current, description="the water moves; the current is estimated")
     offsets: bool = Field(_SENSORS.assume.offsets, description="a transmitter may be early or late by a constant time")

@@ -100,7 +100,7 @@ def test_every_key_reaches_its_setting(key: str, value: str, field: str, expecte
     assert getattr(made, field) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("flag", ["exact_leader", "drift", "current", "offsets"])
+@pytest.mark.parametrize("flag", ["exact_leader", "drift", "deviation", "current", "offsets"])
 def test_every_assumption_reaches_its_setting(flag: str, flight: Flight) -> None:
     other = not getattr(Assume(), flag)
     made = navigation_settings(scenario(f"navigation.assume.{flag}={str(other).lower()}"), flight.trajectory, 0)

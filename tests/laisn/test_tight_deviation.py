@@ -11,7 +11,7 @@ from laisn.tight.ranging import new_heard
 from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.tight_mission import DT
 
-DRIFTING = TightSettings(assume=Assume(exact_leader=False, drift=True))
+DEVIATING = TightSettings(assume=Assume(exact_leader=False, deviation=True))
 
 
 def variances(headings: dict[float, float], every: float) -> tuple[float, float]:
@@ -19,8 +19,8 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
 
     Both vehicles head where `headings` has it, by time [s], straight lines between.
     """
-    model, heard = model_of(DRIFTING), new_heard()
-    belief = new_belief(DRIFTING, model, (0.0, 0.0))
+    model, heard = model_of(DEVIATING), new_heard()
+    belief = new_belief(DEVIATING, model, (0.0, 0.0))
     before = belief.covariance[0].diagonal().copy()
     for k in range(1, round(60.0 / DT) + 1):
         heard.heading = np.interp(DT * k, list(headings), list(headings.values()))

@@ -22,7 +22,7 @@ from laisn.tight.sides import tidy
 from tests.laisn.tight_mixture import SCALE, heaviest, moments, weight_of
 from tests.laisn.tight_oracle import Oracle
 
-EVERYTHING = Assume(exact_leader=False, drift=True, current=True, offsets=True)
+EVERYTHING = Assume(exact_leader=False, drift=True, deviation=True, current=True, offsets=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +120,7 @@ TWO, THREE = TightSettings(transmitters=2), TightSettings()
 ALL_OF_2 = TightSettings(assume=EVERYTHING, transmitters=2, slip=0.03, hydrophone_height=-0.2, use_attitude=True)
 ALL_OF_3 = replace(ALL_OF_2, transmitters=3)
 TURNED = replace(THREE, assume=Assume(exact_leader=False), leader_heading_sigma=0.05)
-DRIFTING = replace(TWO, assume=Assume(drift=True, current=True), heading_bias_sigma=0.03)
+DRIFTING = replace(TWO, assume=Assume(drift=True, deviation=True, current=True), heading_bias_sigma=0.03)
 ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
 
 

@@ -197,7 +197,7 @@ def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> 
 def test_what_is_foretold_knows_of_turns_and_of_both_drifts() -> None:
     """A turn gives a drifting compass 3 % of itself, and of either mode's weight 2 % go over to the other one."""
     turn, steps = 0.5, 20
-    settings = TightSettings(assume=Assume(drift=True))
+    settings = TightSettings(assume=Assume(drift=True, deviation=True))
     north = North(SmoothingNavigator(settings, np.zeros(4), 60.0), steps, 1.0)
     north.fly(turn)
     model = north.navigator._model

@@ -6,7 +6,7 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
 from laisn.tight.settings import Assume
 
-EVERYTHING = Assume(exact_leader=False, drift=True, current=True, offsets=True)
+EVERYTHING = Assume(exact_leader=False, drift=True, deviation=True, current=True, offsets=True)
 DT = 0.1
 
 

@@ -165,7 +165,7 @@ class Oracle:
             mix(side)
         if not self.told.assume.exact_leader:
             heard = self.steadied(heard)
-        if self.told.assume.drift:
+        if self.told.assume.deviation:
             self.loosen(heard)
         self.sides = [[self.moved_to(c, heard) for c in side] for side in self.sides]
         if {0, 1} <= set(heard.which):
