@@ -6,10 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from experiments.campaign.campaign import Design
-from experiments.command.cli import app
 from experiments.findings import read
 from experiments.formation import study
 from experiments.formation.conditions import CONDITIONS, Condition
@@ -163,19 +161,3 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
         for j in range(i)
     ]
     assert run.closest == pytest.approx(min(apart))
-
-
-@pytest.mark.parametrize(
-    ("given", "asked"), [([], (study.RUNS, 1000.0)), (["--quick"], (2, 100.0)), (["--runs", "7"], (7, 1000.0))]
-)
-def test_the_command_flies_as_many_runs_as_it_is_told(
-    given: list[str], asked: tuple[int, float], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    flown: list[object] = []
-    monkeypatch.setattr(study, "run", lambda _, *told: flown.append(told))
-    # there is no record to read, and no page to write
-    monkeypatch.setattr("experiments.findings.read", lambda path: path)
-    monkeypatch.setattr("experiments.formation.report.write_page", lambda *_, quick: Path("page"))
-    result = CliRunner().invoke(app, ["formation", *given])
-    assert result.exit_code == 0, result.output
-    assert flown == [asked]
