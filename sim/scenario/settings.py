@@ -51,6 +51,10 @@ APART = {"misfits": "allowed"}
 """Context of a validation that looks at every key alone; `Scenario.misfits` tells the rest."""
 
 
+_STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
+"""A follower in place of those of a shape that is at fault."""
+
+
 class Scenario(Section):
     """One mission, complete: with the same scenario and version the same bytes come out."""
 
@@ -97,7 +101,8 @@ class Scenario(Section):
         try:
             followers = followers_of(Shape.model_validate(told, strict=False))
         except ValidationError:
-            return data
+            # the shape is told; that it has made no followers is no other fault
+            return {**data, "followers": [_STAND_IN]}
         return {**data, "followers": followers, "formation": {**formation, "shape": None}}
 
     @field_validator("epoch")

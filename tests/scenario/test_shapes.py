@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
+from sim import flyable
+from sim.scenario.file import validate
 from sim.scenario.shapes import Shape, followers_of
 
 Kind = Literal["line", "v", "column", "grid", "ring"]
@@ -69,3 +71,17 @@ def test_layers_are_taken_in_turn() -> None:
     assert places("column", 4, **told)[:, 2].tolist() == [12.0, 13.5, 15.0, 16.5]
     assert places("column", 4, **told, layers=3)[:, 2].tolist() == [12.0, 13.5, 15.0, 12.0]
     assert places("column", 4, **told, layers=1)[:, 2].tolist() == [12.0] * 4
+
+
+@pytest.mark.parametrize(
+    ("shape", "fault"),
+    [
+        ({"kind": "grid", "count": 51}, "formation.shape.count: Input should be less than or equal to 50 (given: 51)"),
+        ({"kind": "grid", "count": 4, "spacing": 9.0}, "formation.shape.spacing: unknown key"),
+    ],
+)
+def test_a_shape_at_fault_is_the_only_fault(shape: dict[str, object], fault: str) -> None:
+    table = {"name": "many", "duration_s": 60.0, "formation": {"shape": shape}}
+    with pytest.raises(ValueError, match="1 fault\n") as error:
+        validate(table, "many.toml", flyable.misfits)
+    assert fault in str(error.value)
