@@ -1,7 +1,7 @@
 """A line of a benchmark's table, and how time is taken."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +22,17 @@ class Row(NamedTuple):
 
 def least_time(work: Callable[[], object], repeats: int = 7) -> float:
     """Least processor time of several, after one that warms up [s]; waiting for other processes does not count."""
-    work()
-    durations = []
-    for _ in range(repeats):
-        begin = time.process_time()
+    return least_times([work], repeats)[0]
+
+
+def least_times(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+    """Least processor time of each of several that take turns, so that a machine that slows down slows all of them."""
+    for work in works:
         work()
-        durations.append(time.process_time() - begin)
-    return min(durations)
+    least = [np.inf] * len(works)
+    for _ in range(repeats):
+        for i, work in enumerate(works):
+            begin = time.process_time()
+            work()
+            least[i] = min(least[i], time.process_time() - begin)
+    return least

@@ -1,5 +1,6 @@
 """Benchmarks: the peers that lanes are compared with do the same work, and the table says what was measured."""
 
+from functools import partial
 from time import process_time
 from types import SimpleNamespace
 
@@ -8,7 +9,7 @@ import pytest
 
 from experiments.benchmarks import formation, mission
 from experiments.benchmarks import run as benchmarks
-from experiments.benchmarks.row import Row, least_time
+from experiments.benchmarks.row import Row, least_time, least_times
 from experiments.benchmarks.run import BENCHMARKS, record, steady_mission, table
 from experiments.gallery.tables import speed
 from laisn import lanes
@@ -135,14 +136,15 @@ def test_times_of_physics_are_told_for_a_step_of_a_fleet(monkeypatch: pytest.Mon
 
 
 def test_a_closed_loop_is_told_beside_the_solver_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In turns 0.2 s of MuJoCo, 0.1 s of the closed loop, 3 s of a whole run."""
-    times = iter([0.2, 0.1, 3.0])
+    """0.2 s of MuJoCo, 0.1 s of the closed loop, 0.16 s of one with sensors, 3 s of a whole run."""
     monkeypatch.setattr(formation, "SWARMS", {10: 100.0})
-    monkeypatch.setattr(formation, "least_time", lambda *_: next(times))
+    monkeypatch.setattr(formation, "least_times", lambda *_: [0.2, 0.1, 0.16])
+    monkeypatch.setattr(formation, "least_time", lambda *_: 3.0)
     found = {row.name.removeprefix("leader + 10: "): row for row in formation.formation()}
     # 5000 steps of 0.02 s
     assert found["mj_step alone"][1:3] == pytest.approx((40.0, "µs/step"))
     assert found["closed loop"][1:5] == pytest.approx((20.0, "µs/step", 2.0, "mj_step"))
+    assert found["followers sense each other"][1:5] == pytest.approx((32.0, "µs/step", 1.25, "mj_step"))
     assert found["solver over closed loop"][1:4] == pytest.approx((2.0, "x", 2.0 / formation.AIMS[10]))
     assert found["real-time factor"][1:3] == pytest.approx((1000.0, "x"))
     assert found["a run of 1000 s, whole"][1:3] == (3.0, "s")
@@ -160,12 +162,18 @@ def test_a_log_is_told_in_thousand_messages_and_megabytes(monkeypatch: pytest.Mo
     assert found["size"][1:3] == (2.5, "MB")
 
 
-def test_the_least_of_several_times_counts() -> None:
-    seconds = iter([0.05, 0.004, 0.02, 0.03])
+def test_the_least_of_several_times_counts_of_each_that_take_turns() -> None:
+    seconds, turns = {"one": [0.05, 0.004, 0.02, 0.03], "other": [0.01, 0.06, 0.05, 0.03]}, []
 
-    def work() -> None:
-        until = process_time() + next(seconds)
+    def work(name: str) -> None:
+        turns.append(name)
+        until = process_time() + seconds[name].pop(0)
         while process_time() < until:
             pass
 
-    assert 0.004 <= least_time(work, 3) < 0.015
+    one, other = least_times([partial(work, "one"), partial(work, "other")], 3)
+    assert 0.004 <= one < 0.015
+    assert 0.03 <= other < 0.045
+    assert turns == ["one", "other"] * 4
+    seconds["one"] = [0.05, 0.02, 0.03]
+    assert 0.02 <= least_time(partial(work, "one"), 2) < 0.03
