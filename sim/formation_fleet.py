@@ -30,8 +30,7 @@ from sim.control.guidance import CURRENT_EAST, CURRENT_NORTH, CURRENT_TIME, begi
 from sim.control.station import Frame
 from sim.control.trail import TRAIL
 from sim.fleet import TICK, WATER, Steering
-from sim.scenario.formation import Formation
-from sim.scenario.proximity import Proximity
+from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
 from sim.sensing.instant import MESSAGE, Senses, broadcast, forward_speed, hear, read_own, senses_of, site
 from sim.sensing.proximity import SEEN, Lookout, look, lookout_of

@@ -12,8 +12,7 @@ from experiments.pages import account, flight_figures
 from experiments.pages.flight_report import flight_report
 from laisn.arrays import Floats
 from sim.flight import Flight
-from sim.scenario.formation import Formation, Station
-from sim.scenario.proximity import Proximity
+from sim.scenario.formation import Formation, Proximity, Station
 from sim.scenario.settings import Follower
 from tests.synthetic import make_flight
 
