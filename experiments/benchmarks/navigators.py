@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 from experiments.benchmarks.row import Row, least_time
-from experiments.estimators.paired import mission
+from experiments.estimators.missions import mission
 from laisn import lane_rows as row
 from laisn import lanes
 from laisn.arrays import Floats, Ints

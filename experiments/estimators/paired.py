@@ -3,37 +3,25 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtri
 
-from experiments.campaign.bound import geometry_of, least_rms
-from experiments.campaign.missions import mission_of, motion_of
 from experiments.estimators.cases import Case, spoiled
-from experiments.reproduction.stages import Setting, compass, scenario
+from experiments.estimators.missions import MIDDLE_OFFSET, bound_rms, mission
 from laisn import lanes, metrics
 from laisn.arrays import Bools, Floats
-from laisn.bound import TrueNoise
 from laisn.lane_rows import LANES
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings
-from laisn.tight.leader_way import CURRENT_SIGMA
 from laisn.tight.mission import run_mission
-from laisn.tight.model import model_of
-from laisn.tight.settings import Assume, TightSettings
-from sim.scenario.routes import Route, library_route
-from sim.scenario.settings import Follower, Scenario
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import errors_of
-from sim.sensing.sensor_errors import SensorErrors, measure
+from laisn.tight.settings import TightSettings
+from sim.sensing.sensor_errors import measure
 from sim.sensing.truth import MissionTruth
 
-MIDDLE_OFFSET = 0.1
-"""H_T of missions, unless it is what is varied [m]."""
-WEAVE, WEAVE_PERIOD = float(np.deg2rad(5.0)), 40.0
-"""Angle of the legs with the route [rad], and period [s], of a leader that weaves."""
+LAG = 60.0
+"""How much later the messages are that smoothing uses [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +33,8 @@ class Paired:
     """Time between messages [s]."""
     laisn_means: Floats
     """Mean E_P of LAISN-2 [m]."""
+    laisn_squares: Floats
+    """Mean of its E_P² [m²]."""
     tight_means: Floats
     """Mean E_P of the tightly coupled navigator [m]."""
     tight_squares: Floats
@@ -63,6 +53,8 @@ class Paired:
     """So did the tightly coupled navigator."""
     bound_rms: float
     """Least RMS of E_P that the noise allows [m]; NaN where the case has no bound."""
+    smoothing: float = math.nan
+    """What is left of the bound for who smooths with `LAG`, and reckons with what the case assumes; NaN: not asked."""
 
     @property
     def runs(self) -> int:
@@ -78,6 +70,11 @@ class Paired:
     def tight_mean(self) -> float:
         """Mean E_P of the tightly coupled navigator over all runs [m]."""
         return float(self.tight_means.mean())
+
+    @property
+    def laisn_rms(self) -> float:
+        """RMS E_P of LAISN-2 over all runs [m]."""
+        return float(np.sqrt(self.laisn_squares.mean()))
 
     @property
     def tight_rms(self) -> float:
@@ -117,93 +114,6 @@ class Captured:
     """Captured runs of the tightly coupled navigator."""
 
 
-def _weaving(route: Route) -> tuple[tuple[float, float, float], ...]:
-    """Waypoints (time, east, north) of legs that alternate by `WEAVE` about those of a route, its corners kept."""
-    half = 0.5 * WEAVE_PERIOD
-    points = []
-    for k, (begin, end) in enumerate(pairwise(route.time.tolist())):
-        here, way = route.waypoint[k], route.waypoint[k + 1] - route.waypoint[k]
-        speed = float(np.hypot(*way)) / (end - begin)
-        starboard = np.array([way[1], -way[0]]) / float(np.hypot(*way))
-        points.append((begin, *here.tolist()))
-        for i, time in enumerate(np.arange(begin + half, end - half, half).tolist()):
-            aside = (-1.0) ** i * 0.5 * speed * half * np.tan(WEAVE)
-            points.append((time, *(here + (time - begin) / (end - begin) * way + aside * starboard).tolist()))
-    return (*points, (float(route.time[-1]), *route.waypoint[-1].tolist()))
-
-
-@cache
-def _asked(route: str, interval: float, leader_heading_deg: float, middle_offset: float, weave: bool) -> Scenario:
-    setting = Setting(
-        name="estimators", stage=1, table="text", title="estimators",
-        keys={
-            "timing.message_interval_s": interval,
-            "leader.middle_offset_m": middle_offset,
-            **compass(leader_heading_deg),
-        },
-    )  # fmt: skip
-    asked = scenario(setting, Follower(route=route), route, variant="laisn-3-2", motion="kinematic", seed=1)
-    if not weave:
-        return asked
-    leader = asked.leader.model_copy(update={"route": None, "waypoints": _weaving(library_route("L"))})
-    return asked.model_copy(update={"leader": leader})
-
-
-@cache
-def mission(
-    route: str, interval: float, leader_heading_deg: float, middle_offset: float = MIDDLE_OFFSET, weave: bool = False
-) -> tuple[MissionTruth, SensorErrors]:
-    """The paper's point motion on a route as three transmitters are heard, and the paper's sensors.
-
-    Args:
-        route: T2 … T9.
-        interval: of messages [s].
-        leader_heading_deg: mean error of the leader's compass.
-        middle_offset: H_T [m].
-        weave: the leader weaves about its route.
-    """
-    asked = _asked(route, interval, leader_heading_deg, middle_offset, weave)
-    _, truth = mission_of(motion_of(asked)).seen(asked, 0)
-    return truth, errors_of(asked)
-
-
-def noise_known(assume: Assume) -> TrueNoise:
-    """The paper's noise to who knows all but what these assumptions leave open, and that drift is slow.
-
-    With all given it is that of constant biases.
-    """
-    told = TightSettings(assume=assume)
-    model = model_of(told)
-    return TrueNoise(
-        speed_walk=math.sqrt(model.log_walk[0]) if assume.drift else 0.0,
-        heading_walk=math.sqrt(model.compass_walk[0]) if assume.drift else 0.0,
-        leader_heading_bias=0.0 if assume.exact_leader else told.leader_heading_bias_sigma,
-        current=told.current_sigma if assume.current else 0.0,
-        current_walk=math.sqrt(model.current_walk) if assume.current else 0.0,
-        range_offset=told.offset_sigma if assume.offsets else 0.0,
-        leader_way_sigma=CURRENT_SIGMA if assume.current or not assume.exact_leader else 0.0,
-    )
-
-
-@cache
-def bound_rms(
-    route: str,
-    interval: float,
-    transmitters: int,
-    middle_offset: float = MIDDLE_OFFSET,
-    weave: bool = False,
-    assume: Assume | None = None,
-) -> float:
-    """Least RMS of E_P over a mission on which nothing is wrong [m], on average over all that its biases may be.
-
-    Arguments as of `mission`, and what is taken as given; None: all.
-    """
-    asked = _asked(route, interval, 0.0, middle_offset, weave)
-    trajectory, _ = mission_of(motion_of(asked)).seen(asked, 0)
-    geometry = geometry_of(trajectory, Hearing.of(asked), transmitters=transmitters)
-    return float(np.sqrt(np.mean(least_rms(geometry, noise_known(assume or Assume())) ** 2)))
-
-
 def nees(error: Floats, spread: Floats) -> Floats:
     """eᵀ P⁻¹ e of errors, shape (n, 2), with covariances xx, xy, yy, shape (n, 3)."""
     (x, y), (xx, xy, yy) = error.T, spread.T
@@ -239,11 +149,13 @@ def pair(
     for i, given in enumerate(measured):
         states, spread, outcome = run_mission(settings, given, truth.start)
         error = metrics.position_errors(states[:, :2], truth.hydrophone)
+        laisns = metrics.position_errors(heard[:, :, i], truth.hydrophone)
         normalised, told = nees(states[:, :2] - truth.hydrophone, spread), np.isfinite(outcome[:, 2])
         instants += normalised
         rows.append(
             (
-                metrics.position_errors(heard[:, :, i], truth.hydrophone).mean(),
+                laisns.mean(),
+                np.mean(laisns**2),
                 error.mean(),
                 np.mean(error**2),
                 error.max(),
@@ -253,8 +165,8 @@ def pair(
                 _captured(states[:, :2], truth, message_steps),
             )
         )
-    names = ("laisn_means", "tight_means", "tight_squares", "largest", "normalised", "residuals", "laisn_lost",
-             "tight_lost")  # fmt: skip
+    names = ("laisn_means", "laisn_squares", "tight_means", "tight_squares", "largest", "normalised", "residuals",
+             "laisn_lost", "tight_lost")  # fmt: skip
     columns = np.array(rows, dtype=np.float64).T
     return dict(zip(names, columns, strict=True)) | {"instants": instants}
 
@@ -268,6 +180,7 @@ def paired(route: str, interval: float, found: dict[str, Floats], bound: float) 
         route=route,
         interval=interval,
         laisn_means=found["laisn_means"],
+        laisn_squares=found["laisn_squares"],
         tight_means=found["tight_means"],
         tight_squares=found["tight_squares"],
         tight_max=float(found["largest"].max()),
@@ -278,6 +191,12 @@ def paired(route: str, interval: float, found: dict[str, Floats], bound: float) 
         tight_lost=found["tight_lost"] > 0.0,
         bound_rms=bound,
     )
+
+
+def smoothing(case: Case, route: str, interval: float) -> float:
+    """Bound of smoothing over that of filtering, of who takes as given what a case assumes; nothing lost, no echoes."""
+    least = partial(bound_rms, route, interval, case.transmitters, MIDDLE_OFFSET, False, case.assume)
+    return least(LAG) / least()
 
 
 def compare(

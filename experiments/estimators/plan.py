@@ -11,7 +11,7 @@ from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.missions import mission_of, motion_of
 from experiments.campaign.tasks import Task
 from experiments.estimators import paired
-from experiments.estimators.cases import CASES, WRONG
+from experiments.estimators.cases import CASES, WRONG, Case
 from experiments.flight.library import ROUTES, load
 from laisn.tight.settings import TightSettings
 from sim.flight import laisn_settings, navigation_settings
@@ -79,6 +79,12 @@ def at_sea(sea: str, route: str, runs: int) -> paired.Paired:
     return paired.paired(route, interval, found, float(np.sqrt(np.mean(least**2))))
 
 
+def seven(case: Case, route: str, interval: float, runs: int) -> paired.Paired:
+    """Runs of one of the seven cases by both navigators, and what smoothing could do."""
+    found = paired.compare(case, route, interval, runs=runs, seed=SEED)
+    return replace(found, smoothing=paired.smoothing(case, route, interval))
+
+
 def first_look() -> None:
     """Fly so little that compiling is all that takes time: both navigators on point motion, and on a hull at sea."""
     paired.compare(CASES[0], FEW[0], INTERVALS[-1], runs=1, seed=SEED)
@@ -108,7 +114,7 @@ def tasks(size: Size) -> Iterator[Named]:
     for case in CASES:
         for interval in INTERVALS:
             for route in size.routes:
-                yield ("case", case.name, interval, route), partial(compare, case, route, interval, runs=size.runs)
+                yield ("case", case.name, interval, route), partial(seven, case, route, interval, size.runs)
     for route in size.few:
         varied = partial(compare, route=route, interval=5.0, runs=size.varied)
         for wrong in WRONG:

@@ -73,9 +73,14 @@ def _of_missions(key: str, missions: Sequence[Paired], named: dict[str, Finding]
     named[f"captured-runs {key}"] = plain(lost, f"runs captured of {runs}")
     laisn = sum(one.laisn_captured for one in missions)
     named[f"captured-laisn-2 {key}"] = of(proportion(laisn, runs), "share of LAISN-2's runs captured, 95 %")
+    if not any(np.isnan(one.smoothing) for one in missions):
+        best = median([one.smoothing for one in missions])
+        named[f"smoothing {key}"] = plain(best, f"bound of smoothing over that of filtering, median of {several}")
     if not any(np.isnan(one.bound_rms) for one in missions):
         least = over_bound(missions)
         named[f"bound {key}"] = plain(median(least), f"RMS E_P over the bound, median of {several}")
+        best = median([one.bound_rms / one.laisn_rms for one in missions])
+        named[f"least {key}"] = plain(best, f"the bound over LAISN-2's RMS E_P, median of {several}")
         named[f"bound-worst {key}"] = plain(max(least), f"the same, largest of {several}")
 
 

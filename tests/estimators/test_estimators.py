@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from experiments.estimators.cases import CASES, ECHO_CHANCE, LOSS_CHANCE, Case, spoiled
-from experiments.estimators.paired import compare, mission, pair
+from experiments.estimators.missions import mission
+from experiments.estimators.paired import compare, pair
 from laisn import lanes
 from laisn.settings import NavigationSettings
 from laisn.tight.mission import run_mission
@@ -88,6 +89,7 @@ def test_runs_are_scored_against_the_truth_as_covariances_have_them() -> None:
         heard = outcome[np.isfinite(outcome[:, 2])]
         expected = {
             "laisn_means": np.linalg.norm(alone, axis=1).sum() / len(alone),
+            "laisn_squares": np.sum(alone * alone) / len(alone),
             "tight_means": distance.sum() / distance.size,
             "tight_squares": (distance @ distance) / distance.size,
             "largest": max(distance),

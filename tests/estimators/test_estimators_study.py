@@ -11,9 +11,10 @@ from typer.testing import CliRunner
 
 from experiments.campaign.tasks import key_of
 from experiments.command.cli import app
-from experiments.estimators import paired, plan, report, study
+from experiments.estimators import missions, paired, plan, report, study
 from experiments.estimators.cases import CASES
-from experiments.estimators.paired import WEAVE, Captured, Paired, captures, compare
+from experiments.estimators.missions import WEAVE
+from experiments.estimators.paired import Captured, Paired, captures, compare
 from experiments.estimators.plan import QUICK, SEAS, SIGMAS, Size, at_sea, tasks
 from experiments.estimators.report import write_page
 from experiments.findings import Findings
@@ -30,6 +31,7 @@ def made(rng: np.random.Generator, *, scale: float = 1.0, runs: int = 40, route:
         5.0,
         {
             "laisn_means": 4.0 * tight,
+            "laisn_squares": (5.0 * tight) ** 2,
             "tight_means": tight,
             "tight_squares": tight**2,
             "largest": 3.0 * tight,
@@ -57,20 +59,21 @@ def test_figures_of_all_runs_are_means_roots_and_counts_over_them() -> None:
     one = made(np.random.default_rng(1), lost=3)
     assert one.ratio == pytest.approx(0.25)
     assert one.tight_rms == pytest.approx(np.sqrt(np.mean(one.tight_means**2)))
+    assert one.laisn_rms == pytest.approx(5.0 * one.tight_rms)
     assert (one.tight_captured, one.laisn_captured, one.runs) == (3, 40, 40)
 
 
 def test_a_ratio_over_missions_is_the_median_of_theirs() -> None:
     rng = np.random.default_rng(2)
-    missions = [made(rng) for _ in range(3)]
-    value, low, high = study.ratio(missions)
+    flown = [made(rng) for _ in range(3)]
+    value, low, high = study.ratio(flown)
     assert (value, low, high) == pytest.approx((0.25, 0.25, 0.25))
-    assert study.over_bound(missions) == pytest.approx([one.tight_rms / 0.15 for one in missions])
-    mean = study.mean_of(missions, "tight_means")
-    every = np.concatenate([one.tight_means for one in missions])
+    assert study.over_bound(flown) == pytest.approx([one.tight_rms / 0.15 for one in flown])
+    mean = study.mean_of(flown, "tight_means")
+    every = np.concatenate([one.tight_means for one in flown])
     assert mean.value == pytest.approx(every.mean())
     # the bootstrap of the mean is that of the normal law, nearly
-    half = 1.96 * np.mean([one.tight_means for one in missions], axis=0).std() / np.sqrt(40)
+    half = 1.96 * np.mean([one.tight_means for one in flown], axis=0).std() / np.sqrt(40)
     assert (mean.high - mean.low) / 2 == pytest.approx(half, rel=0.15)
 
 
@@ -78,23 +81,26 @@ def of_hand(route: str, error: float, laisn: float, lost: int, laisn_lost: int, 
     """A mission all of whose runs are alike, but for those that are captured."""
     each = np.ones(runs)
     return Paired(
-        route=route, interval=5.0, laisn_means=laisn * each, tight_means=error * each,
+        route=route, interval=5.0, laisn_means=laisn * each,
+        laisn_squares=(1.25 * laisn) ** 2 * each, tight_means=error * each,
         tight_squares=(2.0 * error) ** 2 * each, tight_max=7.0 * error, normalised=10.0 * error * each,
         inside=error, residuals=3.0 * error * each, laisn_lost=np.arange(runs) < laisn_lost,
-        tight_lost=np.arange(runs) < lost, bound_rms=0.5,
+        tight_lost=np.arange(runs) < lost, bound_rms=0.5, smoothing=error + 0.1,
     )  # fmt: skip
 
 
 def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
-    missions = [of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6), of_hand("T4", 0.9, 1.5, 0, 1)]
+    flown = [of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6), of_hand("T4", 0.9, 1.5, 0, 1)]
     named: dict[str, Any] = {}
-    study._of_missions("G", missions, named)
+    study._of_missions("G", flown, named)
     values = {key.removesuffix(" G"): finding.value for key, finding in named.items()}
     assert values == pytest.approx(
         {
             "ratio": 0.4, "worst": 0.6, "error": 0.5, "laisn-2": 3.5 / 3, "largest": 6.3, "nees": 5.0,
             "nees-least": 2.0, "nees-most": 9.0, "inside": 0.5, "nis": 1.5, "captured": 3 / 60, "captured-runs": 3,
             "captured-laisn-2": 12 / 60, "bound": 1.6, "bound-worst": 3.6,
+            # 0.5 m over 1.25, 1.25 and 1.875 m
+            "least": 0.4, "smoothing": 0.5,
         },
         rel=1e-5,
     )  # fmt: skip
@@ -102,20 +108,20 @@ def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
     limits = named["captured-laisn-2 G"]
     assert (limits.low, limits.high) == pytest.approx((exact.low, exact.high), rel=1e-5)
     assert named["captured-runs G"].what == "runs captured of 60"
-    even = study.ratio(missions[:2])
+    even = study.ratio(flown[:2])
     assert even.value == pytest.approx(0.3)
 
 
 def test_cells_of_the_page_are_the_figures_of_its_heads() -> None:
-    missions = [of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6), of_hand("T4", 0.9, 1.5, 0, 1)]
+    flown = [of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6), of_hand("T4", 0.9, 1.5, 0, 1)]
     named: dict[str, Any] = {}
-    study._of_missions("G", missions, named)
+    study._of_missions("G", flown, named)
     cells = report._row(Findings(study="", command="", modules=(), version="", findings=named), "G")
     assert len(cells) == len(report._HEADS)
     assert [cell.text.partition(" (")[0] for cell in cells] == [
-        "0.50", "1.17", "0.40", "0.60", "1.60", "3.60", "5.00", "2.00", "9.00", "50", "1.50", "5.0", "20.0",
+        "0.50", "1.17", "0.40", "0.60", "1.60", "3.60", "0.40", "5.00", "2.00", "9.00", "50", "1.50", "5.0", "20.0",
     ]  # fmt: skip
-    (row,) = report._routes({("case", "G1", 5.0, "T3"): missions[1], ("sea", "calm", "T3"): missions[0]}).rows
+    (row,) = report._routes({("case", "G1", 5.0, "T3"): flown[1], ("sea", "calm", "T3"): flown[0]}).rows
     assert [cell.text for cell in row] == [
         "G1", "5", "T3", "0.400", "1.000", "0.400", "0.800", "1.60", "2.8", "4.00", "3", "6",
     ]  # fmt: skip
@@ -156,7 +162,7 @@ def test_captures_are_those_of_the_runs_that_are_compared() -> None:
 
 def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners() -> None:
     route = library_route("L")
-    points = np.array(paired._weaving(route))
+    points = np.array(missions._weaving(route))
     corners = points[np.isin(points[:, 0], route.time)]
     np.testing.assert_allclose(corners[:, 1:], route.waypoint)
     way = np.diff(points[:, 1:], axis=0)
@@ -187,15 +193,19 @@ def test_a_physical_mission_is_flown_by_both_and_the_sea_matters(monkeypatch: py
 
 def test_the_bound_of_a_mission_is_that_of_its_transmitters_over_all_instants(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
+    lags: list[float] = []
 
-    def least(geometry: Any, noise: Any) -> Any:
+    def least(geometry: Any, noise: Any, lag: float) -> Any:
+        lags.append(lag)
         asked.append((geometry.arms.shape[1], noise))
         return np.array([3.0, 4.0])
 
-    monkeypatch.setattr(paired, "least_rms", least)
-    assert paired.bound_rms.__wrapped__("T9", 5.0, 2) == pytest.approx(np.sqrt(12.5))
+    monkeypatch.setattr(missions, "least_rms", least)
+    assert missions.bound_rms.__wrapped__("T9", 5.0, 2) == pytest.approx(np.sqrt(12.5))
     everything = Assume(exact_leader=False, drift=True, current=True, offsets=True)
-    paired.bound_rms.__wrapped__("T9", 5.0, 3, assume=everything)
+    missions.bound_rms.__wrapped__("T9", 5.0, 3, assume=everything)
+    assert missions.bound_rms.__wrapped__("T9", 5.0, 3, lag=60.0) == pytest.approx(np.sqrt(12.5))
+    assert lags == [0.0, 0.0, 60.0]
     # drift at a quarter of 2.5 mm/s and 1.7 mrad in a second is the slower of its two modes
     walks = {"speed_walk": 6.25e-4, "heading_walk": 4.25e-4, "current_walk": 1e-3}
     unknown = TrueNoise(
@@ -211,7 +221,7 @@ def test_a_bound_leaves_open_what_is_not_assumed_to_be_known(state: str) -> None
     """Each alone beside what is open in any case; a current and a leader's compass show in the leader's way."""
     assume = {"leader_heading_bias": Assume(exact_leader=False), "current": Assume(current=True),
               "range_offset": Assume(offsets=True)}[state]  # fmt: skip
-    told, noise = TightSettings(), paired.noise_known(assume)
+    told, noise = TightSettings(), missions.noise_known(assume)
     usual = {"leader_heading_bias": told.leader_heading_bias_sigma, "current": told.current_sigma,
              "range_offset": told.offset_sigma}  # fmt: skip
     for name, sigma in usual.items():
@@ -292,3 +302,8 @@ def test_the_bound_of_a_mission_is_printed_and_written(tmp_path: Path) -> None:
     assert len(lines) == 301
     wrong = CliRunner().invoke(app, ["bound", "T5", *short, "--out", "bound.txt"])
     assert wrong.exit_code != 0
+
+
+def test_what_smoothing_could_leave_is_one_bound_over_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paired, "bound_rms", lambda *given: 0.3 if given[-1] == 60.0 else 0.5)
+    assert paired.smoothing(CASES[4], "T2", 5.0) == pytest.approx(0.6)
