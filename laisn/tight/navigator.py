@@ -20,8 +20,6 @@ from laisn.tight.ranging import new_heard
 from laisn.tight.settings import TightSettings
 from laisn.tight.sides import heaviest, hypothesis_weight
 
-NEAR = 15.0
-"""An unknown start is sought on a ring about the leader, with a standard deviation of a third of this [m]."""
 _NOTHING = np.empty(0), np.empty((0, 2)), np.empty((0, 2, 2))
 
 
@@ -164,21 +162,7 @@ class TightNavigator(Online):
         hydrophone = own.depth - settings.hydrophone_height
         self._heard.arms[:] = told - np.array([message.east, message.north, hydrophone])
         self._heard.ranges[np.any(np.isnan(told), axis=1)] = np.nan
-        if not self._belief.alive:
-            self._require_near()
         return True
-
-    def _require_near(self) -> None:
-        """LaisnError if an unknown start would be sought about the leader, and the nearest transmitter is not there."""
-        ranges = self._heard.ranges[: self.settings.transmitters]
-        if np.all(np.isnan(ranges)):
-            return
-        off = float(np.hypot(*self._heard.arms[np.nanargmin(ranges), :2]))
-        if off > NEAR:
-            raise LaisnError(
-                f"step {self._step}: the nearest transmitter is {off:.0f} m from the leader's place, expected at most "
-                f"{NEAR:g} m where the start is unknown; give the start, or place the leader at a transmitter"
-            )
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
         message, settings = reception.message, self.settings

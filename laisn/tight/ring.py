@@ -1,7 +1,7 @@
 """Where one message alone puts the follower: for a start that nobody knows, and for a belief that has lost its way.
 
-The prior is a ring about the leader, as a sum of Gaussians with fresh biases, one for each bearing. Each is updated
-with the ranges; what is left on either side of the leader's axis is taken together as one hypothesis.
+The prior is a ring about the nearest transmitter, as a sum of Gaussians with fresh biases, one for each bearing. Each
+is updated with the ranges; what is left on either side of the leader's axis is taken together as one hypothesis.
 """
 
 import math
@@ -41,12 +41,16 @@ def _reset(b: Belief, m: Model, k: int) -> None:
 
 
 @compiled
-def _try_bearing(b: Belief, m: Model, k: int, heard: Heard, distance: float, bearing: float) -> bool:
-    """Update component k from a prior at a bearing from north [rad], about a distance [m]; False if that failed."""
+def _try_bearing(b: Belief, m: Model, k: int, heard: Heard, nearest: int, distance: float, bearing: float) -> bool:
+    """Update component k from a prior at a bearing from north [rad] of the nearest transmitter, about a distance [m].
+
+    False if that failed.
+    """
     ux, uy = sin_cos(bearing)
     across = (_OVERLAP * 2.0 * math.pi / _BEARINGS * distance) ** 2
     _reset(b, m, k)
-    b.state[k, X], b.state[k, Y] = distance * ux, distance * uy
+    b.state[k, X] = heard.arms[nearest, 0] + distance * ux
+    b.state[k, Y] = heard.arms[nearest, 1] + distance * uy
     b.covariance[k, X, X] = _RADIAL_VARIANCE * ux * ux + across * uy * uy
     b.covariance[k, Y, Y] = _RADIAL_VARIANCE * uy * uy + across * ux * ux
     b.covariance[k, X, Y] = b.covariance[k, Y, X] = (_RADIAL_VARIANCE - across) * ux * uy
@@ -99,18 +103,18 @@ def _nearness(b: Belief, k: int, here: tuple[float, float]) -> float:
 @compiled
 def _walk_round(b: Belief, m: Model, heard: Heard, first: int, here: tuple[float, float]) -> bool:
     """Gather what all bearings become into the first components of two hypotheses, left of the axis and right of it."""
-    nearest = math.inf
+    nearest, shortest = 0, math.inf
     for i in range(m.transmitters):
-        if heard.ranges[i] == heard.ranges[i]:
-            nearest = min(nearest, heard.ranges[i])
-    deeper = heard.arms[0, 2]
-    distance = math.sqrt(max(nearest * nearest - deeper * deeper, 1.0))
+        if heard.ranges[i] < shortest:
+            nearest, shortest = i, heard.ranges[i]
+    deeper = heard.arms[nearest, 2]
+    distance = math.sqrt(max(shortest * shortest - deeper * deeper, 1.0))
     ax, ay = heard.arms[0, 0], heard.arms[0, 1]
     ex, ey = heard.arms[1, 0] - ax, heard.arms[1, 1] - ay
     trial, healthy, best = (ROOM - 1) * m.modes, True, -math.inf
     for gathering in (False, True):
         for j in range(_BEARINGS):
-            healthy &= _try_bearing(b, m, trial, heard, distance, 2.0 * math.pi * (j + 0.5) / _BEARINGS)
+            healthy &= _try_bearing(b, m, trial, heard, nearest, distance, 2.0 * math.pi * (j + 0.5) / _BEARINGS)
             evidence = b.evidence[trial] + _nearness(b, trial, here)
             if gathering:
                 left = ex * (b.state[trial, Y] - ay) - ey * (b.state[trial, X] - ax) > 0.0

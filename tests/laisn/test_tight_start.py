@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from laisn.failure import LaisnError
 from laisn.tight.mission import run_mission
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import Assume, TightSettings
+from tests.laisn.passages import passage
 from tests.laisn.tight_mission import EVERYTHING, Mission
 
 
@@ -58,22 +58,23 @@ def test_a_single_range_does_not_begin_a_belief() -> None:
     assert result.weight[:2].max() == 0.0
 
 
-def test_an_unknown_start_is_not_sought_about_a_leader_far_from_its_transmitters() -> None:
-    """The ring is about the leader: what it found of transmitters elsewhere would be hundreds of metres off."""
-    mission, hull = Mission(steps=20), ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    measured = mission.measured()
-    for ahead, refused in ((13.9, False), (16.1, True)):
-        setting = TightSettings(transmitters=2, transmitter_offsets=tuple((x + ahead, y, z) for x, y, z in hull))
-        known = TightNavigator(setting, mission.start).run(measured)
-        assert np.all(np.isfinite(known.state))
-        navigator = TightNavigator(setting, None)
-        if refused:
-            with pytest.raises(
-                LaisnError, match="step 10: the nearest transmitter is 15 m from the leader's place, exp"
-            ):
-                navigator.run(measured)
-        else:
-            assert np.isnan(navigator.run(measured).nis[0])
+@pytest.mark.parametrize("shift", [0.0, 300.0])
+@pytest.mark.parametrize("transmitters", [2, 3])
+def test_an_unknown_start_is_found_among_beacons_wherever_the_leader_says_it_is(
+    transmitters: int, shift: float
+) -> None:
+    """Exact ranges of beacons 200 m apart: the place at once, or with two of them both sides until the way tells."""
+    measured, place = passage(None)
+    message = measured.message.copy()
+    message[:, 1:3] = shift
+    told = TightSettings(dt=0.5, transmitters=transmitters)
+    result = TightNavigator(told, None).run(replace(measured, message=message))
+    count = 2 if transmitters == 2 else 1
+    off, spread = result.hypothesis[0, :count] - place[4], result.hypothesis_covariance[0, :count]
+    assert np.einsum("hi,hi->h", off, np.linalg.solve(spread, off[..., None])[..., 0]).min() < 9.0
+    assert np.count_nonzero(result.weight[0] > 0.01) == count
+    assert np.hypot(*(result.state[50:, :2] - place[51:]).T).max() < 0.1
+    assert result.weight[-1, 0] > 0.999
 
 
 @pytest.mark.parametrize("seed", range(5))

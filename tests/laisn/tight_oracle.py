@@ -278,7 +278,8 @@ class Oracle:
         here, modes = moments(self.all)[0][:2] - heard.place if self.sides else None, len(self.walks)
         variance, self.v = self.v, 0.0
         near = replace(heard, place=np.zeros(2))
-        distance = np.sqrt(max(heard.ranges.min() ** 2 - heard.axis[0, 2] ** 2, 1.0))
+        centre = heard.arms[np.argmin(heard.ranges)]
+        distance = np.sqrt(max(heard.ranges.min() ** 2 - centre[2] ** 2, 1.0))
         tried: list[Component] = []
         for bearing in 2.0 * np.pi * (np.arange(96) + 0.5) / 96:
             out = np.array([np.sin(bearing), np.cos(bearing)])
@@ -286,7 +287,7 @@ class Oracle:
             P = np.diag(self.fresh)
             P[LEADER, LEADER] = 0.0
             P[:2, :2] = 25.0 * np.outer(out, out) + (0.6 * 2 * np.pi / 96 * distance) ** 2 * np.outer(around, around)
-            c = Component(np.concatenate([distance * out, np.zeros(N - 2)]), P, 1.0)
+            c = Component(np.concatenate([centre[:2] + distance * out, np.zeros(N - 2)]), P, 1.0)
             learn(self.told, self.v, c, near)
             if here is not None:
                 c.evidence += np.log(0.01 + np.exp(-0.5 * np.sum((c.x[:2] - here) ** 2) / 100.0))
