@@ -1,5 +1,6 @@
 """The study of formations: its conditions, and figures by hand."""
 
+import re
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +22,34 @@ def test_every_condition_is_a_scenario_that_can_be_flown(condition: object) -> N
     scenario = condition.scenario(3)  # type: ignore[attr-defined]
     assert scenario.run == 3
     assert all(follower.station for follower in scenario.followers)
+
+
+@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)
+def test_numbers_of_a_title_are_those_of_its_condition(condition: Condition) -> None:
+    """What a title does not speak of is as in all others: ten followers, three transmitters, a message each second."""
+    made, title = condition.scenario(0), condition.title
+    sound, sensors, ocean = made.acoustics, made.sensors, made.ocean
+
+    def told(words: str, usual: float = 0.0) -> float:
+        found = re.search(words, title)
+        return float(found[1]) if found else usual
+
+    assert len(made.followers) == told(r"(\d+) followers", 10)
+    assert made.navigation.transmitters == told(r"(\d) transmitters", 2 if title == "LAISN-2" else 3)
+    assert made.timing.message_interval_s == told(r"every (\d+) s", 1)
+    # a burst of five messages that begins with p takes up p / (p + 1/5) of the time
+    bursts = sound.burst_chance / (sound.burst_chance + 0.2)
+    assert 100 * (sound.loss_chance + bursts) == pytest.approx(told(r"(\d+) % (?:of messages )?lost"), abs=0.1)
+    assert 100 * (sound.surface_echo_chance + sound.bottom_echo_chance) == pytest.approx(told(r"(\d+) % echoes"))
+    assert condition.current == told(r"current up to ([\d.]+) m/s")
+    # the first of five runs has a fifth of the greatest current
+    assert ocean.current_speed_m_s == pytest.approx(told(r"current ([\d.]+) m/s", condition.current / 5))
+    assert ocean.current_shear_per_s == told(r"([\d.]+) m/s less for each metre")
+    assert (ocean.waves.height_m if ocean.waves.kind != "none" else 0.0) == told(r"Hs ([\d.]+) m")
+    assert sensors.leader_heading_bias_deg == told(r"compass (\d+)° off")
+    assert sensors.speed_drift_m_s == told(r"drift by ([\d.]+) m/s")
+    assert sensors.heading_drift_deg == told(r"m/s and (\d)°")
+    assert condition.share == (5 if "50 followers" in title else 1)
 
 
 def test_conditions_say_what_their_titles_say() -> None:

@@ -9,7 +9,7 @@ import pytest
 from experiments.flight.anatomy import Anatomy, Cause
 from experiments.pages import anatomy_page, bound_panel, flight_figures
 from experiments.pages.flight_report import _results, _troubles
-from experiments.pages.page import Table
+from experiments.pages.page import Figures, Table
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from laisn.tight.estimates import TightEstimates
@@ -96,6 +96,42 @@ def test_beliefs_of_sensors_are_told_in_degrees_where_they_are_angles(flight: Fl
     assert [texts(row) for row in table.rows] == [
         ["follower", "log_bias_m_s", "0.30", "0.03"], ["follower", "compass_bias_deg", "4.00", "0.50"],
     ]  # fmt: skip
+
+
+def test_the_panel_of_the_bound_has_error_belief_and_bound(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each in the colour that its legend names; the belief is the root of the trace over both axes."""
+    n = flight.step_index().size
+    covariance = np.zeros((n, 4, 4))
+    covariance[:, 0, 0], covariance[:, 1, 1] = 9.0, 16.0
+    known = dataclasses.replace(
+        flight, estimates=(dataclasses.replace(flight.estimates[0], covariance=covariance),)
+    )  # fmt: skip
+    monkeypatch.setattr(bound_panel.figures, "svg", lambda figure, *_: figure)
+    section = bound_panel.section(known, [(np.full(n, 2.0), np.zeros(n))], [np.full(n, 0.5)], 1)
+    (block,) = section.blocks
+    assert isinstance(block, Figures)
+    (figure,) = block.panels
+    drawn = {line.get_color(): line for line in figure.axes[0].lines}  # type: ignore[attr-defined]
+    for (colour, text), expected in zip(block.legend, (2.0, 5.0, 0.5), strict=True):
+        assert set(np.asarray(drawn[colour.placeholder].get_ydata())) == {expected}, text
+    assert [text for _, text in block.legend] == ["E_P", "what the covariance says", "bound"]
+
+
+@pytest.mark.parametrize(("second", "shown"), [(0.4, True), (0.0011, True), (0.0009, False)])
+def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
+    flight: Flight, second: float, shown: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = object.__new__(TightEstimates)
+    weight = np.array([[1.0, 0.0], [1.0 - second, second], [1.0, 0.0]])
+    for name, value in (("fix_step", np.array([10, 20, 30])), ("weight", weight)):
+        object.__setattr__(found, name, value)
+    monkeypatch.setattr(bound_panel.figures, "svg", lambda figure, *_: figure)
+    panels: Any = bound_panel._weight_panel(dataclasses.replace(flight, estimates=(found,)), 0, 5.0)
+    assert len(panels) == shown
+    for panel in panels:
+        for line, column in zip(lines(panel), weight.T, strict=True):
+            np.testing.assert_allclose(line, np.column_stack([[1.0, 2.0, 3.0], column]))
+    assert bound_panel._weight_panel(flight, 0, 5.0) == []
 
 
 def lines(figure: Any) -> list[Floats]:
