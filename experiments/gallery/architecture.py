@@ -51,9 +51,9 @@ def _draw_room(axes: Axes, room: str, place: tuple[float, float], count: int) ->
             facecolor="white", edgecolor=colour, linewidth=1.0, zorder=2,
         )
     )  # fmt: skip
-    name = room.rpartition(".")[2].replace("_", "\n", 1)
+    name = room.rpartition(".")[2].replace("_", " ")
     files = "a file" if count == 1 else f"{count} files"
-    axes.text(x, y + 0.08, name, ha="center", va="center", fontsize=6.4, color=colour, zorder=3, linespacing=0.9)
+    axes.text(x, y + 0.08, name, ha="center", va="center", fontsize=6.4, color=colour, zorder=3)
     axes.text(x, y - 0.21, files, ha="center", va="center", fontsize=4.6, color=FRAME.placeholder, zorder=3)
 
 
