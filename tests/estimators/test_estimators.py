@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.estimators.cases import CASES, ECHO_CHANCE, LOSS_CHANCE, Case, spoiled
+from experiments.estimators.cases import CASES, DEVIATION, ECHO_CHANCE, LOSS_CHANCE, Case, spoiled
 from experiments.estimators.missions import mission
 from experiments.estimators.paired import compare, pair
 from laisn import lanes
@@ -60,6 +60,22 @@ def test_drift_is_the_same_for_the_same_run_and_leaves_ranges_alone() -> None:
     assert (once.speed - clean.speed)[moving] == pytest.approx(0.1 * np.sin(2 * np.pi * time / 300.0 + log)[moving])
     expected = np.deg2rad(3.0) * np.sin(2 * np.pi * time / 400.0 + compass)
     assert once.heading - clean.heading == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_compass_deviates_as_a_sine_of_the_heading_whose_phase_has_nothing_to_do_with_drift() -> None:
+    truth, errors = mission("T7", 5.0, 0.0)
+    clean = measure(truth, errors, seed=1, run=0)
+    phases = []
+    for run in range(200):
+        off = spoiled(clean, Case(name="turned", title="", deviation=True), 1, run).heading - clean.heading
+        waves = np.column_stack([np.sin(clean.heading), np.cos(clean.heading)])
+        weight, *_ = np.linalg.lstsq(waves, off, rcond=None)
+        assert np.hypot(*weight) == pytest.approx(DEVIATION, rel=1e-6)
+        phases.append(np.arctan2(weight[1], weight[0]))
+    drifts = [np.random.default_rng([1, run]).uniform(0.0, 2.0 * np.pi, 2) for run in range(200)]
+    # spread all around, and apart from either drift: a mean of 200 unit vectors has a length of 0.07
+    for apart in (phases, *(np.array(phases) - np.array(drift) for drift in zip(*drifts, strict=True))):
+        assert abs(np.mean(np.exp(1j * np.asarray(apart)))) < 0.25
 
 
 @pytest.mark.parametrize("name", ["G1", "G6"])
