@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.flight.swarm import simulate_swarm
 from sim import flyable
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
+from sim.station_keeping import closest_in_a_layer
 from sim.station_plan import hardest_crossing, nearest_stations
 
 LEFT = {"waypoints": [[0, 0, 0], [60, 60, 0], [200, 60, 140]]}
@@ -129,6 +131,19 @@ def test_followers_that_cannot_give_way_are_refused_in_a_following_current_alone
         told({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": direction}})
     with pytest.raises(ValueError, match=r"close up at 1\.\d+ m/s; to give way takes 0\.9\d+ m/s .* has 0\.49:"):
         told({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": 90.0}})
+
+
+@pytest.mark.parametrize("ocean", [{}, {"current_speed_m_s": 0.5, "current_direction_deg": 180.0}])
+def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(ocean: dict[str, float]) -> None:
+    """With hardly more range than it takes to brake; without a sensor stations meet within a metre."""
+    told_so = told({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}, "ocean": ocean})
+    scenario = told_so.model_copy(update={"duration_s": 110.0})
+    planned, (flown, _, _) = nearest_stations(scenario), simulate_swarm(scenario)
+    nearest = closest_in_a_layer(scenario, flown)
+    assert planned is not None
+    assert nearest is not None
+    assert planned.apart_m < 1.0
+    assert 2.0 < nearest.distance_m < 6.0
 
 
 def test_layers_are_taken_in_turn() -> None:
