@@ -6,7 +6,6 @@ Works in a checkout only: the figures about physics are drawn from the very func
 import tempfile
 from pathlib import Path
 
-import av
 import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -96,6 +95,8 @@ def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None
 
 def frames(film: Path) -> list[Image.Image]:
     """All pictures of a film."""
+    import av
+
     with av.open(str(film)) as source:
         return [Image.fromarray(picture.to_ndarray(format="rgb24")) for picture in source.decode(video=0)]
 

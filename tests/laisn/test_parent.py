@@ -117,10 +117,11 @@ def test_a_block_that_fails_ends_the_task(tmp_path: Path) -> None:
 
     def task() -> None:
         begun.write_text(str(os.getpid()))
+        begun.with_name("whole").touch()
         time.sleep(60)
 
     def fail() -> None:
-        wait_for(begun)
+        wait_for(begun.with_name("whole"))
         raise KeyboardInterrupt
 
     start = time.monotonic()
