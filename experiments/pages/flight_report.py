@@ -226,12 +226,13 @@ def flight_report(
     """
     scenario, followers = flight.scenario, flight.trajectory.names[1:]
     films = [Film(path=film, caption="The mission as filmed.")] if film else []
-    transmitters = scenario.navigation.transmitters
+    transmitters, variant = scenario.navigation.transmitters, scenario.navigation.variant
+    navigator = "the tightly coupled navigator" if variant == "tight" else variant.upper()
     routes = [Section(title="Routes", blocks=[_routes(flight)])] if len(followers) > 1 else []
     page = Page(
         title=f"Flight {scenario.name}",
-        summary=f"{len(followers)} follower{'s' if len(followers) > 1 else ''} and a leader, navigated by "
-        f"{scenario.navigation.variant} on {transmitters} transmitters. {flight.outcome.value.capitalize()}.",
+        summary=f"{len(followers)} follower{'s' if len(followers) > 1 else ''} and a leader, navigated by {navigator} "
+        f"on {transmitters} transmitters. {flight.outcome.value.capitalize()}.",
         facts=_facts(flight, summary),
         sections=[
             Section(

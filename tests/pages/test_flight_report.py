@@ -134,6 +134,7 @@ def test_the_report_of_a_flight(tmp_path, followers):
     checker = checked(html)
     text = " ".join(checker.text)
     assert "laisn fly scenario.toml" in text
+    assert f"navigated by {flight.scenario.navigation.variant.upper()} on" in text
     assert 'name = "synthetic"' in text
     assert all(name in text for name in flight.trajectory.names)
     assert len(html) < 5_000_000
