@@ -18,6 +18,7 @@ import numpy as np
 from experiments.benchmarks import mission as benchmarks_mission
 from experiments.benchmarks.formation import formation
 from experiments.benchmarks.navigators import filter_only, tight
+from experiments.benchmarks.peak import peak_flops
 from experiments.benchmarks.row import Row, least_time
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
@@ -27,10 +28,7 @@ from experiments.intervals import Interval
 from laisn import lane_rows as row
 from laisn import lanes
 from laisn.arrays import Floats
-from laisn.compiled import compiled_lanes
-from laisn.elementary import fma
 from laisn.filter import Filter
-from laisn.lane_rows import LANES
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
@@ -72,22 +70,6 @@ def steady_mission(steps: int = STEPS) -> MissionTruth:
         sent_attitude=np.full((k.size, 2), np.nan),
         slant_range=np.stack([np.hypot(*(follower - s)[k].T) for s in sites], axis=1),
     )
-
-
-@compiled_lanes
-def _peak(values: Floats, repeats: int) -> None:
-    for _ in range(repeats):
-        for lane in range(LANES):
-            x = values[lane]
-            # Eight vectors of eight lanes hide the latency of a chain of eight fused operations.
-            x = fma(fma(fma(fma(x, 0.5, 1.0), 0.5, 1.0), 0.5, 1.0), 0.5, 1.0)
-            values[lane] = fma(fma(fma(fma(x, 0.5, 1.0), 0.5, 1.0), 0.5, 1.0), 0.5, 1.0)
-
-
-def peak_flops() -> float:
-    """Floating-point operations that one core does in a second, measured on fused multiply-adds."""
-    values, repeats = np.ones(LANES), 200_000
-    return 16 * LANES * repeats / least_time(lambda: _peak(values, repeats))
 
 
 def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSettings) -> Floats:

@@ -153,6 +153,12 @@ def speed(records: Records) -> str:
     for variant in ("LAISN-2", "LAISN-3(2)"):
         key = f"navigation: lanes, {variant.replace('(', '-').rstrip(')')} with noise and metrics"
         rows.append([f"{variant}, with noise and metrics", f"{found[key]:.1f i} ns a step", ""])
+    tight = "tight: tight, 3 transmitters, messages every 1 s"
+    if tight in found.findings:
+        against = f"{found[f'{tight}, than LAISN-2']:.2f i} times as fast as LAISN-2 alone, side by side"
+        measured = f"{found[tight]:.1f i} ns a step"
+        beside = f"{against}; floor by flops {found[f'{tight}, floor']:.1f} ns"
+        rows.append(["tightly coupled with three transmitters, one run after another", measured, beside])
     messages, size = found["log: writing"], found["log: size"]
     rows.append(["log", f"{messages:.0f i} thousand messages/s", f"{size:.1f} MB for 1000 s without film"])
     film = "film: frames a second, once running"

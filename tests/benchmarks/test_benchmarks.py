@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from experiments.benchmarks import formation, mission
+from experiments.benchmarks import formation, mission, navigators, peak
 from experiments.benchmarks import run as benchmarks
+from experiments.benchmarks.peak import peak_flops
 from experiments.benchmarks.row import Row, least_time, least_times
 from experiments.benchmarks.run import BENCHMARKS, record, steady_mission, table
 from experiments.gallery.tables import speed
@@ -31,7 +32,7 @@ def test_peers_come_to_the_same_state() -> None:
 
 def test_the_peak_is_that_of_a_processor() -> None:
     # From one operation per nanosecond to two 512-bit fused units at 6 GHz.
-    assert 1e9 < benchmarks.peak_flops() < 2 * 16 * 6e9
+    assert 1e9 < peak_flops() < 2 * 16 * 6e9
 
 
 def test_table_shows_every_row_and_leaves_out_what_is_unknown() -> None:
@@ -80,6 +81,7 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
         Row("lanes, LAISN-3-2 with noise and metrics", 19.0, "ns/step"),
     ]
     log = [Row("writing", 120.0, "k/s"), Row("size", 8.6, "MB")]
+    tight = [Row("tight, 3 transmitters, messages every 1 s", 64.0, "ns/step", 0.2, "LAISN-2", 3.4)]
     found = record({"physics": [physics], "navigation": [navigation], "log": [log]})
     lines = speed({"benchmarks": found}).splitlines()
     first = "| 3.0 (3.0 to 3.0) µs a step, 6,667 times real time | bare `mj_step` 6.0 µs, its needed part 3.0 µs |"
@@ -91,9 +93,10 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
     assert "floor by flops 3.5 ns" in lines[5]
     assert lines[7].startswith("| LAISN-3(2), with noise and metrics | 19.0 (19.0 to 19.0) ns a step |")
     assert "120 (120 to 120) thousand messages/s | 8.6 MB" in lines[8]
-    filmed = record({"physics": [physics], "navigation": [navigation], "log": [log],
+    filmed = record({"physics": [physics], "navigation": [navigation], "log": [log], "tight": [tight],
                      "film": [[Row("frames a second, once running", 25.0, "1/s")]],
                      "command": [[Row("laisn fly T5 --no-video", t, "s")] for t in (2.25, 2.5, 2.0)]})  # fmt: skip
+    assert "64.0 (64.0 to 64.0) ns a step | 0.20 (0.20 to 0.20) times as fast" in speed({"benchmarks": filmed})
     assert "25 (25 to 25) frames/s" in speed({"benchmarks": filmed})
     assert "| 2.2 (2.0 to 2.5) s by the clock |" in speed({"benchmarks": filmed})
 
@@ -105,11 +108,12 @@ def by_name(rows: list[Row]) -> dict[tuple[str, str], Row]:
 def test_times_of_navigation_are_told_for_a_step_of_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every work takes 3 s: of 300 steps of one run, of 2000 steps of 60 runs, or of five times as many."""
     monkeypatch.setattr(benchmarks, "least_time", lambda *_: 3.0)
+    monkeypatch.setattr(peak, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(benchmarks, "simulate", lambda _: None)
     found = by_name(benchmarks.navigation())
     # 8 fused operations of 2 flops each, 200 000 times in every lane
-    peak = 16 * LANES * 200_000 / 3.0
-    assert found["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx((peak * 1e-9, "GF/s"))
+    flops = 16 * LANES * 200_000 / 3.0
+    assert found["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx((flops * 1e-9, "GF/s"))
     alone, together = 3e9 / 300, 3e9 / (2000 * 60)
     assert found["filterpy: predict and updates only", ""].value == pytest.approx(alone)
     readable = found["navigator (readable engine)", "filterpy"]
@@ -117,9 +121,26 @@ def test_times_of_navigation_are_told_for_a_step_of_a_run(monkeypatch: pytest.Mo
     for against, ratio in (("filterpy", alone / together), ("NumPy", 1.0)):
         row = found["lanes, LAISN-2 filter only", against]
         assert (row.value, row.unit) == (pytest.approx(together), "ns/step")
-        assert (row.ratio, row.floor) == pytest.approx((ratio, 200 / peak * 1e9))
+        assert (row.ratio, row.floor) == pytest.approx((ratio, 200 / flops * 1e9))
         whole = found["lanes, LAISN-3-2 with noise and metrics", against]
         assert (whole.value, whole.ratio) == pytest.approx((together / 5, 5 * ratio))
+
+
+def test_times_of_the_tightly_coupled_navigator_are_held_against_laisn_2_and_the_aims(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Works that take 1 to 5 ms, of two runs of 10,000 steps, on a core of 1 GF/s."""
+    monkeypatch.setattr(navigators, "RUNS", 2)
+    monkeypatch.setattr(navigators, "peak_flops", lambda: 1e9)
+    monkeypatch.setattr(navigators, "least_times", lambda works, _: [1e-3 * (i + 1) for i in range(len(works))])
+    found = by_name(navigators.tight())
+    assert found["LAISN-2 in lanes, filter only, messages every 5 s", ""].value == pytest.approx(50.0)
+    three = "tight, 3 transmitters, messages every 5 s"
+    assert found[three, "LAISN-2"][1:] == pytest.approx((100.0, "ns/step", 0.5, "LAISN-2", 95 + 945 / 50))
+    assert found[three, "aim"].ratio == pytest.approx(0.6)
+    assert found["tight, 2 transmitters, messages every 5 s", "aim"].ratio == pytest.approx(250.0 / 200.0)
+    assert found["tight, 2 transmitters, all states, messages every 5 s", "LAISN-2"].value == pytest.approx(250.0)
+    assert ("tight, 2 transmitters, all states, messages every 5 s", "aim") not in found
 
 
 def test_times_of_physics_are_told_for_a_step_of_a_fleet(monkeypatch: pytest.MonkeyPatch) -> None:
