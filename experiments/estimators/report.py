@@ -75,6 +75,20 @@ def _cases(findings: Findings) -> Table:
     return Table(heads=["", "case", "every [s]", *_HEADS, "smoothing"], rows=rows, caption=caption)
 
 
+def _limits(findings: Findings) -> str:
+    """What no navigator could do much better, in sentences."""
+    f = findings
+    general = (
+        f"In G7 the bound is {f['least G7 5']:.2f} of LAISN-2's RMS error with messages every 5 s. It is the mean over "
+        "all that who switches all states on takes for possible, and the truth is at its likeliest there; the tightly "
+        f"coupled navigator's RMS error is {f['bound G7 5']:.2f} times the bound."
+    )
+    later = ", ".join(
+        f"{f[f'smoothing {case} 1']:.2f} and {f[f'smoothing {case} 5']:.2f} in {case}" for case in ("G1", "G5", "G6")
+    )
+    return f"{general} Of a filter's error smoothing could leave, with messages every 1 s and 5 s, {later}."
+
+
 def _many(findings: Findings) -> Table:
     f, rows = findings.findings, []
     for transmitters in (3, 2):
@@ -151,6 +165,7 @@ def write_page(findings: Findings, found: Mapping[tuple[Any, ...], Any], path: P
             legend=legend,
         ),
         _cases(findings),
+        Text(text=_limits(findings)),
     ]
     runs = findings["runs"]
     page = Page(

@@ -255,7 +255,9 @@ def found() -> dict[tuple[Any, ...], Any]:
     """What a study might have come to, without flying it."""
     rng = np.random.default_rng(7)
     return {
-        name: Captured(runs=QUICK.captures, laisn=7, tight=0) if name[0] == "captures" else made(rng, runs=25)
+        name: Captured(runs=QUICK.captures, laisn=7, tight=0)
+        if name[0] == "captures"
+        else replace(made(rng, runs=25), smoothing=0.6 if name[0] == "case" else float("nan"))
         for name, _ in tasks(QUICK)
     }
 
@@ -289,6 +291,10 @@ def test_the_page_tells_all_of_it(found: dict[tuple[Any, ...], Any], tmp_path: P
         assert words in text
     for case in CASES:
         assert case.title.replace("'", "&#39;") in text
+    # 0.15 m over five times the navigator's own RMS error
+    least = np.median([0.15 / (5.0 * one.tight_rms) for one in study.chosen(found, "case", "G7", 5.0)])
+    assert f"In G7 the bound is {least:.2f} of" in text
+    assert "0.60 and 0.60 in G5, 0.60 and 0.60 in G6." in text
 
 
 def test_the_bound_of_a_mission_is_printed_and_written(tmp_path: Path) -> None:
