@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.flight.anatomy import Anatomy, Cause
-from experiments.pages import anatomy_page, bound_panel, flight_figures
+from experiments.pages import account, anatomy_page, bound_panel, flight_figures
 from experiments.pages.flight_report import _results, _troubles
 from experiments.pages.page import Figures, Table
 from laisn.arrays import Floats
@@ -76,6 +76,7 @@ def test_causes_are_told_in_centimetres_by_their_root_mean_square() -> None:
     assert [texts(row) for row in table.rows] == [
         ["lever arm", "3.0", "1.0", "4.0", "4.0"], ["echo", "50.0", "0.0", "50.0", "100.0"],
     ]  # fmt: skip
+    assert table.heads == ("cause", "rear", "front", "rms", "largest")
     figure = anatomy_page.asymmetry_over_time(anatomy.time, {Cause.LEVER_ARM: anatomy.asymmetry[:, 1]}, "")
     np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), [-4.0, 4.0, -4.0, 4.0])
 
@@ -141,11 +142,13 @@ def lines(figure: Any) -> list[Floats]:
 def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
     truth, (found,), (heard,) = flight.trajectory, flight.estimates, flight.measurements
     drawn = dict(flight_figures.motion(flight))
+    labels = {"Depth": "depth [m]", "Pitch": "pitch, nose up [°]", "Speed": "through the water [m/s]"}
     for title, values in (
         ("Depth", -truth.position[..., 2]),
         ("Pitch", np.rad2deg(truth.pitch)),
         ("Speed", truth.forward_speed),
     ):
+        assert drawn[title].axes[0].get_ylabel() == labels[title]
         follower, leader = lines(drawn[title])
         np.testing.assert_allclose(follower[:, 1], values[:, 1])
         np.testing.assert_allclose(leader[:, 1], values[:, 0])
@@ -157,3 +160,30 @@ def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
     np.testing.assert_allclose(swum, flight.hydrophone(0)[:, :2])
     np.testing.assert_allclose(believed, found.state[:, :2])
     np.testing.assert_allclose(np.concatenate(ends), [truth.position[-1, 0, :2], flight.hydrophone(0)[-1, :2]])
+
+
+def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every fourth of twenty fixes, a second apart, is rejected; the first row is that of the kind that comes first."""
+    drawn: list[tuple[list[Any], list[str]]] = []
+    monkeypatch.setattr(flight_figures, "timeline", lambda marks, words, **_: drawn.append((marks, words)))
+    (found,) = flight.estimates
+    assert found.fix_step.tolist() == list(range(10, 201, 10))
+    kind = np.where(np.arange(20) % 4 == 3, int(FixKind.GATED), int(FixKind.TWO_POINTS))
+    flight_figures.fixes(dataclasses.replace(flight, estimates=(dataclasses.replace(found, fix_kind=kind),)), 0)
+    ((marks, words),) = drawn
+    for row, (mark, word) in enumerate(zip(marks, words, strict=True)):
+        rejected = word == "rejected"
+        assert mark.x == pytest.approx([second for second in range(1, 21) if (second % 4 == 0) == rejected])
+        assert set(mark.y.tolist()) == {float(row)}
+    assert sorted(words) == ["rejected", "two points"]
+
+
+def test_kinds_of_fix_have_the_same_words_in_figures_and_sentences() -> None:
+    """Each kind has words of its own; those of fixes that were no use are the same in both places."""
+    assert set(flight_figures.FIX_WORDS) == set(account._FIXES) == set(FixKind)
+    for words in (flight_figures.FIX_WORDS, account._FIXES):
+        assert len(set(words.values())) == len(FixKind)
+    for kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.TWO_POINTS, FixKind.ONE_RANGE):
+        assert flight_figures.FIX_WORDS[kind] in account._FIXES[kind]
