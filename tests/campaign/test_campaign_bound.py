@@ -8,6 +8,7 @@ import pytest
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.flight.library import load
 from laisn.bound import TrueNoise
+from sim.scenario.settings import Acoustics
 from sim.sensing.hearing import Hearing
 from tests import straight
 
@@ -53,6 +54,22 @@ def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
 def test_what_is_not_there_or_known_is_no_unknown(settings: list[str], unknown: dict[str, float]) -> None:
     plain, found = noise_of(load("T5", NOISY)), noise_of(load("T5", [*NOISY, *settings]))
     assert vars(found) == pytest.approx(vars(replace(plain, **unknown)), rel=1e-12)
+
+
+def test_sound_that_takes_its_time_leaves_the_leader_where_it_was() -> None:
+    """The message of a second comes in at the next step; the leader's way through the water is without the current."""
+    scenario = straight.make_scenario(Acoustics(travel_time=True))
+    flown = straight.make_trajectory(
+        (0.0, 4.0, -11.0), leader_velocity=(1.0, 0.0, 0.0), follower_velocity=(1.5, 0.0, 0.0)
+    )
+    water = flown.water_velocity.copy()
+    water[...] = [0.3, -0.2, 0.0]
+    found = geometry_of(replace(flown, water_velocity=water), Hearing.of(scenario), transmitters=3)
+    sent = np.arange(1.0, found.message_step.size + 1)
+    assert found.message_step.tolist() == [10 * k + 1 for k in range(1, found.message_step.size + 1)]
+    east = 1.5 * (sent + 0.1) - sent
+    assert found.from_leader == pytest.approx(np.column_stack([east, np.full(sent.size, 4.0)]))
+    assert found.leader_velocity == pytest.approx(np.tile([0.7, 0.2], (sent.size, 1)))
 
 
 def test_geometry_is_that_of_straight_ways() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from experiments.flight.anatomy import Anatomy, Cause
 from experiments.pages import account, anatomy_page, bound_panel, flight_figures
-from experiments.pages.flight_report import _results, _troubles
+from experiments.pages.flight_report import _facts, _results, _troubles
 from experiments.pages.page import Figures, Table
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
@@ -39,6 +39,8 @@ def test_the_table_of_results_has_each_figure_under_its_head() -> None:
     errors = ["1.10", "1.20", "1.30", "2.10", "2.20", "2.30", "3.10"]
     kinds = [flight_figures.FIX_WORDS[kind] for kind in sorted((FixKind.GATED, FixKind.TWO_POINTS))]
     assert list(table.heads)[-2:] == kinds
+    assert list(table.heads)[1:8] == ["E_P max [m]", "mean", "σ", "E_B max [°]", "mean", "σ", "rms [m]"]
+    assert list(table.heads)[8:13] == ["rms [m]", "95 %", "max", "joined [s]", ""]
     first, second, third = ([*texts(row)] for row in table.rows)
     counts = {"gated": "0", "two_points": "8"}
     of = [counts["two_points" if word == flight_figures.FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds]
@@ -48,6 +50,13 @@ def test_the_table_of_results_has_each_figure_under_its_head() -> None:
     alone = _results({"followers": {"three": route}})
     assert texts(alone.rows[0])[:8] == ["three", *errors]
     assert len(alone.heads) == 10
+
+
+def test_what_a_page_says_of_its_flight_are_its_settings(flight: Flight) -> None:
+    scenario = flight.scenario.model_copy(update={"seed": 5, "run": 7})
+    told = dict(_facts(dataclasses.replace(flight, scenario=scenario), {}))
+    assert (told["Seed, run"], told["Flown"], told["Motion"]) == ("5, 7", "20 s", "physics")
+    assert told["Filter step, message interval"] == "0.1 s, 1 s"
 
 
 def test_a_capture_is_told_with_its_share_of_the_mission(flight: Flight) -> None:

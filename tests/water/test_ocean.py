@@ -248,3 +248,15 @@ def test_faults_are_named() -> None:
         Ocean(floor_depth_m=30.0, waves=Waves.regular(height_m=0.5, period_s=4.0))
     with pytest.raises(ValueError, match=r"wavenumber_1_m has shape \(2,\), expected \(1, 2\)"):
         Waves(amplitude_m=np.ones(1), wavenumber_1_m=np.ones(2), omega_rad_s=np.ones(1), phase_rad=np.ones(1))
+
+
+def test_components_spread_about_their_direction_as_much_as_is_asked_for() -> None:
+    """2000 normal directions: five standard deviations of their mean and of their standard deviation."""
+    n, spread = 2000, 0.3
+    waves = Waves.jonswap(
+        np.random.default_rng(3), significant_height_m=0.5, peak_period_s=5.0, direction_rad=1.0, spread_rad=spread,
+        n_components=n,
+    )  # fmt: skip
+    towards = np.arctan2(*waves.wavenumber_1_m.T)
+    assert abs(towards.mean() - 1.0) < 5 * spread / np.sqrt(n)
+    assert towards.std() == pytest.approx(spread, rel=5 / np.sqrt(2 * n))
