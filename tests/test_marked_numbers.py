@@ -39,7 +39,7 @@ WORDS = {
     "nees-most": "up to #", "captured": "# of the runs are captured",
     "scale": "too long", "sigma": "off by", "range_sigma": "σ of a range", "speed_sigma": "that of the log",
     "leader": "leader's compass", "echoes": "Echoes", "G7": r"\(G7\)", "G1": "instead of #|in G1",
-    "1": "every second|every 1 s", "5": "filtering in G1|every 5 s",
+    "unaware": "makes it #", "aware": "assumed #", "1": "every second|every 1 s", "5": "filtering in G1|every 5 s",
     "many": "at most #|share at #", "number": "# (hold|depend|do)", "list": r"\((claims )?#",
     "captures-removed": "removes #",
     "straight": "from # and", "weaving": "to # and",
