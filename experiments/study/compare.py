@@ -34,7 +34,8 @@ _NO_SETTING = {"name", "question"}
 
 
 def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
-    keys = dict.fromkeys(key for table in tables for key in table)
+    # a table that holds nothing is no setting, such as [set] where other studies have keys in theirs
+    keys = dict.fromkeys(key for table in tables for key, value in table.items() if value != {})
     found = {key: [table.get(key) for table in tables] for key in keys}
     return {key: values for key, values in found.items() if any(value != values[0] for value in values)}
 

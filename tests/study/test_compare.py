@@ -78,6 +78,11 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
     assert (key, here, there) == ("runs", "3", "2")
 
 
+def test_a_table_that_holds_nothing_is_no_setting() -> None:
+    found = compare._differing([{"runs": 3, "set": {}}, {"runs": 3, "set.duration_s": 20.0}])
+    assert found == {"set.duration_s": [None, 20.0]}
+
+
 def kept(folder: Path, seeds: tuple[int, ...], added: float) -> Path:
     """A study of two baselines, each run with 1 m and a tenth of seed and number; the second 1 m more; and `added`."""
     folder.mkdir()
