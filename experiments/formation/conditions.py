@@ -73,6 +73,7 @@ _ACROSS = ("ocean.current_speed_m_s=0.5", "ocean.current_direction_deg=0")
 _ALONG = ("ocean.current_speed_m_s=0.5", "ocean.current_direction_deg=90")
 _LOSS = ("acoustics.loss_chance=0.2",)
 _NEAR = ("formation.proximity.range_m=8",)
+_COMPASS = ("sensors.leader_heading_bias_deg=5", "navigation.assume.exact_leader=false")
 _BURSTS = ("acoustics.burst_chance=0.1333", "acoustics.burst_mean_messages=5")
 
 CONDITIONS = (
@@ -90,8 +91,10 @@ CONDITIONS = (
     Condition(name="bursts", title="40 % of messages lost, in bursts", settings=_BURSTS),
     Condition(name="echoes", title="5 % echoes",
               settings=("acoustics.surface_echo_chance=0.025", "acoustics.bottom_echo_chance=0.025")),
-    Condition(name="compass", title="leader's compass 5° off, and estimated",
-              settings=("sensors.leader_heading_bias_deg=5", "navigation.assume.exact_leader=false")),
+    Condition(name="compass", title="leader's compass 5° off, and estimated, in water known to be still",
+              settings=(*_COMPASS, "navigation.assume.current=false")),
+    Condition(name="compass beside", title="leader's compass 5° off, and estimated beside a current",
+              settings=_COMPASS),
     Condition(name="drift", title="biases of log and compass that drift by 0.1 m/s and 3°, and estimated",
               settings=("sensors.speed_drift_m_s=0.1", "sensors.heading_drift_deg=3", "navigation.assume.drift=true"),
               swing=True),

@@ -172,7 +172,10 @@ def _rules(findings: Findings) -> list[str]:
         f"{lost('5 s loss')} were lost of stations that begin 5 m behind, "
         f"{lost('5 s loss back')} of the same stations 15 m farther behind.",
         f"What to assume: biases that drift, and are assumed to, cost {metres('run-median drift')} in place of "
-        f"{metres('run-median calm')}. A leader whose own place walks off by 1 cm/s takes its formation along: "
+        f"{metres('run-median calm')}. A leader's compass that errs shows in its way over ground where the water is "
+        f"known to be still: the worst follower was {metres('worst compass')} off, {metres('worst compass beside')} "
+        "where a current was estimated beside it, as the leader's first leg cannot tell one across it from an error of "
+        "its compass. A leader whose own place walks off by 1 cm/s takes its formation along: "
         f"{metres('run-median ins')} off their stations in its true trail, though {metres('error ins')} off in the "
         "world.",
         "When to weave: with two transmitters and stations on the axis, above all far behind; not with three, nor "

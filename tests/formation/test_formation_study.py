@@ -47,6 +47,8 @@ def test_numbers_of_a_title_are_those_of_its_condition(condition: Condition) -> 
     assert ocean.current_shear_per_s == told(r"([\d.]+) m/s less for each metre")
     assert (ocean.waves.height_m if ocean.waves.kind != "none" else 0.0) == told(r"Hs ([\d.]+) m")
     assert sensors.leader_heading_bias_deg == told(r"compass (\d+)° off")
+    assert made.navigation.assume.exact_leader != ("leader's compass" in title and "estimated" in title)
+    assert made.navigation.assume.current != ("known to be still" in title)
     assert sensors.speed_drift_m_s == told(r"drift by ([\d.]+) m/s")
     assert sensors.heading_drift_deg == told(r"m/s and (\d)°")
     assert condition.share == (5 if "50 followers" in title else 1)
