@@ -52,6 +52,7 @@ __all__ = [
 
 _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _PACKAGES = ("models", "laisn", "sim", "experiments")
+_INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
     "Flight": "sim.flight",
     "LaisnError": "laisn.failure",
@@ -62,16 +63,28 @@ _HOMES = {
 }
 
 
+def _leave(*_: object) -> None:
+    """End at once, as a command does that Ctrl-C interrupts."""
+    os.write(2, _INTERRUPTED)
+    os._exit(130)
+
+
 def main() -> None:
     """Run the command with this project's packages, also where PYTHONPATH leads to others of the same names."""
     try:
+        import signal
+
+        # until the command obeys signals itself, there is nothing to tidy up; an exception could be lost or mistaken
+        # within an import, and come with a traceback
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, _leave)
         sys.path.insert(0, _ROOT)
         from experiments.command.cli import main as command
 
         command()
     except KeyboardInterrupt:
-        # before a command began that would say what is kept
-        sys.stderr.write("laisn: interrupted\n")
+        # outside of a command that would say what is kept
+        sys.stderr.write(_INTERRUPTED.decode())
         sys.exit(130)
 
 

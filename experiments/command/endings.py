@@ -61,7 +61,7 @@ def _leave(number: int, _: FrameType | None) -> None:
 def obey_signals() -> None:
     """Let SIGTERM and SIGHUP end the command like Ctrl-C, unless whoever started it ignores them."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+        if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _obey)
     sys.unraisablehook = obey_again
 

@@ -159,6 +159,20 @@ def test_ctrl_c_while_modules_are_loaded_gives_no_traceback(tmp_path: Path, modu
     assert len(done.stderr.splitlines()) == 1
 
 
+PASSING = """
+class Passing:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+"""
+
+
+def test_ctrl_c_while_an_object_goes_as_modules_are_loaded_is_obeyed() -> None:
+    """An error in a finaliser gets no farther than there; those of import locks are many."""
+    early = PASSING + EARLY.replace("os.kill(os.getpid(), signal.SIGINT)", "Passing()")
+    done = subprocess.run([sys.executable, "-c", early, "typer", "scenarios"], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "laisn: interrupted\n")
+
+
 BETWEEN = """
 import os, signal, sys
 import typer
