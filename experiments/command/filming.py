@@ -14,7 +14,7 @@ from experiments.flight.summary import position_and_bearing_errors
 from sim.film import render
 from sim.flyable import film_misfits
 from sim.scenario.settings import Video
-from sim.screen import plain
+from sim.screen import plain, shortened
 
 
 class FilmOptions(NamedTuple):
@@ -34,9 +34,11 @@ def _video(video: Video, options: FilmOptions) -> Video:
     if options.camera is not None:
         wanted["camera"] = options.camera
     if options.size is not None:
-        match = re.fullmatch(r"(\d+)x(\d+)", options.size)
+        match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", options.size)
         if match is None:
-            raise render.RenderError(f"--size {options.size}: expected WIDTHxHEIGHT, such as 1280x720")
+            raise render.RenderError(
+                f"--size {shortened(plain(options.size), 80)}: expected WIDTHxHEIGHT, such as 1280x720"
+            )
         wanted["width_px"], wanted["height_px"] = int(match[1]), int(match[2])
     if options.speed_up is not None:
         wanted["speed_up"] = options.speed_up

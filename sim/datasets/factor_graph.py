@@ -18,6 +18,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.datasets.range_data import RangeData
+from sim.plain_file import text_of
 
 LARGEST_BYTES = 500_000_000
 """Larger files are refused [bytes]."""
@@ -150,13 +151,9 @@ def read_factor_graph(path: Path) -> RangeData:
     """
     source = str(path)
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise LaisnError(f"{path}: larger than {LARGEST_BYTES} bytes")
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise LaisnError(f"{path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise LaisnError(f"{path}: no text, so no factor graph") from None
+        text = text_of(path, LARGEST_BYTES)
+    except LaisnError as error:
+        raise LaisnError(f"{path}: cannot be read: {error}") from None
     lines = _parsed(text, source)
     robot, remarks = _robot(lines, source)
     poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot)]

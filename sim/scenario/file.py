@@ -3,7 +3,6 @@
 import copy
 import json
 import re
-import stat
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -13,6 +12,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from laisn.failure import LaisnError
+from sim.plain_file import text_of
 from sim.scenario import own_hull
 from sim.scenario.faults import Location, described, key_of, overlaps, told_apart, without
 from sim.scenario.settings import APART, Misfit, Scenario
@@ -120,6 +120,17 @@ def validate(
     return scenario
 
 
+def _no_value(error: ValueError, text: str) -> str:
+    """Why a TOML text cannot be read, in a user's words."""
+    # besides its own, tomllib lets errors of dates and of int() through; the latter tells programmers what to call
+    endless = None if isinstance(error, tomllib.TOMLDecodeError) else _ENDLESS.search(text)
+    if endless is None:
+        return shortened(plain(error), 300)
+    digits = sum(character.isdigit() for character in endless.group())
+    line = f" (at line {text.count(chr(10), 0, endless.start()) + 1})" if "\n" in text else ""
+    return f"a number of {digits} digits, expected one that fits 64 bits{line}"
+
+
 def parse(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text, as JSON can hold it; ScenarioError names line and column of a syntax error."""
     try:
@@ -130,37 +141,16 @@ def parse(text: str, source: str) -> dict[str, Any]:
     except RecursionError:
         raise ScenarioError(f"{source}: not valid TOML: lists or tables nest too deep") from None
     except ValueError as error:
-        # besides its own, tomllib lets those of dates and of int() through, which tells programmers what to call
-        endless = None if isinstance(error, tomllib.TOMLDecodeError) else _ENDLESS.search(text)
-        reason = shortened(plain(error), 300) if endless is None else _too_long(endless)
-        raise ScenarioError(f"{source}: not valid TOML: {reason}") from None
-
-
-def _too_long(number: re.Match[str]) -> str:
-    line = number.string.count("\n", 0, number.start()) + 1
-    digits = sum(character.isdigit() for character in number.group())
-    return f"a number of {digits} digits, expected one that fits 64 bits (at line {line})"
+        raise ScenarioError(f"{source}: not valid TOML: {_no_value(error, text)}") from None
 
 
 def read(path: Path) -> dict[str, Any]:
     """The table in a TOML file; ScenarioError if it cannot be read, is no plain file or larger than any scenario."""
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            reason = "it is a folder" if stat.S_ISDIR(status.st_mode) else "it is no plain file"
-        elif status.st_size > LARGEST_BYTES:
-            reason = f"it has {status.st_size} bytes, a scenario at most {LARGEST_BYTES}"
-        else:
-            return parse(path.read_text(encoding="utf-8-sig"), str(path))
-    except OSError as error:
-        reason = error.strerror or str(error)
-    except UnicodeDecodeError:
-        reason = "not UTF-8 text"
-    except ScenarioError:
-        raise
-    except ValueError as error:
-        reason = str(error)  # a NUL in the path
-    raise ScenarioError(f"{path}: cannot be read: {reason}")
+        text = text_of(path, LARGEST_BYTES)
+    except LaisnError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+    return parse(text, str(path))
 
 
 def _value(text: str, source: str) -> Any:
@@ -169,8 +159,10 @@ def _value(text: str, source: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
-    except (ValueError, RecursionError):
-        raise ScenarioError(f"{source}: a number is too long, or lists nest too deep") from None
+    except RecursionError:
+        raise ScenarioError(f"{source}: lists or tables nest too deep") from None
+    except ValueError as error:
+        raise ScenarioError(f"{source}: {_no_value(error, text)}") from None
 
 
 def _assign(place: Any, parts: list[str], value: object) -> None:

@@ -8,11 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from laisn.failure import LaisnError
+from sim.plain_file import text_of
 from sim.screen import plain, shortened
 
 MODEL = "model"
 LONGEST = 1_000_000
-"""Length of such a text."""
+"""Length of such a text, and size of its file [bytes]."""
 _KEY = re.compile(rf"(leader|followers\.\d+)\.{MODEL}")
 
 
@@ -59,12 +61,9 @@ def embed(table: dict[str, Any]) -> list[str]:
         if is_mjcf(name):
             continue
         try:
-            text = Path(name).read_text(encoding="utf-8")
+            text = text_of(Path(name), LONGEST)
             reason = "" if is_mjcf(text) else "it is no XML"
-            reason = f"it has {len(text)} characters, there may be {LONGEST}" if len(text) > LONGEST else reason
-        except OSError as error:
-            text, reason = "", error.strerror or str(error)
-        except ValueError as error:
+        except LaisnError as error:
             text, reason = "", str(error)
         if reason:
             lines.append(f"  {key}: {shortened(plain(name), 200)}: cannot be read: {reason}")

@@ -166,7 +166,9 @@ class Route:
     @property
     def leg_speed(self) -> Floats:
         """Mean speed that each leg asks for, shape (n − 1,), [m/s]."""
-        return self.leg_length / np.diff(self.time)
+        # infinite where hardly any time is given
+        with np.errstate(over="ignore"):
+            return self.leg_length / np.diff(self.time)
 
 
 @cache

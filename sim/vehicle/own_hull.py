@@ -1,11 +1,11 @@
 """Whether the MJCF of a user's own hull has all that a vehicle needs; what it lacks is named, all at once."""
 
-import re
 from typing import Any
 
 import mujoco
 
 from sim.vehicle import coefficients, thrusters
+from sim.vehicle.hull_text import strange
 from sim.vehicle.mjcf import THRUSTERS, VehicleSetup, compose, resolve
 
 _SITES = {
@@ -17,7 +17,6 @@ _INSTRUMENTS = {
     "leader": dict.fromkeys(("tx_rear", "tx_front", "tx_middle"), "a transmitter"),
     "follower": {"hydrophone": "the hydrophone"},
 }
-_FILES = re.compile(r"<!DOCTYPE|<include\b|\b(?:file|file\w+|assetdir|meshdir|texturedir|plugin)\s*=", re.IGNORECASE)
 
 
 def _missing(spec: Any, role: str) -> list[str]:
@@ -81,9 +80,9 @@ def faults_of(text: str, role: str) -> list[str]:
     Returns:
         A line for each site, actuator and coefficient that is missing or wrong; empty if there is none.
     """
-    outside = _FILES.search(text)
-    if outside:
-        return [f"names other files ({outside[0].strip()}): a hull is one file; looks are made of plain geoms"]
+    lines = strange(text)
+    if lines:
+        return lines
     try:
         spec = mujoco.MjSpec.from_string(text)
     except ValueError as error:

@@ -28,6 +28,7 @@ from sim.fleet import FleetError
         (["render", "T5", "--set", "duration_s=20", "--camera", "drone"], "unknown camera 'drone'"),
         (["render", "T5", "--set", "duration_s=20", "--size", "12"], "expected WIDTHxHEIGHT"),
         (["render", "T5", "--set", "duration_s=20", "--size", "641x480"], "width_px"),
+        (["render", "T5", "--set", "duration_s=20", "--size", f"{'9' * 5000}x480"], "expected WIDTHxHEIGHT"),
         (["render", "T5", "--set", "duration_s=20", "--speed-up", "-3"], "speed_up"),
         (["render", "T5", "--set", "duration_s=20", "--still", "99", "--out", "x.png"], "outside the mission"),
         (["render", "T5", "--set", "duration_s=20", "--follower", "3"], "there are followers 0 … 0"),

@@ -107,7 +107,7 @@ def test_faults_of_files_are_named(tmp_path: Path) -> None:
         ("missing.pyfg", "No such file"),
         ("graph.json", r"should end in \.pyfg"),
         ("broken.mat", "no MATLAB file"),
-        ("binary.pyfg", "no text, so no factor graph"),
+        ("binary.pyfg", "cannot be read: not UTF-8 text"),
         ("empty.pyfg", "no planar pose"),
         ("notes.txt", "name the table of odometry, such as Plaza1_DR.txt"),
         ("lonely_DR.txt", "lacks TD, TL; it has DR"),

@@ -62,6 +62,13 @@ def test_a_missing_site_is_named(role: str, text: str, name: str) -> None:
     (FOLLOWER.replace('dyntype="filterexact" dynprm="0.3"', ""), "a state of its own"),
     (FOLLOWER.replace("0 29.43764 0 0 0 0", "0.1 29.43764 0 0 0 0"), "added_mass must be symmetric"),
     (FOLLOWER.replace('<camera name="chase"', '<body name="arm"/><camera name="chase"'), "no body beside 'hull'"),
+    (FOLLOWER.replace('<asset>', '<asset><hfield name="h" nrow="30000" ncol="30000" size="1 1 1 1"/>'), "<hfield>"),
+    (FOLLOWER.replace('<asset>', '<asset><mesh name="m" builtin="cone" params="1e6 0.3"/>'), "may be 200 at most"),
+    (FOLLOWER.replace('</custom>', '<numeric name="a" size="1000000000"/></custom>'), "may be 1000 at most"),
+    (FOLLOWER.replace('<worldbody>', '<worldbody><replicate count="1000000"><site/></replicate>'), "<replicate>"),
+    (FOLLOWER.replace('mass="31.0294"', 'mass="NaN"'), "<inertial mass='NaN'> is not finite"),
+    (FOLLOWER.replace('density="0"', 'density="1026"'), "<option density='1026'> is the sea's to say: 0"),
+    (FOLLOWER.replace('density="0"', 'wind="9 0 0"'), "<option wind='9 0 0'> is the sea's to say: leave it out"),
 ])  # fmt: skip
 def test_a_hull_that_cannot_swim_is_told_why(text: str, told: str) -> None:
     assert text != FOLLOWER
@@ -113,8 +120,9 @@ def test_faults_of_a_hull_come_with_those_of_the_scenario(folder: Path) -> None:
         laisn_sim.load(folder / "mine.toml", {"followers.0.model": str(folder / "bad.xml"), "leader.depth_m": -1})
     assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(told.value)
     assert "leader.depth_m" in str(told.value)
-    with pytest.raises(laisn_sim.LaisnError, match=r"leader\.model: absent\.xml: cannot be read: No such file"):
-        laisn_sim.load("T5", {"leader.model": "absent.xml"})
+    for name, told in (("absent.xml", "No such file"), ("/dev/zero", "it is no plain file"), ("/", "it is a folder")):
+        with pytest.raises(laisn_sim.LaisnError, match=rf"leader\.model: {name}: cannot be read: {told}"):
+            laisn_sim.load("T5", {"leader.model": name})
 
 
 def test_a_study_finds_hulls_beside_its_file(folder: Path) -> None:
