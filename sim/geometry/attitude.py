@@ -137,3 +137,27 @@ def slerp(start: Floats, end: Floats, fraction: Floats) -> Floats:
     b = fraction * np.sinc(fraction * angle / np.pi) / scale
     mixed = a[..., None] * start + b[..., None] * end
     return np.asarray(mixed / np.linalg.norm(mixed, axis=-1, keepdims=True))
+
+
+@compiled
+def _share(fraction: float, angle: float) -> float:
+    """sin(fraction angle) / sin(angle), which becomes the fraction where the angle is small."""
+    return math.sin(fraction * angle) / math.sin(angle) if angle > 0.0 else fraction
+
+
+@compiled
+def between(start: Floats, end: Floats, fraction: float) -> tuple[float, float, float, float]:
+    """Spherical interpolation of two attitudes, shape (4,), as `slerp`; fraction in [0, 1]."""
+    cosine = start[0] * end[0] + start[1] * end[1] + start[2] * end[2] + start[3] * end[3]
+    angle = math.acos(min(abs(cosine), 1.0))
+    a, b = _share(1.0 - fraction, angle), _share(fraction, angle)
+    if cosine < 0.0:
+        b = -b
+    w, x, y, z = (
+        a * start[0] + b * end[0],
+        a * start[1] + b * end[1],
+        a * start[2] + b * end[2],
+        a * start[3] + b * end[3],
+    )
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / size, x / size, y / size, z / size

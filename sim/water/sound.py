@@ -7,12 +7,13 @@ bending is neglected, which over 100 m and usual gradients of 0.1 /s changes a p
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats
+from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.records import own_arrays
 
@@ -82,3 +83,56 @@ class SoundSpeed:
         level = np.abs(span) < _LEVEL_M
         mean = (self.vertical_time(lower) - self.vertical_time(upper)) / np.where(level, 1.0, span)
         return np.where(level, 1.0 / self.at((upper + lower) / 2), mean)
+
+    @property
+    def profile(self) -> "Profile":
+        """The same as compiled code takes it."""
+        return Profile(self.depth, self.speed, self._crossing)
+
+
+class Profile(NamedTuple):
+    """A `SoundSpeed` in compiled code; arrays of shape (n,)."""
+
+    depth: Floats
+    """[m]."""
+    speed: Floats
+    """[m/s]."""
+    crossing: Floats
+    """Time to cross vertically from the first depth to each [s]."""
+
+
+@compiled
+def _above(p: Profile, depth: float) -> int:
+    """The last depth of the profile that is not below another one; the first, if that is."""
+    i = 0
+    while i < p.depth.size - 1 and p.depth[i + 1] <= depth:
+        i += 1
+    return i
+
+
+@compiled
+def speed_at(p: Profile, depth: float) -> float:
+    """Speed of sound at a depth [m/s]."""
+    i = _above(p, depth)
+    if depth <= p.depth[0] or i == p.depth.size - 1:
+        return float(p.speed[i])
+    share = (depth - p.depth[i]) / (p.depth[i + 1] - p.depth[i])
+    return float(p.speed[i] + share * (p.speed[i + 1] - p.speed[i]))
+
+
+@compiled
+def _vertical_time(p: Profile, depth: float) -> float:
+    """As `SoundSpeed.vertical_time`."""
+    i = _above(p, depth)
+    growth = (speed_at(p, depth) - p.speed[i]) / p.speed[i]
+    factor = np.log1p(growth) / growth if growth != 0.0 else 1.0
+    return float(p.crossing[i] + (depth - p.depth[i]) / p.speed[i] * factor)
+
+
+@compiled
+def mean_slowness(p: Profile, upper: float, lower: float) -> float:
+    """Mean of 1/c between two depths, in either order [s/m]; as `SoundSpeed.mean_slowness`."""
+    span = lower - upper
+    if abs(span) < _LEVEL_M:
+        return 1.0 / speed_at(p, 0.5 * (upper + lower))
+    return (_vertical_time(p, lower) - _vertical_time(p, upper)) / span

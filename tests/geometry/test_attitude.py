@@ -66,6 +66,9 @@ def test_slerp_agrees_with_scipy_and_takes_the_short_way() -> None:
         mixed = attitude.slerp(np.tile(start, (7, 1)), np.tile(sign * end, (7, 1)), fractions)
         same = np.abs(np.einsum("ni,ni->n", mixed, expected))
         np.testing.assert_allclose(same, 1.0, atol=1e-14)
+        one_by_one = np.array([attitude.between(start, sign * end, u) for u in fractions])
+        np.testing.assert_allclose(one_by_one, mixed, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(attitude.between(start, start, 0.3), start / np.linalg.norm(start))
 
 
 def test_angles_of_many_attitudes_have_their_shape() -> None:

@@ -22,6 +22,7 @@ from sim.sensing.loss import Channel, received
 from sim.sensing.observation import errors_of, observe
 from sim.sensing.sensor_errors import measure
 from sim.water.sound import SoundSpeed
+from sim.water.sound import mean_slowness as compiled_slowness
 from tests.straight import make_scenario, make_trajectory
 
 REAR, FRONT, MIDDLE = range(3)
@@ -109,6 +110,8 @@ def test_mean_slowness_of_a_linear_profile(upper, lower):
     else:
         expected = (np.log(c2 / c1) / 1.4 + (below[1] - below[0]) / 1520.0) / (lower - upper)
     assert_allclose(sound.mean_slowness(upper, lower), expected, rtol=1e-9)
+    # in compiled code too
+    assert_allclose(compiled_slowness(sound.profile, upper, lower), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("speed", [0.0, -0.5, -1500.0, np.nan, np.inf])
