@@ -1,12 +1,12 @@
 """LAISN's navigators of a swarm in one compiled call: each follower is a lane.
 
-What they conclude of biases and the current is nothing: LAISN has no such states.
+Of biases and the current they conclude nothing: LAISN has no such states.
 """
 
 import numpy as np
 
 from laisn import lane_rows as row
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled_lanes
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
@@ -42,26 +42,29 @@ def new_navigators(settings: NavigationSettings, starts: Floats) -> Navigators:
 
 @compiled_lanes
 def navigate(
-    navigators: Navigators, k: int, readings: Floats, received: bool, message: Floats, ranges: Floats, out: Floats
+    navigators: Navigators, k: int, readings: Floats, received: Bools, message: Floats, ranges: Floats, out: Floats
 ) -> int:
     """Filter step k of all followers; arguments otherwise as of `laisn.tight.swarm.navigate`. Returns −1."""
     block, tuning, gated = navigators
-    last = readings.shape[0] - 1
+    last, any_received = readings.shape[0] - 1, bool(received.any())
     for lane in range(LANES):
         i = min(lane, last)
         block[row.SPEED + lane], block[row.HEADING + lane] = readings[i, 0], readings[i, 1]
         block[row.DEPTH + lane] = readings[i, 2]
-        if received:
-            block[row.EAST + lane], block[row.NORTH + lane] = message[1], message[2]
-            block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = message[3], message[4]
-            block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = message[5], message[6]
-            block[row.ROLL + lane] = message[7]
-            block[row.R1 + lane], block[row.R2 + lane] = ranges[i, 0], ranges[i, 1]
-            block[row.R3 + lane] = ranges[i, 2]
-    advance(block, tuning, k, received)
+        if any_received:
+            block[row.EAST + lane], block[row.NORTH + lane] = message[i, 1], message[i, 2]
+            block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = message[i, 3], message[i, 4]
+            block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = message[i, 5], message[i, 6]
+            block[row.ROLL + lane] = message[i, 7]
+            # to hear no ping of a message is the same to it as no message
+            block[row.R1 + lane] = ranges[i, 0] if received[i] else np.nan
+            block[row.R2 + lane] = ranges[i, 1] if received[i] else np.nan
+            block[row.R3 + lane] = ranges[i, 2] if received[i] else np.nan
+    advance(block, tuning, k, any_received)
     for i in range(readings.shape[0]):
         out[i, 0], out[i, 1] = block[row.X + i], block[row.Y + i]
-        if received:
+        out[i, 9], out[i, 10] = block[row.VX + i], block[row.VY + i]
+        if received[i]:
             for first in fix_rows(tuning.variant):
                 gated[i] += first >= 0 and block[first + 3 * LANES + i] == _GATED
     return -1

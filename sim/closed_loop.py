@@ -1,110 +1,289 @@
-"""Followers that steer by their own estimates: they sense and navigate while the mission is flown.
+"""Followers that steer by their own estimates: one tick of all vehicles but for navigation and physics.
 
-What such a follower measures depends on where its estimates have led it. At every filter step its navigator gets what
-`sim.sensing.observation` and `sim.sensing.sensor_errors` make of the truth so far, which is what they make of it once
-the mission is over, for noise is addressed by step. Navigating on the finished mission therefore gives the very
-estimates that steered it.
+What such a follower measures depends on where its estimates have led it, so that sensing and navigation are part of
+the flight. A tick is `sense`, at filter steps the followers' navigators, `guide`, physics, `note`. The navigators
+belong to `laisn`, of which this package knows no more than its words; a `Swarm` of them is given to whoever puts the
+tick together (`experiments.flight.swarm`), all in compiled code. Noise is addressed by step, so that navigating on the
+finished mission gives the estimates that steered it.
+
+A follower keeps a station or a route. On a station it has nothing but readings, messages and beliefs; on a route it
+takes its belief for its position, while its autopilot knows heading, depth, speed and current without error.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
-from laisn import POSITION, VELOCITY
-from laisn.arrays import Floats
-from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
-from laisn.navigating import AnyNavigator, NavigatorFactory
-from sim.fleet import TrajectorySince
-from sim.flight import navigation_settings
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import SITES, errors_of, observe, own_motion, start_of
-from sim.sensing.sensor_errors import measure, sense_own
-from sim.sensing.wandering import wander
+from laisn.arrays import Bools, Floats, Ints
+from laisn.compiled import compiled
+from sim.control.approach import LAWS, Approach
+from sim.control.autopilot import control, feel
+from sim.control.avoidance import Avoidance
+from sim.control.follower import (
+    BELIEFS,
+    BELIEVED_EAST,
+    BELIEVED_NORTH,
+    FOLLOWER_MEMORY,
+    READINGS,
+    VELOCITY_EAST,
+    VELOCITY_NORTH,
+    Law,
+    Silence,
+    beware,
+    embark,
+    keep_station,
+    listen,
+)
+from sim.control.guidance import CURRENT_EAST, CURRENT_NORTH, CURRENT_TIME, EAST, NORTH, begin
+from sim.control.station import Frame
+from sim.control.trail import TRAIL
+from sim.fleet import QUATERNION, TICK, VELOCITY, WATER, Steering, steer_along_route
+from sim.scenario.formation import Formation, Proximity
+from sim.scenario.settings import Scenario
+from sim.sensing.ahrs import follow_tilt
+from sim.sensing.instant import Senses, forward_speed, read_own, senses_of
+from sim.sensing.listening import HEARD, SILENT, Inbox, hear, new_inbox
+from sim.sensing.pings import site
+from sim.sensing.proximity import SEEN, Lookout, look, lookout_of
+from sim.vehicle.plant import Plant
 
-_PATIENCE_S = 10.0
-"""A message that is not in after this time never will be: one that came in the same step was kept instead."""
+POSE, TWIST = slice(0, 7), slice(7, 13)
+ROUTE, ROUTE_BY_BELIEF, STATION_BY_TRUTH, STATION = range(4)
+"""What a follower keeps to, and what it steers by."""
+_SILENT = ("go-on", "circle", "surface")
 
 
-class Pilot:
-    """One follower's senses, its navigator, and where it takes itself to be."""
+class Aboard(NamedTuple):
+    """All that a tick works on beside the truth; f followers."""
 
-    def __init__(self, scenario: Scenario, follower: int, navigator: NavigatorFactory) -> None:
-        self._scenario, self._vehicles, self._make = scenario, (0, follower + 1), navigator
-        self._errors, self._hearing = errors_of(scenario), Hearing.of(scenario)
-        self._seed, self._run, self._follower = scenario.seed, scenario.run, follower
-        dt = scenario.timing.filter_step_s
-        self._stride, self._patience = round(dt / CONTROL_STEP_S), round(_PATIENCE_S / dt)
-        self._remembering = (
-            self._errors.channel.loses
-            or self._errors.leader_attitude_time > 0.0
-            or scenario.sensors.leader_attitude_feels_acceleration
+    law: Law
+    senses: Senses
+    lookout: Lookout
+    kinds: Ints
+    """ROUTE … STATION of each follower, shape (f,)."""
+    stations: Floats
+    """Columns BEHIND, PORT, STATION_DEPTH, shape (f, 3), [m]."""
+    sites: tuple[Floats, Floats, Floats]
+    """Offsets of the transmitters, shape (3, 3), of hydrophones and of pressure sensors, shape (f, 3), [m]."""
+    steering: Steering
+    """Steering of vehicles along their routes."""
+    readings: Floats
+    """Readings of each follower's sensors, shape (f, READINGS)."""
+    inbox: Inbox
+    """What each follower has heard."""
+    arrived: Bools
+    """Whether a message is in at this filter step, shape (f,)."""
+    tilts: Floats
+    """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]."""
+    seen: Floats
+    """What each follower's last look around showed, shape (f, v, SEEN)."""
+    beliefs: Floats
+    """What each navigator concludes, shape (f, BELIEFS)."""
+    trails: Floats
+    """Trail of the leader as each follower has heard it, shape (f, room, TRAIL)."""
+    counts: Ints
+    """Points of the trails, shape (f, 1)."""
+    memory: Floats
+    """Memory of each follower, shape (f, FOLLOWER_MEMORY)."""
+    reference: Floats
+    """Reference of the autopilot of one follower at a time, shape (8,)."""
+    history: Floats
+    """Beliefs at each instant, shape (n + 1, f, BELIEFS)."""
+
+
+def law_of(formation: Formation) -> Law:
+    """Settings as compiled code takes them."""
+    frame = Frame(
+        time=formation.frame_time_s,
+        lag=formation.frame_lag_s,
+        ahead=formation.frame_ahead_m,
+        acceleration=formation.frame_acceleration_m_s2,
+        inner=formation.inner_share,
+        outer=formation.outer_share,
+        slowest=formation.inner_least_m_s,
+        fastest=formation.outer_most_m_s,
+        preview=formation.preview_s,
+    )
+    law = Approach(
+        law=LAWS.index(formation.law),
+        speed=formation.approach_speed_m_s,
+        lookahead=formation.lookahead_m,
+        integral=formation.integral_m_s,
+        least_way=formation.least_way_m_s,
+        slowest=formation.slowest_m_s,
+        fastest=formation.fastest_m_s,
+    )
+    silence = Silence(
+        patience=formation.patience_s,
+        limit=formation.silence_s,
+        then=_SILENT.index(formation.when_silent),
+        speed=formation.silent_speed_m_s,
+    )
+    near = formation.proximity or Proximity()
+    avoidance = Avoidance(
+        reach=near.range_m,
+        full=near.full_m,
+        speed=near.give_way_m_s,
+        least_way=formation.least_way_m_s,
+        fastest=formation.fastest_m_s,
+    )
+    return Law(frame, law, silence, formation.unsure_m, avoidance)
+
+
+def _kind(on_station: bool, believes: bool) -> int:
+    if on_station:
+        return STATION if believes else STATION_BY_TRUTH
+    return ROUTE_BY_BELIEF if believes else ROUTE
+
+
+def aboard(scenario: Scenario, plant: Plant, steering: Steering) -> Aboard:
+    """Everything at its start.
+
+    Args:
+        scenario: whose followers sense and navigate while they swim.
+        plant: at its start.
+        steering: of the routes.
+    """
+    f, n = len(scenario.followers), steering[0].shape[0]
+    offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
+    names = [follower.name for follower in scenario.followers]
+    memory, water = np.zeros((f, FOLLOWER_MEMORY)), plant.water_velocity()
+    kinds, stations = np.zeros(f, dtype=np.int64), np.zeros((f, 3))
+    trails = np.zeros((f, n // scenario.message_every + 2, TRAIL))
+    counts = np.zeros((f, 1), dtype=np.int64)
+    leader = feel(plant.pose[0], plant.twist[0], water[0])
+    start = np.array([0.0, *plant.pose[0, :2], leader.heading, leader.surge])
+    for i, follower in enumerate(scenario.followers):
+        kinds[i] = _kind(follower.station is not None, follower.believes)
+        if follower.station:
+            place = follower.station
+            stations[i] = place.behind_m, place.port_m, place.depth_m
+        felt = feel(plant.pose[i + 1], plant.twist[i + 1], water[i + 1])
+        embark((felt.heading, felt.surge, felt.depth), start, trails[i], counts[i], memory[i])
+    return Aboard(
+        law=law_of(scenario.formation),
+        senses=senses_of(scenario),
+        lookout=lookout_of(scenario),
+        kinds=kinds,
+        stations=stations,
+        sites=(
+            np.array([offset[f"leader/tx_{which}"] for which in ("rear", "front", "middle")]),
+            np.array([offset[f"{name}/hydrophone"] for name in names]),
+            np.array([offset[f"{name}/depth_sensor"] for name in names]),
+        ),
+        steering=steering,
+        readings=np.zeros((f, READINGS)),
+        inbox=new_inbox(f),
+        arrived=np.zeros(f, dtype=np.bool_),
+        tilts=np.zeros((n, 2)),
+        seen=np.full((f, f + 1, SEEN), np.nan),
+        beliefs=np.zeros((f, BELIEFS)),
+        trails=trails,
+        counts=counts,
+        memory=memory,
+        reference=np.zeros(8),
+        history=np.full((n, f, BELIEFS), np.nan),
+    )
+
+
+@compiled
+def _lean(k: int, record: Floats, a: Aboard) -> None:
+    """What accelerations make of the leader's pitch and roll; the first instant has those of the second."""
+    for i in range(k - 1 if k == 1 else k, k + 1):
+        change = record[k, 0, VELOCITY] - record[k - 1, 0, VELOCITY]
+        follow_tilt(a.senses.tilt_share, record[i, 0, QUATERNION], change, a.tilts[max(i - 1, 0)], a.tilts[i])
+
+
+@compiled
+def sense(k: int, record: Floats, a: Aboard) -> bool:
+    """All sensors at instant k, and messages that are in; whether it is a filter step, at which navigators are due.
+
+    Between filter steps followers dead-reckon.
+
+    Args:
+        k: instant.
+        record: truth, shape (n + 1, v, COLUMNS), known until then.
+        a: readings, inbox, arrivals, trails and believed places are brought forward.
+    """
+    row, stride = record[k], a.senses.stride
+    if k > 0 and a.senses.feels_acceleration:
+        _lean(k, record, a)
+    if k % stride != 0:
+        for i in range(a.kinds.size):
+            a.beliefs[i, BELIEVED_EAST] += TICK * a.beliefs[i, VELOCITY_EAST]
+            a.beliefs[i, BELIEVED_NORTH] += TICK * a.beliefs[i, VELOCITY_NORTH]
+        return False
+    step = k // stride
+    for i in range(a.kinds.size):
+        body = row[i + 1, POSE], row[i + 1, TWIST], row[i + 1, WATER]
+        read_own(a.senses, step, i, body, a.sites[2][i], a.readings[i])
+        on_station = a.kinds[i] >= STATION_BY_TRUTH
+        if k > 0 and a.lookout.every > 0 and k % a.lookout.every == 0 and on_station:
+            look(a.lookout, k, i, row, a.seen[i])
+            beware(a.law.avoidance, a.seen[i], a.beliefs[i], a.memory[i])
+        if k > 0:
+            hear(a.senses, step, i, (a.sites[0], a.sites[1]), (record, k), a.tilts, a.inbox)
+            a.arrived[i] = a.inbox.outcome[i] != SILENT
+            if a.inbox.outcome[i] == HEARD and on_station:
+                clock, message = (k * TICK, TICK), a.inbox.message[i]
+                listen(a.law.frame, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
+    return k > 0
+
+
+@compiled
+def _told_the_truth(row: Floats, hydrophone: Floats, guided: Floats, reading: Floats, belief: Floats) -> None:
+    """Replace readings and beliefs of a follower that steers by the truth."""
+    pose, twist, water = row[POSE], row[TWIST], row[WATER]
+    felt = feel(pose, twist, water)
+    reading[0], reading[1], reading[2] = forward_speed(pose, twist, water), felt.heading, felt.depth
+    reading[3], reading[4], reading[5] = felt.pitch, felt.turning, felt.pitching
+    guided[CURRENT_EAST] += (water[0] - guided[CURRENT_EAST]) * TICK / CURRENT_TIME
+    guided[CURRENT_NORTH] += (water[1] - guided[CURRENT_NORTH]) * TICK / CURRENT_TIME
+    belief[:] = 0.0
+    belief[0], belief[1], _ = site(pose, hydrophone)
+    belief[4], belief[5] = guided[CURRENT_EAST], guided[CURRENT_NORTH]
+
+
+@compiled
+def _believed_place(k: int, f: int, a: Aboard) -> Floats:
+    """Where a follower takes itself to be: as long as it knows of no place, where its route has it."""
+    place = a.beliefs[f, BELIEVED_EAST : BELIEVED_NORTH + 1]
+    if k < a.senses.stride or place[0] != place[0]:
+        return a.steering[0][k, f + 1, EAST : NORTH + 1]
+    return place
+
+
+@compiled
+def guide(k: int, row: Floats, a: Aboard) -> None:
+    """Find the commands of all vehicles that hold from instant k until k + 1.
+
+    Args:
+        k: instant.
+        row: recorded truth, shape (v, COLUMNS).
+        a: memories and commands are brought forward; beliefs are written down.
+    """
+    wanted, autopilots, memory, command = a.steering
+    if k == 0:
+        for i in range(row.shape[0]):
+            begin(wanted[0, i], row[i, POSE], row[i, TWIST], row[i, WATER], memory[0][i])
+    steer_along_route(k, row, 0, row[0, 0:2], a.steering)
+    for f in range(a.kinds.size):
+        i = f + 1
+        a.history[k, f] = a.beliefs[f]
+        if a.kinds[f] <= ROUTE_BY_BELIEF:
+            where = _believed_place(k, f, a) if a.kinds[f] == ROUTE_BY_BELIEF else row[i, 0:2]
+            steer_along_route(k, row, i, where, a.steering)
+            continue
+        reading, belief = a.readings[f], a.beliefs[f]
+        if a.kinds[f] == STATION_BY_TRUTH:
+            _told_the_truth(row[i], a.sites[1][f], memory[0][i], reading, belief)
+        steering = keep_station(
+            a.law,
+            a.stations[f],
+            (reading, belief),
+            (a.trails[f], a.counts[f, 0]),
+            (k * TICK, TICK),
+            a.memory[f],
+            a.reference,
         )
-        self._awaited: list[int] = []
-        self._navigator: AnyNavigator | None = None
-
-    def believe(self, tick: int, flown: TrajectorySince) -> Floats:
-        """Position at an instant of the trajectory's grid, shape (2,), [m]; NaN before the first filter step.
-
-        Args:
-            tick: number of the instant; instants must come one by one.
-            flown: the mission until then.
-        """
-        k, beyond = divmod(tick, self._stride)
-        if k > 0 and beyond == 0:
-            self._step(k, flown)
-        if self._navigator is None:
-            return np.full(2, np.nan)
-        # between filter steps it dead-reckons
-        state = self._navigator.state
-        return np.asarray(state[POSITION] + beyond * CONTROL_STEP_S * state[VELOCITY])
-
-    def _step(self, k: int, flown: TrajectorySince) -> None:
-        """Sense and navigate at filter step k, which is now."""
-        true = own_motion(flown(k * self._stride - 1), self._follower)[-1:]
-        wander(self._hearing.wandering, self._follower, np.array([k * self._hearing.filter_step_s]), true)
-        (own,) = sense_own(
-            true, np.array([k]), self._errors, seed=self._seed, run=self._run, follower=self._follower
-        ).tolist()
-        if k % self._scenario.message_every == 0:
-            self._awaited.append(k)
-        self._awaited = [sent for sent in self._awaited if k - sent <= self._patience]
-        reception = self._listen(k, flown) if self._awaited else None
-        if self._navigator is None:
-            start = flown(0)
-            settings = navigation_settings(self._scenario, start, self._follower)
-            self._navigator = self._make(settings, start_of(start, self._follower))
-        self._navigator.step(OwnMotion(*own), reception)
-
-    def _listen(self, k: int, flown: TrajectorySince) -> Reception | None:
-        """The message that is in at filter step k, if there is one."""
-        # errors with a history take the whole of it
-        since = 0 if self._remembering else self._awaited[0] - 1
-        truth = observe(flown(since * self._stride).only(self._vehicles, SITES), self._hearing)
-        if not truth.message_step.size or truth.message_step[-1] != k:
-            return None
-        self._awaited = [sent for sent in self._awaited if sent > truth.emission_step[-1]]
-        heard = measure(
-            truth,
-            self._errors,
-            seed=self._seed,
-            run=self._run,
-            follower=self._follower,
-            transmitters=self._scenario.navigation.transmitters,
-        )
-        return Reception(LeaderMessage(*heard.message[-1].tolist()), Ranges(*heard.ranges[-1].tolist()))
-
-
-class Feedback:
-    """Positions that a fleet's vehicles believe to be their own; those that steer by the truth give none."""
-
-    def __init__(self, scenario: Scenario, navigator: NavigatorFactory) -> None:
-        """Set up a pilot for each follower with `steers_by = "estimate"`."""
-        steering = [i for i, follower in enumerate(scenario.followers) if follower.believes]
-        self._pilots = {i + 1: Pilot(scenario, i, navigator) for i in steering}
-        self._shape = len(scenario.followers) + 1, 2
-
-    def __call__(self, tick: int, flown: TrajectorySince) -> Floats:
-        """Believed positions of all vehicles, shape (v, 2), [m]; NaN where the truth is to be used."""
-        belief = np.full(self._shape, np.nan)
-        for vehicle, pilot in self._pilots.items():
-            belief[vehicle] = pilot.believe(tick, flown)
-        return belief
+        control(autopilots[i], steering.wanted, a.reference, steering.felt, TICK, memory[1][i], command[i])

@@ -1,7 +1,6 @@
 """A fleet flown by its autopilots: plant, guidance and autopilot make a Trajectory."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -44,10 +43,9 @@ class FleetError(LaisnError):
         self.trajectory = trajectory
 
 
-TrajectorySince = Callable[[int], Trajectory]
-"""The mission since an instant, which its number on the grid names, until now."""
-BelievedPositions = Callable[[int, TrajectorySince], Floats]
-"""Where vehicles take themselves to be at an instant, shape (v, 2), [m]; NaN: where they are."""
+Steering = tuple[Floats, Any, tuple[Floats, Floats], Floats]
+"""Wanted, autopilots, memory and command of vehicles along their routes: the reference of all instants, shape
+(n, v, 8); records of DESIGN, shape (v,); memories of guidance and autopilot; thrusts, shape (v, 5), [N]."""
 
 
 @compiled
@@ -63,24 +61,30 @@ def note(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Flo
 
 
 @compiled
-def steer_along_routes(
-    k: int,
-    row: Floats,
-    wanted: Floats,
-    belief: Floats,
-    autopilots: Any,
-    memory: tuple[Floats, Floats],
-    command: Floats,
-) -> None:
-    """Find the commands that hold from the recorded instant k until k + 1; memory is set up at k = 0."""
+def steer_along_route(k: int, row: Floats, i: int, where: Floats, steering: Steering) -> None:
+    """Find the command of vehicle i that holds from the recorded instant k until k + 1.
+
+    Args:
+        k: instant.
+        row: recorded truth, shape (v, COLUMNS).
+        i: vehicle.
+        where: it takes itself to be: east, north (more is not read) [m].
+        steering: memory is brought forward, which `begin` has set up; command is written down.
+    """
+    wanted, autopilots, memory, command = steering
+    pose, twist, around = row[i, 0:7], row[i, 7:13], row[i, WATER]
+    steered = steer(wanted[k, i], where, around, TICK, memory[0][i])
+    felt = feel(pose, twist, around)
+    control(autopilots[i], steered, wanted[k, i], felt, TICK, memory[1][i], command[i])
+
+
+@compiled
+def steer_along_routes(k: int, row: Floats, steering: Steering) -> None:
+    """Find the commands of all vehicles, which know where they are; memory is set up at k = 0."""
     for i in range(row.shape[0]):
-        pose, twist, around = row[i, 0:7], row[i, 7:13], row[i, WATER]
         if k == 0:
-            begin(wanted[k, i], pose, twist, around, memory[0][i])
-        where = belief[i] if np.isfinite(belief[i, 0]) else pose[:2]
-        steering = steer(wanted[k, i], where, around, TICK, memory[0][i])
-        felt = feel(pose, twist, around)
-        control(autopilots[i], steering, wanted[k, i], felt, TICK, memory[1][i], command[i])
+            begin(steering[0][k, i], row[i, 0:7], row[i, 7:13], row[i, WATER], steering[2][0][i])
+        steer_along_route(k, row, i, row[i, 0:2], steering)
 
 
 @compiled
@@ -89,7 +93,7 @@ def _fly(
     afloat: Any,
     state: tuple[Floats, Floats, Floats],
     water: Water,
-    steering: tuple[Floats, Floats, Any, tuple[Floats, Floats], Floats],
+    steering: Steering,
     record: Floats,
 ) -> tuple[int, Fault]:
     """Steer, advance and record from one instant to another.
@@ -99,25 +103,20 @@ def _fly(
         afloat: of `Plant.afloat`.
         state: pose, twist and thrust of the plant.
         water: as of `note`.
-        steering: wanted, belief, autopilots, memory and command of `steer_along_routes`.
+        steering: of all vehicles.
         record: of all instants, shape (n, v, COLUMNS).
 
     Returns:
         The last instant that is recorded, and what ended the flight there, if it is not FINE.
     """
     first, last, substeps = span
-    wanted, belief, autopilots, memory, command = steering
     for k in range(first, last):
-        steer_along_routes(k, record[k], wanted, belief, autopilots, memory, command)
-        fault = advance(afloat, command, substeps)
+        steer_along_routes(k, record[k], steering)
+        fault = advance(afloat, steering[3], substeps)
         if fault[0] != FINE:
             return k, fault
         note(k + 1, state, water, record)
     return last, (FINE, -1)
-
-
-Steering = tuple[Floats, Floats, Any, tuple[Floats, Floats], Floats]
-"""Wanted, belief, autopilots, memory and command of `steer_along_routes`."""
 
 
 class Crew(Protocol):
@@ -141,15 +140,15 @@ class Crew(Protocol):
 
 
 class RouteCrew:
-    """Vehicles on routes, steered by the truth or by positions that are given."""
+    """Vehicles on routes, steered by the truth."""
 
     def __init__(self, steering: Steering) -> None:
-        """Take the arrays that `steer_along_routes` works on."""
+        """Take the arrays of the routes."""
         self._steering = steering
 
     def think(self, k: int, record: Floats) -> None:
         """Find the commands that hold from the recorded instant k until k + 1."""
-        steer_along_routes(k, record[k], *self._steering)
+        steer_along_routes(k, record[k], self._steering)
 
     def fly(
         self,
@@ -170,12 +169,8 @@ Boarding = Callable[[Plant, Steering], Crew]
 """Makes the crew of a plant from the arrays of its routes."""
 
 
-def _trajectory(plant: Plant, record: Floats, since: int = 0) -> Trajectory | None:
-    """What is recorded since an instant; None if that is no two instants."""
-    n = record.shape[0]
-    if n - since < 2:
-        return None
-    record = record[since:]
+def _trajectory(plant: Plant, record: Floats) -> Trajectory:
+    """What is recorded, which is two instants or more."""
     part = {
         name: np.ascontiguousarray(record[..., columns])
         for name, columns in {
@@ -189,7 +184,7 @@ def _trajectory(plant: Plant, record: Floats, since: int = 0) -> Trajectory | No
     }
     return Trajectory(
         names=plant.names,
-        time=np.arange(since, n, dtype=np.float64) * TICK,
+        time=np.arange(record.shape[0], dtype=np.float64) * TICK,
         site_names=plant.site_names,
         site_vehicle=plant.site_vehicle.copy(),
         site_offset=plant.site_offset.copy(),
@@ -202,16 +197,7 @@ def standing(plant: Plant) -> Trajectory:
     record = np.empty((2, len(plant.names), COLUMNS))
     for k in range(2):
         note(k, plant.state, plant.ocean.water, record)
-    still = _trajectory(plant, record)
-    assert still is not None  # of two instants
-    return still
-
-
-def _trajectory_since(plant: Plant, record: Floats, since: int = 0) -> Trajectory:
-    flown = _trajectory(plant, record, since)
-    if flown is None:
-        raise ValueError(f"only {record.shape[0]} instants are flown, none after number {since}")
-    return flown
+    return _trajectory(plant, record)
 
 
 def simulate_fleet(
@@ -221,7 +207,6 @@ def simulate_fleet(
     depth_control: Sequence[DepthControl] = (),
     *,
     limits: Sequence[Limits] | None = None,
-    believe: BelievedPositions | None = None,
     boarding: Boarding | None = None,
     ending: Ending | None = None,
     progress: Callable[[float], None] | None = None,
@@ -234,8 +219,7 @@ def simulate_fleet(
         duration: [s]; a multiple of 0.1 s.
         depth_control: of each vehicle; empty: "pitch" for all.
         limits: what each vehicle can do; None: the paper's turn rate, acceleration and top speed.
-        believe: where vehicles take themselves to be when they steer; None: they know.
-        boarding: makes a crew that does other than follow routes; None: there is none.
+        boarding: makes a crew that steers otherwise than along routes by the truth; None: there is none.
         ending: what ends the flight before its time; None: nothing does.
         progress: called with the mission time [s], every 50 s of it.
 
@@ -259,9 +243,9 @@ def simulate_fleet(
     wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, limits, lead)
     record = np.empty((ticks + 1, v, COLUMNS))
     memory = np.zeros((v, GUIDANCE_MEMORY)), np.zeros((v, AUTOPILOT_MEMORY))
-    command, belief = np.zeros((v, 5)), np.full((v, 2), np.nan)
+    command = np.zeros((v, 5))
     state, water = plant.state, plant.ocean.water
-    steering = wanted, belief, autopilots, memory, command
+    steering = wanted, autopilots, memory, command
     crew: Crew = RouteCrew(steering) if boarding is None else boarding(plant, steering)
 
     def leg(k: int, last: int) -> None:
@@ -277,24 +261,21 @@ def simulate_fleet(
                 k += 1
                 note(k, state, water, record)
         except PlantError as error:
-            raise FleetError(str(error), error.time, _trajectory(plant, record[: k + 1])) from error
+            flown = _trajectory(plant, record[: k + 1]) if k > 0 else None
+            raise FleetError(str(error), error.time, flown) from error
 
     note(0, state, water, record)
     k = 0
     while k < ticks:
-        if believe is not None:
-            belief[:] = believe(k, partial(_trajectory_since, plant, record[: k + 1]))
-        # between these instants nothing from outside is looked at: not the beliefs, not Ctrl-C
-        last = k + 1 if believe is not None else min(k + _PROGRESS_TICKS - (k - 1) % _PROGRESS_TICKS, ticks)
+        # between these instants nothing from outside is looked at, not even Ctrl-C
+        last = min(k + _PROGRESS_TICKS - (k - 1) % _PROGRESS_TICKS, ticks)
         leg(k, last)
         new = record[k : last + 1]
         end = None if ending is None else ending(new[..., POSITION], new[..., QUATERNION])
         if end is not None:
-            return _trajectory_since(plant, record[: max(k + end, 1) + 1])
+            return _trajectory(plant, record[: max(k + end, 1) + 1])
         if progress is not None and (last - 1) % _PROGRESS_TICKS == 0:
             progress((last - 1) * TICK)
         k = last
     crew.end(ticks, record)
-    if believe is not None:
-        believe(ticks, partial(_trajectory_since, plant, record))
-    return _trajectory_since(plant, record)
+    return _trajectory(plant, record)

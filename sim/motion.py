@@ -4,10 +4,8 @@ from collections.abc import Callable
 from functools import partial
 
 from laisn.failure import LaisnError
-from laisn.navigating import NavigatorFactory
 from sim import point_fleet
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
-from sim.closed_loop import Feedback
 from sim.contact import contacts, first_touch
 from sim.fleet import Boarding, Crew, FleetError, Steering, simulate_fleet
 from sim.point_fleet import Sites
@@ -33,33 +31,29 @@ class ContactError(EndedError):
 
 
 Embarking = Callable[[Scenario, Plant, Steering], Crew]
-"""Makes the crew of a scenario whose followers keep stations, from its plant at the start and its routes' arrays."""
+"""Makes the crew of a scenario whose followers navigate under way, from its plant at the start and the arrays of its
+routes."""
+
+
+def listeners(scenario: Scenario) -> list[str]:
+    """Keys by which followers need what they hear to swim at all: their stations, or that they steer by estimates."""
+    kept = [f"followers.{i}.station" for i, follower in enumerate(scenario.followers) if follower.station]
+    return kept + [f"followers.{i}.steers_by = 'estimate'" for i, f in enumerate(scenario.followers) if f.believes]
 
 
 def _boarding(scenario: Scenario, embark: Embarking | None) -> Boarding | None:
-    stations = [i for i, follower in enumerate(scenario.followers) if follower.station]
-    if stations and embark is None:
+    keys = listeners(scenario)
+    if keys and embark is None:
         raise LaisnError(
-            f"scenario {scenario.name!r}: followers.{stations[0]}.station: its path depends on the noise of the run, "
-            "so that no campaign can fly it once for all runs; use `laisn fly --run N`"
+            f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so that no campaign can "
+            "fly it once for all runs; use `laisn fly --run N`"
         )
-    return partial(embark, scenario) if stations and embark is not None else None
-
-
-def _feedback(scenario: Scenario, navigator: NavigatorFactory | None) -> Feedback | None:
-    steering = [i for i, follower in enumerate(scenario.followers) if follower.believes]
-    if steering and navigator is None:
-        raise LaisnError(
-            f"scenario {scenario.name!r}: followers.{steering[0]}.steers_by = 'estimate': its path depends on the "
-            "noise of the run, so that no campaign can fly it once for all runs; use `laisn fly --run N`"
-        )
-    return Feedback(scenario, navigator) if steering and navigator is not None else None
+    return None if embark is None else partial(embark, scenario)
 
 
 def simulate_motion(
     scenario: Scenario,
     progress: Callable[[float], None] | None = None,
-    navigator: NavigatorFactory | None = None,
     embark: Embarking | None = None,
 ) -> Trajectory:
     """Fly a scenario's vehicles along their routes.
@@ -67,15 +61,14 @@ def simulate_motion(
     Args:
         scenario: `motion` chooses rigid bodies in water, or point motion in still water with the same sites.
         progress: called now and then with the share that is done, 0 … 1.
-        navigator: makes the navigators of followers that steer along routes by their own estimates.
-        embark: makes the crew of a fleet whose followers keep stations.
+        embark: makes a crew that navigates under way, without which there may be no `listeners`; None: there is none.
 
     Raises:
-        LaisnError: a route cannot be flown, the sea is impossible, or a follower lacks its navigator.
+        LaisnError: a route cannot be flown, the sea is impossible, or nobody makes the crew that it needs.
         DivergedError: the simulation left finite numbers.
         ContactError: vehicles touched, and that ends the scenario's mission.
     """
-    trajectory = _simulated(scenario, progress, navigator, embark)
+    trajectory = _simulated(scenario, progress, embark)
     met = contacts(trajectory) if scenario.contact == "end" else []
     if not met:
         return trajectory
@@ -87,12 +80,10 @@ def simulate_motion(
 def _simulated(
     scenario: Scenario,
     progress: Callable[[float], None] | None,
-    navigator: NavigatorFactory | None,
     embark: Embarking | None,
 ) -> Trajectory:
     """The motion of a scenario; where contact ends its mission, it may stop soon after the first."""
     boarding = _boarding(scenario, embark)
-    feedback = None if boarding else _feedback(scenario, navigator)
     routes = routes_of(scenario)
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
@@ -104,7 +95,6 @@ def _simulated(
             routes,
             scenario.duration_s,
             [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
-            believe=feedback,
             boarding=boarding,
             ending=first_touch if scenario.contact == "end" else None,
             progress=None if progress is None else lambda time: progress(time / scenario.duration_s),

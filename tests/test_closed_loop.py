@@ -10,18 +10,17 @@ from experiments.campaign.missions import simulate_mission
 from experiments.closed_loop import study
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
+from experiments.flight.swarm import simulate_swarm
 from laisn.arrays import Floats
-from laisn.messages import OwnMotion, Reception
-from laisn.navigator import Navigator
+from laisn.estimates import FixKind
 from laisn.navigators import new_navigator
-from laisn.settings import NavigationSettings
-from laisn.tight.navigator import TightNavigator
-from sim.closed_loop import Pilot
-from sim.flight import Flight, navigate
+from sim.flight import navigate
 from sim.motion import simulate_motion
+from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
+from sim.sensing.hearing import Hearing
+from sim.sensing.observation import observe
 from sim.trajectory import Trajectory
-from tests import straight
 
 
 def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Scenario:
@@ -31,17 +30,28 @@ def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Sce
     )
 
 
-def steered(scenario: Scenario, navigator: Any = Navigator) -> tuple[Trajectory, Floats]:
-    """The motion, and the states on which it was steered, shape (n, 4)."""
-    states: list[Floats] = []
+def apart(scenario: Scenario, follower: int = 0) -> Floats:
+    """Believed places that steered, less those that navigating on the finished mission gives, shape (n, 2), [m]."""
+    trajectory, beliefs, gated = simulate_swarm(scenario)
+    flight = navigate(scenario, trajectory, new_navigator)
+    measured, estimates = flight.measurements[follower], flight.estimates[follower]
+    assert measured.message_step.size > 5
+    if scenario.navigation.variant != "tight":
+        assert gated[follower] == np.count_nonzero(estimates.fix_kind == FixKind.GATED)
+    stride = flight.stride
+    return np.asarray(beliefs[stride::stride, follower, :2] - estimates.state[:, :2])
 
-    class Overheard(navigator):  # type: ignore[misc]
-        def step(self, own: OwnMotion, reception: Reception | None = None) -> list:  # type: ignore[type-arg]
-            records = super().step(own, reception)
-            states.append(self.state.copy())
-            return records
 
-    return simulate_motion(scenario, None, Overheard), np.array(states)
+TROUBLED = (
+    "acoustics.loss_chance=0.2", "acoustics.burst_chance=0.1", "acoustics.surface_echo_chance=0.1",
+    "sensors.speed_drift_m_s=0.3", "sensors.heading_drift_deg=9", "sensors.leader_position_drift_m_s=0.1",
+)  # fmt: skip
+TILTED = (
+    "leader.broadcast_attitude=true", "navigation.use_attitude=true", "sensors.leader_attitude_sigma_deg=0.5",
+    "sensors.leader_attitude_feels_acceleration=true", "sensors.depth_sigma_m=0.05",
+    "leader.depth_profile=[[0, 8], [10, 8], [30, 12]]",
+)  # fmt: skip
+SLOW_SOUND = ("acoustics.travel_time=true", "acoustics.ping_slot_s=0.13", "acoustics.clock_drift_ppm=30")
 
 
 @pytest.mark.parametrize(
@@ -50,41 +60,48 @@ def steered(scenario: Scenario, navigator: Any = Navigator) -> tuple[Trajectory,
         (),
         ("timing.filter_step_s=0.5", "timing.message_interval_s=5"),
         ("timing.message_interval_s=0.1", "duration_s=5"),
-        (
-            "acoustics.loss_chance=0.2",
-            "acoustics.burst_chance=0.1",
-            "acoustics.surface_echo_chance=0.1",
-            "sensors.speed_drift_m_s=0.3",
-            "sensors.heading_drift_deg=9",
-            "sensors.leader_position_drift_m_s=0.1",
-        ),
-        (
-            "leader.broadcast_attitude=true",
-            "navigation.use_attitude=true",
-            "sensors.leader_attitude_sigma_deg=0.5",
-            "sensors.leader_attitude_feels_acceleration=true",
-            "sensors.leader_gyro_time_constant_s=30",
-            "sensors.depth_sigma_m=0.05",
-        ),
+        TROUBLED,
+        TILTED,
     ],
 )
-def test_the_finished_mission_gives_the_estimates_that_steered_it(assignments: tuple[str, ...]) -> None:
-    scenario = mission(*assignments)
-    trajectory, states = steered(scenario)
-    flight = navigate(scenario, trajectory, Navigator)
-    assert flight.measurements[0].message_step.size > 5
-    np.testing.assert_array_equal(states, flight.estimates[0].state)
+def test_the_finished_mission_gives_the_very_estimates_that_steered_it(assignments: tuple[str, ...]) -> None:
+    assert not apart(mission("navigation.variant=tight", *assignments)).any()
 
 
-def test_so_it_does_where_sound_takes_its_time() -> None:
-    """Where the hydrophone is between two instants is rounded otherwise on a shorter grid."""
-    scenario = mission("acoustics.travel_time=true", "acoustics.ping_slot_s=0.13", "acoustics.clock_drift_ppm=30")
-    trajectory, states = steered(scenario)
-    flight = navigate(scenario, trajectory, Navigator)
-    late = flight.measurements[0].message_step % scenario.message_every
+@pytest.mark.parametrize(
+    "assignments",
+    [
+        SLOW_SOUND,
+        (*SLOW_SOUND, *TROUBLED, "acoustics.bottom_echo_chance=0.1", "acoustics.max_range_m=90",
+         "acoustics.sound_speed_profile=[[0, 1500], [9, 1490], [30, 1510]]"),
+        (*TILTED, *SLOW_SOUND, "sensors.leader_gyro_time_constant_s=30", "sensors.leader_attitude_offset_sigma_deg=1"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
+def test_so_it_does_but_for_rounding_where_sound_takes_its_time(variant: str, assignments: tuple[str, ...]) -> None:
+    """Where a hull is between two instants, and what a gyro forgets, are rounded otherwise under way."""
+    off = apart(mission(f"navigation.variant={variant}", *assignments))
+    np.testing.assert_allclose(off, 0.0, rtol=0, atol=1e-9)
+
+
+def test_of_two_messages_that_come_in_together_the_first_is_kept() -> None:
+    """The vehicles meet at 2 m/s, so that sound takes less than a filter step from 150 m on."""
+    nearer = ("acoustics.travel_time=true", "timing.message_interval_s=0.1", "duration_s=5",
+              'followers.0={name="f", waypoints=[[0, 154, 0], [20, 134, 0]], depth_m=10, steers_by="estimate"}',
+              *TILTED[:4], "sensors.leader_gyro_time_constant_s=3")  # fmt: skip
+    scenario = mission(*nearer)
+    np.testing.assert_allclose(apart(scenario), 0.0, rtol=0, atol=1e-9)
+    trajectory, _, _ = simulate_swarm(scenario)
+    sent = observe(trajectory, Hearing.of(scenario)).emission_step
+    assert np.count_nonzero(np.diff(sent) == 2) == 1
+
+
+def test_sound_that_takes_its_time_comes_in_later() -> None:
+    scenario = mission(*SLOW_SOUND)
+    trajectory, _, _ = simulate_swarm(scenario)
+    late = navigate(scenario, trajectory, new_navigator).measurements[0].message_step % scenario.message_every
     assert late.size > 50
     assert late.min() >= 3
-    np.testing.assert_allclose(states, flight.estimates[0].state, rtol=0, atol=1e-9)
 
 
 def test_who_knows_its_position_swims_as_if_told_the_truth() -> None:
@@ -118,28 +135,45 @@ def test_who_hears_nothing_follows_its_log_and_compass_astray() -> None:
     assert made_good[:2] == pytest.approx(expected, abs=0.005)
 
 
-def test_between_filter_steps_it_dead_reckons() -> None:
-    class Still:
-        """Says that it swims at 1.5 and −0.5 m/s past 3, 4 m."""
+@pytest.mark.parametrize("variant", ["laisn-2", "tight"])
+def test_between_filter_steps_it_dead_reckons(variant: str) -> None:
+    """From where its navigator has it, and with the velocity that its navigator gives it."""
+    scenario = mission(f"navigation.variant={variant}", "timing.filter_step_s=0.5", duration=10.0)
+    trajectory, beliefs, _ = simulate_swarm(scenario)
+    state = navigate(scenario, trajectory, new_navigator).estimates[0].state
+    for beyond in range(5):
+        expected = state[:-1, :2] + 0.1 * beyond * state[:-1, 2:]
+        np.testing.assert_allclose(beliefs[5 + beyond : -1 : 5, 0, :2], expected, rtol=0, atol=1e-9)
 
-        state = np.array([3.0, 4.0, 1.5, -0.5])
 
-        def __init__(self, settings: NavigationSettings, start: Floats) -> None:
-            assert start == pytest.approx([0.0, 20.0, 0.2, 0.1])
+def test_who_knows_of_no_place_goes_as_its_route_does() -> None:
+    """It hears nothing and was told no start: it makes its turns as planned, and corrects nothing of what they miss."""
+    silent = ("navigation.variant=tight", "navigation.assume.known_start=false", "acoustics.max_range_m=0.001")
+    lost = simulate_swarm(mission(*silent, duration=20.0))[0]
+    told = simulate_swarm(mission("followers.0.steers_by=truth", duration=20.0))[0]
+    astray = np.linalg.norm(lost.position[:, 1] - told.position[:, 1], axis=1)
+    assert 0.02 < astray.max() < 0.5
 
-        def step(self, own: OwnMotion, reception: Reception | None = None) -> None:
-            assert own.depth == pytest.approx(10.0)
 
-    whole = straight.make_trajectory((0.0, 20.0, -10.0), follower_velocity=(0.2, 0.1, 0.0))
-    pilot = Pilot(straight.make_scenario(filter_step=0.5), 0, Still)
+def test_followers_on_routes_and_stations_swim_together() -> None:
+    """By truth and by estimate, with sensors that do not tell one follower from another: each as it does alone."""
+    routes = [{"route": "T6", "steers_by": by} for by in ("truth", "estimate")]
+    stations = [
+        {"station": {"behind_m": 15.0, "port_m": side, "depth_m": 14.0}, "steers_by": by}
+        for side, by in ((-9.0, "truth"), (9.0, "estimate"))
+    ]
 
-    def flown(since: int) -> Trajectory:
-        return whole
+    exact = "heading_sigma_deg", "speed_sigma_m_s", "gyro_sigma_deg_s", "tilt_sigma_deg"
 
-    believed = np.array([pilot.believe(tick, flown) for tick in range(9)])
-    assert np.isnan(believed[:5]).all()
-    expected = Still.state[:2] + np.outer(0.1 * np.array([0, 1, 2, 3]), Still.state[2:])
-    np.testing.assert_allclose(believed[5:], expected, atol=1e-12)
+    def flown(followers: list[dict[str, Any]]) -> Trajectory:
+        table = {"name": "mixed", "duration_s": 30.0, "followers": followers,
+                 "sensors": dict.fromkeys(exact, 0.0),
+                 "acoustics": {"range_tau_m": [0.0, 0.0, 0.0], "range_scale_sigma_m": 0.0}}  # fmt: skip
+        return simulate_swarm(validate(table, "test"))[0]
+
+    together = flown([*routes, *stations])
+    for i, alone in enumerate([*routes, *stations]):
+        np.testing.assert_allclose(flown([alone]).position[:, 1], together.position[:, i + 1], rtol=0, atol=1e-9)
 
 
 def test_its_path_belongs_to_a_run_so_that_campaigns_refuse_it() -> None:
@@ -156,23 +190,20 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
     """Estimates 3 m east and 4 m south of the truth; followers where their routes have them, but for a last stretch."""
     asked = []
 
-    def flown(scenario: Scenario) -> tuple[Flight, None]:
+    def flown(scenario: Scenario) -> tuple[Trajectory, Floats, None]:
         asked.append(scenario)
-        short = study.scenario(("T3", "T6"), 10.0).model_copy(update={"motion": "kinematic"})
-        flight = navigate(short, simulate_motion(short), Navigator)
-        off = np.where(flight.trajectory.time > 9.05, 8.0, 0.0)
-        position = flight.trajectory.position.copy()
-        position[:, 2, 0] += off
-        flight = replace(flight, trajectory=replace(flight.trajectory, position=position))
-        estimates = []
-        for i, found in enumerate(flight.estimates):
-            state = found.state.copy()
-            state[:, :2] = flight.hydrophone(i)[:, :2] + np.array([3.0, -4.0]) * (i + 1)
-            estimates.append(replace(found, state=state))
-        return replace(flight, estimates=tuple(estimates)), None
+        short = study.scenario(tuple(ROUTES), 10.0).model_copy(update={"motion": "kinematic"})
+        trajectory = simulate_motion(short)
+        position = trajectory.position.copy()
+        position[:, 2, 0] += np.where(trajectory.time > 9.05, 8.0, 0.0)
+        moved = replace(trajectory, position=position)
+        hydrophones = [moved.site_path(f"{follower.name}/hydrophone")[:, :2] for follower in short.followers]
+        beliefs = [path + np.array([3.0, -4.0]) * (i + 1) for i, path in enumerate(hydrophones)]
+        # at the start it knows its place
+        return moved, np.stack(beliefs, axis=1), None
 
-    monkeypatch.setattr(study, "fly", flown)
-    one, other = study.measure(3, "laisn-3-1", "estimate")
+    monkeypatch.setattr(study, "simulate_swarm", flown)
+    one, other, *_ = study.measure(3, "laisn-3-1", "estimate")
     assert one == pytest.approx({"error": 5.0, "off": 0.0, "end": 0.0}, abs=1e-6)
     # for the last 10 of 101 instants
     assert other == pytest.approx({"error": 10.0, "off": 8.0 * np.sqrt(10 / 101), "end": 8.0}, abs=1e-6)
@@ -196,10 +227,3 @@ def test_the_record_counts_who_is_lost() -> None:
     assert (found["lost-runs laisn-2 T2"].value, found["lost-runs laisn-2 T3"].value) == (1, 0)
     assert (found["lost-runs laisn-3-1"].value, found["missions"].value) == (4, 40)
     assert format(found["lost laisn-2"], ".0% i") == "10 % (3 to 24 %)"
-
-
-def test_who_navigates_by_ranges_themselves_steers_by_what_it_would_estimate_afterwards() -> None:
-    scenario = mission("navigation.variant=tight", "acoustics.loss_chance=0.2")
-    trajectory, states = steered(scenario, TightNavigator)
-    flight = navigate(scenario, trajectory, new_navigator)
-    np.testing.assert_array_equal(states, flight.estimates[0].state)

@@ -12,6 +12,7 @@ from experiments.flight.swarm import Swarm, swarm_of
 from laisn.arrays import Floats
 from laisn.navigators import new_navigator
 from sim.assembly import ocean_of, routes_of, setups_of
+from sim.closed_loop import law_of
 from sim.control.follower import (
     BELIEFS,
     FOLLOWER_MEMORY,
@@ -24,13 +25,18 @@ from sim.control.follower import (
 from sim.control.trail import TRAIL
 from sim.fleet import simulate_fleet
 from sim.flight import navigate
-from sim.formation_fleet import law_of
 from sim.motion import simulate_motion
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
 from sim.sensing.proximity import look, lookout_of
-from sim.station_keeping import closest_approaches, closest_in_a_layer, station_keeping, true_stations
+from sim.station_keeping import (
+    closest_approaches,
+    closest_in_a_layer,
+    off_station,
+    station_keeping,
+    true_stations,
+)
 from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
 
@@ -98,8 +104,20 @@ def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
     for i, measured in enumerate(flight.measurements):
         last = np.array([measured.speed[-1], measured.heading[-1], measured.depth[-1]])
         np.testing.assert_array_equal(crew.aboard.readings[i, :3], last)
-        np.testing.assert_array_equal(crew.aboard.ranges[i], measured.ranges[-1])
-        np.testing.assert_array_equal(crew.aboard.message, measured.message[-1, :8])
+        np.testing.assert_array_equal(crew.aboard.inbox.ranges[i], measured.ranges[-1])
+        np.testing.assert_array_equal(crew.aboard.inbox.message[i], measured.message[-1, :8])
+
+
+def test_stations_are_kept_where_sound_takes_its_time() -> None:
+    sound = {"travel_time": True, "sound_speed_profile": [[0.0, 1500.0], [20.0, 1500.1]]}
+    scenario = mission(navigation={"variant": "tight"}, acoustics=sound)
+    trajectory, crew = flown(scenario)
+    flight = navigate(scenario, trajectory, new_navigator)
+    assert (flight.measurements[0].message_step % 10 == 1).all()
+    for i, estimates in enumerate(flight.estimates):
+        np.testing.assert_allclose(crew.aboard.history[1:, i, :2], estimates.state[:, :2], rtol=0, atol=1e-9)
+    # the worst station of those who hear at once is allowed as much
+    assert np.sqrt(np.mean(off_station(scenario, trajectory) ** 2, axis=0)).max() < 0.6
 
 
 def test_a_run_has_the_same_noise_whoever_else_swims() -> None:
@@ -153,7 +171,7 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
     reading[:3], belief[:4] = (1.2, 0.1, 12.0), (-5.0, -20.0, 0.2, 0.1)
     embark((0.0, 1.0, 12.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 31):
-        listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, 0.1, memory)
+        listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
         for tenth in range(10):
             now = second + 0.1 * tenth
             belief[:2] = -5.0, now - 20.0
@@ -178,7 +196,7 @@ def quiet_for(seconds: float, formation: Formation) -> tuple[Floats, Floats]:
     reading[:3] = 1.0, 0.0, 12.0
     embark((0.0, 1.0, 12.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 21):
-        listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, 0.1, memory)
+        listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
     for k in range(round(10 * seconds)):
         now = 20.0 + 0.1 * k
         belief[1] = now - 20.0
@@ -291,7 +309,9 @@ def test_the_nearest_pair_of_one_layer_is_found_beside_nearer_ones() -> None:
         ({"followers": [{"route": "T5", "start_m": [0.0, 0.0]}]}, "start_m is for followers on stations"),
         ({"followers": [{"name": "a"}]}, "a route of the library, waypoints of its own or a station"),
         ({"motion": "kinematic"}, "station needs motion = 'physics'"),
-        ({"acoustics": {"travel_time": True}}, "acoustics.travel_time must keep its default"),
+        ({"navigation": {"use_single_range": True}}, "navigation.use_single_range must keep its default"),
+        ({"navigation": {"variant": "tight", "transmitters_m": [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]}},
+         "navigation.transmitters_m must keep its default"),
         ({"timing": {"filter_step_s": 0.5}}, "timing.filter_step_s must keep its default"),
         ({"followers": [{"station": {"behind_m": 9.0, "depth_m": 40.0}}]}, "would dive to 40 m"),
         ({"followers": [{"route": "T5"}] * 51}, "at most 50"),

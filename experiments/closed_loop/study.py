@@ -14,8 +14,8 @@ from experiments.campaign import campaign
 from experiments.campaign.campaign import Design
 from experiments.campaign.store import Record
 from experiments.findings import FILE, Finding, Findings, of, plain, record
-from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
+from experiments.flight.swarm import simulate_swarm
 from experiments.intervals import proportion
 from experiments.route_keeping.study import scenario
 from laisn import metrics
@@ -46,11 +46,13 @@ def steering(run: int, variant: Variant, steers_by: str) -> Scenario:
 
 def measure(run: int, variant: Variant, steers_by: str) -> list[Record]:
     """Mean E_P, RMS distance off its place, and that distance at the end, of each follower, [m]."""
-    flight, _ = fly(steering(run, variant, steers_by))
-    time, routes, rows = flight.trajectory.time, routes_of(flight.scenario), []
-    for i, estimates in enumerate(flight.estimates):
-        error = metrics.position_errors(estimates.state[:, :2], flight.hydrophone(i)[:, :2])
-        off = off_place(routes[i + 1], time, flight.trajectory.position[:, i + 1, :2])
+    mission = steering(run, variant, steers_by)
+    trajectory, beliefs, _ = simulate_swarm(mission)
+    routes, rows = routes_of(mission), []
+    for i, follower in enumerate(mission.followers):
+        hydrophone = trajectory.site_path(f"{follower.name}/hydrophone")[1:, :2]
+        error = metrics.position_errors(beliefs[1:, i, :2], hydrophone)
+        off = off_place(routes[i + 1], trajectory.time, trajectory.position[:, i + 1, :2])
         rms = float(np.sqrt(np.mean(off**2)))
         rows.append({"error": float(error.mean()), "off": rms, "end": float(off[-1])})
     return rows
@@ -82,7 +84,8 @@ def run(folder: Path) -> None:
     """Fly all runs, or those that are missing, and write the record into a folder."""
     ways = [(variant, by) for variant in VARIANTS for by in ("estimate", "truth")]
     tasks = {(*way, run): partial(measure, run, *way) for way in ways for run in RUNS}
-    flown = campaign.fly(Design(tasks=tasks, what="fleets"), folder).tasks
+    ahead = partial(simulate_swarm, steering(0, VARIANTS[0], "estimate").first_messages)
+    flown = campaign.fly(Design(tasks=tasks, what="fleets", ahead=ahead), folder).tasks
     findings_of({way: [flown[*way, run] for run in RUNS] for way in ways}).write(folder / FILE)
 
 

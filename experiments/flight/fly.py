@@ -9,7 +9,7 @@ from typing import Any
 from laisn.navigating import NavigatorFactory
 from laisn.navigators import new_navigator
 from sim.flight import Flight, Outcome, navigate, navigation_settings
-from sim.motion import ContactError, DivergedError, simulate_motion
+from sim.motion import ContactError, DivergedError, Embarking, listeners, simulate_motion
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
@@ -36,14 +36,12 @@ def motion_and_outcome(
 ) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario and how it ended; if before its time, what was flown until then."""
 
-    def swarm(*given: Any) -> Any:
-        # navigators of whole swarms take a tenth of a second to import, and few missions have a station to keep
-        from experiments.flight.swarm import swarm_of
-
-        return swarm_of(*given)
-
+    embark: Embarking | None = None
+    if listeners(scenario):
+        # navigators of whole swarms take a tenth of a second to import, and few missions need them
+        from experiments.flight.swarm import swarm_of as embark
     try:
-        return simulate_motion(scenario, progress, new_navigator, swarm), Outcome.COMPLETED
+        return simulate_motion(scenario, progress, embark), Outcome.COMPLETED
     except DivergedError as error:
         return error.trajectory, Outcome.DIVERGED
     except ContactError as error:

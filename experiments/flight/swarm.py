@@ -1,4 +1,4 @@
-"""Followers on stations with the navigators of this project: sensing, navigation, steering and physics in one tick."""
+"""Followers that steer by the navigators of this project: sensing, navigation, steering and physics in one tick."""
 
 from typing import Any
 
@@ -11,9 +11,9 @@ from laisn.failure import LaisnError
 from laisn.navigating import AnySettings
 from laisn.tight import swarm as tight_swarm
 from laisn.tight.settings import TightSettings
+from sim.closed_loop import Aboard, aboard, guide, sense
 from sim.fleet import Steering, note, standing
 from sim.flight import navigation_settings
-from sim.formation_fleet import Aboard, aboard, guide, sense
 from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
@@ -31,10 +31,10 @@ LOST_ITS_WAY = -2
 
 @compiled
 def _think_tight(k: int, record: Floats, navigators: Any, a: Aboard) -> int:
-    message = sense(k, record[k], a)
     failed = -1
-    if k > 0:
-        failed = tight_swarm.navigate(navigators, a.readings, message, a.message, a.ranges, a.beliefs)
+    if sense(k, record, a):
+        heard = a.inbox
+        failed = tight_swarm.navigate(navigators, a.readings, a.arrived, heard.message, heard.ranges, a.beliefs)
     guide(k, record[k], a)
     return failed
 
@@ -47,7 +47,7 @@ def _fly_tight(
         failed = _think_tight(k, record, navigators, a)
         if failed >= 0:
             return k, (LOST_ITS_WAY, failed)
-        fault = advance(afloat, a.steering[4], span[2])
+        fault = advance(afloat, a.steering[3], span[2])
         if fault[0] != FINE:
             return k, fault
         note(k + 1, state, water, record)
@@ -56,9 +56,9 @@ def _fly_tight(
 
 @compiled
 def _think_lanes(k: int, record: Floats, navigators: Any, a: Aboard) -> int:
-    message = sense(k, record[k], a)
-    if k > 0:
-        lane_swarm.navigate(navigators, k, a.readings, message, a.message, a.ranges, a.beliefs)
+    if sense(k, record, a):
+        step, heard = k // a.senses.stride, a.inbox
+        lane_swarm.navigate(navigators, step, a.readings, a.arrived, heard.message, heard.ranges, a.beliefs)
     guide(k, record[k], a)
     return -1
 
@@ -69,7 +69,7 @@ def _fly_lanes(
 ) -> tuple[int, Fault]:
     for k in range(span[0], span[1]):
         _think_lanes(k, record, navigators, a)
-        fault = advance(afloat, a.steering[4], span[2])
+        fault = advance(afloat, a.steering[3], span[2])
         if fault[0] != FINE:
             return k, fault
         note(k + 1, state, water, record)
@@ -77,7 +77,7 @@ def _fly_lanes(
 
 
 class Swarm:
-    """The crew of a fleet whose followers keep stations."""
+    """The crew of a fleet whose followers navigate under way."""
 
     def __init__(self, settings: AnySettings, aboard: Aboard, starts: Floats) -> None:
         """Set up navigators.
@@ -124,7 +124,7 @@ class Swarm:
 
 
 def swarm_of(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
-    """The crew of a scenario whose followers keep stations, at its start.
+    """The crew of a scenario whose followers navigate under way, at its start.
 
     Args:
         scenario: mission.
@@ -137,13 +137,18 @@ def swarm_of(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
     still, numbers = standing(plant), range(len(scenario.followers))
     settings = [navigation_settings(scenario, still, i) for i in numbers]
     if any(one != settings[0] for one in settings):
-        raise LaisnError(f"scenario {scenario.name!r}: followers on stations need hydrophones of one height")
+        raise LaisnError(
+            f"scenario {scenario.name!r}: followers that navigate under way need hydrophones of one height above their "
+            "depth sensors"
+        )
     starts = np.array([start_of(still, i) for i in numbers])
     return Swarm(settings[0], aboard(scenario, plant, steering), starts)
 
 
 def simulate_swarm(scenario: Scenario) -> tuple[Trajectory, Floats, Ints]:
-    """Fly a scenario whose followers keep stations, for studies that need no more than its motion and beliefs.
+    """Fly a scenario while its followers navigate, for studies that need no more than its motion and their beliefs.
+
+    Whoever steers by the truth navigates all the same.
 
     Returns:
         The motion; what every navigator concluded at each instant, columns of `laisn.tight.swarm`, shape

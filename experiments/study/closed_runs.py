@@ -3,14 +3,13 @@
 import numpy as np
 
 from experiments.campaign.store import CampaignError, Record
-from experiments.flight.fly import fly
 from experiments.flight.swarm import simulate_swarm
 from experiments.study.facts import facts_of
 from laisn import metrics
 from laisn.arrays import Floats
 from sim.flight import Outcome
 from sim.motion import ContactError, DivergedError
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.trajectory import Trajectory
 
 
@@ -24,19 +23,16 @@ def _truth(trajectory: Trajectory, follower: int, n: int) -> tuple[Floats, Float
 
 def _flown(scenario: Scenario) -> tuple[Trajectory, Outcome, list[Floats], list[int]]:
     """Motion of a run and its outcome, each follower's estimated positions, shape (n, 2), [m], and its gated fixes."""
-    if not any(follower.station for follower in scenario.followers):
-        flight, _ = fly(scenario)
-        gated = [metrics.fix_counts(estimates).get("gated", 0) for estimates in flight.estimates]
-        return flight.trajectory, flight.outcome, [e.state[:, :2] for e in flight.estimates], gated
-    # all of them navigate in the loop already
+    stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
     try:
         trajectory, beliefs, rejected = simulate_swarm(scenario)
     except (ContactError, DivergedError) as error:
         outcome = Outcome.CONTACT if isinstance(error, ContactError) else Outcome.DIVERGED
-        unknown = np.full((error.trajectory.time.size - 1, 2), np.nan)
+        unknown = np.full(((error.trajectory.time.size - 1) // stride, 2), np.nan)
         followers = len(scenario.followers)
         return error.trajectory, outcome, [unknown] * followers, [0] * followers
-    return trajectory, Outcome.COMPLETED, list(np.moveaxis(beliefs[1:, :, :2], 1, 0)), rejected.tolist()
+    estimates = list(np.moveaxis(beliefs[stride::stride, :, :2], 1, 0))
+    return trajectory, Outcome.COMPLETED, estimates, rejected.tolist()
 
 
 _OF_ENDED = ("run", "touched", "ended")

@@ -137,6 +137,16 @@ def position(b: Belief) -> tuple[float, float]:
 
 
 @compiled
+def velocity(b: Belief) -> tuple[float, float]:
+    """Mean velocity over ground over the mixture, by the last readings [m/s]; 0 if there is no hypothesis yet."""
+    o, out = b.motion, b.output
+    along, aside = o.speed * o.sin, o.speed * o.cos
+    x = out.c_cos * along - out.c_sin * aside + out.v_x - (out.d_cos * o.sin - out.d_sin * o.cos)
+    y = out.c_sin * along + out.c_cos * aside + out.v_y - (out.d_sin * o.sin + out.d_cos * o.cos)
+    return x, y
+
+
+@compiled
 def _add_component(b: Belief, m: Model, k: int) -> None:
     """Add component k, moved to now, to the moments of the mixture about the origin (in `b.now`)."""
     mean, covariance, rows = b.now, b.now_covariance, b.rows

@@ -4,22 +4,23 @@ import math
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimator import place_arms, receive
 from laisn.tight.mission import note
 from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y, model_of
-from laisn.tight.own_motion import advance, position
+from laisn.tight.own_motion import advance, position, velocity
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import TightSettings
 from laisn.tight.sides import heaviest, hypothesis_weight
 
 EAST, NORTH, LOG_BIAS, COMPASS_BIAS, CURRENT_EAST, CURRENT_NORTH, SPREAD, LEAN_EAST, LEAN_NORTH = range(9)
+VELOCITY_EAST, VELOCITY_NORTH = range(9, 11)
 """Columns of what is concluded: place [m], biases [m/s] and [rad], current [m/s]; of the mixture at the last message,
 the largest standard deviation of the place and, where it may be two places, the way from their mean to the likelier one
-[m]."""
-COLUMNS = 9
+[m]; and the velocity over ground [m/s]."""
+COLUMNS = 11
 
 _APART = 2.0
 """Two hypotheses are two places, and not the halves of a wide one, where they are farther apart than so many times the
@@ -101,17 +102,17 @@ def _tell(b: Belief, m: Model, out: Floats) -> None:
 
 @compiled
 def navigate(
-    navigators: Navigators, readings: Floats, received: bool, message: Floats, ranges: Floats, out: Floats
+    navigators: Navigators, readings: Floats, received: Bools, message: Floats, ranges: Floats, out: Floats
 ) -> int:
     """One filter step of all followers, the same to the bit as `TightNavigator.step` of each.
 
     Args:
         navigators: brought forward.
         readings: log, compass and depth (more is not read), shape (f, 3) or wider, [m/s], [rad], [m].
-        received: whether a message is in.
-        message: it, columns of `LeaderMessage` from timestamp to roll.
-        ranges: of each follower, shape (f, 3), [m]; NaN where nothing was received.
-        out: columns EAST … LEAN_NORTH, shape (f, COLUMNS); overwritten.
+        received: whether a message is in, shape (f,).
+        message: it, columns of `LeaderMessage` from timestamp to roll, shape (f, 8) or wider.
+        ranges: shape (f, 3), [m]; NaN where nothing was received.
+        out: columns EAST … VELOCITY_NORTH, shape (f, COLUMNS); overwritten.
 
     Returns:
         The follower whose covariance is not positive definite any more; −1 if there is none.
@@ -121,11 +122,11 @@ def navigate(
     for i in range(beliefs.size):
         b = beliefs[i]
         advance(b, m, readings[i, 0], readings[i, 1], m.dt)
-        if received:
-            heard.time, heard.east, heard.north = message[0], message[1], message[2]
-            heard.heading, heard.speed = message[3], message[4]
+        if received[i]:
+            heard.time, heard.east, heard.north = message[i, 0], message[i, 1], message[i, 2]
+            heard.heading, heard.speed = message[i, 3], message[i, 4]
             heard.ranges[:] = ranges[i]
-            place_arms(heard, m, message[6], message[7], message[5] - (readings[i, 2] - m.hydrophone_height))
+            place_arms(heard, m, message[i, 6], message[i, 7], message[i, 5] - (readings[i, 2] - m.hydrophone_height))
             used = receive(b, m, heard)
             if used < 0:
                 return i
@@ -134,4 +135,5 @@ def navigate(
             gated[i] += outcome[0] > 0.0 and outcome[1] == 0.0 and b.alive > 0
             _tell(b, m, out[i])
         out[i, EAST], out[i, NORTH] = position(b)
+        out[i, VELOCITY_EAST], out[i, VELOCITY_NORTH] = velocity(b)
     return -1

@@ -32,10 +32,10 @@ LOG, COMPASS, PRESSURE, INCLINE, TURNING, PITCHING = range(6)
 READINGS = 6
 BELIEVED_EAST, BELIEVED_NORTH, LOG_BIAS, COMPASS_BIAS, BELIEVED_CURRENT_EAST, BELIEVED_CURRENT_NORTH = range(6)
 """Columns of beliefs: mean place [m], NaN before there is one; biases [m/s] and [rad]; current [m/s] …"""
-SPREAD, LEAN_EAST, LEAN_NORTH = range(6, 9)
+SPREAD, LEAN_EAST, LEAN_NORTH, VELOCITY_EAST, VELOCITY_NORTH = range(6, 11)
 """… largest standard deviation of the place [m]; where it may be two places, the way from the mean to the likelier one
-[m]."""
-BELIEFS = 9
+[m]; velocity over ground [m/s]."""
+BELIEFS = 11
 HEARD_TIME, HEARD_EAST, HEARD_NORTH, HEARD_HEADING, HEARD_SPEED = range(5)
 """Columns of a message that the controller reads, as of `laisn.messages.LeaderMessage`."""
 KEPT_FRAME, KEPT_RATE, INTEGRAL, HEADING_WANTED, SPEED_WANTED, LOG_PASSED, COMPASS_PASSED, DEPTH_WANTED = range(
@@ -95,7 +95,13 @@ class Steering(NamedTuple):
 
 @compiled
 def listen(
-    frame: Frame, station: Floats, message: Floats, trail: Floats, count: Ints, dt: float, memory: Floats
+    frame: Frame,
+    station: Floats,
+    message: Floats,
+    trail: Floats,
+    count: Ints,
+    clock: tuple[float, float],
+    memory: Floats,
 ) -> None:
     """Take a message of which a ping was heard: the trail grows, and the frame is turned along it anew.
 
@@ -107,16 +113,18 @@ def listen(
         message: columns HEARD_TIME … HEARD_SPEED.
         trail: columns of `sim.control.trail`, shape (room, TRAIL).
         count: points of it, shape (1,).
-        dt: step of the frame [s].
+        clock: time, no earlier than that of the message, and step of the frame [s].
         memory: brought forward, shape (FOLLOWER_MEMORY,).
     """
-    time, n = message[HEARD_TIME], count[0]
+    (now, dt), time, n = clock, message[HEARD_TIME], count[0]
     before = trail[n - 1, TIME] if n > 0 else time
     said = message[HEARD_SPEED], message[HEARD_HEADING]
     extend(trail, count, message[HEARD_EAST], message[HEARD_NORTH], time, said)
     memory[FRAME], memory[FRAME_RATE] = memory[KEPT_FRAME], memory[KEPT_RATE]
     turn_frame(frame, station, (trail, count[0]), (before, time), dt, memory)
     memory[KEPT_FRAME], memory[KEPT_RATE] = memory[FRAME], memory[FRAME_RATE]
+    # a message that was long under way; `keep_station` makes the last step
+    turn_frame(frame, station, (trail, count[0]), (time, max(now - dt, time)), dt, memory)
 
 
 @compiled

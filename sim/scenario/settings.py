@@ -164,27 +164,26 @@ class Scenario(Section):
         stations = [(f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station]
         found += [Misfit(keys, text) for keys, text in conflicts(stations)]
         found += [Misfit(keys, text) for keys, text in sensor_misfits(self.formation.proximity, stations)]
-        found += self._unheard(bool(stations))
+        found += self._not_under_way(bool(stations))
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             keys = ("navigation.use_attitude", "leader.broadcast_attitude")
             found.append(Misfit(keys, "navigation.use_attitude needs leader.broadcast_attitude = true"))
         return found
 
-    def _unheard(self, stations: bool) -> list[Misfit]:
-        """What followers on stations cannot have, because they sense while they swim."""
-        sound, sensors = self.acoustics, self.sensors
+    def _not_under_way(self, stations: bool) -> list[Misfit]:
+        """What followers cannot have that sense and navigate while they swim."""
+        told, found = self.navigation, []
+        if stations and self.timing.filter_step_s != CONTROL_STEP_S:
+            text = "timing.filter_step_s must keep its default where followers are on stations"
+            found.append(Misfit(("timing.filter_step_s", "followers"), text))
         asked = {
-            "acoustics.travel_time": sound.travel_time,
-            "acoustics.ping_slot_s": sound.ping_slot_s > 0.0,
-            "acoustics.sound_speed_profile": bool(sound.sound_speed_profile),
-            "sensors.leader_attitude_feels_acceleration": sensors.leader_attitude_feels_acceleration,
-            "sensors.leader_gyro_time_constant_s": sensors.leader_gyro_time_constant_s > 0.0,
-            "timing.filter_step_s": self.timing.filter_step_s != CONTROL_STEP_S,
+            "navigation.use_single_range": told.use_single_range and told.variant != "tight",
+            "navigation.transmitters_m": bool(told.transmitters_m),
         }
-        told = [key for key, there in asked.items() if there and stations]
-        return [
-            Misfit((key, "followers"), f"{key} must keep its default where followers are on stations") for key in told
-        ]
+        if stations or any(follower.believes for follower in self.followers):
+            where = "must keep its default where followers are on stations or steer by their estimates"
+            found += [Misfit((key, "followers"), f"{key} {where}") for key, there in asked.items() if there]
+        return found
 
     def _out_of_water(self, key: str, vehicle: Vehicle) -> list[Misfit]:
         found = []

@@ -92,6 +92,37 @@ def _low_pass(error: Floats, share: float) -> Floats:
     return passed
 
 
+@compiled
+def _turned(quaternion: Floats, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A vector of the world in the hull's axes, rounded as `attitude.rotate` does."""
+    w, x, y, z = quaternion[0], -quaternion[1], -quaternion[2], -quaternion[3]
+    a, b, c = vector
+    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * p + (y * r - z * q), b + w * q + (z * p - x * r), c + w * r + (x * q - y * p)
+
+
+@compiled
+def follow_tilt(share: float, quaternion: Floats, change: Floats, last: Floats, error: Floats) -> None:
+    """Error of measured pitch and roll at an instant, but for random errors, from that of the instant before.
+
+    So compiled code goes on from instant to instant as `measured_attitude` does over a finished mission.
+
+    Args:
+        share: `gain` of the filter.
+        quaternion: attitude at the instant, shape (4,).
+        change: of the velocity since the instant before, shape (3,), [m/s].
+        last: error at the instant before, shape (2,), [rad].
+        error: out: at this one, shape (2,), [rad].
+    """
+    force = change[0] / CONTROL_STEP_S, change[1] / CONTROL_STEP_S, change[2] / CONTROL_STEP_S + GRAVITY
+    forward, port, up = _turned(quaternion, force)
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    pitch = signed_angle(np.arctan2(forward, np.hypot(port, up)) - attitude.pitch_of(w, x, y, z))
+    roll = signed_angle(np.arctan2(port, up) - attitude.roll_of(w, x, y, z))
+    error[0] = last[0] + share * (pitch - last[0])
+    error[1] = last[1] + share * (roll - last[1])
+
+
 def measured_attitude(trajectory: Trajectory, sensors: Ahrs, vehicle: int = 0) -> Floats:
     """Pitch and roll as the leader measures them, but for random errors, shape (n, 2), [rad].
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
+from sim.closed_loop import law_of
 from sim.control import follower
 from sim.control.follower import Steering, embark, keep_station, listen
 from sim.control.guidance import DEPTH, SINKING
+from sim.control.station import FRAME, FRAME_RATE
 from sim.control.trail import TRAIL
-from sim.formation_fleet import law_of
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
@@ -29,7 +30,10 @@ class Deck:
         embark((0.0, 1.0, 12.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
         for second in range(1, 31):
             said = np.array([second, 0.0, second, 0.0, 1.0])
-            listen(self.law.frame, self.station, said, self.trail, self.count, DT, self.memory)
+            self.listen(said, second)
+
+    def listen(self, said: Floats, now: float) -> None:
+        listen(self.law.frame, self.station, said, self.trail, self.count, (now, DT), self.memory)
 
     def tick(self, now: float = 30.0) -> Steering:
         known = self.trail, self.count[0]
@@ -43,6 +47,27 @@ class Deck:
             told = self.tick()
             rows.append((told.felt.surge, told.felt.heading, told.wanted[0], told.wanted[2]))
         return np.array(rows)
+
+
+def test_a_message_that_was_long_under_way_turns_the_frame_as_far_as_one_that_was_not() -> None:
+    """The leader has turned to the east 8 m ahead of the station; the message of 30 s is in at once, or at 30.4 s."""
+    frames = []
+    for late in (False, True):
+        deck = Deck()
+        deck.station[:2] = 2.0, 12.0
+        for second in range(31, 40):
+            deck.listen(np.array([second, second - 30.0, 30.0, np.pi / 2, 1.0]), second)
+        said = np.array([40.0, 10.0, 30.0, np.pi / 2, 1.0])
+        if not late:
+            deck.listen(said, 40.0)
+        for now in (40.0, 40.1, 40.2, 40.3):
+            deck.tick(now)
+        if late:
+            deck.listen(said, 40.4)
+        deck.tick(40.4)
+        frames.append(deck.memory[[FRAME, FRAME_RATE]].copy())
+    np.testing.assert_allclose(frames[1], frames[0], rtol=0, atol=1e-12)
+    assert frames[0][1] > 1e-3
 
 
 def test_the_log_is_smoothed_over_a_second_and_the_compass_over_two() -> None:

@@ -1,4 +1,4 @@
-"""What a follower on a station reads at an instant beside log, compass and pressure: inclinometer and gyros."""
+"""What followers read and hear at an instant of a mission that is being flown."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,11 @@ import pytest
 from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.scenario.settings import Scenario, Sensors
-from sim.sensing.instant import Senses, broadcast, hear, read_own, senses_of, site
+from sim.sensing.instant import Senses, read_own, senses_of
+from sim.sensing.listening import DEAF, HEARD, broadcast, hear, new_inbox
 from sim.sensing.loss import Channel
 from sim.sensing.noise import Stream, normals, uniforms
+from sim.sensing.pings import site
 from tests.synthetic import make_scenario
 
 PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
@@ -18,6 +20,13 @@ PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
 def scenario(tilt_sigma_deg: float, gyro_sigma_deg_s: float) -> Scenario:
     sensors = Sensors(tilt_sigma_deg=tilt_sigma_deg, gyro_sigma_deg_s=gyro_sigma_deg_s)
     return make_scenario(10.0).model_copy(update={"sensors": sensors})
+
+
+def standing(poses: Floats, instants: int) -> Floats:
+    """Records of vehicles that stay where they are, shape (instants, v, 21)."""
+    record = np.zeros((instants, len(poses), 21))
+    record[:, :, :7] = poses
+    return record
 
 
 def read(senses: Senses, steps: int, follower: int = 0) -> Floats:
@@ -60,9 +69,11 @@ def test_each_range_has_the_error_of_its_own_ping(used: int) -> None:
     ])  # fmt: skip
     away = np.array([-30.0, 20.0, -1.9]) - transmitters
     true = np.linalg.norm(away, axis=1)
+    record, inbox = standing(poses, 21), new_inbox(2)
     for k in (10, 20):
-        found = np.empty(3)
-        assert hear(senses, k, 1, (transmitters, hydrophones), poses, np.zeros(2), found)
+        hear(senses, k, 1, (transmitters, hydrophones), (record, k), np.zeros((21, 2)), inbox)
+        assert inbox.outcome.tolist() == [0, HEARD]
+        found = inbox.ranges[1]
         drawn = uniforms(seed, run, Stream.RANGE_UNIFORM.number(1), [k])[0]
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(1), [k])[0, 0]
         far = np.array([true[:used].max()] * 2 + [true.max()])
@@ -76,7 +87,10 @@ def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_r
     senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     senses = senses._replace(
         range_tau=taus, range_scale=(mean, sigma), transmitters=3, echo_chance=chances, channel=channel, loses=True,
-        floor=floor, max_range=reach, ratio=1.01, believed_speed=1515.0, clock_offset=2e-4, clock_drift=1e-6,
+        sound=senses.sound._replace(
+            paths=(True, True, True), floor=floor, max_range=reach, ratio=1.01, believed_speed=1515.0,
+            clock_offset=2e-4, clock_drift=1e-6,
+        ),
     )  # fmt: skip
     transmitters = np.array([[-1.0, 0.0, 0.2], [1.0, 0.0, 0.2], [0.0, 0.1, -0.1]])
     leader = attitude.from_euler(np.pi / 2, PITCH, 0.2)
@@ -84,10 +98,11 @@ def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_r
     there, sources = poses[1, :3] + [0.0, 0.0, 0.1], poses[0, :3] + attitude.rotate(leader, transmitters)
     direct = np.linalg.norm(sources - there, axis=1)
     assert direct.min() < reach < direct.max(), "one transmitter is out of reach"
-    bad, state, heard, in_bursts = np.zeros(1), False, [], 0
+    record, inbox, state, heard, in_bursts = standing(poses, 601), new_inbox(1), False, [], 0
     for k in range(10, 610, 10):
-        found = np.empty(3)
-        any_heard = hear(senses, k, 0, (transmitters, np.array([[0.0, 0.0, 0.1]])), poses, bad, found)
+        hear(senses, k, 0, (transmitters, np.array([[0.0, 0.0, 0.1]])), (record, k), np.zeros((601, 2)), inbox)
+        found, any_heard = inbox.ranges[0], inbox.outcome[0] == HEARD
+        assert any_heard or inbox.outcome[0] == DEAF
         streams = Stream.ECHO, Stream.RANGE_UNIFORM, Stream.LOSS
         echo, width, fate = (uniforms(seed, run, stream.number(0), [k])[0, :3] for stream in streams)
         # mirrored in the surface, in the floor or not at all
@@ -141,14 +156,13 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
                              leader_attitude=(0.001, 0.002, 0.004), broadcast_attitude=True)  # fmt: skip
     body = np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[0.9, 0.7, 0.2, RATES], np.zeros(3)
     message = np.empty(8)
-    broadcast(senses, k, body, message)
-    motion, depth, tilt = (
-        normals(seed, run, s, [k])[0] for s in (Stream.LEADER_MOTION, Stream.LEADER_DEPTH, Stream.LEADER_ATTITUDE)
-    )
+    wander = np.array([0.7, -1.3])
+    broadcast(senses, k, body, np.array([0.02, -0.03]), wander, message)
+    motion, depth = (normals(seed, run, s, [k])[0] for s in (Stream.LEADER_MOTION, Stream.LEADER_DEPTH))
     offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
     expected = [
         k * senses.dt, 3.0, 4.0, 1.0 + 0.05 + 0.01 * abs(motion[1]),
         attitude.forward(body[0][3:]) @ body[1][:3] + 0.1 + 0.02 * motion[0], 9.0 + 0.3 * depth[0],
-        PITCH + 0.001 * offset[0] + 0.002 * tilt[0], 0.2 + 0.001 * offset[1] + 0.004 * tilt[1],
+        PITCH + 0.02 + 0.001 * offset[0] + 0.002 * 0.7, 0.2 - 0.03 + 0.001 * offset[1] - 0.004 * 1.3,
     ]  # fmt: skip
     assert message == pytest.approx(expected)
