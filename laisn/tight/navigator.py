@@ -11,14 +11,12 @@ from laisn.failure import LaisnError
 from laisn.geometry import place_on_body
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.online import FARTHEST, Online, require_readings, require_time
+from laisn.tight.alone import advance, alone, moments, place_arms, receive
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
-from laisn.tight.estimator import place_arms, receive
 from laisn.tight.model import canonical, model_of
-from laisn.tight.own_motion import advance, moments
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import TightSettings
-from laisn.tight.sides import heaviest, hypothesis_weight
 
 _NOTHING = np.empty(0), np.empty((0, 2)), np.empty((0, 2, 2))
 
@@ -105,10 +103,13 @@ class TightNavigator(Online):
         """
         super().__init__(start if settings.known_start else None, settings.start_sigma)
         self.settings = settings
-        self._model = model_of(settings)
-        self._places = canonical(self._model)
-        self._belief: Belief = new_belief(settings, self._model, self._start)
-        self._heard = new_heard()
+        self._model = model = model_of(settings)
+        self._places = canonical(model)
+        self._heard = alone(new_heard())
+        self._alone = b, _ = alone(new_belief(settings, model, self._start)), alone(model)
+        self._belief: Belief = b[0]
+        self._moments = b["now"][0], b["now_covariance"][0]
+        self._sizes = int(model.modes), int(model.states)
 
     def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
         """Advance by one filter step.
@@ -128,10 +129,10 @@ class TightNavigator(Online):
         self._step += 1
         _check(self._step, own, reception)
         require_time(self._step, duration)
-        advance(self._belief, self._model, own.speed, own.heading, self.settings.dt if duration is None else duration)
+        advance(*self._alone, own.speed, own.heading, self.settings.dt if duration is None else duration)
         updates = [] if reception is None else [self._receive(own, reception)]
-        moments(self._belief, self._model)
-        self._state, self._covariance = self._belief.now.copy(), self._belief.now_covariance.copy()
+        moments(*self._alone)
+        self._state, self._covariance = (moment.copy() for moment in self._moments)
         return updates
 
     def run(self, measurements: Measurements) -> TightEstimates:
@@ -160,54 +161,57 @@ class TightNavigator(Online):
                 "assume.exact_leader"
             )
         hydrophone = own.depth - settings.hydrophone_height
-        self._heard.arms[:] = told - np.array([message.east, message.north, hydrophone])
-        self._heard.ranges[np.any(np.isnan(told), axis=1)] = np.nan
+        self._heard["arms"][0] = told - np.array([message.east, message.north, hydrophone])
+        self._heard["ranges"][0, np.any(np.isnan(told), axis=1)] = np.nan
         return True
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
         message, settings = reception.message, self.settings
-        heard = self._heard
-        heard.time, heard.east, heard.north = message.timestamp, message.east, message.north
-        heard.heading, heard.speed, heard.ranges = message.heading, message.speed, reception.ranges
+        heard, (belief, model) = self._heard, self._alone
+        heard["time"], heard["east"], heard["north"] = message.timestamp, message.east, message.north
+        heard["heading"], heard["speed"], heard["ranges"] = message.heading, message.speed, reception.ranges
         if not self._place_anywhere(own, reception):
             deeper = message.depth - (own.depth - settings.hydrophone_height)
-            place_arms(heard, self._model, message.pitch, message.roll, deeper)
-        received = int(np.count_nonzero(np.isfinite(heard.ranges[: settings.transmitters])))
-        used = receive(self._belief, self._model, heard)
+            place_arms(heard, model, message.pitch, message.roll, deeper)
+        received = int(np.count_nonzero(np.isfinite(heard["ranges"][0, : settings.transmitters])))
+        used = receive(belief, model, heard)
         if used < 0:
             raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
         return self._update(received, used)
 
     def _update(self, received: int, used: int) -> Update:
-        b, modes = self._belief, self._model.modes
-        components, n = int(b.alive) * modes, self._model.states
+        (b, _), (modes, n) = self._alone, self._sizes
+        components = int(b["alive"][0]) * modes
         full_state, full_sigma = np.full((2, len(TightEstimates.names)), np.nan)
         if not components:
             return Update(self._step, received, 0, np.nan, full_state, full_sigma, *_NOTHING)
-        weight, states = b.weight[:components], b.state[:components, :n]
+        weight, states = b["weight"][0, :components], b["state"][0, :components, :n]
+        covariances = b["covariance"][0, :components, :n, :n]
         mean = weight @ states
-        variance = np.diagonal(b.covariance[:components, :n, :n], axis1=1, axis2=2)
+        variance = np.diagonal(covariances, axis1=1, axis2=2)
         full_state[self._places] = mean
         full_sigma[self._places] = np.sqrt(weight @ (variance + (states - mean) ** 2))
-        sides = sorted(range(int(b.alive)), key=lambda h: -hypothesis_weight(b, self._model, h))
-        top = heaviest(b, self._model, sides[0])
-        taken = int(b.taken[top]) if used else 0
+        by_side = weight.reshape(-1, modes)
+        of_side = by_side.sum(axis=1)
+        sides = sorted(range(of_side.size), key=lambda h: -of_side[h])
+        top = sides[0] * modes + int(np.argmax(by_side[sides[0]]))
+        taken = int(b["taken"][0, top]) if used else 0
         where, spread = [], []
         for h in sides:
             part = slice(h * modes, (h + 1) * modes)
-            share = b.weight[part] / b.weight[part].sum()
-            centre = share @ b.state[part, :2]
-            off = b.state[part, :2] - centre
+            share = by_side[h] / of_side[h]
+            centre = share @ states[part, :2]
+            off = states[part, :2] - centre
             where.append(centre)
-            spread.append(np.einsum("k,kij->ij", share, b.covariance[part, :2, :2] + off[:, :, None] * off[:, None, :]))
+            spread.append(np.einsum("k,kij->ij", share, covariances[part, :2, :2] + off[:, :, None] * off[:, None, :]))
         return Update(
             step=self._step,
             received=received,
             used=taken,
-            nis=float(b.squared[top]) if taken else float("nan"),
+            nis=float(b["squared"][0, top]) if taken else float("nan"),
             full_state=full_state,
             full_sigma=full_sigma,
-            weight=np.array([hypothesis_weight(b, self._model, h) for h in sides]),
+            weight=of_side[sides],
             hypothesis=np.array(where),
             hypothesis_covariance=np.array(spread),
         )

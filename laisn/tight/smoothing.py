@@ -12,6 +12,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.smoothing import Chain, smooth
+from laisn.tight.alone import Alone, alone, moments
 from laisn.tight.belief import Belief
 from laisn.tight.estimates import TightEstimates
 
@@ -20,21 +21,26 @@ from laisn.tight.estimator import loosen
 from laisn.tight.model import COMPASS, LOG, Model
 from laisn.tight.modes import mix_modes
 from laisn.tight.navigator import TightNavigator, Update
-from laisn.tight.own_motion import moments, move
-from laisn.tight.ranging import Heard
+from laisn.tight.own_motion import move
 from laisn.tight.settings import TightSettings
 
-_SUMS = ("ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time")
-"""Fields of a belief's motion that add up from one message to the next."""
 _SAME_TIME = 5e-4
 """A message that is later than the lag by less than this is within it: times are sums [s]."""
 
 
 @compiled
-def _move_all(b: Belief, m: Model, count: int, log_bias: float, compass_bias: float) -> None:
-    """Move the first components by the way in `b.motion`, linearised at some biases."""
+def _move_all(b: Alone, m: Alone, count: int, log_bias: float, compass_bias: float) -> None:
+    """Move the first components by the way in the belief's motion, linearised at some biases."""
     for k in range(count):
-        move(b, m, k, log_bias, compass_bias)
+        move(b[0], m[0], k, log_bias, compass_bias)
+
+
+@compiled
+def _leave(rest: Alone, whole: Alone, part: Alone) -> None:
+    """Make of a motion what is left of the whole way to the next message after a part of it."""
+    r, w, p = rest[0], whole[0], part[0]
+    r.ax, r.ay, r.bx, r.by = w.ax - p.ax, w.ay - p.ay, w.bx - p.bx, w.by - p.by
+    r.nxx, r.nxy, r.nyy, r.time = w.nxx - p.nxx, w.nxy - p.nxy, w.nyy - p.nyy, w.time - p.time
 
 
 def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
@@ -49,56 +55,57 @@ def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
 class _Leg:
     """The way from one message to the next, linearised at the biases that the next one leaves."""
 
-    def __init__(self, before: Belief, heard: Heard, m: Model, biases: tuple[float, float]) -> None:
+    def __init__(self, b: Alone, heard: Alone, m: Model, biases: tuple[float, float]) -> None:
         """Take the belief just before a message, which is used up, and the message."""
-        self._m, self._b, self._biases = m, before, biases
+        self._biases, self._n, count = biases, int(m.states), int(m.modes)
+        self._alone, before = (b, alone(m)), b[0]
+        # views of the belief, which is room to move components from here on
+        self._motion, self._state = b["motion"], b["state"][0, :, : self._n]
+        self._spread, self._rows = b["covariance"][0, :count, : self._n, : self._n], b["rows"][0, :, : self._n]
+        self._moments = b["now"][0], b["now_covariance"][0]
+        self._whole = self._motion.copy()
         self.mean, self.covariance = _merged(before, m)
-        self._whole = before.motion.copy()
         mix_modes(before, m)
-        modes = before.weight[: int(before.alive) * m.modes].reshape(-1, m.modes).sum(axis=0)
+        modes = before.weight[: int(before.alive) * count].reshape(-1, count).sum(axis=0)
         self._modes = modes / modes.sum()
         before.alive = 1
-        before.weight[: m.modes] = self._modes
+        before.weight[:count] = self._modes
         self.onward = self.covariance @ self._matrix().T
         self._begin()
-        loosen(before, m, heard)
+        loosen(before, m, heard[0])
         self.foretold, self.foretold_covariance = self._moved()
 
     def _begin(self) -> None:
         """Put the merged Gaussian back to the beginning of the way."""
-        n, modes = self._m.states, self._m.modes
-        self._b.state[:modes, :n], self._b.covariance[:modes, :n, :n] = self.mean, self.covariance
+        self._state[: self._modes.size], self._spread[:] = self.mean, self.covariance
 
     def _moved(self) -> tuple[Floats, Floats]:
         """Mean and covariance after the way in the belief's motion."""
-        n, modes = self._m.states, self._m.modes
-        _move_all(self._b, self._m, modes, *self._biases)
-        return self._b.state[0, :n].copy(), np.einsum("k,kij->ij", self._modes, self._b.covariance[:modes, :n, :n])
+        _move_all(*self._alone, self._modes.size, *self._biases)
+        return self._state[0].copy(), np.einsum("k,kij->ij", self._modes, self._spread)
 
     def _matrix(self) -> Floats:
         """F of the way in the belief's motion: a move is affine in the state, and this what it does to unit vectors."""
-        b, n = self._b, self._m.states
-        b.state[: n + 1, :n] = np.eye(n + 1, n)
-        _move_all(b, self._m, n + 1, *self._biases)
-        return np.array((b.state[:n, :n] - b.state[n, :n]).T)
+        n, x = self._n, self._state
+        x[: n + 1] = np.eye(n + 1, n)
+        _move_all(*self._alone, n + 1, *self._biases)
+        return np.array((x[:n] - x[n]).T)
 
-    def at(self, motion: Belief) -> tuple[Floats, Floats, Floats]:
+    def at(self, motion: Alone) -> tuple[Floats, Floats, Floats]:
         """Where the way so far is `motion`: mean and covariance of x, y, vx, vy, and theirs with the state at the end.
 
         Shapes (4,), (4, 4) and (4, s). Mean and covariance are the filter's but for the biases at which they are
         linearised: those that the end is linearised at. Otherwise a difference of the two could be negative.
         """
-        b, m = self._b, self._m
-        for name in _SUMS:
-            setattr(b.motion, name, getattr(self._whole, name) - getattr(motion, name))
+        _leave(self._motion, self._whole, motion)
         rest = self._matrix()
-        b.motion = motion
+        self._motion[:] = motion
         self._begin()
-        moments(b, m)
-        rows, mean, covariance = b.rows[:, : m.states].copy(), b.now.copy(), b.now_covariance.copy()
+        moments(*self._alone)
+        rows, mean, covariance = self._rows.copy(), *(moment.copy() for moment in self._moments)
         reading = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
         # the position is two of the states that have come so far; velocities depend on those that stay as they are
-        rows[:2] = np.eye(2, m.states)
+        rows[:2] = np.eye(2, self._n)
         moved, spread = self._moved()
         mean[:2], covariance = moved[:2], rows @ spread @ rows.T
         covariance[2:, 2:] += reading
@@ -123,25 +130,25 @@ class SmoothingNavigator(TightNavigator):
             raise ValueError(f"lag is {lag} s, expected a finite time, zero or more")
         super().__init__(settings, start)
         self._lag = lag
-        self._motions: list[Belief] = []
+        self._motions: list[Alone] = []
         self._latest: list[int] = []
         self._steps = [0] if self._belief.alive else []
-        self._before: list[tuple[Belief, Heard]] = []
+        self._before: list[tuple[Alone, Alone]] = []
 
     def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
         """Advance by one filter step, as `TightNavigator.step`."""
         updates = super().step(own, reception, duration)
-        self._motions.append(self._belief.motion.copy())
+        self._motions.append(self._alone[0]["motion"].copy())
         self._latest.append(len(self._steps) - 1)
         return updates
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
-        before = self._belief.copy()
+        before = self._alone[0].copy()
         update = super()._receive(own, reception)
         # the way begins anew after a message that was used
-        if self._belief.motion.time == 0.0:
+        if self._alone[0]["motion"]["time"][0] == 0.0:
             self._steps.append(self._step)
-            if before.alive:
+            if before["alive"][0]:
                 self._before.append((before, self._heard.copy()))
         return update
 

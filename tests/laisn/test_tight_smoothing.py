@@ -202,7 +202,7 @@ def test_what_is_foretold_knows_of_turns_and_of_both_drifts() -> None:
     north.fly(turn)
     model = north.navigator._model
     before, heard = north.navigator._before[0]
-    before.weight[:2] = 0.9, 0.1
+    before["weight"][0, :2] = 0.9, 0.1
     way = _Leg(before, heard, model, (0.0, 0.0))
     slow = 0.98 * 0.9 + 0.02 * 0.1
     drift = 0.1 * steps * (slow * model.compass_walk[0] + (1.0 - slow) * model.compass_walk[1])
