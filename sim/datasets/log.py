@@ -4,13 +4,13 @@ In the log its beacons are transmitters of a leader that lies still, and the veh
 """
 
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.well_known import MessageEncoding
-from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from laisn.arrays import Floats
@@ -20,11 +20,15 @@ from laisn.whole_files import replaced
 from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData
 from sim.datasets.range_tables import read_range_tables
+from sim.flight import Outcome
 from sim.log.clock import timestamp
 from sim.log.contents import Contents, contents
 from sim.log.file import LogError, faults
+from sim.log.proving import ProvingWriter
 from sim.log.reader import read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION
+from sim.log.wholeness import prove
+from sim.log.writer import BLOCK_NS
 
 VEHICLE = "vehicle"
 """Name of the vehicle in the log."""
@@ -120,19 +124,28 @@ def _messages(data: RangeData) -> list[tuple[float, str, Any]]:
     return sorted(rows, key=lambda row: row[0])
 
 
-def _write_messages(writer: Any, messages: list[tuple[float, str, Any]]) -> None:
+def _write_messages(writer: ProvingWriter, messages: list[tuple[float, str, Any]]) -> None:
+    """Write all messages, and proofs of them, in order of time."""
     channels: dict[str, int] = {}
+    rows: list[tuple[int, int, bytes]] = []
     for at, channel, message in messages:
         if channel not in channels:
             schema = register_schema(writer, type(message))
             channels[channel] = writer.register_channel(f"/{VEHICLE}/{channel}", MessageEncoding.Protobuf, schema)
         time_ns = round(at * 1e9)
         message.timestamp.CopyFrom(timestamp(time_ns))
-        writer.add_message(channels[channel], time_ns, message.SerializeToString(), time_ns)
+        rows.append((time_ns, channels[channel], message.SerializeToString()))
+    for _, block in groupby(rows, lambda row: row[0] // BLOCK_NS):
+        some = list(block)
+        writer.prove(some[0][0])
+        writer.add_messages(some)
+    writer.prove(rows[-1][0] + 1, Outcome.COMPLETED.name)
 
 
 def write_data_set(data: RangeData, path: Path) -> None:
-    """Write a data set as a log that `laisn replay` navigates on; the same data give the same bytes.
+    """Write a data set as a log that `laisn replay` navigates on, and that proves itself as a flight's does.
+
+    The same data give the same bytes.
 
     Raises:
         LogError: the file cannot be written.
@@ -145,8 +158,7 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "range_sigma": "" if data.range_sigma is None else repr(data.range_sigma),
     }
     with faults(path), replaced(path) as part, part.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
+        writer = ProvingWriter(stream)
         writer.add_metadata(_RECORD, facts)
         _write_messages(writer, _messages(data))
         writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
@@ -168,6 +180,7 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
         LogError: the log is damaged or of something else, or has too long a gap.
     """
     log = _own_log(path)
+    proved = prove(path, log)
     if _RECORD not in log.metadata:
         raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")
     measured, remarks = read_recording(path, VEHICLE, longest_gap_s)
@@ -182,4 +195,6 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             truth = np.column_stack([since, poses.columns(("pose.position.x", "pose.position.y"))])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
         sigma = float(facts["range_sigma"]) if facts["range_sigma"] else None
+    if proved is None:
+        remarks = (*remarks, "nothing proves that start, beacons and measurements are those that were written")
     return Replayable(measured, start, sigma, truth, remarks)

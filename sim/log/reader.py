@@ -90,12 +90,12 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     path = Path(path)
     log = contents(path, lambda topic, _: topic.endswith(("/motion", "/reception")))
     whole = prove(path, log)
+    cut = ("the log was cut off at its end; it is read as far as it is proved",) if whole is False else ()
     if whole is not None and "laisn" in log.metadata:
-        cut = () if whole else ("the log was cut off at its end; it is read as far as it is proved",)
         return Recording(_measurements(path, log, follower)[0], cut)
     found = recording(path, log, follower, longest_gap_s)
     bare = tuple(f"{what} are not protected: they have no checksum" for what in unprotected(path) if "chunks" in what)
-    return found._replace(remarks=(*found.remarks, *bare))
+    return found._replace(remarks=(*found.remarks, *cut, *bare))
 
 
 def read_measurements(path: Path | str, follower: str = "follower") -> Measurements:

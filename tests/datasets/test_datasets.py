@@ -17,6 +17,8 @@ from laisn.failure import LaisnError
 from sim.datasets.log import is_data_set, read_data_set, read_data_set_log, write_data_set
 from sim.datasets.range_data import RangeData
 from sim.log.file import LogError
+from sim.log.recovery import recover
+from tests.log.damage import Parts
 
 PLAZA = Path(__file__).resolve().parents[1] / "data" / "plaza"
 NOISE = "0.01 0 0 0.01 0 0.0001"
@@ -239,6 +241,35 @@ def test_legs_end_where_poses_composed_one_after_the_other_do(
 def test_data_that_make_no_mission_are_refused(changes: dict[str, object], words: str) -> None:
     with pytest.raises(LaisnError, match=words):
         straight(**changes)
+
+
+def test_what_is_not_what_was_written_is_not_navigated_on(tmp_path: Path) -> None:
+    data = straight(
+        time=np.arange(41.0), odometry=np.tile([1.0, 0.0, 0.0], (40, 1)), range_time=np.arange(1.5, 37.5, 6.0)
+    )
+    log = tmp_path / "a.mcap"
+    write_data_set(data, log)
+    whole, original = log.read_bytes(), read_data_set_log(log)
+
+    elsewhere = whole.replace(b"start_east\x03\0\0\0000.0", b"start_east\x03\0\0\0009.0")
+    parts = Parts.of(whole)
+    schema, channel, message = parts.messages[20]
+    parts.messages[20] = (schema, channel, replace(message, data=message.data[:-1] + b"@"))
+    assert elsewhere != whole
+    assert parts.messages[20][2].data != message.data
+    for damaged in (elsewhere, parts.written()):
+        log.write_bytes(damaged)
+        with pytest.raises(LogError):
+            read_data_set_log(log)
+    cut = whole.index(b"proof 4")
+    log.write_bytes(elsewhere[:cut])
+    with pytest.raises(LogError, match="no log of a data set"):
+        read_data_set_log(recover(log))
+    log.write_bytes(whole[:cut])
+    start = read_data_set_log(recover(log)).measurements
+    # what was driven at 0, 1 … 29 s, in steps of a second
+    assert start.time[-1] == 30.0
+    np.testing.assert_array_equal(start.ranges, original.measurements.ranges[: len(start.ranges)])
 
 
 def run(*words: object) -> str:
