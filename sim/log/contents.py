@@ -126,15 +126,26 @@ class Messages:
         parts = list(self.parts()) or [slice(0, 0)]
         return np.concatenate([self.numbers_in(self.stretch(part), name) for part in parts])
 
-    def columns(self, names: Sequence[str]) -> Floats:
-        """Numbers by the names of their fields, each column in one piece, not to be written, shape (n, len(names))."""
-        result = np.empty((len(names), self.time_ns.size))
+    def fill(self, table: Floats, names: Sequence[str]) -> None:
+        """Put numbers, by the names of their fields, into the columns of a table, shape (n, len(names))."""
         for part in self.parts():
             stretch = self.stretch(part)
             for k, name in enumerate(names):
-                result[k, part] = self.numbers_in(stretch, name)
+                table[part, k] = self.numbers_in(stretch, name)
+
+    def columns(self, names: Sequence[str]) -> Floats:
+        """Numbers by the names of their fields, each column in one piece, not to be written, shape (n, len(names))."""
+        result = np.empty((len(names), self.time_ns.size))
+        self.fill(result.T, names)
         result.flags.writeable = False
         return result.T
+
+    def rows(self, names: Sequence[str]) -> Floats:
+        """Numbers by the names of their fields, each row in one piece, not to be written, shape (n, len(names))."""
+        result = np.empty((self.time_ns.size, len(names)))
+        self.fill(result, names)
+        result.flags.writeable = False
+        return result
 
 
 class _Gathered:

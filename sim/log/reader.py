@@ -1,6 +1,5 @@
 """Logs read back: the flight to the bit, or the measurements alone, from the simulator or from a real vehicle."""
 
-import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -43,7 +42,19 @@ from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
-POSE = tuple(f"pose.position.{axis}" for axis in "xyz") + tuple(f"pose.orientation.{axis}" for axis in "wxyz")
+_POSES = {
+    "position": tuple(f"pose.position.{axis}" for axis in "xyz"),
+    "quaternion": tuple(f"pose.orientation.{axis}" for axis in "wxyz"),
+}
+"""Fields of a pose that an array of the trajectory is made of."""
+_STATES = {
+    "time": ("time",),
+    "velocity": VELOCITY,
+    "angular_velocity": ANGULAR_VELOCITY,
+    "water_velocity": WATER_VELOCITY,
+    "thrust": THRUST,
+}
+"""Fields of a state, likewise."""
 
 
 def _steps(path: Path, topic: str, messages: Messages, steps_ns: Ints) -> Ints:
@@ -110,11 +121,10 @@ def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Esti
     with faults(path):
         if not np.array_equal(filtered.time_ns, steps_ns):
             raise LogError(f"{path}: /{follower}/filter and /{follower}/motion are not at the same times")
-        values = filtered.columns((*STATE_NAMES, *COVARIANCE))
         fixes = fixed.columns(("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE))
         estimates = Estimates(
-            state=values[:, :4].copy(),
-            covariance=values[:, 4:].reshape(-1, 4, 4).copy(),
+            state=filtered.rows(STATE_NAMES),
+            covariance=filtered.rows(COVARIANCE).reshape(-1, 4, 4),
             fix_step=_steps(path, topic, fixed, steps_ns),
             fix_position=fixes[:, :2].copy(),
             fix_sigma=fixes[:, 2].copy(),
@@ -149,32 +159,26 @@ def _tight(path: Path, log: Contents, topic: str, estimates: Estimates) -> Tight
 
 def _trajectory(path: Path, log: Contents) -> Trajectory:
     table = json.loads(log.attachments[VEHICLES])
-    groups = (VELOCITY, ANGULAR_VELOCITY, WATER_VELOCITY, THRUST)
-    names = ("time", *VELOCITY, *ANGULAR_VELOCITY, *WATER_VELOCITY, *THRUST)
-    poses, states = [], []
-    for vehicle in table["names"]:
-        pose = require(path, log, f"/{vehicle}/pose", POSE)
-        state = require(path, log, f"/{vehicle}/state", names)
-        poses.append(pose.columns(POSE))
-        states.append(state.columns(names))
-        leaders = log.topics[f"/{table['names'][0]}/pose"].time_ns
-        if not (np.array_equal(pose.time_ns, leaders) and np.array_equal(state.time_ns, leaders)):
-            raise LogError(f"{path}: the channels of {vehicle} are not at the times of the leader's")
-    whole_pose, whole_state = np.stack(poses, axis=1), np.stack(states, axis=1)
-    ends = np.cumsum([1, *(len(group) for group in groups)])
-    velocity, turning, water, thrust = (whole_state[..., a:b].copy() for a, b in itertools.pairwise(ends))
+    names = tuple(table["names"])
+    at = require(path, log, f"/{names[0]}/pose", ()).time_ns
+    # each number goes straight to its place: of hours, a second copy of all would be the most that the memory holds
+    found = {name: np.empty((at.size, len(names), len(group))) for name, group in (_POSES | _STATES).items()}
+    for i, vehicle in enumerate(names):
+        for topic, groups in ((f"/{vehicle}/pose", _POSES), (f"/{vehicle}/state", _STATES)):
+            messages = require(path, log, topic, [field for group in groups.values() for field in group])
+            if not np.array_equal(messages.time_ns, at):
+                raise LogError(f"{path}: the channels of {vehicle} are not at the times of the leader's")
+            for name, group in groups.items():
+                messages.fill(found[name][:, i], group)
+    for array in found.values():
+        array.flags.writeable = False
     return Trajectory(
-        names=tuple(table["names"]),
-        time=whole_state[:, 0, 0].copy(),
-        position=whole_pose[..., :3].copy(),
-        quaternion=whole_pose[..., 3:].copy(),
-        velocity=velocity,
-        angular_velocity=turning,
-        water_velocity=water,
-        thrust=thrust,
+        names=names,
+        time=found.pop("time")[:, 0, 0].copy(),
         site_names=tuple(site["name"] for site in table["sites"]),
         site_vehicle=np.array([site["vehicle"] for site in table["sites"]], dtype=np.int64),
         site_offset=np.array([site["offset"] for site in table["sites"]], dtype=np.float64).reshape(-1, 3),
+        **found,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from laisn.arrays import Bytes
 from sim.log.file import LogError
 
-IN_MEMORY = 4 << 20
+IN_MEMORY = 1 << 19
 """Up to so many they stay in memory; more lie in a temporary file without a name [bytes]."""
 
 
