@@ -95,8 +95,7 @@ class Flight:
         This is the point that the follower estimates.
         """
         name = self.trajectory.names[follower + 1]
-        site = self.trajectory.site(f"{name}/hydrophone")
-        return np.asarray(self.trajectory.site_position[self.step_index(), site])
+        return np.asarray(self.trajectory.site_path(f"{name}/hydrophone")[self.step_index()])
 
 
 def _tight_settings(scenario: Scenario, height: float) -> TightSettings:

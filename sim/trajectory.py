@@ -125,9 +125,18 @@ class Trajectory:
                 _carry(out[:, s], axes, self.site_offset[s])
         return out
 
+    @cached_property
+    def _site_paths(self) -> dict[str, Floats]:
+        return {}
+
     def site_path(self, name: str) -> Floats:
-        """One site in the world, shape (n, 3), [m]: as in `site_position`, for the price of one."""
-        s = self.site(name)
+        """One site in the world, shape (n, 3), not to be written, [m]: as in `site_position`, for the price of one."""
+        if name not in self._site_paths:
+            self._site_paths[name] = self._carried(self.site(name))
+            self._site_paths[name].flags.writeable = False
+        return self._site_paths[name]
+
+    def _carried(self, s: int) -> Floats:
         v = self.site_vehicle[s]
         out = self.position[:, v].copy()
         if self.site_offset[s].any():

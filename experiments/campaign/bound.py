@@ -63,9 +63,7 @@ def geometry_of(
     own = own_motion(trajectory, follower)[stride : n * stride + 1 : stride]
     sound = propagate(trajectory, hearing, follower)
     arrived, sent = (sound.message_step - first), (sound.emission_step - first) * stride
-    hydrophone = trajectory.site_position[
-        arrived * stride, trajectory.site(f"{trajectory.names[follower + 1]}/hydrophone")
-    ]
+    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone")[arrived * stride]
     leader, used = trajectory.position[sent, 0, :2], transmitters or hearing.transmitters
     arms = sound.transmitter[:, :used].copy()
     arms[..., :2] -= leader[:, None]

@@ -108,10 +108,11 @@ def dissect(flight: Flight, follower: int = 0) -> Anatomy:
     emission = sound.emission_step[row]
     fix, sent = measured.message_step[kept] * flight.stride, (emission - first) * flight.stride
 
-    sites = [trajectory.site(name) for name in TRANSMITTERS]
-    broadcast = trajectory.site_position[sent][:, sites]
-    level = leveled(trajectory).site_position[sent][:, sites]
-    hydrophone = trajectory.site_position[fix, trajectory.site(f"{trajectory.names[follower + 1]}/hydrophone")]
+    broadcast, level = (
+        np.stack([flown.site_path(name)[sent] for name in TRANSMITTERS], axis=1)
+        for flown in (trajectory, leveled(trajectory))
+    )
+    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone")[fix]
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
     path = np.full((row.size, 3), int(Path.DIRECT))

@@ -84,7 +84,7 @@ def _reader(trajectory: Trajectory, site: str, *, on_grid: bool) -> Callable[[Fl
     """Position of a site over time, shape (m,) to (m, 3): recorded points where the instants are such, else between."""
     if not on_grid:
         return lambda time: trajectory.site_at(site, np.minimum(time, trajectory.time[-1]))
-    recorded = trajectory.site_position[:, trajectory.site(site)]
+    recorded = trajectory.site_path(site)
     return lambda time: recorded[np.rint((time - trajectory.time[0]) / trajectory.dt).astype(np.int64)]
 
 

@@ -85,7 +85,7 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
         raise ValueError(f"the trajectory ends at {trajectory.time[-1]:g} s, before the first filter step of {dt:g} s")
     first, grid = round(float(trajectory.time[0]) / dt), np.arange(1, n + 1) * stride
     name = trajectory.names[follower + 1]
-    hydrophone = trajectory.site_position[:, trajectory.site(f"{name}/hydrophone")]
+    hydrophone = trajectory.site_path(f"{name}/hydrophone")
     own = own_motion(trajectory, follower)[grid]
     wander(hearing.wandering, follower, np.asarray((first + np.arange(1, n + 1)) * dt, dtype=np.float64), own)
     sound = propagate(trajectory, hearing, follower)
