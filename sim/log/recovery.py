@@ -176,6 +176,9 @@ def _rescue(path: Path, work: Path, say: Callable[[str], None]) -> None:
             if attempt == len(rescue.ends_ns):
                 raise
         else:
+            if rescue.proofs_ns and end_ns > rescue.proofs_ns[-1]:
+                unproved_s = (end_ns - rescue.proofs_ns[-1]) / 1e9
+                say(f"the last {unproved_s:g} s come after the last proof; checksums alone speak for them")
             return
 
 

@@ -75,6 +75,19 @@ def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, t
         recover(tmp_path / "cut.mcap")
 
 
+def test_what_only_checksums_speak_for_is_told(written: Path, tmp_path: Path) -> None:
+    whole, said = written.read_bytes(), list[str]()
+    (tmp_path / "proved.mcap").write_bytes(whole[:-1])
+    recover(tmp_path / "proved.mcap", said.append)
+    assert said == []
+    # before the proof of what came from 10 s on
+    (tmp_path / "cut.mcap").write_bytes(whole[: whole.index(b"proof 2")])
+    rescued = read(recover(tmp_path / "cut.mcap", said.append))
+    assert said == [
+        f"the last {rescued.trajectory.time[-1] + 0.1 - 10:g} s come after the last proof; checksums alone speak for them"
+    ]
+
+
 @pytest.mark.parametrize("what", ["a byte", "text", "zeros", "another log"])
 def test_bytes_behind_the_end_are_called_so_and_left_out(written: Path, tmp_path: Path, what: str) -> None:
     whole = written.read_bytes()
