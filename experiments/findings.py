@@ -130,9 +130,12 @@ def read(path: Path) -> Findings:
     """
     try:
         given = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise LaisnError(f"{path}: no record of a study: {error}") from None
     if not isinstance(given, dict) or given.pop("schema", None) != SCHEMA:
         raise LaisnError(f"{path}: no record of schema {SCHEMA}; make it anew with make studies")
-    found = {name: Finding(**finding) for name, finding in given.pop("findings").items()}
-    return Findings(**given | {"modules": tuple(given["modules"])}, findings=found)
+    try:
+        found = {name: Finding(**finding) for name, finding in given.pop("findings").items()}
+        return Findings(**given | {"modules": tuple(given["modules"])}, findings=found)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise LaisnError(f"{path}: no record of a study: {error}") from None

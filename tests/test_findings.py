@@ -72,7 +72,14 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert path.read_bytes() == first
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"schema": 0}', '{"schema": 1'])
+BARE = f'"schema": {SCHEMA}, "study": "dive", "command": "", "version": "1"'
+NO_RECORDS = [
+    "", "[]", '{"schema": 0}', '{"schema": 1', "[" * 100_000, f"{{{BARE}}}", f'{{{BARE}, "findings": {{}}}}',
+    f'{{{BARE}, "modules": [], "findings": {{"a": {{"valve": 1}}}}}}', f'{{{BARE}, "modules": [], "findings": []}}',
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", NO_RECORDS, ids=range(len(NO_RECORDS)))
 def test_what_is_no_record_is_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / "results.json"
     path.write_text(text)

@@ -29,4 +29,4 @@ def require_whole(content: bytes, name: str) -> None:
     if sealed(content) != content:
         raise ValueError("it is damaged: its content does not have its hash")
     if content.count(_START + name.encode() + _HASH) != 1:
-        raise ValueError("it is another cell's or another mission's")
+        raise ValueError("it is another cell's, mission's or table's")

@@ -36,27 +36,41 @@ class CampaignError(LaisnError):
     """A campaign cannot go on; every finished cell is stored."""
 
 
-def _parquet(columns: Mapping[str, Any], metadata: Mapping[bytes, bytes]) -> bytes:
-    """A table as Parquet; the same content gives the same bytes."""
+def _sealed_parquet(path: Path, columns: Mapping[str, Any]) -> bytes:
+    """A table as Parquet, sealed under the name that its file has; the same content gives the same bytes."""
     table, file = pa.table(dict(columns)), pa.BufferOutputStream()
     with pq.ParquetWriter(file, table.schema, compression="zstd", write_page_checksum=True) as writer:
         writer.write_table(table)
         # not with the schema, of which Arrow keeps a second copy
-        writer.add_key_value_metadata(dict(metadata))
-    content: bytes = file.getvalue().to_pybytes()
-    return content
+        writer.add_key_value_metadata({b"seal": blank(path.name)})
+    return sealed(file.getvalue().to_pybytes())
 
 
 def write_table(path: Path, columns: Mapping[str, Any]) -> None:
     """Write a Parquet file, whole or not at all; the same content gives the same bytes."""
     with replaced(path) as part:
-        part.write_bytes(_parquet(columns, {}))
+        part.write_bytes(_sealed_parquet(path, columns))
+
+
+def _table_in(path: Path) -> Any:
+    """The table in a Parquet file that was sealed under its name; ValueError if it is not what was written."""
+    content = path.read_bytes()
+    require_whole(content, path.name)
+    # in this thread: one of Arrow's own that still reads when the process ends would abort it
+    return pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
+
+
+def arrow_table(path: Path) -> Any:
+    """The `pyarrow.Table` in a file of `write_table`; LaisnError if it is not what was written."""
+    try:
+        return _table_in(path)
+    except ValueError as error:
+        raise LaisnError(f"{path}: {error}; the command that wrote it writes it again") from None
 
 
 def read_table(path: Path) -> list[Record]:
-    """The rows of a Parquet file."""
-    # in this thread: one of Arrow's own that still reads when the process ends would abort it
-    rows: list[Record] = pq.ParquetFile(path).read(use_threads=False).to_pylist()
+    """The rows in a file of `write_table`; LaisnError if it is not what was written."""
+    rows: list[Record] = arrow_table(path).to_pylist()
     return rows
 
 
@@ -116,7 +130,7 @@ class Store:
             return str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
         except FileNotFoundError:
             return None
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=4)
             return None
 
@@ -130,13 +144,10 @@ class Store:
         if not path.is_file() or (self._force and key not in self._rows):
             return None
         try:
-            content = path.read_bytes()
-            require_whole(content, key)
+            return _table_in(path)
         except (ValueError, OSError) as error:
             warnings.warn(f"{path} cannot be read and is computed again: {error}", DamagedResult, stacklevel=3)
             return None
-        # in this thread: one of Arrow's own that still reads when the process ends would abort it
-        return pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
 
     def read(self, key: str) -> Record | None:
         """The row of a cell less its lists over runs; None if it must be computed.
@@ -193,8 +204,9 @@ class Store:
         self.write(key, columns_of(rows) | {"version": code_version()})
 
     def _write(self, key: str, suffix: str, columns: Mapping[str, Any]) -> None:
-        with replaced(self._cells / f"{key}{suffix}") as part:
-            part.write_bytes(sealed(_parquet(columns, {b"seal": blank(key)})))
+        path = self._cells / f"{key}{suffix}"
+        with replaced(path) as part:
+            part.write_bytes(_sealed_parquet(path, columns))
 
 
 def write_csv(path: Path, rows: Sequence[Record]) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
+from experiments.campaign.store import arrow_table
 from laisn.failure import LaisnError
 
 if TYPE_CHECKING:
@@ -40,9 +40,8 @@ class Table:
 
     @classmethod
     def read(cls, path: Path) -> Table:
-        """The table in a Parquet file."""
-        # in this thread: one of Arrow's own that still reads when the process ends would abort it
-        return cls(pq.ParquetFile(path).read(use_threads=False))
+        """The table in a Parquet file that a study wrote; LaisnError if it is not what was written."""
+        return cls(arrow_table(path))
 
     @property
     def columns(self) -> list[str]:

@@ -10,8 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.campaign.seal import blank, require_whole, sealed
-from experiments.campaign.store import DamagedResult, Record, Steps, Store
+from experiments.campaign.store import DamagedResult, Record, Steps, Store, columns_of, read_table, write_table
 from experiments.campaign.version import code_version
+from laisn.failure import LaisnError
 from laisn.sources import ROOT
 
 KEY, OTHER = "0123456789abcdef01234567", "76543210fedcba9876543210"
@@ -90,6 +91,29 @@ def test_a_cell_under_another_name_is_refused(cells: Path) -> None:
         assert Store(cells.parent).read(OTHER) is None
 
 
+@pytest.mark.parametrize(("given", "named"), [(".parquet", ".steps.parquet"), (".steps.parquet", ".parquet")])
+def test_a_row_is_not_taken_for_steps_nor_steps_for_a_row(cells: Path, given: str, named: str) -> None:
+    (cells / f"{KEY}{given}").replace(cells / f"{KEY}{named}")
+    store = Store(cells.parent)
+    with pytest.warns(DamagedResult, match="another cell's"):
+        assert (store.read(KEY) if named == ".parquet" else store.read_steps(KEY)) is None
+
+
+def test_a_table_that_was_damaged_or_is_another_is_refused(tmp_path: Path) -> None:
+    table, other = tmp_path / "runs.parquet", tmp_path / "results.parquet"
+    write_table(table, columns_of([{"e_p_m": 1.0}, {"e_p_m": 2.0}]))
+    assert read_table(table) == [{"e_p_m": 1.0}, {"e_p_m": 2.0}]
+    whole = table.read_bytes()
+    name = whole.rindex(b"e_p_m")
+    for damaged in (whole[:name] + b"e_b_m" + whole[name + 5 :], whole[:-20], b""):
+        table.write_bytes(damaged)
+        with pytest.raises(LaisnError, match=r"runs\.parquet: it (is damaged|has no seal).*writes it again"):
+            read_table(table)
+    other.write_bytes(whole)
+    with pytest.raises(LaisnError, match="another cell's, mission's or table's"):
+        read_table(other)
+
+
 def test_a_seal_holds_for_one_name_and_all_bytes() -> None:
     content = sealed(b"before" + blank("mine") + b"after")
     require_whole(content, "mine")
@@ -103,7 +127,7 @@ def test_a_seal_holds_for_one_name_and_all_bytes() -> None:
         sealed(b"no seal")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", "\x00" * 40])
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", "\x00" * 40, "[" * 100_000])
 def test_a_damaged_manifest_is_written_again(cells: Path, text: str) -> None:
     manifest = cells.parent / "campaign.json"
     whole = manifest.read_bytes()
