@@ -76,7 +76,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if not config.getoption("numprocesses", None) or hasattr(config, "workerinput") or _compiled().exists():
         return
     children = [subprocess.Popen([sys.executable, "-c", program]) for program in (NAVIGATORS, FLIGHT, CAMPAIGN)]
-    if not any([child.wait() for child in children]) and _compiled().parent.is_dir():
+    failed = [child.returncode for child in children if child.wait()]
+    if not failed and _compiled().parent.is_dir():
         for earlier in _compiled().parent.glob("compiled-for-tests.*"):
             earlier.unlink(missing_ok=True)
         _compiled().touch()

@@ -146,6 +146,7 @@ def test_the_report_has_columns_and_a_section_of_stations(tmp_path: Path) -> Non
     assert re.search(r"follower2 [– ]+7\.00 +8\.00 +11\.00 +– +lost", text)
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_the_report_of_routes_has_none(tmp_path: Path) -> None:
     flight = make_flight(20.0, 2)
     n = flight.measurements[0].speed.size

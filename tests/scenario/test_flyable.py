@@ -101,7 +101,7 @@ def test_an_override_that_cannot_be_flown_is_refused(assignment: str, told: str)
 
 
 FOLLOWER = b"duration_s=2\n[[followers]]\n"
-POINTS = 20_000
+POINTS = 4_000
 
 
 @pytest.mark.parametrize(
