@@ -8,7 +8,6 @@ import pytest
 
 from experiments.gallery import house
 
-IMPORTS = house.imports()
 SOURCES = house.modules()
 ROOMS = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
 VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry",
@@ -52,12 +51,12 @@ def within(module: str, room: str) -> bool:
 def members(room: str) -> list[str]:
     """Modules that stand in a room itself, not in a room within it."""
     inner = [other for other in ROOMS if other != room and within(other, room)]
-    return [m for m in IMPORTS if within(m, room) and not any(within(m, other) for other in inner)]
+    return [m for m in house.imports() if within(m, room) and not any(within(m, other) for other in inner)]
 
 
 @pytest.mark.parametrize("room", [room for room in ROOMS if "." in room])
 def test_a_room_imports_what_its_first_page_says_and_no_more(room: str) -> None:
-    used = {name for module in members(room) for name in IMPORTS[module] if not within(name, room)}
+    used = {name for module in members(room) for name in house.imports()[module] if not within(name, room)}
     allowed = declared(room)
     assert not {name for name in used if not any(within(name, a) for a in allowed)}
     assert not {a for a in allowed if not any(within(name, a) for name in used)}, "declared, but not used"
@@ -69,24 +68,25 @@ def test_the_first_page_of_a_room_is_short(room: str) -> None:
 
 
 def test_nothing_imports_in_a_circle() -> None:
-    assert house.circle(IMPORTS) == []
-    assert house.circle(house.rooms(IMPORTS)) == []
+    assert house.circle(house.imports()) == []
+    assert house.circle(house.rooms(house.imports())) == []
 
 
 def test_nothing_imports_the_command() -> None:
-    outside = [module for module in IMPORTS if not within(module, "experiments.command")]
-    assert not [m for m in outside for name in IMPORTS[m] if within(name, "experiments.command")]
+    imports = house.imports()
+    outside = [module for module in imports if not within(module, "experiments.command")]
+    assert not [m for m in outside for name in imports[m] if within(name, "experiments.command")]
 
 
 def imported_by(package: str) -> set[tuple[str, str]]:
     """Pairs of a module of a package and a module of this project that it imports."""
-    return {(module, name) for module in IMPORTS if within(module, package) for name in IMPORTS[module]}
+    return {(module, name) for module, names in house.imports().items() if within(module, package) for name in names}
 
 
 def knowing(library: str) -> list[str]:
     """Modules of `laisn` that import a library."""
     line = re.compile(rf"^\s*(import|from) {library}", flags=re.MULTILINE)
-    return [m for m in IMPORTS if within(m, "laisn") and line.search(SOURCES[m].read_text(encoding="utf-8"))]
+    return [m for m in SOURCES if within(m, "laisn") and line.search(SOURCES[m].read_text(encoding="utf-8"))]
 
 
 def test_laisn_knows_no_simulator() -> None:
@@ -106,8 +106,7 @@ def test_one_module_knows_filterpy() -> None:
 
 def late(path: Path) -> set[str]:
     """What a source imports within functions."""
-    functions = [n for n in house.statements(ast.parse(path.read_bytes()).body) if isinstance(n, ast.FunctionDef)]
-    inside = [node for function in functions for node in house.statements(function.body)]
+    inside = [node for node, late in house.import_statements(path) if late]
     plain = {alias.name for node in inside if isinstance(node, ast.Import) for alias in node.names}
     modules = [(node.module or "", node.names) for node in inside if isinstance(node, ast.ImportFrom)]
     return plain | {f"{module}.{alias.name}" for module, names in modules for alias in names}

@@ -32,13 +32,23 @@ def statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
             yield from statements(getattr(node, inner, ()))
 
 
+@cache
+def import_statements(path: Path) -> tuple[tuple[ast.Import | ast.ImportFrom, bool], ...]:
+    """All imports of a source, as it was when it was first asked for, and whether each stands within a function."""
+    tree = ast.parse(path.read_bytes()).body
+    functions = [node for node in statements(tree) if isinstance(node, ast.FunctionDef)]
+    late = {id(node) for function in functions for node in statements(function.body)}
+    found = (node for node in statements(tree) if isinstance(node, ast.Import | ast.ImportFrom))
+    return tuple((node, id(node) in late) for node in found)
+
+
 def named(path: Path, module: str) -> Iterator[str]:
     """Every name that a source imports anywhere, inside functions too: a module, or something within one."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    for node in statements(ast.parse(path.read_bytes()).body):
+    for node, _ in import_statements(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
+        else:
             base = resolve_name("." * node.level + (node.module or ""), package) if node.level else node.module or ""
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
