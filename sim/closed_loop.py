@@ -42,7 +42,7 @@ from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
 from sim.sensing.ahrs import follow_tilt
 from sim.sensing.instant import Senses, forward_speed, read_own, senses_of
-from sim.sensing.listening import HEARD, SILENT, Inbox, hear, new_inbox
+from sim.sensing.listening import HEARD, SILENT, Inbox, hear, is_under_way, new_inbox
 from sim.sensing.pings import site
 from sim.sensing.proximity import SEEN, Lookout, look, lookout_of
 from sim.vehicle.plant import Plant
@@ -221,7 +221,9 @@ def sense(k: int, record: Floats, a: Aboard) -> bool:
         if k > 0 and a.lookout.every > 0 and k % a.lookout.every == 0 and on_station:
             look(a.lookout, k, i, row, a.seen[i])
             beware(a.law.avoidance, a.seen[i], a.beliefs[i], a.memory[i])
-        if k > 0:
+        a.arrived[i] = False
+        # few calls, for what is handed over costs more than the question
+        if is_under_way(step, i, a.senses.message_every, a.inbox):
             hear(a.senses, step, i, (a.sites[0], a.sites[1]), (record, k), a.tilts, a.inbox)
             a.arrived[i] = a.inbox.outcome[i] != SILENT
             if a.inbox.outcome[i] == HEARD and on_station:

@@ -11,6 +11,7 @@ from experiments.closed_loop import study
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
 from experiments.flight.swarm import simulate_swarm
+from experiments.study.closed_runs import records_of_run
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from laisn.navigators import new_navigator
@@ -227,3 +228,11 @@ def test_the_record_counts_who_is_lost() -> None:
     assert (found["lost-runs laisn-2 T2"].value, found["lost-runs laisn-2 T3"].value) == (1, 0)
     assert (found["lost-runs laisn-3-1"].value, found["missions"].value) == (4, 40)
     assert format(found["lost laisn-2"], ".0% i") == "10 % (3 to 24 %)"
+
+
+def test_a_study_judges_a_run_by_the_estimates_that_steered_it() -> None:
+    scenario = mission("navigation.variant=tight", "timing.filter_step_s=0.5", "run=2")
+    (row,) = records_of_run(scenario, 2)
+    flight, _ = fly(scenario)
+    error = np.hypot(*(flight.estimates[0].state[:, :2] - flight.hydrophone(0)[:, :2]).T)
+    assert (row["e_p_mean_m"], row["e_p_max_m"]) == pytest.approx((error.mean(), error.max()), rel=1e-12)

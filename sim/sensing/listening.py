@@ -148,6 +148,25 @@ def read_ranges(s: Senses, k: int, sent: int, follower: int, true: Floats, inbox
 
 
 @compiled
+def _take_up(
+    s: Senses, k: int, sent: int, follower: int, known: Known, tilts: Floats, true: Floats, inbox: Inbox
+) -> None:
+    """Read the message of filter step `sent`, and its ranges."""
+    leader = known[0][sent * s.stride, 0]
+    _wander(s, sent, sent - inbox.kept[follower] if inbox.kept[follower] > 0 else 0, inbox.wander[follower])
+    inbox.kept[follower] = sent
+    body = leader[0:7], leader[7:13], leader[18:21]
+    broadcast(s, sent, body, tilts[sent * s.stride], inbox.wander[follower], inbox.message[follower])
+    inbox.outcome[follower] = read_ranges(s, k, sent, follower, true, inbox)
+
+
+@compiled
+def is_under_way(k: int, follower: int, message_every: int, inbox: Inbox) -> bool:
+    """Whether a message may come in at filter step k: one is sent that the follower still waits for."""
+    return bool((inbox.over[follower] + 1) * message_every <= k)
+
+
+@compiled
 def hear(
     s: Senses, k: int, follower: int, sites: tuple[Floats, Floats], known: Known, tilts: Floats, inbox: Inbox
 ) -> None:
@@ -162,28 +181,20 @@ def hear(
         tilts: what accelerations add to the leader's measured pitch and roll at each instant, shape (n, 2), [rad].
         inbox: brought forward.
     """
-    true, arrivals = np.empty((3, 3)), np.empty((3, 3))
     inbox.outcome[follower] = SILENT
-    while True:
+    true, arrivals = np.empty((3, 3)), np.empty((3, 3))
+    while is_under_way(k, follower, s.message_every, inbox):
         sent = (inbox.over[follower] + 1) * s.message_every
-        if sent > k:
-            return
         complete = follow(s.sound, known, sites, follower, sent * s.dt, s.transmitters, true, arrivals)
-        taken_up = int(np.ceil(complete / s.dt - 1e-6))
-        if taken_up > k:
+        step = int(np.ceil(complete / s.dt - 1e-6))
+        if step > k:
             return
         inbox.over[follower] += 1
-        if inbox.outcome[follower] != SILENT:
-            # two messages within one filter step: the follower keeps the first
-            continue
-        for i in range(3):
-            for path in range(3):
-                # it hears no more of a message once it has taken it up
-                if not arrivals[i, path] <= (taken_up + 1e-6) * s.dt:
-                    true[i, path] = np.nan
-        leader = known[0][sent * s.stride, 0]
-        _wander(s, sent, sent - inbox.kept[follower] if inbox.kept[follower] > 0 else 0, inbox.wander[follower])
-        inbox.kept[follower] = sent
-        body = leader[0:7], leader[7:13], leader[18:21]
-        broadcast(s, sent, body, tilts[sent * s.stride], inbox.wander[follower], inbox.message[follower])
-        inbox.outcome[follower] = read_ranges(s, k, sent, follower, true, inbox)
+        # of two messages within one filter step the follower keeps the first
+        if inbox.outcome[follower] == SILENT:
+            for i in range(3):
+                for path in range(3):
+                    # it hears no more of a message once it has taken it up
+                    if not arrivals[i, path] <= (step + 1e-6) * s.dt:
+                        true[i, path] = np.nan
+            _take_up(s, k, sent, follower, known, tilts, true, inbox)
