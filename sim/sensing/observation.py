@@ -70,26 +70,28 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
     and the hydrophone site at the instant of the ping.
 
     Args:
-        trajectory: of a mission, on the control grid; or a stretch of it that begins at a filter step, for which
-            errors of the leader's attitude begin anew.
+        trajectory: of a mission from its start, on the control grid.
         hearing: of its scenario.
         follower: its index, 0 for the first.
 
     Raises:
-        ValueError: the trajectory is too short for one filter step.
+        ValueError: the trajectory begins later, or is too short for one filter step.
     """
     dt = hearing.filter_step_s
     stride = round(dt / CONTROL_STEP_S)
     n = (trajectory.time.size - 1) // stride
     if n < 1:
         raise ValueError(f"the trajectory ends at {trajectory.time[-1]:g} s, before the first filter step of {dt:g} s")
-    first, grid = round(float(trajectory.time[0]) / dt), np.arange(1, n + 1) * stride
+    if trajectory.time[0] != 0.0:
+        raise ValueError(f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all before")
+    steps = np.arange(1, n + 1)
+    grid = steps * stride
     name = trajectory.names[follower + 1]
     hydrophone = trajectory.site_path(f"{name}/hydrophone")
     own = own_motion(trajectory, follower)[grid]
-    wander(hearing.wandering, follower, np.asarray((first + np.arange(1, n + 1)) * dt, dtype=np.float64), own)
+    wander(hearing.wandering, follower, np.asarray(steps * dt, dtype=np.float64), own)
     sound = propagate(trajectory, hearing, follower)
-    sent = (sound.emission_step - first) * stride
+    sent = sound.emission_step * stride
     limit = hearing.max_range_m or np.inf
     # the follower takes a message up at a filter step, and hears no more of it
     in_time = sound.arrival_time <= (sound.message_step[:, None, None] + 1e-6) * dt
@@ -102,7 +104,6 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
     astray_east, astray_north = hearing.wandering.leader
     return MissionTruth(
         dt=dt,
-        first_step=first,
         start=start_of(trajectory, follower),
         speed=own[:, 0].copy(),
         heading=own[:, 1].copy(),

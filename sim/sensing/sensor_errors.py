@@ -175,32 +175,6 @@ def _heard_ranges(truth: MissionTruth, errors: SensorErrors, address: tuple[int,
     return np.choose(path, [truth.slant_range, surface, bottom])
 
 
-def sense_own(true: Floats, steps: Ints, errors: SensorErrors, *, seed: int, run: int, follower: int = 0) -> Floats:
-    """What a follower's own sensors read at some filter steps of a run: speed, heading and depth.
-
-    Args:
-        true: without errors, shape (n, 3), [m/s], [rad], [m].
-        steps: filter steps k of the rows, shape (n,).
-        errors: of the sensors.
-        seed: key of all random numbers.
-        run: of the campaign, 0, 1, …
-        follower: index of the follower.
-
-    Returns:
-        Shape (n, 3), units as of `true`.
-
-    Raises:
-        ValueError: seed or run is out of range.
-    """
-    motion, depth = (normals(seed, run, s.number(follower), steps) for s in (Stream.OWN_MOTION, Stream.DEPTH))
-    return _own(
-        true,
-        np.column_stack([motion, depth[:, 0]]),
-        np.array([errors.speed_bias, errors.heading_bias]),
-        np.array([errors.speed_sigma, errors.heading_sigma, errors.depth_sigma]),
-    )
-
-
 def measure(
     truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0, transmitters: int = 3
 ) -> Measurements:
@@ -215,7 +189,7 @@ def measure(
         transmitters: N_T, how many of the leader's the follower uses, rear and front first.
 
     Returns:
-        The measurements, without the leader's statement about its heading; their steps are counted from the first one.
+        The measurements, without the leader's statement about its heading.
 
     Raises:
         ValueError: seed or run is out of range.
@@ -224,10 +198,14 @@ def measure(
     def drawn(stream: Stream, steps: Ints) -> Floats:
         return normals(seed, run, stream.number(follower), steps)
 
-    k = truth.first_step + np.arange(1, truth.speed.size + 1)
+    k = np.arange(1, truth.speed.size + 1)
     received, sent = truth.message_step, truth.emission_step
-    true = np.column_stack([truth.speed, truth.heading, truth.depth])
-    own = sense_own(true, k, errors, seed=seed, run=run, follower=follower)
+    own = _own(
+        np.column_stack([truth.speed, truth.heading, truth.depth]),
+        np.column_stack([drawn(Stream.OWN_MOTION, k), drawn(Stream.DEPTH, k)[:, 0]]),
+        np.array([errors.speed_bias, errors.heading_bias]),
+        np.array([errors.speed_sigma, errors.heading_sigma, errors.depth_sigma]),
+    )
     leader = _own(
         np.column_stack([truth.sent_speed, truth.sent_heading, truth.sent_position[:, 2]]),
         np.column_stack([drawn(Stream.LEADER_MOTION, sent), drawn(Stream.LEADER_DEPTH, sent)[:, 0]]),
@@ -266,7 +244,7 @@ def measure(
         speed=own[:, 0].copy(),
         heading=own[:, 1].copy(),
         depth=own[:, 2].copy(),
-        message_step=received - truth.first_step,
+        message_step=received,
         message=np.column_stack([columns.get(name, unknown) for name in LeaderMessage._fields]),
         ranges=ranges,
     )

@@ -12,16 +12,13 @@ from laisn.records import own_arrays, require_shapes
 class MissionTruth:
     """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages.
 
-    Of a stretch of a mission, steps are counted from the mission's start: k = first_step + 1 … first_step + n.
-    Raises ValueError if shapes disagree or `message_step` is not increasing within these.
+    Raises ValueError if shapes disagree or `message_step` is not increasing within 1 … n.
     """
 
     dt: float
     """Filter step Δt [s]."""
-    first_step: int = 0
-    """Step at which it begins."""
     start: Floats
-    """State at the first step (known, if that is step 0) of the hydrophone: x, y [m] and velocity [m/s], shape (4,)."""
+    """State of the hydrophone at step 0: x, y [m] and velocity [m/s], shape (4,)."""
     speed: Floats
     """Speed of the follower through the water, along its hull, shape (n,), [m/s]."""
     heading: Floats
@@ -64,6 +61,5 @@ class MissionTruth:
             expected["echo_range"] = (2, m, 3)
         require_shapes(self, expected)
         own_arrays(self)
-        low, high = self.first_step + 1, self.first_step + n
-        if m and (self.message_step[0] < low or self.message_step[-1] > high or np.any(np.diff(self.message_step) < 1)):
-            raise ValueError(f"MissionTruth.message_step must increase within {low} … {high}")
+        if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
+            raise ValueError(f"MissionTruth.message_step must increase within 1 … {n}")
