@@ -97,6 +97,12 @@ def test_of_two_messages_that_come_in_together_the_first_is_kept() -> None:
     assert np.count_nonzero(np.diff(sent) == 2) == 1
 
 
+def test_the_gate_counts_filter_steps() -> None:
+    """Of fixes by echoes as many are rejected as afterwards, which depends on the time since the last good one."""
+    echoes = ("acoustics.surface_echo_chance=0.4", "timing.filter_step_s=0.5", "navigation.variant=laisn-2")
+    np.testing.assert_allclose(apart(mission(*echoes)), 0.0, rtol=0, atol=1e-9)
+
+
 def test_sound_that_takes_its_time_comes_in_later() -> None:
     scenario = mission(*SLOW_SOUND)
     trajectory, _, _ = simulate_swarm(scenario)

@@ -108,6 +108,16 @@ def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
         np.testing.assert_array_equal(crew.aboard.inbox.message[i], measured.message[-1, :8])
 
 
+def test_a_ping_that_is_not_waited_for_comes_too_late() -> None:
+    """LAISN-2 takes the message up with the second ping; the third one follows 0.2 s later."""
+    scenario = mission(navigation={"variant": "laisn-2"}, acoustics={"ping_slot_s": 0.2}, duration=5.0)
+    trajectory, crew = flown(scenario)
+    flight = navigate(scenario, trajectory, new_navigator)
+    assert np.isnan(crew.aboard.inbox.ranges[:, 2]).all()
+    for i, measured in enumerate(flight.measurements):
+        np.testing.assert_allclose(crew.aboard.inbox.ranges[i], measured.ranges[-1], rtol=0, atol=1e-9)
+
+
 def test_stations_are_kept_where_sound_takes_its_time() -> None:
     sound = {"travel_time": True, "sound_speed_profile": [[0.0, 1500.0], [20.0, 1500.1]]}
     scenario = mission(navigation={"variant": "tight"}, acoustics=sound)
