@@ -1,8 +1,9 @@
 """What a study adds to the film: other estimates, coloured rays, an excerpt of the mission, and the pitch film."""
 
-import dataclasses
-import functools
 import inspect
+import pickle
+import subprocess
+from dataclasses import replace
 
 import av
 import numpy as np
@@ -24,6 +25,7 @@ from sim.film.annotations import NOTHING, Annotations, OtherEstimate, RayErrors,
 from sim.film.cameras import Director
 from sim.film.footage import Footage
 from sim.film.scene import ESTIMATE
+from sim.film.studio import Job
 from sim.scenario.settings import Video
 from sim.trajectory import leveled
 
@@ -77,7 +79,7 @@ def test_rays_take_the_colours_of_their_message():
     assert_allclose(rays.colours(1), diverging([np.nan, 1.0, -0.5]))
     assert_allclose(rays.colours(-1), diverging([np.nan] * 3))
     with pytest.raises(ValueError, match="colour bar ends at 0 m"):
-        dataclasses.replace(rays, limit=0.0)
+        replace(rays, limit=0.0)
 
 
 def test_annotations_that_do_not_fit_are_refused(flight, tmp_path):
@@ -139,31 +141,44 @@ def colour_near(image, place, radius=1):
 WHEN = 40.0
 
 
+def added(flight):
+    """Another estimate 2.5 m east of the truth, and coloured rays."""
+    value = np.zeros((60, 3))
+    # at 40 s the 40th message has just arrived
+    value[39] = -0.05, 0.05, 0.0
+    return Annotations(others=(beside(flight, 2.5, 0.0),), rays=RayErrors(label="error", value=value, limit=0.05))
+
+
+TOGETHER = """
+import pickle
+import numpy as np
+from sim.film.studio import Studio, open_stage
+jobs, when = pickle.load(open(sys.argv[1], "rb"))
+with open_stage(jobs["plain"]) as stage:
+    np.savez(sys.argv[2], **{name: Studio(job, stage).frame(when, title=False) for name, job in jobs.items()})
+"""
+
+
 @pytest.fixture(scope="module")
-def annotated(flight, tmp_path_factory):
-    """A still with another estimate 2.5 m east of the truth, and coloured rays; by camera, each drawn once."""
-
-    @functools.cache
-    def still(camera):
-        value = np.zeros((60, 3))
-        # at 40 s the 40th message has just arrived
-        value[39] = -0.05, 0.05, 0.0
-        annotations = Annotations(
-            others=(beside(flight, 2.5, 0.0),), rays=RayErrors(label="error", value=value, limit=0.05)
-        )
-        path = tmp_path_factory.mktemp("still") / "still.png"
-        video = Video(camera=camera)
-        render.still(flight, WHEN, path, errors=errors_of(flight), video=video, annotations=annotations)
-        return Image.open(path)
-
-    return still
+def shown(flight, tmp_path_factory):
+    """Stills with what is added, by camera, and a plain one; of one process, for a start takes longer than a still."""
+    folder, errors = tmp_path_factory.mktemp("shown"), errors_of(flight)
+    job = Job(flight=flight, errors=errors, video=Video(), follower=0, workers=1, samples=4)
+    jobs = {"plain": job, "profile": replace(job, video=Video(camera="profile"), annotations=added(flight))}
+    (folder / "jobs").write_bytes(pickle.dumps((jobs, WHEN)))
+    arguments = (str(folder / "jobs"), str(folder / "stills.npz"))
+    command, environment = graphics.child(TOGETHER, arguments, graphics.working().name)
+    subprocess.run(command, env=environment, check=True, timeout=120)
+    render.still(flight, WHEN, folder / "chase.png", errors=errors, annotations=added(flight))
+    with np.load(folder / "stills.npz") as stills:
+        return {name: stills[name][..., :3] for name in jobs} | {"chase": np.asarray(Image.open(folder / "chase.png"))}
 
 
 @needs_graphics
 @pytest.mark.parametrize("camera", ["chase", "profile"])
-def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(flight, annotated, camera):
+def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(flight, shown, camera):
     when, video, errors = WHEN, Video(camera=camera), errors_of(flight)
-    image = annotated(camera)
+    image = shown[camera]
     footage = Footage(flight, errors, video.speed_up)
     moment = footage.at(when)
     view = Director(footage, 0, 1280 / 720).shot(camera, moment).view
@@ -177,14 +192,11 @@ def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(fl
 
 
 @needs_graphics
-def test_the_curve_of_the_other_estimate_is_drawn_where_one_is_given(flight, annotated, tmp_path):
-    path = tmp_path / "without.png"
-    render.still(flight, WHEN, path, errors=errors_of(flight))
+def test_the_curve_of_the_other_estimate_is_drawn_where_one_is_given(shown):
     for rendering in (render.render, render.still):
         assert inspect.signature(rendering).parameters["annotations"].default == Annotations() == NOTHING
     # the panel of E_P: left edge 16, top 258, 292 × 84 px
-    pictures = Image.open(path), annotated(Video().camera)
-    panels = [np.asarray(picture.convert("RGB"))[258:342, 16:308].astype(float) for picture in pictures]
+    panels = [shown[name][258:342, 16:308].astype(float) for name in ("plain", Video().camera)]
     # green more than anything else: the panel itself is blue, the other curve magenta
     near = [panel[..., 1] - np.maximum(panel[..., 0], panel[..., 2]) > 25 for panel in panels]
     assert not near[0].any()
