@@ -210,12 +210,12 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
         return moved, np.stack(beliefs, axis=1), None
 
     monkeypatch.setattr(study, "simulate_swarm", flown)
-    one, other, *_ = study.measure(3, "laisn-3-1", "estimate")
+    one, other, *_ = study.measure(3, "tight-2", "estimate")
     assert one == pytest.approx({"error": 5.0, "off": 0.0, "end": 0.0}, abs=1e-6)
     # for the last 10 of 101 instants
     assert other == pytest.approx({"error": 10.0, "off": 8.0 * np.sqrt(10 / 101), "end": 8.0}, abs=1e-6)
     (scenario,) = asked
-    assert (scenario.run, scenario.navigation.variant) == (3, "laisn-3-1")
+    assert (scenario.run, scenario.navigation.variant, scenario.navigation.transmitters) == (3, "tight", 2)
     assert {follower.steers_by for follower in scenario.followers} == {"estimate"}
 
 
@@ -226,13 +226,14 @@ def test_the_record_counts_who_is_lost() -> None:
             {"error": float(i + r), "off": 10.0 * i, "end": 60.0 if r == 0 and i % 2 == 0 else 50.0}
             for i in range(len(ROUTES))
         ]
-        for r in range(len(study.RUNS))
+        for r in range(5)
     ]
-    found = study.findings_of({(v, by): runs for v in study.VARIANTS for by in ("truth", "estimate")})
+    found = study.findings_of({(v, by): runs for v in study.NAVIGATORS for by in ("truth", "estimate")})
     assert found["error laisn-2 T4"].value == 2.0 + 2.0
     assert found["off laisn-3-2 T9"].value == 70.0
     assert (found["lost-runs laisn-2 T2"].value, found["lost-runs laisn-2 T3"].value) == (1, 0)
     assert (found["lost-runs laisn-3-1"].value, found["missions"].value) == (4, 40)
+    assert found["runs"].value == 5
     assert format(found["lost laisn-2"], ".0% i") == "10 % (3 to 24 %)"
 
 

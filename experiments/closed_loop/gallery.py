@@ -8,15 +8,13 @@ from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
 from experiments.pages.figures import Line, panel
 from experiments.pages.style import SERIES, Colour
-from laisn.settings import Variant
 
 
 def picture() -> tuple[Figure, list[tuple[Colour, str]]]:
     """How a mirrored estimate leads a follower away: true and believed distances from the leader's axis."""
     lines = []
-    styles: tuple[tuple[Variant, Colour], ...] = (("laisn-2", SERIES[1]), ("laisn-3-2", SERIES[0]))
-    for variant, colour in styles:
-        mission = steering(0, variant, "estimate")
+    for navigator, colour in (("laisn-2", SERIES[1]), ("laisn-3-2", SERIES[0])):
+        mission = steering(0, navigator, "estimate")
         chosen = (mission.followers[ROUTES.index("T5")],)
         flight, _ = fly(mission.model_copy(update={"followers": chosen, "duration_s": 140.0}))
         steps = flight.step_index()

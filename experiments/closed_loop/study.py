@@ -19,34 +19,42 @@ from experiments.flight.swarm import simulate_swarm
 from experiments.intervals import proportion
 from experiments.route_keeping.study import scenario
 from laisn import metrics
-from laisn.settings import Variant
+from laisn.settings import AnyVariant
 from sim.assembly import routes_of
 from sim.scenario.settings import Scenario
 from sim.tracking import off_place
 
 COMMAND = "python -m experiments.closed_loop.study"
 MODULES = ("experiments.closed_loop.study",)
-VARIANTS: tuple[Variant, ...] = ("laisn-2", "laisn-3-1", "laisn-3-2")
-RUNS = range(5)
+NAVIGATORS: dict[str, tuple[AnyVariant, int]] = {
+    "laisn-2": ("laisn-2", 2),
+    "laisn-3-1": ("laisn-3-1", 3),
+    "laisn-3-2": ("laisn-3-2", 3),
+    "tight-2": ("tight", 2),
+    "tight-3": ("tight", 3),
+}
+"""Variant and number of transmitters of each."""
+RUNS = range(60)
 LOST_M = 50.0
 """A follower that ends farther than this from its place is called lost [m]."""
 
 
-def steering(run: int, variant: Variant, steers_by: str) -> Scenario:
+def steering(run: int, navigator: str, steers_by: str) -> Scenario:
     """Leader and a follower on each route."""
-    mission = scenario()
+    mission, (variant, transmitters) = scenario(), NAVIGATORS[navigator]
+    assume = mission.navigation.assume.model_copy(update={"transmitters": transmitters})
     return mission.model_copy(
         update={
             "run": run,
-            "navigation": mission.navigation.model_copy(update={"variant": variant}),
+            "navigation": mission.navigation.model_copy(update={"variant": variant, "assume": assume}),
             "followers": tuple(f.model_copy(update={"steers_by": steers_by}) for f in mission.followers),
         }
     )
 
 
-def measure(run: int, variant: Variant, steers_by: str) -> list[Record]:
+def measure(run: int, navigator: str, steers_by: str) -> list[Record]:
     """Mean E_P, RMS distance off its place, and that distance at the end, of each follower, [m]."""
-    mission = steering(run, variant, steers_by)
+    mission = steering(run, navigator, steers_by)
     trajectory, beliefs, _ = simulate_swarm(mission)
     routes, rows = routes_of(mission), []
     for i, follower in enumerate(mission.followers):
@@ -58,33 +66,34 @@ def measure(run: int, variant: Variant, steers_by: str) -> list[Record]:
     return rows
 
 
-def findings_of(found: Mapping[tuple[Variant, str], Sequence[Sequence[Record]]]) -> Findings:
-    """The record: of each variant and way of steering the rows of all followers, run by run."""
-    named: dict[str, Finding] = {"runs": plain(len(RUNS), "runs of each route"), "lost-from": plain(LOST_M, "", "m")}
-    for variant in VARIANTS:
+def findings_of(found: Mapping[tuple[str, str], Sequence[Sequence[Record]]]) -> Findings:
+    """The record: of each navigator and way of steering the rows of all followers, run by run."""
+    runs = len(next(iter(found.values())))
+    named: dict[str, Finding] = {"runs": plain(runs, "runs of each route"), "lost-from": plain(LOST_M, "", "m")}
+    for name in NAVIGATORS:
         ends = []
         for i, route in enumerate(ROUTES):
-            told, own = ([rows[i] for rows in found[variant, by]] for by in ("truth", "estimate"))
+            told, own = ([rows[i] for rows in found[name, by]] for by in ("truth", "estimate"))
             far = [row["end"] for row in own]
             lost = sum(end > LOST_M for end in far)
             ends += far
             error, off = median(row["error"] for row in told), median(row["off"] for row in own)
-            named[f"error {variant} {route}"] = plain(error, "mean E_P, steering by the truth; median of runs", "m")
-            named[f"off {variant} {route}"] = plain(off, "RMS off its place, by its estimate; median of runs", "m")
-            named[f"lost {variant} {route}"] = of(proportion(lost, len(own)), "share of runs lost, 95 %")
-            named[f"lost-runs {variant} {route}"] = plain(lost, "runs lost")
+            named[f"error {name} {route}"] = plain(error, "mean E_P, steering by the truth; median of runs", "m")
+            named[f"off {name} {route}"] = plain(off, "RMS off its place, by its estimate; median of runs", "m")
+            named[f"lost {name} {route}"] = of(proportion(lost, len(own)), "share of runs lost, 95 %")
+            named[f"lost-runs {name} {route}"] = plain(lost, "runs lost")
         lost = sum(end > LOST_M for end in ends)
-        named[f"lost {variant}"] = of(proportion(lost, len(ends)), "share of missions lost, 95 %")
-        named[f"lost-runs {variant}"] = plain(lost, "missions lost")
-        named["missions"] = plain(len(ends), "missions of each variant")
+        named[f"lost {name}"] = of(proportion(lost, len(ends)), "share of missions lost, 95 %")
+        named[f"lost-runs {name}"] = plain(lost, "missions lost")
+        named["missions"] = plain(len(ends), "missions of each navigator")
     return record("closed-loop", COMMAND, MODULES, named)
 
 
 def run(folder: Path) -> None:
     """Fly all runs, or those that are missing, and write the record into a folder."""
-    ways = [(variant, by) for variant in VARIANTS for by in ("estimate", "truth")]
+    ways = [(name, by) for name in NAVIGATORS for by in ("estimate", "truth")]
     tasks = {(*way, run): partial(measure, run, *way) for way in ways for run in RUNS}
-    ahead = partial(simulate_swarm, steering(0, VARIANTS[0], "estimate").first_messages)
+    ahead = partial(simulate_swarm, steering(0, "laisn-2", "estimate").first_messages)
     flown = campaign.fly(Design(tasks=tasks, what="fleets", ahead=ahead), folder).tasks
     findings_of({way: [flown[*way, run] for run in RUNS] for way in ways}).write(folder / FILE)
 

@@ -7,11 +7,16 @@ from experiments.estimators.plan import SEAS
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
 from experiments.formation.conditions import CONDITIONS
-from laisn.settings import Variant
 
 Records = Mapping[str, Findings]
 
-NAMES: dict[Variant, str] = {"laisn-2": "LAISN-2", "laisn-3-1": "LAISN-3(1)", "laisn-3-2": "LAISN-3(2)"}
+STEERING = {
+    "laisn-2": "LAISN-2",
+    "laisn-3-1": "LAISN-3(1)",
+    "laisn-3-2": "LAISN-3(2)",
+    "tight-2": "tight, 2 transmitters",
+    "tight-3": "tight, 3",
+}
 RATIOS = (
     ("Table 1: messages every 1 s", ("base",)),
     ("Tables 2 to 4: every 5 s", ("5s",)),
@@ -71,18 +76,18 @@ def ratios(records: Records) -> str:
 def closed_loop(records: Records) -> str:
     """Followers that steer by their own estimates, route by route."""
     found = records["closed-loop"]
-    heads = ["route", *(f"{name}: E_P | off its place [m] | lost" for name in NAMES.values())]
+    heads = ["route", *(head for name in STEERING.values() for head in (f"{name}: E_P, off its place [m]", "lost"))]
     rows = []
     for route in ROUTES:
         cells = [route]
-        for variant in NAMES:
-            of = f"{found[f'lost-runs {variant} {route}']:d} of {found['runs']:d}"
-            cells += [f"{found[f'error {variant} {route}']:.2f}", f"{found[f'off {variant} {route}']:.2f}", of]
+        for name in STEERING:
+            cells.append(f"{found[f'error {name} {route}']:.2f}, {found[f'off {name} {route}']:.2f}")
+            cells.append(f"{found[f'lost-runs {name} {route}']:d}")
         rows.append(cells)
-    total = ["all, share lost"]
-    for variant in NAMES:
-        total += ["", "", f"{found[f'lost {variant}']:.0% i}"]
-    return markdown(" | ".join(heads).split(" | "), [*rows, total])
+    total = [f"all, of {found['missions']:d}"]
+    for name in STEERING:
+        total += [f"{found[f'lost {name}']:.0% i}", f"{found[f'lost-runs {name}']:d}"]
+    return markdown(heads, [*rows, total])
 
 
 def tracking(records: Records) -> str:
