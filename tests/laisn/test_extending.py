@@ -36,7 +36,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The packages, changed as the page says."""
     root = tmp_path_factory.mktemp("copy")
     for package in ("laisn_sim", "models", "laisn", "sim", "experiments"):
-        shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / package, root / package)
     page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     blocks = dict(re.findall(r"^```python\n# (laisn/\S+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE))
     assert set(blocks) == {"laisn/variants.py", "laisn/settings.py"}
