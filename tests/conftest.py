@@ -101,22 +101,26 @@ def pytest_unconfigure() -> None:
     gc.freeze()
 
 
+_FIRST: list[str] = []
+"""The one figure that `few_figures` drew."""
+
+
 @pytest.fixture
 def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every figure is drawn like the first one: to draw it takes most of a page's time, and some tests ask no more."""
     from matplotlib.figure import Figure
 
-    draw, first = Figure.savefig, []
+    draw = Figure.savefig
 
     def drawn(figure: Figure, stream: object, **given: Any) -> None:
         if not isinstance(stream, io.StringIO):
             draw(figure, stream, **given)
             return
-        if not first:
+        if not _FIRST:
             own = io.StringIO()
             draw(figure, own, **given)
-            first.append(own.getvalue())
-        stream.write(first[0])
+            _FIRST.append(own.getvalue())
+        stream.write(_FIRST[0])
 
     monkeypatch.setattr(Figure, "savefig", drawn)
 

@@ -5,7 +5,8 @@ How blocks are tried, document by document, in an empty folder:
 - python: run in one namespace per document; what begins with the name of a file of `laisn` is a change of it, which
   `tests/laisn/test_extending.py` makes in a copy.
 - bash: `laisn` and `python` lines are run, in this process. Missions are cut to 20 s (`--set duration_s=20` for
-  scenarios), films are left out, and stills are taken at 10 s; of a scenario's flights the first has its report drawn.
+  scenarios), films are left out, and stills are taken at 10 s, of which the first of a document is rendered; of a
+  scenario's flights the first has its report drawn.
   Studies of a file are cut to 20 s, two seas and two runs; the others are asked for their help alone, which must know
   the options. `make` targets must exist. Other programs are not ours.
 """
@@ -14,6 +15,7 @@ import ast
 import re
 import runpy
 import shlex
+import sys
 import tomllib
 from pathlib import Path
 from typing import NamedTuple
@@ -83,8 +85,17 @@ def shortened(words: list[str]) -> list[str]:
     return words
 
 
+def unrendered(patch: pytest.MonkeyPatch) -> None:
+    """Have whoever renders get an empty picture, once all that was asked for has been looked at."""
+    program = "import sys; open(sys.argv[1] + '/still.png', 'wb')"
+    patch.setattr(graphics, "child", lambda _, words, *__: ([sys.executable, "-S", "-c", program, *words], None))
+
+
 def run_laisn(words: list[str], flown: set[str]) -> None:
-    """Run a `laisn` command; `flown` are scenarios whose report was drawn already: the next would be much alike."""
+    """Run a `laisn` command; `flown` are scenarios whose report was drawn already: the next would be much alike.
+
+    "render" is among them once a still was.
+    """
     own = words[0] == "study" and words[1].endswith(".toml") and "--dry-run" not in words and "--film" not in words
     if words[0] in STUDIES and not own:
         known = CliRunner().invoke(app, [words[0], "--help"], env={"COLUMNS": "200"})
@@ -101,12 +112,14 @@ def run_laisn(words: list[str], flown: set[str]) -> None:
         words = [*words, "--still", "10", "--out", "film.png"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flight_report, "DRAWN_FOLLOWERS", 2)
+        if words[0] in flown:
+            unrendered(patch)
         if words[0] == "fly" and words[1] in flown:
             patch.setattr(flight_report, "flight_report", lambda *given: given[3].write_text(""))
         result = CliRunner().invoke(app, shortened(words))
     assert result.exit_code == 0, f"laisn {' '.join(words)}\n{result.output}"
-    if words[0] == "fly":
-        flown.add(words[1])
+    if words[0] in ("fly", "render"):
+        flown.add(words[1] if words[0] == "fly" else words[0])
     if target:
         Path(target).write_text(result.stdout, encoding="utf-8")
 

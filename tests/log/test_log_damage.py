@@ -62,16 +62,29 @@ def is_start_of(part: Flight, flight: Flight) -> bool:
     )
 
 
+@pytest.fixture(scope="module")
+def brief() -> Flight:
+    """With two proofs on the way, and one at the end."""
+    return make_flight(22.0, 2)
+
+
+@pytest.fixture(scope="module")
+def brief_log(brief: Flight, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    path = tmp_path_factory.mktemp("log") / "brief.mcap"
+    writer.write(brief, path)
+    return path.read_bytes()
+
+
 @pytest.mark.parametrize("seed", range(40))
-def test_no_damaged_log_gives_another_flight(flight: Flight, whole: bytes, tmp_path: Path, seed: int) -> None:
-    data, what = damaged(whole, np.random.default_rng(seed))
+def test_no_damaged_log_gives_another_flight(brief: Flight, brief_log: bytes, tmp_path: Path, seed: int) -> None:
+    data, what = damaged(brief_log, np.random.default_rng(seed))
     path = tmp_path / "a.mcap"
     path.write_bytes(data)
     with suppress(LogError):
         found = read(path)
-        assert bits(found) == bits(flight) or is_start_of(found, flight), what
+        assert bits(found) == bits(brief) or is_start_of(found, brief), what
     with suppress(LogError):
-        assert is_start_of(read(recover(path)), flight), what
+        assert is_start_of(read(recover(path)), brief), what
 
 
 def rewritten(whole: bytes, path: Path, change: Any) -> Path:
