@@ -63,6 +63,9 @@ def _checked(tables: dict[str, Floats], source: str) -> dict[str, Floats]:
     for name, table in tables.items():
         if not np.issubdtype(table.dtype, np.number) or table.ndim != 2 or table.shape[1] != _COLUMNS[name]:
             raise LaisnError(f"{source}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} columns")
+        if name in _NEEDED and not np.all(np.isfinite(table)):
+            row = int(np.argmin(np.all(np.isfinite(table), axis=1)))
+            raise LaisnError(f"{source}: table {name} has a number that is not finite in row {row + 1}")
     return {name: np.asarray(table, dtype=np.float64) for name, table in tables.items()}
 
 

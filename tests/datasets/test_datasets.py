@@ -105,6 +105,8 @@ def test_faults_of_files_are_named(tmp_path: Path) -> None:
     (tmp_path / "binary.pyfg").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "empty.pyfg").write_text("")
     (tmp_path / "lonely_DR.txt").write_text("1 2 3\n2 3 4\n")
+    for table, rows in (("DR", "1 2 3"), ("TL", "1 0 0"), ("TD", "1 0 1 5\n2 0 nan 5")):
+        (tmp_path / f"odd_{table}.txt").write_text(f"{rows}\n")
     for name, words in (
         ("missing.pyfg", "No such file"),
         ("graph.json", r"should end in \.pyfg"),
@@ -113,6 +115,7 @@ def test_faults_of_files_are_named(tmp_path: Path) -> None:
         ("empty.pyfg", "no planar pose"),
         ("notes.txt", "name the table of odometry, such as Plaza1_DR.txt"),
         ("lonely_DR.txt", "lacks TD, TL; it has DR"),
+        ("odd_DR.txt", "table TD has a number that is not finite in row 2"),
     ):
         with pytest.raises(LaisnError, match=words):
             read_data_set(tmp_path / name)
