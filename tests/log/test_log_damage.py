@@ -38,11 +38,15 @@ def flight() -> Flight:
     return make_flight(35.0, 2)
 
 
-@pytest.fixture(scope="module")
-def whole(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    path = tmp_path_factory.mktemp("log") / "whole.mcap"
+def log_of(flight: Flight, folder: Path) -> bytes:
+    path = folder / "flight.mcap"
     writer.write(flight, path)
     return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def whole(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    return log_of(flight, tmp_path_factory.mktemp("whole"))
 
 
 def is_start_of(part: Flight, flight: Flight) -> bool:
@@ -70,9 +74,7 @@ def brief() -> Flight:
 
 @pytest.fixture(scope="module")
 def brief_log(brief: Flight, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    path = tmp_path_factory.mktemp("log") / "brief.mcap"
-    writer.write(brief, path)
-    return path.read_bytes()
+    return log_of(brief, tmp_path_factory.mktemp("brief"))
 
 
 @pytest.mark.parametrize("seed", range(40))
