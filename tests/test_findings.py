@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from experiments.campaign.version import ROOT
 from experiments.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
 from experiments.gallery import documents
 from experiments.gallery.hull_trials import PUBLISHED_SPEED
 from experiments.gallery.tables import changes, closed_loop, markdown, ratios, tracking
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
-from laisn.sources import ROOT
 
 SHARE = of(Interval(0.98, 0.965, 0.9951), "share", "")
 RECORD = Findings(

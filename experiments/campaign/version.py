@@ -1,59 +1,108 @@
 """The version that results carry: of the package, and of every source that may change a number."""
 
+import ast
 import hashlib
 import platform
 from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import version
+from importlib.util import resolve_name
 from pathlib import Path
 
-from laisn.sources import ROOT, Sources
-
+ROOT = Path(__file__).resolve().parents[2]
+"""Folder of this project's packages."""
+OWN_PACKAGES = ("models", "laisn", "sim", "experiments")
 PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
-"""Packages that shape results."""
+"""Dependencies that shape results."""
 
 _COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file")
-"""Where the numbers of cells begin: runs, and settings as a scenario. Tasks and facts add sources of their own."""
+"""Modules that compute the numbers of cells. Tasks and facts add modules of their own."""
 _DATA = {".xml", ".json"}
-"""Files beside the modules of a package that its modules read: vehicles, routes."""
+"""Data files that modules of a package read: vehicles, routes."""
+
+
+@cache
+def imported_names(source: bytes, package: str) -> frozenset[str]:
+    """Absolute names in the import statements of a source, also of those inside functions.
+
+    Args:
+        source: text of a module.
+        package: that relative imports start from.
+
+    Returns:
+        Names of modules, and of what is imported from them, which may be modules too.
+    """
+    names = set()
+    nodes: list[ast.AST] = [ast.parse(source)]
+    for node in nodes:
+        # expressions hold no statements
+        nodes += (inner for inner in ast.iter_child_nodes(node) if not isinstance(inner, ast.expr))
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = resolve_name("." * node.level + (node.module or ""), package)
+            names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
+    return frozenset(names)
+
+
+def _file(module: str, root: Path) -> Path | None:
+    """Source file of a module; None if these packages have no such module."""
+    if module.partition(".")[0] not in OWN_PACKAGES:
+        return None
+    place = root.joinpath(*module.split("."))
+    return next((path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()), None)
+
+
+def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:
+    """Source files of modules and of all that they import, directly or not, by module name.
+
+    Args:
+        modules: full names.
+        root: folder of the packages.
+
+    Raises:
+        FileNotFoundError: one of `modules` does not exist.
+    """
+    found: dict[str, Path] = {}
+    names = list(modules)
+    for name in names:
+        if _file(name, root) is None:
+            raise FileNotFoundError(f"{root}: module {name} does not exist")
+    seen = set(names)
+    while names:
+        name = names.pop()
+        path = _file(name, root)
+        if path is not None:
+            found[name] = path
+            parent = name.rpartition(".")[0]
+            package = name if path.name == "__init__.py" else parent
+            # Python runs the packages around a module too
+            new = {parent, *imported_names(path.read_bytes(), package)} - seen
+            seen |= new
+            names += new
+    return found
 
 
 def sources(root: Path = ROOT) -> tuple[Path, ...]:
-    """Every file that may change a stored number: what the computing modules import, directly or not, and its data.
+    """Every file that may change a stored number: the modules that compute it, all that they import, and their data.
 
-    An import inside a function counts like one at the top. Films, logs, pages and commands are not among them, since
-    nothing that computes imports these.
+    Films, logs, pages and commands are not among them, since nothing that computes imports these.
 
     Args:
         root: folder of the packages.
 
     Raises:
-        FileNotFoundError: a computing module is not there.
+        FileNotFoundError: a computing module does not exist.
     """
-    found = Sources(root).reached(_COMPUTING)
+    found = reachable(_COMPUTING, root)
     # of `experiments` the modules alone: its data are published tables and a layout, to compare with and to draw
     packages = {name.partition(".")[0] for name in found} - {"experiments"}
     data = (p for package in packages for p in (root / package).rglob("*") if p.suffix in _DATA)
     return tuple(sorted({*found.values(), *data}))
 
 
-def fingerprint(root: Path = ROOT) -> str:
-    """Hash of names and bytes of `sources`, 12 hexadecimal digits."""
-    digest = hashlib.sha256()
-    for path in sources(root):
-        digest.update(path.relative_to(root).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-def version_of(modules: Iterable[str], root: Path = ROOT) -> str:
-    """Hash of every source that may change the numbers of a study.
-
-    Args:
-        modules: where its numbers are made; all that these can reach counts, and all that any campaign computes with.
-        root: folder of the packages.
-    """
-    files = {*Sources(root).reached(modules).values(), *sources(root)}
+def _digest(files: Iterable[Path], root: Path) -> str:
+    """Hash of names and bytes of files, 12 hexadecimal digits."""
     digest = hashlib.sha256()
     for path in sorted(files):
         digest.update(path.relative_to(root).as_posix().encode())
@@ -61,9 +110,24 @@ def version_of(modules: Iterable[str], root: Path = ROOT) -> str:
     return digest.hexdigest()[:12]
 
 
+def fingerprint(root: Path = ROOT) -> str:
+    """Hash of names and bytes of `sources`, 12 hexadecimal digits."""
+    return _digest(sources(root), root)
+
+
+def version_of(modules: Iterable[str], root: Path = ROOT) -> str:
+    """Hash of every source that may change the numbers of a study, 12 hexadecimal digits.
+
+    Args:
+        modules: that compute its numbers; all that they import counts, and all that any campaign computes with.
+        root: folder of the packages.
+    """
+    return _digest({*reachable(modules, root).values(), *sources(root)}, root)
+
+
 @cache
 def code_version() -> str:
-    """Version of code, such as 0.1.0+3f2a9c81d0e4: results of different versions are never mixed. Takes 10 ms."""
+    """Version of the code, such as 0.1.0+3f2a9c81d0e4: results of different versions are never mixed."""
     return f"{version('laisn-sim')}+{fingerprint()}"
 
 

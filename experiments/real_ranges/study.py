@@ -13,12 +13,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from experiments.campaign.version import ROOT
 from experiments.findings import FILE, Finding, plain, record
 from experiments.real_ranges.navigating import Score, among_beacons, by_laisn, dead_reckoning, score
 from experiments.real_ranges.settings import Beacons
 from laisn.estimates import Estimates
 from laisn.settings import NavigationSettings
-from laisn.sources import ROOT
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
 from sim.datasets.log import Replayable, read_data_set, read_data_set_log, write_data_set

@@ -14,10 +14,10 @@ from experiments.campaign import campaign, missions, store
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.processes import Pool
 from experiments.campaign.store import DamagedResult
+from experiments.campaign.version import ROOT
 from experiments.reproduction.study import fly_command
 from laisn import metrics
 from laisn.navigator import Navigator
-from laisn.sources import ROOT
 from sim.flight import navigate
 from sim.scenario.settings import Acoustics
 from tests.campaign.plans import DURATION, contents, plans, run, scenario

@@ -11,9 +11,8 @@ import pytest
 
 from experiments.campaign.seal import blank, require_whole, sealed
 from experiments.campaign.store import DamagedResult, Record, Steps, Store, columns_of, read_table, write_table
-from experiments.campaign.version import code_version
+from experiments.campaign.version import ROOT, code_version
 from laisn.failure import LaisnError
-from laisn.sources import ROOT
 
 KEY, OTHER = "0123456789abcdef01234567", "76543210fedcba9876543210"
 ROW: Record = {

@@ -3,20 +3,19 @@
 import shutil
 import subprocess
 import sys
+from modulefinder import ModuleFinder
 from pathlib import Path
 
 import pytest
 
 from experiments.campaign import version
-
-ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("models", "laisn", "sim", "experiments")
+from experiments.campaign.version import OWN_PACKAGES, ROOT
 
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("tree")
-    for package in PACKAGES:
+    for package in OWN_PACKAGES:
         shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
     return root
 
@@ -99,13 +98,42 @@ def test_a_renamed_entry_is_noticed(tree: Path) -> None:
 
 def test_whatever_python_loads_for_a_campaign_is_among_the_sources() -> None:
     """Python's own list of modules is the judge."""
-    code = f"import sys, experiments.campaign.campaign\nown = {PACKAGES!r}\n"
+    code = f"import sys, experiments.campaign.campaign\nown = {OWN_PACKAGES!r}\n"
     code += "print(*(m for m in sys.modules if m.partition('.')[0] in own), sep='\\n')\n"
     loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     files = {path.relative_to(ROOT).with_suffix("").as_posix() for path in version.sources() if path.suffix == ".py"}
     known = {file.removesuffix("/__init__").replace("/", ".") for file in files}
     assert {"sim.motion", "experiments.campaign.montecarlo"} <= set(loaded.split())
     assert set(loaded.split()) <= known
+
+
+@pytest.mark.parametrize("module", ["experiments.study.study", "experiments.command.cli"])
+def test_reachable_modules_are_those_that_modulefinder_finds(module: str) -> None:
+    """The standard library's module finder reads byte code, not statements."""
+    finder = ModuleFinder(path=[str(ROOT)])
+    finder.import_hook(module)
+    expected = {name for name in finder.modules if name.partition(".")[0] in OWN_PACKAGES}
+    assert set(version.reachable([module])) == expected
+
+
+def test_every_import_statement_is_read() -> None:
+    source = b"""
+import a.b as c, d
+from . import e
+from ..f import (g,
+    h,  # (comment)
+)
+try:
+    import i
+except ImportError:
+    def late():
+        match 1:
+            case 1:
+                from j import *
+'from k import l'
+"""
+    names = {"a.b", "d", "p.q", "p.q.e", "p.f", "p.f.g", "p.f.h", "i", "j", "j.*"}
+    assert version.imported_names(source, "p.q") == names
 
 
 def test_the_version_names_package_and_sources() -> None:

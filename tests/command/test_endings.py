@@ -12,9 +12,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from experiments.campaign.version import ROOT
 from experiments.command import endings
 from experiments.command.errors import plain_errors
-from laisn.sources import ROOT
 from laisn.whole_files import scratch, sweep_scratch
 
 LAISN = [sys.executable, "-c", "from laisn_sim import main; main()"]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from laisn.sources import ROOT
+from experiments.campaign.version import ROOT
 from laisn.whole_files import held, parts, remove_abandoned, replaced
 
 
