@@ -26,23 +26,23 @@ fuzz: $(VENV)/.dev  ## search for counterexamples to the property tests with fre
 
 # A mutant takes some ten seconds, all of them days.
 mutants: $(VENV)/.mutants  ## see whether tests notice faults; MUTANTS=60 draws 60 of each package, MUTANTS_ARGS="FILE --seed 2"
-	$(BIN)/python -m tests.mutants $(if $(MUTANTS),--count $(MUTANTS)) $(MUTANTS_ARGS)
+	$(BIN)/python -m tools.mutants $(if $(MUTANTS),--count $(MUTANTS)) $(MUTANTS_ARGS)
 
 check: $(VENV)/.dev  ## lint, formatting, types; numbers in README and docs
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m experiments.gallery.documents --check
+	$(BIN)/python -m tools.documents.markers --check
 
-bench: $(VENV)/.dev  ## measure speeds, three times over, and keep the record in docs/results
-	$(BIN)/python -m experiments.benchmarks.run --record docs/results/benchmarks.json
+bench: $(VENV)/.dev  ## measure speeds three times into out/benchmarks.json; BENCH_ARGS=--record keeps them in docs/results
+	$(BIN)/python -m tools.benchmarks.run $(BENCH_ARGS)
 
 figures: $(VENV)/.runtime  ## bring the numbers of README and docs up to docs/results, draw their pictures anew
-	$(BIN)/python -m experiments.gallery.documents
-	$(BIN)/python -m experiments.gallery.draw
+	$(BIN)/python -m tools.documents.markers
+	$(BIN)/python -m tools.documents.draw
 
 studies: $(VENV)/.runtime  ## fly all studies anew (minutes) and keep their records in docs/results
-	$(BIN)/python -m experiments.gallery.studies
+	$(BIN)/python -m tools.documents.studies
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -8,6 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 """Folder of this project's packages."""
 PACKAGES = ("models", "laisn", "sim", "experiments")
+_IN_CHECKOUT = ("tools", "tests")
 
 _HIDDEN = re.compile(rb"#[^\n]*|\\\n")
 """What may stand between the names of an import."""
@@ -61,7 +62,7 @@ class Sources:
 
     def file(self, module: str) -> Path | None:
         """Source of a module; None if these packages have none of that name."""
-        if module.partition(".")[0] not in PACKAGES:
+        if module.partition(".")[0] not in (*PACKAGES, *_IN_CHECKOUT):
             return None
         place = self._root.joinpath(*module.split("."))
         return next((p for p in (place.with_suffix(".py"), place / "__init__.py") if p.is_file()), None)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 
 from experiments.findings import Findings, read
-from experiments.gallery.documents import RECORDS, ROOT
+from tools.documents.markers import RECORDS, ROOT
 
 
 class Record(NamedTuple):

@@ -29,14 +29,14 @@ from experiments.command.cli import app
 from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
 from experiments.flight.summary import off_place_rms
-from experiments.gallery import documents
-from experiments.gallery.tables import TRACKED
 from experiments.pages import flight_report
 from experiments.route_keeping import study as route_keeping
 from experiments.study.file import StudyFile
 from sim.film import graphics
 from sim.scenario.file import parse
 from sim.scenario.settings import Scenario
+from tools.documents import markers
+from tools.documents.tables import TRACKED
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = [
@@ -205,7 +205,7 @@ def test_links_and_pictures_exist(document: Path) -> None:
             assert anchor in {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}, target
     for picture in (ROOT / "docs" / "pictures").iterdir():
         assert any(f"pictures/{picture.name}" in d.read_text(encoding="utf-8") for d in DOCUMENTS), picture.name
-    for source in re.findall(r"`((?:laisn|sim|models|experiments|tests|docs|examples)/[\w./-]+\.\w+)`", text):
+    for source in re.findall(r"`((?:laisn|sim|models|experiments|tools|tests|docs|examples)/[\w./-]+\.\w+)`", text):
         assert (ROOT / source).is_file(), f"{source} does not exist"
 
 
@@ -245,15 +245,15 @@ def test_reference_of_scenarios_is_up_to_date() -> None:
 
 
 def test_numbers_in_documents_are_those_of_the_records() -> None:
-    found = documents.records()
+    found = markers.records()
     for path in DOCUMENTS:
         text = path.read_text(encoding="utf-8")
-        assert documents.filled(text, found) == text, f"{path.name}: run make figures"
+        assert markers.filled(text, found) == text, f"{path.name}: run make figures"
 
 
 def test_routes_are_kept_as_the_record_says() -> None:
     """The first minute alone cannot tell, so one whole route is flown; other machines may round otherwise."""
-    recorded = documents.records()["route-keeping"]
+    recorded = markers.records()["route-keeping"]
     reports = route_keeping.measure(route_keeping.scenario(("T8",)))
     fresh = route_keeping.findings_of(reports, reports[1])
     for name in ("leader", "T8"):
@@ -264,7 +264,7 @@ def test_routes_are_kept_as_the_record_says() -> None:
 
 def test_closed_loops_are_as_the_record_says() -> None:
     """To fly it all takes minutes: one route in one run must fit the median that is printed for it."""
-    found = documents.records()["closed-loop"]
+    found = markers.records()["closed-loop"]
     mission = closed_loop.steering(0, "laisn-2", "estimate")
     alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
     flight, _ = fly(alone)

@@ -10,11 +10,11 @@ import pytest
 
 from experiments.campaign.version import ROOT
 from experiments.findings import SCHEMA, Finding, Findings, of, plain, read, version_of
-from experiments.gallery import documents
-from experiments.gallery.hull_trials import PUBLISHED_SPEED
-from experiments.gallery.tables import changes, closed_loop, markdown, ratios, tracking
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
+from tools.documents import markers
+from tools.documents.hull_trials import PUBLISHED_SPEED
+from tools.documents.tables import changes, closed_loop, markdown, ratios, tracking
 
 SHARE = of(Interval(0.98, 0.965, 0.9951), "share", "")
 RECORD = Findings(
@@ -124,9 +124,9 @@ def test_numbers_and_tables_are_filled_in_and_nothing_else_is_touched() -> None:
         "<!-- a comment -->\n<!-- table one -->\n\n| a |\n\n<!-- /table -->\nThe end: 98 %.\n"
     )
     tables = {"one": lambda found: f"| {'a' if found is RECORDS else 'b'} |\n"}
-    once = documents.filled(text, RECORDS, tables)
+    once = markers.filled(text, RECORDS, tables)
     assert once == expected
-    assert documents.filled(once, RECORDS, tables) == once
+    assert markers.filled(once, RECORDS, tables) == once
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_numbers_and_tables_are_filled_in_and_nothing_else_is_touched() -> None:
 )
 def test_markers_that_cannot_be_filled_are_named(text: str, fault: str) -> None:
     with pytest.raises(LaisnError) as raised:
-        documents.filled(text, RECORDS)
+        markers.filled(text, RECORDS)
     assert fault in str(raised.value)
 
 
@@ -156,24 +156,24 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     fresh.write(tmp_path / "results" / "dive.json")
     page = tmp_path / "page.md"
     page.write_text("a <!--= dive runs d -->1165696<!--/--> b\n", encoding="utf-8")
-    monkeypatch.setattr(documents, "ROOT", tmp_path)
-    monkeypatch.setattr(documents, "DOCUMENTS", (page,))
-    monkeypatch.setattr(documents.records, "__defaults__", (tmp_path / "results",))
+    monkeypatch.setattr(markers, "ROOT", tmp_path)
+    monkeypatch.setattr(markers, "DOCUMENTS", (page,))
+    monkeypatch.setattr(markers.records, "__defaults__", (tmp_path / "results",))
     return tmp_path
 
 
 def test_a_number_that_is_not_the_records_is_a_fault(checkout: Path) -> None:
-    assert documents.faults() == []
+    assert markers.faults() == []
     page = checkout / "page.md"
     page.write_text(page.read_text(encoding="utf-8").replace("1165696", "1165697"), encoding="utf-8")
-    assert documents.faults() == ["page.md has not the numbers of docs/results: run make figures"]
-    documents.write()
-    assert documents.faults() == []
+    assert markers.faults() == ["page.md has not the numbers of docs/results: run make figures"]
+    markers.write()
+    assert markers.faults() == []
 
 
 def test_a_record_of_other_sources_is_a_fault(checkout: Path) -> None:
     RECORD.write(checkout / "results" / "dive.json")
-    assert documents.faults() == ["docs/results of dive: the sources have changed since: run make studies figures"]
+    assert markers.faults() == ["docs/results of dive: the sources have changed since: run make studies figures"]
 
 
 def record(study: str, found: Mapping[str, Finding]) -> Findings:
@@ -219,7 +219,7 @@ def test_a_table_is_markdown() -> None:
 
 
 def test_the_record_of_hull_trials_has_the_published_figures() -> None:
-    found = read(documents.RECORDS / "hull-trials.json")
+    found = read(markers.RECORDS / "hull-trials.json")
     for rpm, speed in PUBLISHED_SPEED.items():
         assert found[f"speed {rpm}"].value == pytest.approx(speed, abs=1e-4)
     assert (found["rise slowest"].value, found["rise quickest"].value) == pytest.approx((5.08, 2.06), abs=0.01)

@@ -1,4 +1,4 @@
-"""The house: each room imports what its first page says, nothing imports in a circle, laisn knows no simulator."""
+"""The import graph: a package imports what its `__init__.py` lists, without cycles; `laisn` imports no simulator."""
 
 import ast
 import re
@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from experiments.gallery import house
+from tools import import_graph
 
-SOURCES = house.modules()
-ROOMS = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
+SOURCES = import_graph.modules()
+PACKAGES = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
 VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry",
               "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigating",
               "laisn.records", "laisn.tight.estimates", "laisn.tight.settings", "laisn.whole_files"}  # fmt: skip
@@ -19,7 +19,6 @@ VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "lai
 LATE = {
     "distributed": "optional, for clusters alone",
     "rerun": "optional, for recordings alone",
-    "tests": "a checkout alone has it, and only documents are made of it",
     "OpenGL": "a library that is missing breaks the import",
     "mujoco": "so does a graphics library that MuJoCo lacks",
     "av": "codecs are needed by films alone",
@@ -38,49 +37,60 @@ LATE = {
 """What may be imported within functions, and why; in the command and in `laisn_sim`, which answer at once, anything."""
 
 
-def declared(room: str) -> set[str]:
-    """What the first page of a room allows."""
-    (last,) = re.findall(r"^Imports: ([^\"]*)", SOURCES[room].read_text(encoding="utf-8"), flags=re.MULTILINE)
+def declared(package: str) -> set[str]:
+    """What the docstring of a package allows."""
+    (last,) = re.findall(r"^Imports: ([^\"]*)", SOURCES[package].read_text(encoding="utf-8"), flags=re.MULTILINE)
     return set(last.split())
 
 
-def within(module: str, room: str) -> bool:
-    return module == room or module.startswith(f"{room}.")
+def within(module: str, package: str) -> bool:
+    return module == package or module.startswith(f"{package}.")
 
 
-def members(room: str) -> list[str]:
-    """Modules that stand in a room itself, not in a room within it."""
-    inner = [other for other in ROOMS if other != room and within(other, room)]
-    return [m for m in house.imports() if within(m, room) and not any(within(m, other) for other in inner)]
+def members(package: str) -> list[str]:
+    """Modules of a package itself, not of a package within it."""
+    inner = [other for other in PACKAGES if other != package and within(other, package)]
+    return [m for m in import_graph.imports() if within(m, package) and not any(within(m, other) for other in inner)]
 
 
-@pytest.mark.parametrize("room", [room for room in ROOMS if "." in room])
-def test_a_room_imports_what_its_first_page_says_and_no_more(room: str) -> None:
-    used = {name for module in members(room) for name in house.imports()[module] if not within(name, room)}
-    allowed = declared(room)
+@pytest.mark.parametrize("package", [package for package in PACKAGES if "." in package])
+def test_a_package_imports_what_its_docstring_lists_and_no_more(package: str) -> None:
+    imports = import_graph.imports()
+    used = {name for module in members(package) for name in imports[module] if not within(name, package)}
+    allowed = declared(package)
     assert not {name for name in used if not any(within(name, a) for a in allowed)}
     assert not {a for a in allowed if not any(within(name, a) for name in used)}, "declared, but not used"
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_the_first_page_of_a_room_is_short(room: str) -> None:
-    assert 1 <= len(SOURCES[room].read_text(encoding="utf-8").splitlines()) <= 11
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_init_file_of_a_package_is_short(package: str) -> None:
+    assert 1 <= len(SOURCES[package].read_text(encoding="utf-8").splitlines()) <= 11
 
 
-def test_nothing_imports_in_a_circle() -> None:
-    assert house.circle(house.imports()) == []
-    assert house.circle(house.rooms(house.imports())) == []
+def test_nothing_imports_in_a_cycle() -> None:
+    assert import_graph.cycle(import_graph.imports()) == []
+    assert import_graph.cycle(import_graph.package_imports(import_graph.imports())) == []
+
+
+def test_the_product_imports_neither_tools_nor_tests() -> None:
+    """The wheel has neither."""
+    paths = {*SOURCES.items(), ("laisn_sim", import_graph.ROOT / "laisn_sim" / "__init__.py")}
+    named = {(module, name) for module, path in paths for name in import_graph.named(path, module)}
+    assert ("laisn_sim", "laisn.failure.LaisnError") in named
+    assert not {pair for pair in named if within(pair[1], "tools") or within(pair[1], "tests")}
 
 
 def test_nothing_imports_the_command() -> None:
-    imports = house.imports()
+    imports = import_graph.imports()
     outside = [module for module in imports if not within(module, "experiments.command")]
     assert not [m for m in outside for name in imports[m] if within(name, "experiments.command")]
 
 
 def imported_by(package: str) -> set[tuple[str, str]]:
     """Pairs of a module of a package and a module of this project that it imports."""
-    return {(module, name) for module, names in house.imports().items() if within(module, package) for name in names}
+    return {
+        (module, name) for module, names in import_graph.imports().items() if within(module, package) for name in names
+    }
 
 
 def knowing(library: str) -> list[str]:
@@ -106,7 +116,7 @@ def test_one_module_knows_filterpy() -> None:
 
 def late(path: Path) -> set[str]:
     """What a source imports within functions."""
-    inside = [node for node, late in house.import_statements(path) if late]
+    inside = [node for node, late in import_graph.import_statements(path) if late]
     plain = {alias.name for node in inside if isinstance(node, ast.Import) for alias in node.names}
     modules = [(node.module or "", node.names) for node in inside if isinstance(node, ast.ImportFrom)]
     return plain | {f"{module}.{alias.name}" for module, names in modules for alias in names}
@@ -121,16 +131,19 @@ def test_an_import_within_a_function_has_its_reason() -> None:
 
 def test_imports_are_seen_wherever_they_hide(tmp_path: Path) -> None:
     """The reader of imports itself: at the top, relative, of a name within a module, and inside a function."""
-    for package in house.PACKAGES:
+    for package in import_graph.PACKAGES:
         (tmp_path / package).mkdir()
         (tmp_path / package / "__init__.py").write_text("")
     (tmp_path / "laisn" / "fix.py").write_text("def late():\n    from laisn.gate import REACH\n")
     (tmp_path / "laisn" / "gate.py").write_text("import numpy\nREACH = 1\n")
     (tmp_path / "sim" / "a.py").write_text("from . import b\nimport laisn.fix\n")
     (tmp_path / "sim" / "b.py").write_text("from sim import a\n")
-    found = house.imports(tmp_path)
+    found = import_graph.imports(tmp_path)
     assert found["laisn.fix"] == {"laisn.gate"}
     assert found["laisn.gate"] == set()
     assert found["sim.a"] == {"sim.b", "laisn.fix"}
-    assert set(house.circle(found)) == {"sim.a", "sim.b"}
-    assert house.floors(house.rooms({"sim.c": {"laisn.fix"}, "laisn.fix": set()})) == {"laisn": 0, "sim.c": 1}
+    assert set(import_graph.cycle(found)) == {"sim.a", "sim.b"}
+    assert import_graph.layers(import_graph.package_imports({"sim.c": {"laisn.fix"}, "laisn.fix": set()})) == {
+        "laisn": 0,
+        "sim.c": 1,
+    }

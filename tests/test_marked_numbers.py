@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import pytest
 
-from experiments.gallery.documents import DOCUMENTS
+from tools.documents.markers import DOCUMENTS
 
 MARKER = re.compile(r"<!--= (\S+) ((?:\S+ )*?)((?:(?:low|high) )?)([.,]?\d*[fdsg%]+(?: i)?) -->.*?<!--/-->", re.DOTALL)
 END = re.compile(r"\n(?=[-*|] ?)|(?<=[.:!?])\s+(?=[A-Z(*])")

@@ -12,6 +12,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 """Folder of this project's packages."""
 OWN_PACKAGES = ("models", "laisn", "sim", "experiments")
+_IN_CHECKOUT = ("tools", "tests")
+"""Packages outside the wheel, in which some records of the documents are computed."""
 PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
 """Dependencies that shape results."""
 
@@ -47,7 +49,7 @@ def imported_names(source: bytes, package: str) -> frozenset[str]:
 
 def _file(module: str, root: Path) -> Path | None:
     """Source file of a module; None if these packages have no such module."""
-    if module.partition(".")[0] not in OWN_PACKAGES:
+    if module.partition(".")[0] not in (*OWN_PACKAGES, *_IN_CHECKOUT):
         return None
     place = root.joinpath(*module.split("."))
     return next((path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()), None)

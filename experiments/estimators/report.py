@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.estimators.cases import CASES, WRONG
-from experiments.estimators.gallery import picture
+from experiments.estimators.figures import picture
 from experiments.estimators.paired import Paired
 from experiments.estimators.plan import INTERVALS, OFFSETS_M, ON_AXIS, SEAS, SIGMAS
 from experiments.findings import Findings

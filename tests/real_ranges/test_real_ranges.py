@@ -7,7 +7,6 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.gallery import documents
 from experiments.real_ranges import study
 from experiments.real_ranges.navigating import Score, among_beacons, score
 from experiments.real_ranges.settings import Beacons, beacons_of
@@ -15,11 +14,12 @@ from laisn.beacons.settings import MEDIA, BeaconSettings
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
+from tools.documents import markers
 
 
 @cache
 def recorded() -> dict[str, float]:
-    return {name: float(found.value or 0.0) for name, found in documents.records()["real-ranges"].findings.items()}
+    return {name: float(found.value or 0.0) for name, found in markers.records()["real-ranges"].findings.items()}
 
 
 @pytest.mark.parametrize("name", study.SETS)

@@ -1,0 +1,200 @@
+"""Benchmarks: the peers that lanes are compared with do the same work, and the table says what was measured."""
+
+from functools import partial
+from time import process_time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from laisn import lanes
+from laisn.lane_rows import LANES
+from laisn.settings import NavigationSettings
+from sim.sensing.sensor_errors import SensorErrors, measure
+from tests import synthetic
+from tools.benchmarks import formation, mission, navigators, peak
+from tools.benchmarks import run as benchmarks
+from tools.benchmarks.peak import peak_flops
+from tools.benchmarks.row import Row, least_time, least_times
+from tools.benchmarks.run import BENCHMARKS, record, steady_mission, table
+from tools.documents.tables import speed
+
+
+def test_peers_come_to_the_same_state() -> None:
+    truth, settings = steady_mission(60), NavigationSettings()
+    missions = [measure(truth, SensorErrors(), seed=1, run=run) for run in range(3)]
+    own, messages = lanes.stacked(missions)
+    fixes = np.broadcast_to(truth.start[:2, None], (messages.shape[0], 2, 3))
+    together = benchmarks.vectorised_numpy(own[:, :2, :3], fixes, truth.start, settings)
+    alone = [benchmarks.filterpy_loop(mission, truth.start, settings) for mission in missions]
+    assert together == pytest.approx(np.array(alone), abs=1e-9)
+
+
+def test_the_peak_is_that_of_a_processor() -> None:
+    # From one operation per nanosecond to two 512-bit fused units at 6 GHz.
+    assert 1e9 < peak_flops() < 2 * 16 * 6e9
+
+
+def test_table_shows_every_row_and_leaves_out_what_is_unknown() -> None:
+    lines = table([Row("one", 2.5, "ns/step", 10.0, "another", 1.25), Row("two", 3.0, "s")]).splitlines()
+    assert lines[1].split() == ["one", "2.5", "ns/step", "10.0x", "another", "1.2"]
+    assert lines[2].split() == ["two", "3.0", "s"]
+    assert all(callable(benchmark) for benchmark in BENCHMARKS.values())
+
+
+def rounds(
+    name: str, *values: float, ratios: tuple[float, ...] = (), against: str = "", floor: float = np.nan
+) -> list[Row]:
+    """A row of each round."""
+    faster = ratios or (np.nan,) * len(values)
+    return [Row(name, value, "ns/step", ratio, against, floor) for value, ratio in zip(values, faster, strict=True)]
+
+
+def test_the_record_has_the_median_of_the_rounds_and_their_spread() -> None:
+    filterpy = rounds("lanes", 10.0, 14.0, 11.0, ratios=(2900.0, 2000.0, 2600.0), against="filterpy", floor=3.5)
+    vectorised = rounds("lanes", 10.0, 14.0, 11.0, ratios=(120.0, 90.0, 100.0), against="NumPy", floor=3.5)
+    found = record({"navigation": [list(pair) for pair in zip(filterpy, vectorised, strict=True)]})
+    value = found["navigation: lanes"]
+    assert (value.value, value.low, value.high, value.unit) == (11.0, 10.0, 14.0, "ns/step")
+    assert f"{found['navigation: lanes, than filterpy']:,.0f i}" == "2,600 (2,000 to 2,900)"
+    assert f"{found['navigation: lanes, than NumPy']:.0f i}" == "100 (90 to 120)"
+    assert found["navigation: lanes, floor"].value == 3.5
+    assert found["rounds"].value == 3
+    # it stays when sources change, and says of which it is
+    assert found.modules == ()
+    assert "+" in found.version
+
+
+def test_the_table_of_speeds_is_that_of_the_record() -> None:
+    physics = []
+    for n, (step, bare) in {1: (3.0, 6.0), 10: (12.0, 15.0), 50: (60.0, 150.0)}.items():
+        fleet = f"leader + {n}"
+        physics += [
+            Row(f"{fleet}: mj_step alone, no water", bare, "µs/step"),
+            Row(f"{fleet}: with autopilot and recording", step, "µs/step", bare / step, "mj_step", bare / 2),
+            Row(f"{fleet}: real-time factor", 20_000.0 / step, "x"),
+        ]
+    navigation = [
+        Row("lanes, LAISN-2 filter only", 10.0, "ns/step", 2900.0, "filterpy", 3.5),
+        Row("lanes, LAISN-2 filter only", 10.0, "ns/step", 120.0, "NumPy", 3.5),
+        Row("lanes, LAISN-2 with noise and metrics", 18.0, "ns/step"),
+        Row("lanes, LAISN-3-2 with noise and metrics", 19.0, "ns/step"),
+    ]
+    log = [Row("writing", 120.0, "k/s"), Row("size", 8.6, "MB")]
+    tight = [Row("tight, 3 transmitters, messages every 1 s", 64.0, "ns/step", 0.2, "LAISN-2", 3.4)]
+    found = record({"physics": [physics], "navigation": [navigation], "log": [log]})
+    lines = speed({"benchmarks": found}).splitlines()
+    first = "| 3.0 (3.0 to 3.0) µs a step, 6,667 times real time | bare `mj_step` 6.0 µs, its needed part 3.0 µs |"
+    assert lines[2].endswith(first)
+    assert "60.0 (60.0 to 60.0) µs a step, 333 times real time" in lines[4]
+    assert (
+        "10.0 (10.0 to 10.0) ns a step | 2,900 (2,900 to 2,900) times as fast as filterpy, 120 (120 to 120)" in lines[5]
+    )
+    assert "floor by flops 3.5 ns" in lines[5]
+    assert lines[7].startswith("| LAISN-3(2), with noise and metrics | 19.0 (19.0 to 19.0) ns a step |")
+    assert "120 (120 to 120) thousand messages/s | 8.6 MB" in lines[8]
+    filmed = record({"physics": [physics], "navigation": [navigation], "log": [log], "tight": [tight],
+                     "film": [[Row("frames a second, once running", 25.0, "1/s")]],
+                     "command": [[Row("laisn fly T5 --no-video", t, "s")] for t in (2.25, 2.5, 2.0)]})  # fmt: skip
+    assert "64.0 (64.0 to 64.0) ns a step | 0.20 (0.20 to 0.20) times as fast" in speed({"benchmarks": filmed})
+    assert "25 (25 to 25) frames/s" in speed({"benchmarks": filmed})
+    assert "| 2.2 (2.0 to 2.5) s by the clock |" in speed({"benchmarks": filmed})
+
+
+def by_name(rows: list[Row]) -> dict[tuple[str, str], Row]:
+    return {(row.name, row.against): row for row in rows}
+
+
+def test_times_of_navigation_are_told_for_a_step_of_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every work takes 3 s: of 300 steps of one run, of 2000 steps of 60 runs, or of five times as many."""
+    monkeypatch.setattr(benchmarks, "least_time", lambda *_: 3.0)
+    monkeypatch.setattr(peak, "least_time", lambda *_: 3.0)
+    monkeypatch.setattr(benchmarks, "simulate", lambda _: None)
+    found = by_name(benchmarks.navigation())
+    # 8 fused operations of 2 flops each, 200 000 times in every lane
+    flops = 16 * LANES * 200_000 / 3.0
+    assert found["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx((flops * 1e-9, "GF/s"))
+    alone, together = 3e9 / 300, 3e9 / (2000 * 60)
+    assert found["filterpy: predict and updates only", ""].value == pytest.approx(alone)
+    readable = found["navigator (readable engine)", "filterpy"]
+    assert (readable.value, readable.ratio) == pytest.approx((alone, 1.0))
+    for against, ratio in (("filterpy", alone / together), ("NumPy", 1.0)):
+        row = found["lanes, LAISN-2 filter only", against]
+        assert (row.value, row.unit) == (pytest.approx(together), "ns/step")
+        assert (row.ratio, row.floor) == pytest.approx((ratio, 200 / flops * 1e9))
+        whole = found["lanes, LAISN-3-2 with noise and metrics", against]
+        assert (whole.value, whole.ratio) == pytest.approx((together / 5, 5 * ratio))
+
+
+def test_times_of_the_tightly_coupled_navigator_are_held_against_laisn_2_and_the_aims(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Works that take 1 to 5 ms, of two runs of 10,000 steps, on a core of 1 GF/s."""
+    monkeypatch.setattr(navigators, "RUNS", 2)
+    monkeypatch.setattr(navigators, "peak_flops", lambda: 1e9)
+    monkeypatch.setattr(navigators, "least_times", lambda works, _: [1e-3 * (i + 1) for i in range(len(works))])
+    found = by_name(navigators.tight())
+    assert found["LAISN-2 in lanes, filter only, messages every 5 s", ""].value == pytest.approx(50.0)
+    three = "tight, 3 transmitters, messages every 5 s"
+    assert found[three, "LAISN-2"][1:] == pytest.approx((100.0, "ns/step", 0.5, "LAISN-2", 95 + 945 / 50))
+    assert found[three, "aim"].ratio == pytest.approx(0.6)
+    assert found["tight, 2 transmitters, messages every 5 s", "aim"].ratio == pytest.approx(250.0 / 200.0)
+    assert found["tight, 2 transmitters, all states, messages every 5 s", "LAISN-2"].value == pytest.approx(250.0)
+    assert ("tight, 2 transmitters, all states, messages every 5 s", "aim") not in found
+
+
+def test_times_of_physics_are_told_for_a_step_of_a_fleet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In turns 0.1 s of MuJoCo, 0.05 s of what a step needs of it, 0.2 s with water and 0.25 s with autopilots."""
+    monkeypatch.setattr(mission, "FLEETS", {1: 100.0})
+    times = iter([0.1, 0.05, 0.2, 0.25])
+    monkeypatch.setattr(mission, "least_time", lambda *_: next(times))
+    found = {row.name.removeprefix("leader + 1: "): row for row in mission.physics()}
+    # 5000 steps of 0.02 s
+    assert found["mj_step alone, no water"].value == pytest.approx(20.0)
+    assert found["with hydrodynamics"][1:] == pytest.approx((40.0, "µs/step", 0.5, "mj_step", 10.0))
+    assert found["with autopilot and recording"][1:] == pytest.approx((50.0, "µs/step", 0.4, "mj_step", 10.0))
+    assert found["real-time factor"][1:4] == pytest.approx((400.0, "x", 400.0 / mission.AIMS[1]))
+
+
+def test_a_closed_loop_is_told_beside_the_solver_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """0.2 s of MuJoCo, 0.1 s of the closed loop, 0.16 s of one with sensors, 3 s of a whole run."""
+    monkeypatch.setattr(formation, "SWARMS", {10: 100.0})
+    monkeypatch.setattr(formation, "least_times", lambda *_: [0.2, 0.1, 0.16])
+    monkeypatch.setattr(formation, "least_time", lambda *_: 3.0)
+    found = {row.name.removeprefix("leader + 10: "): row for row in formation.formation()}
+    # 5000 steps of 0.02 s
+    assert found["mj_step alone"][1:3] == pytest.approx((40.0, "µs/step"))
+    assert found["closed loop"][1:5] == pytest.approx((20.0, "µs/step", 2.0, "mj_step"))
+    assert found["followers sense each other"][1:5] == pytest.approx((32.0, "µs/step", 1.25, "mj_step"))
+    assert found["solver over closed loop"][1:4] == pytest.approx((2.0, "x", 2.0 / formation.AIMS[10]))
+    assert found["real-time factor"][1:3] == pytest.approx((1000.0, "x"))
+    assert found["a run of 1000 s, whole"][1:3] == (3.0, "s")
+    assert {f.layer_m for f in formation.swarm(50, 1.0).followers} == {10.0}
+
+
+def test_a_log_is_told_in_thousand_messages_and_megabytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mission, "fly", lambda _: (synthetic.make_flight(5.0), None))
+    monkeypatch.setattr(mission, "least_time", lambda *_: 0.5)
+    written = SimpleNamespace(messages=30_000, size=2_500_000)
+    monkeypatch.setattr(mission.writer, "write", lambda *_, **__: written)
+    found = {row.name: row for row in mission.log()}
+    assert found["messages"][1:3] == (30.0, "k")
+    assert found["writing"][1:4] == pytest.approx((60.0, "k/s", 1.2))
+    assert found["size"][1:3] == (2.5, "MB")
+
+
+def test_the_least_of_several_times_counts_of_each_that_take_turns() -> None:
+    seconds, turns = {"one": [0.05, 0.004, 0.02, 0.03], "other": [0.01, 0.06, 0.05, 0.03]}, []
+
+    def work(name: str) -> None:
+        turns.append(name)
+        until = process_time() + seconds[name].pop(0)
+        while process_time() < until:
+            pass
+
+    one, other = least_times([partial(work, "one"), partial(work, "other")], 3)
+    assert 0.004 <= one < 0.015
+    assert 0.03 <= other < 0.045
+    assert turns == ["one", "other"] * 4
+    seconds["one"] = [0.05, 0.02, 0.03]
+    assert 0.02 <= least_time(partial(work, "one"), 2) < 0.03

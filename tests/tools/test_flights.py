@@ -1,0 +1,86 @@
+"""Numbers that README and docs quote of single flights: read off a flight of formulas."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.campaign.missions import Mission
+from laisn.arrays import Floats
+from sim.flight import Flight
+from sim.sensing.ahrs import apparent_tilt
+from sim.trajectory import tilted
+from tests import synthetic
+from tools.documents import flights
+
+
+def off_by(flight: Flight, error: Floats) -> Flight:
+    """The flight with an estimate that is so far off, shape (n,), [m]."""
+    (estimates,) = flight.estimates
+    state = estimates.state.copy()
+    state[:, :2] = flight.hydrophone(0)[:, :2] + error[:, None] * np.array([0.6, -0.8])
+    return replace(flight, estimates=(replace(estimates, state=state),))
+
+
+def test_flights_are_told_by_errors_and_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The follower is 0.35 rad behind on a circle of 69 m about the centre of the leader's, which is 60 m wide."""
+    whole = synthetic.make_flight(660.0)
+    time = whole.trajectory.time[whole.step_index()]
+    error = np.full(time.size, 1.0)
+    for at, peak in ((469.0, 9.0), (500.0, 2.5), (591.0, 8.0)):
+        error[np.argmin(np.abs(time - at))] = peak
+    asked = []
+    _, seen = Mission(whole.scenario, whole.trajectory).seen(whole.scenario, 0)
+    # leaders pitch ever more from flight to flight; that of the following sea by 0.2 rad
+    pitched = {n: replace(whole, trajectory=tilted(whole.trajectory, 0.1 * n)) for n in range(1, 5)}
+    shown = apparent_tilt(pitched[2].trajectory)[:, 0] - 0.2
+
+    def load(name: str, settings: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+        asked.append((name, tuple(settings)))
+        return asked[-1]
+
+    def fly(_: object) -> tuple[Flight, None]:
+        sizes = {1: error, 2: np.where(np.arange(time.size) % 4 == 0, 5.0, 1.0)}
+        return off_by(pitched[len(asked)], sizes.get(len(asked), np.full(time.size, float(len(asked))))), None
+
+    monkeypatch.setattr(flights, "load", load)
+    monkeypatch.setattr(flights, "fly", fly)
+    found = {name: finding.value for name, finding in flights.findings().findings.items()}
+    lag, inner, outer = synthetic.LAG_RAD, synthetic.LEADER_RADIUS_M, synthetic.LEADER_RADIUS_M + synthetic.LANE_M
+    assert found == pytest.approx(
+        {
+            "T5 off-axis": 2.5,
+            "T5 behind": outer * np.sin(lag),
+            "T5 beside": outer * np.cos(lag) - inner,
+            "error following-sea": 2.0,
+            "error following-sea-ahrs": 3.0,
+            "error following-sea-inclinometer": 4.0,
+            "pitch following-sea": np.rad2deg(0.2),
+            "inclinometer following-sea": np.rad2deg(np.sqrt(np.mean(shown**2))),
+            "slip T5": 1e3 * flights.slip(seen),
+            "slip following-sea": 1e3 * flights.slip(seen),
+        },
+        rel=1e-5,
+    )
+    assert asked == [
+        ("T5", ()), ("following-sea", ()), ("following-sea-ahrs", ()),
+        ("following-sea-ahrs", ("sensors.leader_gyro_time_constant_s=0",)),
+    ]  # fmt: skip
+
+
+def test_what_log_and_compass_do_not_see_is_the_drift_across_the_hull() -> None:
+    """Along a circle of 50 m at 1 m/s nothing; with a current of 3 cm/s to the east and 4 cm/s to the south, that."""
+    angle = 0.02 * np.arange(0.0, 300.0, 0.1)
+    place = 50.0 * np.column_stack([1.0 - np.cos(angle), np.sin(angle)])
+    drift = np.outer(angle / 0.02, [0.03, -0.04])
+    for carried, expected in ((0.0, 0.0), (1.0, 0.05 / np.sqrt(2.0))):
+        truth: Any = SimpleNamespace(
+            dt=0.1,
+            speed=np.ones(angle.size),
+            heading=angle,
+            hydrophone=np.pad(place + carried * drift, ((0, 0), (0, 1))),
+        )
+        assert flights.slip(truth) == pytest.approx(expected, abs=1e-6)

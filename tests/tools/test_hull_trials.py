@@ -1,0 +1,63 @@
+"""Numbers that docs quote of the hulls' trials: read off motions whose figures are known."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats
+from sim.geometry import attitude
+from tests.vehicle import test_remus as remus
+from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
+from tools.documents import hull_trials
+from tools.documents.physics import PUBLISHED_SPEED, PUBLISHED_TURN
+
+LAG = dict(zip(PUBLISHED_SPEED, (6.013, 5.0, 4.0, 3.0, 2.5, 2.007), strict=True))
+"""How long a hull takes to 63 % of its speed, by propeller speed, between two instants of its history [s]."""
+
+
+def moved(rpm: float, duration: float, rudder_deg: float = 0.0, stern_plane_deg: float = 0.0) -> tuple[Any, Floats]:
+    """A hull that speeds up as 1 − exp(−t / T), turns 2 % too quickly, or pitches by a ten-thousandth of its speed."""
+    history = np.zeros((round(duration / remus.DT), 6))
+    time = remus.DT * np.arange(len(history))
+    history[:, 0] = PUBLISHED_SPEED[round(rpm)] * -np.expm1(-time / LAG[round(rpm)])
+    pitch = 0.0
+    if rudder_deg:
+        history[:, 0], history[:, 1] = 0.6 * rpm / 1000.0, -0.8 * rpm / 1000.0
+        most = 1.02 if rudder_deg == 10 else 0.99
+        history[:, 5] = -np.deg2rad(most * PUBLISHED_TURN[round(rpm)][round(rudder_deg)])
+    if stern_plane_deg:
+        assert stern_plane_deg == -5.0
+        pitch = -np.deg2rad(rpm / 100.0)
+    return SimpleNamespace(pose=np.r_[np.zeros(3), attitude.from_euler(1.0, pitch)]), history
+
+
+def test_trials_are_read_as_speeds_rises_turns_and_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remus, "run", moved)
+    found = {name: finding.value for name, finding in hull_trials._remus().items()}
+    for rpm, speed in PUBLISHED_SPEED.items():
+        # after 100 s nothing is left of the lag but exp(−100 / T) of the slowest
+        assert found[f"speed {rpm}"] == pytest.approx(speed, abs=1e-4)
+    assert (found["rise slowest"], found["rise quickest"]) == pytest.approx((6.013, 2.007), abs=1e-4)
+    assert found["turn apart"] == pytest.approx(0.02)
+    # the slowest and the quickest turn, at 1 m/s and 1.525 m/s
+    radii = [
+        rpm / 1000.0 / np.deg2rad((1.02 if rudder == 10 else 0.99) * rate)
+        for rpm, turns in PUBLISHED_TURN.items()
+        for rudder, rate in turns.items()
+    ]
+    assert (found["radius largest"], found["radius least"]) == pytest.approx((max(radii), min(radii)), rel=1e-5)
+    assert (found["pitch 1000"], found["pitch 1525"]) == pytest.approx((10.0, 15.25))
+
+
+def test_the_righting_period_is_that_of_the_closed_form() -> None:
+    """A hull of mass m and moment I about its middle, its weight h below: it turns about a point that is free to surge.
+
+    I + m h² + A55 less (m h)² / (m + A11) swings under m g h (Newton's law for both, linearised).
+    """
+    arm = 0.02
+    inertia = SPHEROID_INERTIA[1] + SPHEROID_MASS * arm**2 + SPHEROID_ADDED[4, 4]
+    inertia -= (SPHEROID_MASS * arm) ** 2 / (SPHEROID_MASS + SPHEROID_ADDED[0, 0])
+    period = 2 * np.pi * np.sqrt(inertia / (SPHEROID_MASS * 9.81 * arm))
+    assert hull_trials._righting(0.02).value == pytest.approx(period, rel=1e-3)

@@ -1,0 +1,32 @@
+"""Which tests a fault in a source must pass."""
+
+import pytest
+
+from tools.mutants.cover import covering, distances
+
+
+@pytest.mark.parametrize(
+    ("file", "first"),
+    [
+        ("laisn/fix.py", "tests/laisn/test_fix.py"),
+        ("laisn/beacons/ranging.py", "tests/beacons/test_beacon_oracle.py"),
+        ("laisn/tight/ring.py", "tests/laisn/test_swarms.py"),
+        ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
+        ("experiments/intervals.py", "tests/test_intervals.py"),
+        ("experiments/asymmetry/verdict.py", "tests/asymmetry/test_verdict.py"),
+    ],
+)
+def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: str) -> None:
+    chosen = covering(file)
+    assert chosen[0] == first
+    assert {test.rpartition("/")[0] for test in chosen} == {first.rpartition("/")[0]}
+
+
+def test_a_source_without_a_test_of_its_name_has_those_that_import_it_through_others() -> None:
+    assert distances()["tests/laisn/test_lanes.py"]["laisn.lane_fix"] > 1
+    assert "tests/laisn/test_lanes.py" in covering("laisn/lane_fix.py")
+
+
+def test_what_tests_share_counts_as_theirs() -> None:
+    """The tank imports the plant, and the test of hydrodynamics the tank."""
+    assert distances()["tests/vehicle/test_hydrodynamics.py"]["sim.vehicle.plant"] == 1

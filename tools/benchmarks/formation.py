@@ -1,0 +1,68 @@
+"""What a closed loop of followers on stations costs, beside the bare solver of the same vehicles."""
+
+from collections.abc import Callable
+from functools import partial
+
+import mujoco
+
+from experiments.flight.library import load
+from experiments.flight.swarm import simulate_swarm, swarm_of
+from sim.assembly import ocean_of, routes_of, setups_of
+from sim.fleet import simulate_fleet
+from sim.scenario.settings import Scenario
+from sim.vehicle.mjcf import compose
+from sim.vehicle.plant import NO_CONTACT, Plant
+from tools.benchmarks.row import Row, least_time, least_times
+
+SWARMS = {10: 400.0, 50: 100.0}
+"""Followers, and how long they are flown [s]."""
+AIMS = {10: 1.0, 50: 2.0}
+"""How many times cheaper than the bare solver a closed loop is to be."""
+_WHOLE_S = 1000.0
+_REPEATS = 4
+
+
+def swarm(followers: int, duration: float, *settings: str) -> Scenario:
+    """A grid of followers, each in its layer where there is room for that, in a current."""
+    layer = 1.0 if followers <= 20 else 0.0
+    shape = f'{{ kind = "grid", count = {followers}, spacing_m = 10.0, layer_m = {layer} }}'
+    return load("swarm", ("followers=[]", f"formation.shape={shape}", f"duration_s={duration}",
+                          "ocean.current_speed_m_s=0.3", *settings))  # fmt: skip
+
+
+def _bare(scenario: Scenario) -> Callable[[], object]:
+    """Steps of the solver alone."""
+    spec = compose(setups_of(scenario, routes_of(scenario)), scenario.ocean.floor_depth_m)
+    spec.option.timestep = scenario.timing.physics_step_s
+    spec.option.disableflags |= NO_CONTACT
+    model = spec.compile()
+    steps = round(scenario.duration_s / scenario.timing.physics_step_s)
+    return partial(mujoco.mj_step, model, mujoco.MjData(model), steps)
+
+
+def _closed(scenario: Scenario) -> Callable[[], object]:
+    """The closed loop: sensing, navigation, guidance, autopilot, physics, recording."""
+    routes, ocean = routes_of(scenario), ocean_of(scenario)
+    plants = [Plant(setups_of(scenario, routes), ocean, scenario.timing.physics_step_s) for _ in range(_REPEATS + 1)]
+    boarding = partial(swarm_of, scenario)
+    return lambda: simulate_fleet(plants.pop(), routes, scenario.duration_s, boarding=boarding)
+
+
+def formation() -> list[Row]:
+    """A physics step of a formation in closed loop beside the bare solver; a whole run of a study."""
+    rows = []
+    for followers, duration in SWARMS.items():
+        blind, sensing = swarm(followers, duration), swarm(followers, duration, "formation.proximity.range_m=8")
+        steps = round(duration / blind.timing.physics_step_s)
+        bare, seconds, wary = least_times([_bare(blind), _closed(blind), _closed(sensing)], _REPEATS)
+        fleet = f"leader + {followers}"
+        rows += [
+            Row(f"{fleet}: mj_step alone", bare / steps * 1e6, "µs/step"),
+            Row(f"{fleet}: closed loop", seconds / steps * 1e6, "µs/step", bare / seconds, "mj_step"),
+            Row(f"{fleet}: followers sense each other", wary / steps * 1e6, "µs/step", bare / wary, "mj_step"),
+            Row(f"{fleet}: solver over closed loop", bare / seconds, "x", bare / seconds / AIMS[followers], "aim"),
+            Row(f"{fleet}: real-time factor", duration / seconds, "x"),
+        ]
+    whole = load("swarm", (f"duration_s={_WHOLE_S}",))
+    rows.append(Row(f"leader + 10: a run of {_WHOLE_S:g} s, whole", least_time(partial(simulate_swarm, whole), 2), "s"))
+    return rows

@@ -1,0 +1,124 @@
+"""What a mission costs: physics with autopilot beside the bare solver, the log, the film, and the whole command."""
+
+import subprocess
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from experiments.flight.fly import fly
+from experiments.flight.library import load
+from experiments.flight.summary import position_and_bearing_errors
+from laisn.compiled import compiled
+from sim.assembly import ocean_of, routes_of, setups_of
+from sim.film import graphics, render
+from sim.fleet import simulate_fleet
+from sim.log import writer
+from sim.scenario.settings import Follower, Scenario
+from sim.vehicle import mujoco_functions
+from sim.vehicle.mjcf import compose
+from sim.vehicle.plant import NO_CONTACT, Plant
+from tools.benchmarks.row import Row, least_time
+
+FLEETS = {1: 1000.0, 10: 400.0, 50: 200.0}
+"""Followers, and how long they are flown [s]."""
+AIMS = {1: 4500.0, 10: 1500.0, 50: 350.0}
+"""Real-time factors that they are to reach on one core."""
+
+
+def _scenario(followers: int, duration: float) -> Scenario:
+    swarm = tuple(Follower(name=f"follower{i}", route="T5", depth_m=9.0 + i) for i in range(followers))
+    return load("T5", ()).model_copy(update={"duration_s": duration, "followers": swarm})
+
+
+@compiled
+def _stages(calls: mujoco_functions.Calls, steps: int) -> None:
+    stages, model, data = calls
+    for _ in range(steps):
+        for stage in stages:
+            mujoco_functions.call(stage, model, data)
+
+
+def physics() -> list[Row]:
+    """A physics step of a fleet: the solver alone, with hydrodynamics, and with autopilot and recording too.
+
+    The floor is what a step calls of MuJoCo, and nothing else.
+    """
+    rows = []
+    for followers, duration in FLEETS.items():
+        scenario = _scenario(followers, duration)
+        routes, dt = routes_of(scenario), scenario.timing.physics_step_s
+        setups, ocean = setups_of(scenario, routes), ocean_of(scenario)
+        steps = round(duration / dt)
+        thrust = np.zeros((followers + 1, 5))
+        thrust[:, 0] = 10.0
+
+        spec = compose(setups, ocean.floor_depth_m)
+        spec.option.timestep = dt
+        spec.option.disableflags |= NO_CONTACT
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        bare = least_time(partial(mujoco.mj_step, model, data, steps), 3) / steps * 1e6
+        dry, wet = Plant(setups, ocean, dt), Plant(setups, ocean, dt)
+        calls = mujoco_functions.find(dry.model, dry.data)
+        floor = least_time(partial(_stages, calls, steps), 3) / steps * 1e6
+        with_water = least_time(partial(wet.step, thrust, steps), 3) / steps * 1e6
+        fleets = [Plant(setups, ocean, dt) for _ in range(4)]
+        flown = least_time(lambda f=fleets, r=routes, d=duration: simulate_fleet(f.pop(), r, d), 3)  # type: ignore[misc]
+        per_step = flown / steps * 1e6
+        fleet = f"leader + {followers}"
+        rows += [
+            Row(f"{fleet}: mj_step alone, no water", bare, "µs/step"),
+            Row(f"{fleet}: with hydrodynamics", with_water, "µs/step", bare / with_water, "mj_step", floor),
+            Row(f"{fleet}: with autopilot and recording", per_step, "µs/step", bare / per_step, "mj_step", floor),
+            Row(f"{fleet}: real-time factor", duration / flown, "x", duration / flown / AIMS[followers], "aim"),
+        ]
+    return rows
+
+
+def log() -> list[Row]:
+    """Writing the log of a mission of 1000 s."""
+    flight, _ = fly(load("T5", ()))
+    errors = position_and_bearing_errors(flight)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "flight.mcap"
+        seconds = least_time(lambda: writer.write(flight, path, errors=errors), 3)
+        statistics = writer.write(flight, path, errors=errors)
+    return [
+        Row("messages", statistics.messages / 1000, "k"),
+        Row("writing", statistics.messages / seconds / 1000, "k/s", statistics.messages / seconds / 50_000, "50 k/s"),
+        Row("size", statistics.size / 1e6, "MB"),
+    ]
+
+
+def film() -> list[Row]:
+    """Rendering and encoding at 1280×720, by wall clock, on all cores."""
+    if graphics.working() is None:
+        return [Row(f"not measured: {graphics.INSTALL}", np.nan, "")]
+    flight, _ = fly(load("T5", ()))
+    errors = position_and_bearing_errors(flight)
+    begin = time.perf_counter()
+    speed = render.film_speed(flight, errors=errors)
+    seconds = time.perf_counter() - begin
+    return [
+        Row("frames a second, once running", speed.frames_per_second, "1/s", speed.frames_per_second / 20, "20/s"),
+        Row("until the first frame", speed.start_s, "s"),
+        Row(f"{speed.frames} frames in all", seconds, "s"),
+    ]
+
+
+def command() -> list[Row]:
+    """`laisn fly T5 --no-video` from its start to its end, by wall clock, on all cores, with compiled code at hand."""
+    with tempfile.TemporaryDirectory() as folder:
+        call = [sys.executable, "-m", "experiments.command.cli", "fly", "T5", "--no-video", "--out", folder]
+        durations = []
+        for _ in range(4):
+            begin = time.perf_counter()
+            subprocess.run(call, check=True, stdout=subprocess.DEVNULL)
+            durations.append(time.perf_counter() - begin)
+    # the first one compiles what is missing
+    return [Row("laisn fly T5 --no-video", min(durations[1:]), "s")]

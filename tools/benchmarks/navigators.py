@@ -1,0 +1,86 @@
+"""What a step costs of LAISN-2, the filter alone, and of the tightly coupled navigator on the same measurements."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+from experiments.estimators.missions import mission
+from laisn import lane_rows as row
+from laisn import lanes
+from laisn.arrays import Floats, Ints
+from laisn.compiled import compiled_lanes
+from laisn.messages import Measurements
+from laisn.settings import NavigationSettings
+from laisn.tight.mission import run_mission
+from laisn.tight.settings import Assume, TightSettings
+from laisn.tuning import Tuning
+from sim.sensing.sensor_errors import measure
+from tools.benchmarks.peak import peak_flops
+from tools.benchmarks.row import Row, least_times
+
+ROUTE = "T5"
+"""About the leader's axis, where two transmitters leave both sides open."""
+RUNS = 60
+INTERVALS_S = (1.0, 5.0)
+AIMS_NS = {3: 60.0, 2: 250.0}
+"""What a step is to cost at most, by transmitters; of constant biases and an exact leader [ns]."""
+FLOPS_PER_STEP, FLOPS_PER_MESSAGE = 95, 945
+"""Operations of the tightly coupled navigator with five states, three transmitters and one hypothesis.
+
+In a step: sine and cosine 40, dead reckoning 35, mean position 20. With a message: motion 180, what three ranges are
+expected to be 230, their covariance and its factor 160, likelihoods 75, update 165, arms, axis and output 135.
+"""
+_ASSUMED = {
+    "": Assume(),
+    ", all states": Assume(exact_leader=False, drift=True, current=True, offsets=True),
+}
+
+
+@compiled_lanes
+def filter_only(own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning) -> Floats:
+    """Steps of a block on measurements that lie ready."""
+    block = row.new_block(start, t)
+    i = 0
+    for k in range(1, own.shape[0] + 1):
+        row.fill(block, row.SPEED, own[k - 1])
+        received = i < message_step.size and message_step[i] == k
+        if received:
+            row.fill(block, row.EAST, messages[i])
+            i += 1
+        lanes.advance(block, t, k, received)
+    return block
+
+
+def _fly(settings: TightSettings, missions: Sequence[Measurements], start: Floats) -> None:
+    for given in missions:
+        run_mission(settings, given, start, covariance=False)
+
+
+def _rows(interval: float) -> Iterator[Row]:
+    truth, errors = mission(ROUTE, interval, 0.0)
+    missions = [measure(truth, errors, seed=1, run=run) for run in range(RUNS)]
+    per, every = 1e9 / (RUNS * truth.speed.size), f"messages every {interval:g} s"
+    own, messages = (rows.reshape(len(rows), -1) for rows in lanes.stacked(missions))
+    tuned = row.tuning(NavigationSettings())
+    cases = [(count, words, assume) for count in AIMS_NS for words, assume in _ASSUMED.items()]
+    works: list[Callable[[], object]] = [partial(filter_only, own, truth.message_step, messages, truth.start, tuned)]
+    works += [
+        partial(_fly, TightSettings(assume=assume, transmitters=count), missions, truth.start)
+        for count, _, assume in cases
+    ]
+    # in turns, so that a machine that slows down changes no ratio
+    laisn, *others = (per * least for least in least_times(works, 7))
+    yield Row(f"LAISN-2 in lanes, filter only, {every}", laisn, "ns/step")
+    floor = (FLOPS_PER_STEP + FLOPS_PER_MESSAGE * truth.dt / interval) / peak_flops() * 1e9
+    for (count, words, _), value in zip(cases, others, strict=True):
+        name = f"tight, {count} transmitters{words}, {every}"
+        counted = count == 3 and not words
+        yield Row(name, value, "ns/step", laisn / value, "LAISN-2", floor if counted else np.nan)
+        if not words:
+            yield Row(name, value, "ns/step", AIMS_NS[count] / value, "aim")
+
+
+def tight() -> list[Row]:
+    """A filter step of one follower: states without covariances, as a campaign of captures takes them."""
+    return [one for interval in INTERVALS_S for one in _rows(interval)]

@@ -1,0 +1,25 @@
+"""What a core could do at best, against which the time of a filter's step is held."""
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.compiled import compiled_lanes
+from laisn.elementary import fma
+from laisn.lane_rows import LANES
+from tools.benchmarks.row import least_time
+
+
+@compiled_lanes
+def _peak(values: Floats, repeats: int) -> None:
+    for _ in range(repeats):
+        for lane in range(LANES):
+            x = values[lane]
+            # Eight vectors of eight lanes hide the latency of a chain of eight fused operations.
+            x = fma(fma(fma(fma(x, 0.5, 1.0), 0.5, 1.0), 0.5, 1.0), 0.5, 1.0)
+            values[lane] = fma(fma(fma(fma(x, 0.5, 1.0), 0.5, 1.0), 0.5, 1.0), 0.5, 1.0)
+
+
+def peak_flops() -> float:
+    """Floating-point operations that one core does in a second, measured on fused multiply-adds."""
+    values, repeats = np.ones(LANES), 200_000
+    return 16 * LANES * repeats / least_time(lambda: _peak(values, repeats))

@@ -1,0 +1,253 @@
+"""Speed beside peers, all measured in one run of one process on one core: `python -m tools.benchmarks.run`.
+
+Each benchmark is a function that returns rows; `BENCHMARKS` lists them. Times are the least of several, because other
+work on the machine can only add to them.
+"""
+
+import argparse
+import os
+import platform
+import resource
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import simulate
+from experiments.campaign.version import code_version
+from experiments.findings import Finding, Findings, of, plain
+from experiments.intervals import Interval
+from laisn import lane_rows as row
+from laisn import lanes
+from laisn.arrays import Floats
+from laisn.filter import Filter
+from laisn.messages import Measurements
+from laisn.navigator import Navigator
+from laisn.settings import NavigationSettings
+from sim.sensing.sensor_errors import SensorErrors, measure
+from sim.sensing.truth import MissionTruth
+from tools.benchmarks import mission as benchmarks_mission
+from tools.benchmarks.formation import formation
+from tools.benchmarks.navigators import filter_only, tight
+from tools.benchmarks.peak import peak_flops
+from tools.benchmarks.row import Row, least_time
+from tools.documents.markers import RECORDS
+
+RUNS = 60
+STEPS = 2000
+MESSAGE_EVERY = 10
+DT = 0.1
+FLOPS_PER_STEP = 200
+"""Operations of LAISN-2 in a step: predict 50, sine and cosine 35, speed update 105, a tenth of a fix's update 12."""
+
+
+def steady_mission(steps: int = STEPS) -> MissionTruth:
+    """A leader heading east at 1 m/s, and a follower that weaves 20 m off its quarter."""
+    t = np.asarray(DT * np.arange(steps + 1), dtype=np.float64)
+    leader = np.stack([t, np.zeros(t.size)], axis=1)
+    follower = leader + np.stack([-15.0 + 2.0 * np.sin(0.1 * t), -12.0 + 2.0 * np.cos(0.07 * t)], axis=1)
+    velocity = np.gradient(follower, DT, axis=0)
+    k = np.arange(MESSAGE_EVERY, steps + 1, MESSAGE_EVERY)
+    sites = [leader + offset for offset in ((-1.0, 0.0), (1.0, 0.0), (0.0, 0.1))]
+    east = np.full(steps + 1, np.pi / 2)
+    return MissionTruth(
+        dt=DT,
+        start=np.concatenate([follower[0], velocity[0]]),
+        speed=np.hypot(*velocity[1:].T),
+        heading=np.arctan2(*velocity[1:].T),
+        depth=np.full(steps, 10.0),
+        hydrophone=follower[1:],
+        leader_position=leader[1:],
+        leader_heading=east[1:],
+        message_step=k,
+        emission_step=k,
+        timestamp=t[k],
+        sent_position=np.column_stack([leader[k], np.full(k.size, 10.0)]),
+        sent_heading=east[k],
+        sent_speed=np.ones(k.size),
+        sent_attitude=np.full((k.size, 2), np.nan),
+        slant_range=np.stack([np.hypot(*(follower - s)[k].T) for s in sites], axis=1),
+    )
+
+
+def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSettings) -> Floats:
+    """Predict, position and speed update of one run with filterpy, without anything else; fixes are the start."""
+    kalman = Filter(DT, start, np.zeros(4))
+    z = (float(start[0]), float(start[1]))
+    for k in range(1, mission.speed.size + 1):
+        kalman.predict(settings.sigma_a0)
+        if k % MESSAGE_EVERY == 0:
+            kalman.update_position(z, settings.beta)
+        speed, heading = mission.speed[k - 1], mission.heading[k - 1]
+        kalman.update_speed(speed, heading, settings.sigma_speed, settings.sigma_heading)
+    return kalman.state
+
+
+def vectorised_numpy(own: Floats, messages: Floats, start: Floats, settings: NavigationSettings) -> Floats:
+    """The Kalman filter of all runs at once with NumPy; `own` (n, 2, R), fixes `messages` (m, 2, R)."""
+    runs = own.shape[2]
+    x, P = np.tile(start, (runs, 1)), np.zeros((runs, 4, 4))
+    A = np.eye(4) + DT * np.eye(4, k=2)
+    G = np.kron(np.array([[DT * DT / 2], [DT]]), np.eye(2))
+    Q = settings.sigma_a0**2 * G @ G.T
+    R = np.empty((runs, 2, 2))
+    position_noise = settings.beta**2 * np.eye(2)
+    speed_variance, heading_variance = settings.sigma_speed**2, settings.sigma_heading**2
+
+    def update(z: Floats, noise: Floats, part: slice) -> None:
+        nonlocal x, P
+        S = P[:, part, part] + noise
+        det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0]
+        inverse = np.empty_like(S)
+        inverse[:, 0, 0], inverse[:, 1, 1] = S[:, 1, 1] / det, S[:, 0, 0] / det
+        inverse[:, 0, 1] = inverse[:, 1, 0] = -S[:, 0, 1] / det
+        K = P[:, :, part] @ inverse
+        x = x + (K @ (z - x[:, part])[..., None])[..., 0]
+        F = np.tile(np.eye(4), (runs, 1, 1))
+        F[:, :, part] -= K
+        P = F @ P @ F.transpose(0, 2, 1) + K @ noise @ K.transpose(0, 2, 1)
+
+    for k in range(1, own.shape[0] + 1):
+        speed, heading = own[k - 1]
+        x, P = x @ A.T, A @ P @ A.T + Q
+        if k % MESSAGE_EVERY == 0:
+            update(messages[k // MESSAGE_EVERY - 1].T, position_noise, slice(0, 2))
+        sine, cosine = np.sin(heading), np.cos(heading)
+        across = heading_variance * speed * speed
+        R[:, 0, 0] = speed_variance * sine * sine + across * cosine * cosine
+        R[:, 1, 1] = speed_variance * cosine * cosine + across * sine * sine
+        R[:, 0, 1] = R[:, 1, 0] = (speed_variance - across) * sine * cosine
+        update(np.stack([speed * sine, speed * cosine], axis=1), R, slice(2, 4))
+    return x
+
+
+def _peak_memory() -> float:
+    """Most memory that this process has had [MB]."""
+    unit = 1.0 if sys.platform == "darwin" else 1024.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit * 1e-6
+
+
+def navigation() -> list[Row]:
+    """A filter step of one run: compiled lanes beside a filterpy loop and vectorised NumPy."""
+    truth, settings = steady_mission(), NavigationSettings()
+    missions = [measure(truth, SensorErrors(), seed=1, run=run) for run in range(RUNS)]
+    own, messages = lanes.stacked(missions)
+    n, m = truth.speed.size, truth.message_step.size
+    own_rows, message_rows = own.reshape(n, -1), messages.reshape(m, -1)
+    peak = peak_flops()
+    floor = FLOPS_PER_STEP / peak * 1e9
+
+    few = 300
+    short = measure(steady_mission(few), SensorErrors(), seed=1, run=0)
+    navigator = least_time(lambda: Navigator(settings, truth.start).run(short), 3) / few * 1e9
+    filterpy = least_time(lambda: filterpy_loop(short, truth.start, settings), 3) / few * 1e9
+    fixes = messages[:, :2, :RUNS]
+    numpy_time = least_time(lambda: vectorised_numpy(own[:, :2, :RUNS], fixes, truth.start, settings), 3)
+    vectorised = numpy_time / (n * RUNS) * 1e9
+    rows = [
+        Row("peak of one core, fused multiply-adds", peak * 1e-9, "GF/s"),
+        Row("filterpy: predict and updates only", filterpy, "ns/step"),
+        Row("navigator (readable engine)", navigator, "ns/step", filterpy / navigator, "filterpy"),
+        Row("NumPy vectorised over 60 runs: predict and updates only", vectorised, "ns/step"),
+    ]
+
+    def timed(name: str, work: Callable[[], object], steps: int) -> None:
+        value = least_time(work) / (steps * RUNS) * 1e9
+        rows.append(Row(f"lanes, {name}", value, "ns/step", filterpy / value, "filterpy", floor))
+        rows.append(Row(f"lanes, {name}", value, "ns/step", vectorised / value, "NumPy", floor))
+
+    tuned = row.tuning(settings)
+    timed(
+        "LAISN-2 filter only",
+        lambda: filter_only(own_rows, truth.message_step, message_rows, truth.start, tuned),
+        n,
+    )
+    few_runs, many_runs = (Cell(truth=truth, runs=range(runs)) for runs in (RUNS, 100 * RUNS))
+    simulate(few_runs)
+    before = _peak_memory()
+    simulate(many_runs)
+    rows.append(Row(f"memory of {100 * RUNS} runs beyond that of {RUNS}", _peak_memory() - before, "MB"))
+    for variant in ("laisn-2", "laisn-3-1", "laisn-3-2"):
+        cell = Cell(truth=steady_mission(5 * n), settings=NavigationSettings(variant=variant), runs=range(RUNS))
+        timed(f"{variant.upper()} with noise and metrics", lambda cell=cell: simulate(cell), 5 * n)  # type: ignore[misc]
+    return rows
+
+
+BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
+    "navigation": navigation,
+    "tight": tight,
+    "physics": benchmarks_mission.physics,
+    "formation": formation,
+    "log": benchmarks_mission.log,
+    "film": benchmarks_mission.film,
+    "command": benchmarks_mission.command,
+}
+
+
+def table(rows: list[Row]) -> str:
+    """Rows as aligned text."""
+    lines = [f"{'':58}{'value':>11} {'unit':8} {'faster':>8}  {'than':9}{'floor':>7}"]
+    for r in rows:
+        ratio = "" if np.isnan(r.ratio) else f"{r.ratio:.1f}x"
+        floor = "" if np.isnan(r.floor) else f"{r.floor:.1f}"
+        lines.append(f"{r.name:58}{r.value:11.1f} {r.unit:8} {ratio:>8}  {r.against:9}{floor:>7}")
+    return "\n".join(lines)
+
+
+def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
+    """What was measured in several rounds: of each row median, least and largest, and the same of its ratio.
+
+    It names the code that it measured and does not age with it: speeds change with the machine and its other work.
+    """
+    machine = f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, Python {platform.python_version()}"
+    found = {"machine": plain(machine, "where"), "date": plain(str(date.today()), "when")}
+    for name, measured in rounds.items():
+        found["rounds"] = plain(len(measured), "of each benchmark; limits are the least and the largest of them")
+        for rows in zip(*measured, strict=True):
+            if rows[0].unit == "MB" and name == "navigation":
+                # the most that a process ever had grows in the first round alone
+                rows = rows[:1]
+            row, key = rows[0], f"{name}: {rows[0].name}"
+            key = f"{key}, than {row.against}" if key in found else key
+            found[key] = _spread([r.value for r in rows], row.unit, "median, least and largest of the rounds")
+            if row.against:
+                what = f"how many times faster than {row.against}; median, least and largest of the rounds"
+                found[f"{name}: {row.name}, than {row.against}"] = _spread([r.ratio for r in rows], "", what)
+            if not np.isnan(row.floor):
+                found[f"{name}: {row.name}, floor"] = _spread([r.floor for r in rows], row.unit, "of the machine")
+    return Findings(
+        study="benchmarks", command="make bench", modules=(), version=code_version(), findings=found
+    )  # fmt: skip
+
+
+def _spread(values: Sequence[float], unit: str, what: str) -> Finding:
+    return of(Interval(float(np.median(values)), min(values), max(values)), what, unit)
+
+
+def main() -> None:
+    """Run the benchmarks named on the command line, or all of them."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("names", nargs="*", choices=[*BENCHMARKS, []], help="benchmarks; all if none is named")
+    parser.add_argument("--rounds", type=int, default=3, help="how many times each is run")
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks.json"), help="file of the record")
+    parser.add_argument("--record", action="store_true", help="write the record that the documents quote")
+    given = parser.parse_args()
+    names = given.names or list(BENCHMARKS)
+    cores = os.sched_getaffinity(0) if hasattr(os, "sched_setaffinity") else set()
+    measured: dict[str, list[list[Row]]] = {}
+    for name in names:
+        if cores:
+            # what several processes do is measured on all cores, all else on one
+            os.sched_setaffinity(0, cores if name in ("film", "command") else {min(cores)})
+        measured[name] = [BENCHMARKS[name]() for _ in range(given.rounds)]
+        print(f"{name}\n{table(measured[name][-1])}\n", flush=True)
+    path = RECORDS / "benchmarks.json" if given.record else given.out
+    record(measured).write(path)
+    print(f"written to {path}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""The picture of `docs/architecture.md`: packages in layers, drawn from the imports in the sources."""
+
+from collections.abc import Mapping
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
+
+from experiments.pages.style import FRAME, INK, SERIES
+from tools import import_graph
+
+_WIDTH, _HEIGHT = 7.6, 8.2
+_BOX = (0.9, 0.62)
+"""Width and height of a package's box; boxes are a unit apart."""
+_COLOURS = {"models": INK, "laisn": SERIES[2], "sim": SERIES[0], "experiments": SERIES[1]}
+
+
+def transitive_reduction(between: Mapping[str, set[str]]) -> dict[str, set[str]]:
+    """The imports between packages, without those that a path over other packages implies."""
+    reach: dict[str, set[str]] = {}
+    for package in sorted(between, key=import_graph.layers(between).__getitem__):
+        reach[package] = set(between[package]).union(*(reach[below] for below in between[package]))
+    return {
+        package: {b for b in below if not any(b in reach[other] for other in below if other != b)}
+        for package, below in between.items()
+    }
+
+
+def positions(between: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
+    """Where each package is drawn: its layer upwards, and near the mean position of the packages that it imports."""
+    level = import_graph.layers(between)
+    placed: dict[str, tuple[float, float]] = {}
+    widest = max(list(level.values()).count(layer) for layer in set(level.values()))
+    for layer in sorted(set(level.values())):
+        middle = {}
+        for package in sorted(package for package, of in level.items() if of == layer):
+            below = [placed[name][0] for name in between[package]]
+            middle[package] = sum(below) / len(below) if below else widest / 2
+        start = (widest - len(middle)) / 2
+        placed |= {name: (start + i, float(layer)) for i, name in enumerate(sorted(middle, key=middle.__getitem__))}
+    return placed
+
+
+def _draw_package(axes: Axes, package: str, place: tuple[float, float], count: int) -> None:
+    x, y = place
+    colour = _COLOURS[package.partition(".")[0]].placeholder
+    wide, high = _BOX
+    axes.add_patch(
+        FancyBboxPatch(
+            (x - wide / 2, y - high / 2), wide, high, boxstyle="round,pad=0,rounding_size=0.06",
+            facecolor="white", edgecolor=colour, linewidth=1.0, zorder=2,
+        )
+    )  # fmt: skip
+    name = package.rpartition(".")[2].replace("_", " ")
+    files = "a file" if count == 1 else f"{count} files"
+    axes.text(x, y + 0.08, name, ha="center", va="center", fontsize=6.4, color=colour, zorder=3)
+    axes.text(x, y - 0.21, files, ha="center", va="center", fontsize=4.6, color=FRAME.placeholder, zorder=3)
+
+
+def picture() -> Figure:
+    """`experiments` above `sim` above `laisn` and `models`; an arrow is an import, and all of them point down."""
+    found = import_graph.imports()
+    parents = {"sim", "experiments"}
+    between = {
+        package: below - parents
+        for package, below in import_graph.package_imports(found).items()
+        if package not in parents
+    }
+    placed = positions(between)
+    figure = Figure(figsize=(_WIDTH, _HEIGHT))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    for package, below in transitive_reduction(between).items():
+        for other in below:
+            (x, y), (u, v) = placed[package], placed[other]
+            axes.annotate(
+                "", (u, v + _BOX[1] / 2), (x, y - _BOX[1] / 2), zorder=1,
+                arrowprops={"arrowstyle": "-|>", "lw": 0.5, "color": FRAME.placeholder, "mutation_scale": 5,
+                            "shrinkA": 0, "shrinkB": 0, "alpha": 0.8},
+            )  # fmt: skip
+    for package, place in placed.items():
+        count = sum(import_graph.package_of(module) == package for module in found)
+        _draw_package(axes, package, place, max(1, count - ("." in package and count > 1)))
+    columns, rows = zip(*placed.values(), strict=True)
+    axes.set_xlim(min(columns) - 0.6, max(columns) + 0.6)
+    axes.set_ylim(min(rows) - 0.5, max(rows) + 0.5)
+    return figure

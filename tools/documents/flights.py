@@ -1,0 +1,82 @@
+"""Single flights of which README and docs quote a number."""
+
+from pathlib import Path
+
+import numpy as np
+
+from experiments.campaign.missions import Mission
+from experiments.findings import FILE, Finding, Findings, plain, record
+from experiments.flight.fly import fly
+from experiments.flight.library import load
+from experiments.flight.summary import position_and_bearing_errors
+from sim.flight import Flight
+from sim.sensing.ahrs import apparent_tilt
+from sim.sensing.truth import MissionTruth
+
+COMMAND = "python -m tools.documents.studies flights"
+MODULES = ("tools.documents.flights",)
+
+ASTERN_FROM_S = 650.0
+"""Time from which T5's follower is astern [s]."""
+OFF_AXIS_S = (470.0, 590.0)
+"""Stretch of T5 in which the follower is well off the leader's axis [s]."""
+SEAS = {
+    "following-sea": (),
+    "following-sea-ahrs": (),
+    "following-sea-inclinometer": ("sensors.leader_gyro_time_constant_s=0",),
+}
+"""Flights of one sea: settings by name; the last is the second without gyros."""
+
+
+def slip(truth: MissionTruth) -> float:
+    """Way over ground in a second that a follower's log and compass do not see, RMS along one axis [m]."""
+    way = truth.speed[:, None] * np.column_stack([np.sin(truth.heading), np.cos(truth.heading)])
+    seen = np.cumsum(truth.dt * (way[1:] + way[:-1]) / 2, axis=0)
+    unseen = truth.hydrophone[1:, :2] - seen
+    second = round(1.0 / truth.dt)
+    return float(np.sqrt(np.mean((unseen[second:] - unseen[:-second]) ** 2)))
+
+
+def _tilt(flight: Flight) -> dict[str, Finding]:
+    """How much the leader of a flight pitches, and how wrong an ideal inclinometer is about that."""
+    pitch = flight.trajectory.pitch[:, 0]
+    wrong = apparent_tilt(flight.trajectory)[:, 0] - pitch
+    rms = [float(np.rad2deg(np.sqrt(np.mean(angle**2)))) for angle in (pitch, wrong)]
+    return {
+        "pitch following-sea": plain(rms[0], "pitch of the leader, RMS", "°"),
+        "inclinometer following-sea": plain(rms[1], "error of pitch that accelerations make, RMS", "°"),
+    }
+
+
+def _slips(flight: Flight) -> Finding:
+    _, truth = Mission(flight.scenario, flight.trajectory).seen(flight.scenario, 0)
+    return plain(1e3 * slip(truth), "way in a second that log and compass do not see, RMS along one axis", "mm")
+
+
+def findings() -> Findings:
+    """Fly them."""
+    flight, _ = fly(load("T5", ()))
+    time = flight.trajectory.time[flight.step_index()]
+    error = position_and_bearing_errors(flight)[0][0]
+    off_axis = (time >= OFF_AXIS_S[0]) & (time <= OFF_AXIS_S[1])
+    at = int(np.searchsorted(flight.trajectory.time, ASTERN_FROM_S))
+    east, north = (flight.trajectory.position[at, 1] - flight.trajectory.position[at, 0])[:2]
+    heading = float(flight.trajectory.heading[at, 0])
+    named: dict[str, Finding] = {
+        "T5 off-axis": plain(float(error[off_axis].max()), "largest E_P, 470 … 590 s, run 0", "m"),
+        "T5 behind": plain(float(-east * np.sin(heading) - north * np.cos(heading)), "at 650 s", "m"),
+        "T5 beside": plain(float(abs(east * np.cos(heading) - north * np.sin(heading))), "at 650 s", "m"),
+        "slip T5": _slips(flight),
+    }
+    for name, settings in SEAS.items():
+        sea, _ = fly(load(name.replace("inclinometer", "ahrs"), settings))
+        mean = float(position_and_bearing_errors(sea)[0][0].mean())
+        named[f"error {name}"] = plain(mean, "mean E_P, run 0", "m")
+        if name == "following-sea":
+            named |= {"slip following-sea": _slips(sea)} | _tilt(sea)
+    return record("flights", COMMAND, MODULES, named)
+
+
+def run(folder: Path) -> None:
+    """Fly them and write the record into a folder."""
+    findings().write(folder / FILE)

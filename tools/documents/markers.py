@@ -1,0 +1,101 @@
+"""Numbers in README and docs: taken from the records of the studies, by `make figures`; judged by `make check`.
+
+A number stands in a document between two comments, which no reader sees,
+
+    removes <!--= asymmetry removed ahrs-0.5 laisn-2 dive .0% i -->99 % (98 to 100 %)<!--/--> of it
+
+that name the study, the finding and how it is printed (`experiments.findings.Finding.__format__`). A table stands
+between `<!-- table NAME -->` and `<!-- /table -->` on lines of their own, and is made by a function of `TABLES`.
+"""
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from experiments.findings import Findings, read, version_of
+from laisn.failure import LaisnError
+from tools.documents.tables import TABLES
+
+ROOT = Path(__file__).resolve().parents[2]
+RECORDS = ROOT / "docs" / "results"
+DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+
+_NUMBER = re.compile(r"<!--= (\S+) ((?:\S+ )*?)((?:(?:low|high) )?[.,]?\d*[fdsg%]+(?: i)?) -->.*?<!--/-->", re.DOTALL)
+_TABLE = re.compile(r"(<!-- table (\S+) -->\n).*?(<!-- /table -->)", re.DOTALL)
+_ANY = re.compile(r"<!--= .*?-->|<!-- table .*?-->", re.DOTALL)
+
+
+def records(folder: Path = RECORDS) -> dict[str, Findings]:
+    """All records by the name of their study."""
+    return {path.stem: read(path) for path in sorted(folder.glob("*.json"))}
+
+
+def filled(text: str, found: Mapping[str, Findings], tables: Mapping[str, Callable[..., str]] = TABLES) -> str:
+    """A document with every number and table as the records have it.
+
+    Raises:
+        LaisnError: a marker that cannot be understood, or a study, finding or table that is not there.
+    """
+
+    def study(name: str) -> Findings:
+        if name not in found:
+            raise LaisnError(f"there is no record of {name!r}; there are {', '.join(found)}: make studies")
+        return found[name]
+
+    def number(match: re.Match[str]) -> str:
+        name, key, spec = match[1], match[2].strip(), match[3]
+        return f"<!--= {name} {key} {spec} -->{study(name)[key]:{spec}}<!--/-->"
+
+    def table(match: re.Match[str]) -> str:
+        if match[2] not in tables:
+            raise LaisnError(f"there is no table {match[2]!r}; there are {', '.join(tables)}")
+        return f"{match[1]}\n{tables[match[2]](found)}\n{match[3]}"
+
+    understood = len(_NUMBER.findall(text)) + len(_TABLE.findall(text))
+    if understood != len(_ANY.findall(text)):
+        wrong = [m for m in _ANY.findall(text) if not any(m in whole[0] for whole in _NUMBER.finditer(text))]
+        raise LaisnError(f"a marker is not closed or not understood, one of: {'; '.join(wrong)}")
+    first = re.search(r"^[\s>*-]*<!--=.*", text, flags=re.MULTILINE)
+    if first:
+        raise LaisnError(f"a line may not begin with a number's marker, or its text is shown as it is: {first[0]}")
+    return _TABLE.sub(table, _NUMBER.sub(number, text))
+
+
+def faults() -> list[str]:
+    """What is wrong with documents and records: numbers that differ, and records of other sources."""
+    found = records()
+    wrong = [
+        f"{path.relative_to(ROOT)} has not the numbers of docs/results: run make figures"
+        for path in DOCUMENTS
+        if filled(path.read_text(encoding="utf-8"), found) != path.read_text(encoding="utf-8")
+    ]
+    stale = [name for name, record in found.items() if record.modules and record.version != version_of(record.modules)]
+    if stale:
+        wrong.append(f"docs/results of {', '.join(stale)}: the sources have changed since: run make studies figures")
+    return wrong
+
+
+def write() -> None:
+    """Bring every document up to its records."""
+    found = records()
+    for path in DOCUMENTS:
+        path.write_text(filled(path.read_text(encoding="utf-8"), found), encoding="utf-8")
+
+
+def main() -> None:
+    """Fill in the numbers of README and docs, or with --check say which are not those of the records."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--check", action="store_true", help="change nothing; fail if anything would change")
+    if not parser.parse_args().check:
+        write()
+        return
+    wrong = faults()
+    for line in wrong:
+        print(line, file=sys.stderr)
+    sys.exit(bool(wrong))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""All studies of which documents quote numbers: `make studies` flies them anew and keeps their records in the docs.
+
+`python -m tools.documents.studies NAME …` flies some of them.
+"""
+
+import argparse
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from experiments.asymmetry import study as asymmetry
+from experiments.closed_loop import study as closed_loop
+from experiments.estimators import study as estimators
+from experiments.findings import FILE
+from experiments.formation import study as formation
+from experiments.real_ranges import study as real_ranges
+from experiments.reproduction.study import reproduce
+from experiments.route_keeping import study as route_keeping
+from tools.documents import flights, hull_trials
+from tools.documents.markers import RECORDS
+
+STUDIES: dict[str, Callable[[Path], object]] = {
+    "flights": flights.run,
+    "hull-trials": hull_trials.run,
+    "route-keeping": route_keeping.run,
+    "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
+    "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
+    "closed-loop": closed_loop.run,
+    "formation": formation.run,
+    "asymmetry": asymmetry.run,
+    "estimators": estimators.run,
+    "real-ranges": real_ranges.run,
+}
+"""How each is flown into a folder."""
+
+
+def main() -> None:
+    """Fly the studies named on the command line, or all of them."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("names", nargs="*", choices=[*STUDIES, []], help="studies; all if none is named")
+    for name in parser.parse_args().names or STUDIES:
+        print(f"{name} …", flush=True)
+        # of its own, and empty: nothing that was computed before may stand in for what is computed now
+        folder = Path("out") / "studies" / name
+        shutil.rmtree(folder, ignore_errors=True)
+        STUDIES[name](folder)
+        RECORDS.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(folder / FILE, RECORDS / f"{name}.json")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""The import graph of the product, read from its sources: between modules and between packages."""
+
+import ast
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from importlib.util import resolve_name
+from pathlib import Path
+
+PACKAGES = ("models", "laisn", "sim", "experiments")
+ROOT = Path(__file__).resolve().parents[1]
+"""Folder of the checkout."""
+
+Imports = dict[str, set[str]]
+"""The modules that each module imports."""
+
+
+def modules(root: Path = ROOT, packages: Iterable[str] = PACKAGES) -> dict[str, Path]:
+    """Source of every module of these packages, by its dotted name; a package goes by the name of its folder."""
+    found = {}
+    for package in packages:
+        for path in sorted((root / package).rglob("*.py")):
+            parts = path.relative_to(root).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """All statements, those within others too; expressions, of which there are ten times as many, hold none."""
+    for node in body:
+        yield node
+        for inner in ("body", "handlers", "cases", "orelse", "finalbody"):
+            yield from statements(getattr(node, inner, ()))
+
+
+@cache
+def import_statements(path: Path) -> tuple[tuple[ast.Import | ast.ImportFrom, bool], ...]:
+    """All imports of a source, as it was when it was first asked for, and whether each stands within a function."""
+    tree = ast.parse(path.read_bytes()).body
+    functions = [node for node in statements(tree) if isinstance(node, ast.FunctionDef)]
+    late = {id(node) for function in functions for node in statements(function.body)}
+    found = (node for node in statements(tree) if isinstance(node, ast.Import | ast.ImportFrom))
+    return tuple((node, id(node) in late) for node in found)
+
+
+def named(path: Path, module: str) -> Iterator[str]:
+    """Every name that a source imports anywhere, inside functions too: a module, or something within one."""
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    for node, _ in import_statements(path):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        else:
+            base = resolve_name("." * node.level + (node.module or ""), package) if node.level else node.module or ""
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+@cache
+def imports(root: Path = ROOT, packages: tuple[str, ...] = PACKAGES) -> Imports:
+    """Which modules of these packages each of them imports, at its top or within a function."""
+    known = modules(root, packages)
+    found: Imports = {}
+    for module, path in known.items():
+        names = {name if name in known else name.rpartition(".")[0] for name in named(path, module)}
+        found[module] = {name for name in names if name in known and name != module}
+    return found
+
+
+def package_of(module: str) -> str:
+    """The package of a module, at most two names deep; a module directly in `sim` or `experiments` stands for itself.
+
+    Such as "sim.water" of "sim.water.waves", and "sim.flight" of "sim.flight".
+    """
+    package, *rest = module.split(".")
+    return package if package in ("laisn", "models") or not rest else f"{package}.{rest[0]}"
+
+
+def package_imports(found: Mapping[str, Iterable[str]]) -> Imports:
+    """Which packages each package imports."""
+    between: Imports = {}
+    for module, names in found.items():
+        here = between.setdefault(package_of(module), set())
+        here |= {package_of(name) for name in names} - {package_of(module)}
+    return between
+
+
+def cycle(found: Mapping[str, Iterable[str]]) -> list[str]:
+    """Names that import each other in a cycle, the first of them again at the end; empty if there is none."""
+    try:
+        TopologicalSorter(found).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def layers(found: Mapping[str, Iterable[str]]) -> dict[str, int]:
+    """The layer of each package: one above the highest that it imports; 0 where it imports none."""
+    level: dict[str, int] = {}
+    for package in TopologicalSorter(found).static_order():
+        level[package] = max((level[below] + 1 for below in found.get(package, ())), default=0)
+    return level

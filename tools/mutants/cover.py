@@ -1,0 +1,58 @@
+"""Which tests cover which source: told by what they import, and by folders, which tests have as sources have them."""
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from tools import import_graph
+from tools.import_graph import ROOT
+
+SOURCES = (*import_graph.PACKAGES, "tools")
+"""Packages whose sources are changed."""
+
+
+def named(test: Path) -> Iterator[str]:
+    """Names that a test imports, and those that files shared by tests, or the Python face, import in its place."""
+    for name in set(import_graph.named(test, "tests")):
+        shared = ROOT / f"{name.rpartition('.')[0].replace('.', '/')}.py"
+        if name.startswith("tests.") and shared.is_file():
+            yield from named(shared)
+        if name == "laisn_sim":
+            yield from import_graph.named(ROOT / "laisn_sim" / "__init__.py", name)
+        yield name
+
+
+@cache
+def distances() -> dict[str, dict[str, int]]:
+    """Modules that each test file can reach, with the number of imports on the way."""
+    imports, found = import_graph.imports(packages=SOURCES), {}
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        names = set(named(path))
+        front = {name if name in imports else name.rpartition(".")[0] for name in names} & imports.keys()
+        reached: dict[str, int] = {}
+        distance = 1
+        while front:
+            reached |= dict.fromkeys(front, distance)
+            front = {below for name in front for below in imports[name]} - reached.keys()
+            distance += 1
+        found[str(path.relative_to(ROOT))] = reached
+    return found
+
+
+def covering(file: str) -> list[str]:
+    """The test files that cover a source, the one of its name and the nearest first.
+
+    They are those of its own folder, or else of its room, that import it themselves or by one module more than the
+    nearest of them does; where there are none, those of any room that are as near as any.
+    """
+    module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    homes = Path(file).parent.name, import_graph.package_of(module).rpartition(".")[2]
+    reach = {test: reached[module] for test, reached in distances().items() if module in reached}
+    at_home = (
+        {t: n for t, n in reach.items() if Path(t).parent.name == home or Path(t).stem == f"test_{home}"}
+        for home in homes
+    )
+    own = next(filter(None, at_home), {})
+    least = min((own or reach).values(), default=0)
+    near = {t: n for t, n in (own or reach).items() if n <= least + bool(own)}
+    return sorted(near, key=lambda test: (Path(test).stem != f"test_{Path(file).stem}", near[test], test))
