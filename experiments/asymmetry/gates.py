@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.asymmetry.conditions import CALM, SEED, fleet
 from experiments.asymmetry.missions import Plan, pair
-from experiments.intervals import Interval, bootstrap_mean, bootstrap_ratios
+from experiments.intervals import Interval, mean_interval, ratio_intervals
 from laisn import lanes
 from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
@@ -43,7 +43,7 @@ class GateRow:
 def rates(rejected: Bools, echoed: Bools) -> tuple[Interval, Interval]:
     """Share of the messages with an echo that the gate rejects, and share of those without one.
 
-    Messages of a run hang together, for a fix that is accepted moves the gate: limits come from a bootstrap over runs.
+    Messages of a run hang together, for a fix that is accepted moves the gate: limits are those over runs.
 
     Args:
         rejected: by message and run, shape (m, R).
@@ -51,7 +51,9 @@ def rates(rejected: Bools, echoed: Bools) -> tuple[Interval, Interval]:
     """
     of = np.column_stack([echoed.sum(axis=0), (~echoed).sum(axis=0)]).astype(np.float64)
     found = np.column_stack([(rejected & echoed).sum(axis=0), (rejected & ~echoed).sum(axis=0)]).astype(np.float64)
-    detected, false_alarms = bootstrap_ratios(found, of)
+    detected, false_alarms = ratio_intervals(found, of)
+    # a share lies between 0 and 1, which limits of few skewed runs may exceed
+    detected, false_alarms = (Interval(*np.clip(interval, 0.0, 1.0).tolist()) for interval in (detected, false_alarms))
     return detected, false_alarms
 
 
@@ -78,7 +80,7 @@ def fly_gates(plan: Plan) -> list[GateRow]:
 
                 def mean_error(state: Floats, hydrophone: Floats = truth.hydrophone) -> Interval:
                     errors = np.hypot(*(state[:, :2] - hydrophone[:, :, None]).swapaxes(0, 1))
-                    return bootstrap_mean(errors.mean(axis=0))
+                    return mean_interval(errors.mean(axis=0))
 
                 rows.append(
                     GateRow(

@@ -140,7 +140,7 @@ def gate_table(gates: Sequence[GateRow]) -> Table:
         rows=rows,
         caption="Each ping is taken from the surface with a chance of 5 % and from the bottom with 2 %. Rejected: "
         "share of the messages in which the echo spoils a range that LAISN-2 uses. False alarms: share of the "
-        "others. All with the 95 % interval of a bootstrap over runs.",
+        "others. All with the 95 % interval over runs.",
     )
 
 

@@ -21,14 +21,14 @@ from typing import NamedTuple
 
 from scipy.special import ndtri
 
-from experiments.intervals import Interval, bootstrap_mean, difference_of_shares
+from experiments.intervals import Interval, difference_of_shares, mean_interval
 from laisn.arrays import Bools, Floats
 
 WRONG = 0.025
 """Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
 _OF_ERRORS, _OF_CAPTURES = 0.015, 0.01
-"""Chances that the limits are asked for: those of a bootstrap over 64 skewed runs are crossed half as often again, and
-those of rare captures twice as often and more."""
+"""Chances that the limits are asked for: limits over 64 skewed runs may be crossed half as often again, and those
+of rare captures twice as often and more."""
 
 
 class Verdict(Enum):
@@ -102,7 +102,7 @@ def _judge(
 
 
 def judge_errors(part: Floats, left: Floats, free: Bools, wanted: float, looks: Sequence[int]) -> Judgement:
-    """Judge errors of runs without capture, by bootstrap over the runs.
+    """Judge errors of runs without capture, by an interval over the runs.
 
     Args:
         part: pitch-driven error of each run without the remedy, r − l, shape (R,), [m].
@@ -113,7 +113,7 @@ def judge_errors(part: Floats, left: Floats, free: Bools, wanted: float, looks: 
     """
 
     def interval(values: Floats, runs: int, confidence: float) -> Interval:
-        return bootstrap_mean(values[:runs], free[:runs], confidence)
+        return mean_interval(values[:runs], free[:runs], confidence)
 
     return _judge(part, left, wanted, looks, interval, _OF_ERRORS)
 

@@ -15,7 +15,7 @@ from experiments.estimators.cases import CASES
 from experiments.estimators.paired import Captured, Paired
 from experiments.estimators.plan import INTERVALS, ON_AXIS, QUICK, SEAS, SEED, SIGMAS, Size, first_look, tasks
 from experiments.findings import FILE, Finding, Findings, of, plain, record
-from experiments.intervals import Interval, bootstrap_mean, bootstrap_ratios, proportion
+from experiments.intervals import Interval, mean_interval, proportion, ratio_intervals
 
 COMMAND = "laisn estimators"
 MODULES = ("experiments.estimators.study",)
@@ -29,11 +29,11 @@ def chosen(found: Found, *first: Any) -> list[Any]:
 
 
 def ratio(missions: Sequence[Paired]) -> Interval:
-    """Median over missions of mean E_P over LAISN-2's, with limits: resamples draw runs, of all missions alike."""
+    """Median over missions of mean E_P over LAISN-2's, with limits over runs, which all missions share."""
     runs = min(one.runs for one in missions)
     above = np.stack([one.tight_means[:runs] for one in missions], axis=1)
     below = np.stack([one.laisn_means[:runs] for one in missions], axis=1)
-    limits = bootstrap_ratios(above, below)
+    limits = ratio_intervals(above, below)
     middle = sorted(limits, key=lambda limit: limit.value)[(len(limits) - 1) // 2 : len(limits) // 2 + 1]
     return Interval(*(float(np.mean(column)) for column in zip(*middle, strict=True)))
 
@@ -44,10 +44,10 @@ def over_bound(missions: Sequence[Paired]) -> list[float]:
 
 
 def mean_of(missions: Sequence[Paired], name: str) -> Interval:
-    """Mean over all runs of all missions of a figure, with limits: resamples draw runs."""
+    """Mean over all runs of all missions of a figure, with limits over runs."""
     runs = min(one.runs for one in missions)
     values = np.mean([getattr(one, name)[:runs] for one in missions], axis=0)
-    return bootstrap_mean(values)
+    return mean_interval(values)
 
 
 def _of_missions(key: str, missions: Sequence[Paired], named: dict[str, Finding]) -> None:

@@ -15,7 +15,7 @@ from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.flight.swarm import simulate_swarm
 from experiments.formation import weave
 from experiments.formation.conditions import CONDITIONS, Condition
-from experiments.intervals import bootstrap_mean, proportion
+from experiments.intervals import mean_interval, proportion
 from experiments.study.facts import thruster_power
 from laisn.arrays import Floats
 from sim.contact import contacts
@@ -97,7 +97,7 @@ def _of_condition(name: str, runs: Sequence[Run]) -> dict[str, Finding]:
     lost, followers = int(sum(run.lost.sum() for run in runs)), rms.size
 
     def over_runs(values: Sequence[float], what: str, unit: str) -> Finding:
-        return of(bootstrap_mean(np.array(values)), what, unit)
+        return of(mean_interval(np.array(values)), what, unit)
 
     medians = [float(np.median(run.rms)) for run in runs]
     return {

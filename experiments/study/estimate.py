@@ -14,7 +14,7 @@ from scipy.special import betaincinv
 from scipy.stats import t as student
 
 from experiments.campaign.store import Record
-from experiments.intervals import CONFIDENCE, FEWEST_RUNS, Interval, bootstrap_mean, difference_of_shares, proportion
+from experiments.intervals import CONFIDENCE, FEWEST_RUNS, Interval, difference_of_shares, mean_interval, proportion
 from experiments.study.metrics import SHARES
 from laisn.arrays import Floats
 
@@ -42,7 +42,7 @@ def _quantile(number: int) -> float:
 
 
 def over_seas(means: Floats) -> Interval:
-    """Mean over seas, shape (S,): BCa bootstrap of at least `FEWEST_RUNS`, else Student's t, which needs two.
+    """Mean over seas, shape (S,): `mean_interval` of at least `FEWEST_RUNS`, else Student's t, which needs two.
 
     Limits are NaN where all seas have the same: nothing is known of how they scatter.
 
@@ -53,7 +53,7 @@ def over_seas(means: Floats) -> Interval:
     if means.size < 2 or np.ptp(means) == 0:
         return Interval(mean, math.nan, math.nan)
     if means.size >= FEWEST_RUNS:
-        return bootstrap_mean(means)
+        return mean_interval(means)
     half = _quantile(means.size) * float(means.std(ddof=1)) / math.sqrt(means.size)
     return Interval(mean, mean - half, mean + half)
 
@@ -96,7 +96,7 @@ def over_runs(seas: Sequence[Floats], *, shares: bool = False, paired: bool = Fa
         return difference_of_shares(values) if paired else proportion(int(values.sum()), values.size)
     if np.ptp(values) == 0:
         return Interval(float(values[0]), math.nan, math.nan)
-    return bootstrap_mean(values)
+    return mean_interval(values)
 
 
 def _whole(values: Floats) -> Floats:

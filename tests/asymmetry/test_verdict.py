@@ -47,7 +47,7 @@ def test_a_remedy_that_does_enough_is_hardly_ever_called_missed(noise: float) ->
 
 def test_either_is_as_rare_as_said_at_the_very_aim() -> None:
     found, trials = shares(0.9, 0.3, 0.1, trials=600), 600
-    # the bootstrap's own error of some tenths of a per cent, beside the scatter of the trials
+    # the interval's own error of some tenths of a per cent, beside the scatter of the trials
     most = WRONG + 3 * np.sqrt(WRONG / trials) + 0.005
     assert found[Verdict.MET] < most
     assert found[Verdict.MISSED] < most

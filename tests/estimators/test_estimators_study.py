@@ -72,7 +72,7 @@ def test_a_ratio_over_missions_is_the_median_of_theirs() -> None:
     mean = study.mean_of(flown, "tight_means")
     every = np.concatenate([one.tight_means for one in flown])
     assert mean.value == pytest.approx(every.mean())
-    # the bootstrap of the mean is that of the normal law, nearly
+    # the interval of the mean is that of the normal law, nearly
     half = 1.96 * np.mean([one.tight_means for one in flown], axis=0).std() / np.sqrt(40)
     assert (mean.high - mean.low) / 2 == pytest.approx(half, rel=0.15)
 

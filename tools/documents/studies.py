@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from experiments import coverage
 from experiments.asymmetry import study as asymmetry
 from experiments.closed_loop import study as closed_loop
 from experiments.estimators import study as estimators
@@ -23,6 +24,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "flights": flights.run,
     "hull-trials": hull_trials.run,
     "route-keeping": route_keeping.run,
+    "coverage": coverage.run,
     "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
     "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
     "closed-loop": closed_loop.run,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from experiments.coverage import LAWS, RUNS
 from experiments.estimators.cases import CASES
 from experiments.estimators.plan import SEAS
 from experiments.findings import Finding, Findings
@@ -214,8 +215,16 @@ def formation(records: Records) -> str:
     return markdown(heads, rows)
 
 
+def coverage(records: Records) -> str:
+    """How often a 95 % interval of a mean holds it, law by law."""
+    found = records["coverage"]
+    rows = [[words, *(f"{found[f'{law} {runs}']:.1%}" for runs in RUNS)] for law, (words, _, _) in LAWS.items()]
+    return markdown(["coverage of 95 % intervals", *(f"{runs} runs" for runs in RUNS)], rows)
+
+
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
+    "coverage": coverage,
     "closed-loop": closed_loop,
     "tracking": tracking,
     "real-ranges": real_ranges,
