@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays, require_shapes
+from laisn.records import ArrayRecord, own_arrays, require_shapes
 
 
 class FixKind(IntEnum):
@@ -35,8 +35,8 @@ class FixKind(IntEnum):
     """No point was made: some ranges were used themselves, others looked like echoes and were left out."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Estimates:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Estimates(ArrayRecord):
     """The estimates of one follower in one mission: n steps (k = 1 … n) and f fixes.
 
     A message gives one fix; with LAISN-3(1) one of each pair that was received. Raises ValueError naming an array of

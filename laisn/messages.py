@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays, require_shapes
+from laisn.records import ArrayRecord, own_arrays, require_shapes
 
 
 class LeaderMessage(NamedTuple):
@@ -61,8 +61,8 @@ class Reception(NamedTuple):
     shape (3, 3), [m]; NaN for one that is not there. None: where the settings place them about the leader."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Measurements:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Measurements(ArrayRecord):
     """Everything one follower measured in a mission: n filter steps (k = 1 … n) and m messages.
 
     Raises ValueError if shapes disagree, `message_step` is not increasing within 1 … n, or a duration is not positive.

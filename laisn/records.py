@@ -2,13 +2,25 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
 Offset = tuple[float, float, float]
 """Forward, port and up from a body's origin [m]."""
+
+
+class ArrayRecord:
+    """A dataclass of arrays that prints their shapes in place of their values."""
+
+    def __repr__(self) -> str:
+        parts = []
+        for field in fields(cast(Any, self)):
+            value = getattr(self, field.name)
+            is_array = isinstance(value, np.ndarray)
+            parts.append(f"{field.name} {value.shape}" if is_array else f"{field.name}={value!r}"[:100])
+        return f"<{type(self).__name__}: {', '.join(parts)}>"
 
 
 def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None:

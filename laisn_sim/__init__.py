@@ -5,9 +5,12 @@
 >>> laisn_sim.errors(flight).to_pandas()
 
 Settings go by the names that they have in the files: `Scenario(followers=[{"route": "T5", "depth_m": 12}])` takes what
-a scenario file may hold, and `study("T5", vary={"followers.0.depth_m": [10, 15]})` what a study file may. Whatever a
-user can mend is raised as a `LaisnError`, which is a `ValueError`. Importing this module costs nothing; what a function
-needs is imported when it is called.
+a scenario file may hold, and `study("T5", vary={"followers.0.depth_m": [10, 15]})` what a study file may. Numbers and
+arrays of NumPy, tuples and ranges are values too. An error in the input is raised as a `LaisnError`, which is a
+`ValueError`; `Scenario(...)` alone raises pydantic's `ValidationError`, another `ValueError`. Importing this module
+costs nothing; what a function needs is imported when it is called.
+
+Classes: `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `LaisnError`; see `help(laisn_sim.Flight)`.
 
 `main` is the entry point of the `laisn` command.
 """
@@ -32,21 +35,17 @@ if TYPE_CHECKING:
     from sim.scenario.settings import Scenario as Scenario
 
 __all__ = [
-    "Flight",
-    "LaisnError",
-    "Navigator",
-    "Scenario",
-    "StudyFolder",
-    "Table",
     "errors",
     "fly",
     "hull",
     "load",
+    "measurements",
     "navigate",
     "read_log",
     "render",
     "study",
     "summary",
+    "truth",
     "write_log",
 ]
 
@@ -105,7 +104,9 @@ def _require_own_packages() -> None:
 def __getattr__(name: str) -> object:
     """The classes of this module, imported when they are first asked for."""
     if name not in _HOMES:
-        raise AttributeError(f"module 'laisn_sim' has no attribute {name!r}; available: {', '.join(__all__)}")
+        raise AttributeError(
+            f"module 'laisn_sim' has no attribute {name!r}; available: {', '.join(sorted((*__all__, *_HOMES)))}"
+        )
     from importlib import import_module
 
     _require_own_packages()
@@ -114,7 +115,7 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, *_HOMES})
 
 
 def load(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:
@@ -185,6 +186,32 @@ def errors(flight: Flight) -> Table:
     return errors_table(flight)
 
 
+def truth(flight: Flight) -> Table:
+    """True motion over time, a row for each vehicle and control step.
+
+    Columns: `vehicle`, `time_s`; `east_m`, `north_m`, `depth_m` of the body origin; `heading_deg`, `pitch_deg` (nose
+    up), `roll_deg` (starboard down); `surge_m_s`, speed along the hull through the water; `velocity_east_m_s`,
+    `velocity_north_m_s`, `velocity_up_m_s` over ground; `water_east_m_s`, `water_north_m_s`, `water_up_m_s`.
+    """
+    _require_own_packages()
+    from experiments.flight.tables import truth_table
+
+    return truth_table(flight)
+
+
+def measurements(flight: Flight) -> Table:
+    """What the followers measured, a row for each follower and filter step.
+
+    Columns: `follower`, `time_s`; `speed_m_s`, `heading_deg` and `depth_m` of its own sensors; where a message was
+    received, the fields of `laisn.messages.LeaderMessage` as `leader_…` and the slant ranges `range_rear_m`,
+    `range_front_m` and `range_middle_m`; null elsewhere.
+    """
+    _require_own_packages()
+    from experiments.flight.tables import measurements_table
+
+    return measurements_table(flight)
+
+
 def summary(flight: Flight) -> dict[str, Any]:
     """Mean, largest and σ of a flight's errors, of all followers and of each, as in `summary.json`."""
     _require_own_packages()
@@ -242,11 +269,18 @@ def hull(role: str) -> str:
     """The MJCF of the project's own "leader" or "follower", to begin a hull of one's own with.
 
     A scenario flies the file that it names: `{"route": "T5", "model": "mine.xml"}`.
+
+    Raises:
+        LaisnError: there is no such model.
     """
     _require_own_packages()
     import models
+    from laisn.failure import LaisnError
 
-    return models.path(role).read_text(encoding="utf-8")
+    try:
+        return models.path(role).read_text(encoding="utf-8")
+    except ValueError as error:
+        raise LaisnError(str(error)) from None
 
 
 def study(

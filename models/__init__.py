@@ -11,8 +11,7 @@ def path(name: str) -> Path:
     Raises:
         ValueError: there is no such model; the message lists what exists.
     """
-    file = _FOLDER / f"{name}.xml"
-    if not file.is_file():
-        available = ", ".join(sorted(p.stem for p in _FOLDER.glob("*.xml")))
-        raise ValueError(f"unknown model {name!r}; available: {available}")
-    return file
+    available = {file.stem: file for file in sorted(_FOLDER.glob("*.xml"))}
+    if name not in available:
+        raise ValueError(f"unknown model {name!r:.100}; available: {', '.join(available)}")
+    return available[name]

@@ -59,6 +59,12 @@ class Flight:
                 f"a flight of {followers} followers needs as many measurements and estimates, got "
                 f"{len(self.measurements)} and {len(self.estimates)}"
             )
+        for i, estimates in enumerate(self.estimates):
+            if not isinstance(estimates, Estimates):
+                raise LaisnError(
+                    f"the navigator of {self.scenario.followers[i].name} returned {type(estimates).__name__} from "
+                    "`run`; expected laisn.estimates.Estimates"
+                )
 
     @property
     def stride(self) -> int:

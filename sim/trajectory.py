@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays, require_shapes
+from laisn.records import ArrayRecord, own_arrays, require_shapes
 from sim.geometry import attitude
 
 
@@ -22,8 +22,8 @@ def _carry(position: Floats, axes: Floats, offset: Floats) -> None:
             position[:, i] += offset[j] * axes[j, i]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trajectory:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Trajectory(ArrayRecord):
     """Poses and velocities of v vehicles at n instants on a uniform grid; vehicle 0 is the leader.
 
     Raises ValueError if shapes disagree or the time grid is not uniform.

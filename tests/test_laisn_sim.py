@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -40,8 +41,9 @@ def test_importing_it_costs_nothing(tmp_path: Path) -> None:
 
 
 def test_every_name_is_there_explained_and_typed() -> None:
-    for name in laisn_sim.__all__:
+    for name in (*laisn_sim.__all__, "Flight", "LaisnError", "Navigator", "Scenario", "StudyFolder", "Table"):
         assert getattr(laisn_sim, name).__doc__, name
+        assert name in dir(laisn_sim)
     with pytest.raises(AttributeError, match=r"no attribute 'flie'; available: .*fly"):
         laisn_sim.flie  # noqa: B018
     for package in ("laisn_sim", "models", "laisn", "sim", "experiments"):
@@ -94,6 +96,59 @@ def test_a_navigator_of_ones_own_is_asked(flight: laisn_sim.Flight) -> None:
     assert variant == "laisn-2"
     np.testing.assert_array_equal(start, flight.trajectory.site_path("follower/hydrophone")[0, :2])
     assert again.estimates[0].state.tobytes() == flight.estimates[0].state.tobytes()
+
+
+def test_truth_and_measurements_are_tables(flight: laisn_sim.Flight) -> None:
+    truth, measured = laisn_sim.truth(flight), laisn_sim.measurements(flight)
+    assert (len(truth), len(measured)) == (2 * 201, 200)
+    # a velocity is the rate of a position: central differences err by a sixth of dt² times the jerk
+    follower = truth["vehicle"] == "follower"
+    rate = np.gradient(truth["east_m"][follower], truth["time_s"][follower])[1:-1]
+    np.testing.assert_allclose(rate, truth["velocity_east_m_s"][follower][1:-1], rtol=0, atol=2e-3)
+    # T5 broadcasts every second and sends no attitude
+    heard = ~np.isnan(measured["range_rear_m"])
+    assert heard.sum() == 20
+    np.testing.assert_allclose(measured["time_s"][heard], np.arange(1, 21), rtol=1e-12)
+    np.testing.assert_array_equal(measured["leader_time_s"][heard], flight.measurements[0].message[:, 0])
+    assert np.isnan(measured["leader_pitch_deg"]).all()
+    radius = np.hypot(measured["leader_east_m"] - truth["east_m"][follower][1:],
+                      measured["leader_north_m"] - truth["north_m"][follower][1:])[heard]  # fmt: skip
+    assert np.abs(measured["range_middle_m"][heard] - radius).max() < 1.0
+
+
+def test_records_of_arrays_print_shapes(flight: laisn_sim.Flight) -> None:
+    for record in (flight.trajectory, flight.measurements[0], flight.estimates[0]):
+        assert len(repr(record)) < 500
+    assert repr(flight.estimates[0]).startswith("<Estimates: state (200, 4), covariance (200, 4, 4)")
+
+
+def test_values_of_numpy_tuples_and_ranges_are_values() -> None:
+    scenario = laisn_sim.load("T5", {"duration_s": np.int64(20), "acoustics.range_tau_m": np.full(3, 0.1), "run": 3})
+    assert scenario == laisn_sim.load("T5", {"duration_s": 20, "acoustics.range_tau_m": (0.1, 0.1, 0.1), "run": 3})
+    for values in (range(10, 13), np.arange(10, 13), (10, 11, 12)):
+        assert study_of("T5", {"vary": {"followers.0.depth_m": values}}).factors[0].values == (10, 11, 12)
+
+
+class Returning:
+    """A navigator whose `run` gives no estimates."""
+
+    def __init__(self, settings: object, start: object) -> None: ...
+
+    def run(self, measurements: object) -> None: ...
+
+
+@pytest.mark.parametrize(("call", "text"), [
+    (lambda flight: laisn_sim.fly("T5", [1]), r"changes: expected a table of values by dotted key \(given: \[1\]\)"),
+    (lambda flight: laisn_sim.navigate(flight, 3), "changes: expected a table"),
+    (lambda flight: laisn_sim.navigate(flight, navigator=Returning), "NoneType from `run`; expected .*Estimates"),
+    (lambda flight: laisn_sim.hull("../tests/vehicle/remus100"), "unknown model .*available: follower, leader, ocean"),
+    (lambda flight: laisn_sim.hull("bluerov"), "unknown model 'bluerov'"),
+    (lambda flight: laisn_sim.load("T5", {"followers.00.depth_m": 12}), "followers.00.depth_m is no key"),
+    (lambda flight: laisn_sim.load("T5", {"followers.\uff10.depth_m": 12}), "is no key"),
+])  # fmt: skip
+def test_wrong_arguments_are_refused(flight: laisn_sim.Flight, call: Any, text: str) -> None:
+    with pytest.raises(laisn_sim.LaisnError, match=text):
+        call(flight)
 
 
 def test_a_log_gives_the_flight_again(flight: laisn_sim.Flight, tmp_path: Path) -> None:

@@ -73,6 +73,8 @@ def navigate_again(flight: Flight, changes: Mapping[str, Any], navigator: Naviga
     Raises:
         ScenarioError: changes are not valid, or touch more than navigation.
     """
+    if not isinstance(changes, Mapping):
+        raise ScenarioError(f"changes: expected a table of values by dotted key (given: {changes!r:.80})")
     outside = [key for key in changes if not key.startswith("navigation.")]
     if outside:
         raise ScenarioError(f"{outside[0]}: a replay can change navigation only; what was measured is fixed")

@@ -109,6 +109,8 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
     # as in `load_flyable`
     from sim.flyable import misfits
 
+    if not isinstance(changes, Mapping):
+        raise ScenarioError(f"changes: expected a table of values by dotted key (given: {plain(repr(changes)):.80})")
     if isinstance(source, Scenario):
         table, name = source.model_dump(mode="json", exclude_none=True), f"scenario {source.name!r}"
     elif isinstance(source, Mapping):

@@ -16,6 +16,7 @@ from experiments.flight.summary import (
 )
 from experiments.flight.table import Table
 from laisn import metrics
+from laisn.messages import Ranges
 from sim.flight import Flight
 from sim.log import writer
 
@@ -43,6 +44,55 @@ def errors_table(flight: Flight) -> Table:
             "distance_m": np.hypot(*away.T),
             "captured": metrics.captured_steps(estimate, truth[:, :2], leader, heading),
         }
+        parts.append(pa.table(columns))
+    return Table(pa.concat_tables(parts))
+
+
+def truth_table(flight: Flight) -> Table:
+    """True motion of every vehicle at its control steps; `laisn_sim.truth` says what the columns are."""
+    t = flight.trajectory
+    parts = []
+    for v, name in enumerate(t.names):
+        columns = {
+            "vehicle": [name] * t.time.size,
+            "time_s": t.time,
+            "east_m": t.position[:, v, 0],
+            "north_m": t.position[:, v, 1],
+            "depth_m": -t.position[:, v, 2],
+            "heading_deg": np.rad2deg(t.heading[:, v]) % 360.0,
+            "pitch_deg": np.rad2deg(t.pitch[:, v]),
+            "roll_deg": np.rad2deg(t.roll[:, v]),
+            "surge_m_s": t.forward_speed[:, v],
+        }
+        for what, values in (("velocity", t.velocity), ("water", t.water_velocity)):
+            columns |= {f"{what}_{axis}_m_s": values[:, v, j] for j, axis in enumerate(("east", "north", "up"))}
+        parts.append(pa.table(columns))
+    return Table(pa.concat_tables(parts))
+
+
+_LEADER = ("time_s", "east_m", "north_m", "heading_deg", "speed_m_s", "depth_m", "pitch_deg", "roll_deg",
+           "heading_sigma_deg")  # fmt: skip
+"""Columns of the fields of `LeaderMessage`, in their order; angles in degrees."""
+
+
+def measurements_table(flight: Flight) -> Table:
+    """What every follower measured at its filter steps; `laisn_sim.measurements` says what the columns are."""
+    parts = []
+    for name, measured in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
+        n = measured.speed.size
+        columns = {
+            "follower": pa.array([name] * n),
+            "time_s": pa.array(measured.time),
+            "speed_m_s": pa.array(measured.speed),
+            "heading_deg": pa.array(np.rad2deg(measured.heading) % 360.0),
+            "depth_m": pa.array(measured.depth),
+        }
+        received = {f"leader_{column}": measured.message[:, i] for i, column in enumerate(_LEADER)}
+        received |= {f"range_{which}_m": measured.ranges[:, i] for i, which in enumerate(Ranges._fields)}
+        for column, values in received.items():
+            whole = np.full(n, np.nan)
+            whole[measured.message_step - 1] = np.rad2deg(values) if column.endswith("_deg") else values
+            columns[column] = pa.array(whole, from_pandas=True)
         parts.append(pa.table(columns))
     return Table(pa.concat_tables(parts))
 

@@ -40,28 +40,39 @@ _LISTED: Mapping[str, tuple[Callable[..., Any], str]] = {
 """Distributions whose parameters may stand in a list."""
 
 
+_NAMED = (
+    "bernoulli", "beta", "binom", "cauchy", "expon", "gamma", "geom", "gumbel_l", "gumbel_r", "invgamma", "laplace",
+    "logistic", "lognorm", "norm", "pareto", "poisson", "randint", "rayleigh", "t", "triang", "truncnorm", "uniform",
+    "vonmises", "weibull_min",
+)  # fmt: skip
+"""Distributions of scipy.stats that a table of parameters names: their quantiles take microseconds at any parameter."""
+_LARGEST = 1e9
+"""Largest size of a parameter."""
+
+
 def known(name: str) -> bool:
     """Whether there is a distribution of this name."""
-    found = getattr(stats, name, None)
-    return name in _LISTED or name == "choice" or isinstance(found, stats.rv_continuous | stats.rv_discrete)
+    return name in _LISTED or name in _NAMED or name == "choice"
 
 
 def _frozen(name: str, given: object) -> Any:
-    """A distribution of scipy's."""
-    if isinstance(given, list) and name in _LISTED:
-        make, expected = _LISTED[name]
-        numbers = [value for value in given if isinstance(value, int | float) and not isinstance(value, bool)]
-        if len(numbers) != expected.count(",") + 1 or len(numbers) != len(given):
-            raise ValueError(f"{name} expects {expected} (given: {given!r:.60})")
-        return make(*numbers)
-    own = getattr(stats, "norm" if name == "normal" else name)
-    if not isinstance(given, dict):
-        form = _LISTED[name][1] if name in _LISTED else "a table of its parameters in scipy.stats"
+    """A distribution of scipy.stats with its parameters."""
+    values = list(given.values()) if isinstance(given, dict) else given
+    form = _LISTED[name][1] if name in _LISTED else "a table of its parameters in scipy.stats"
+    if not isinstance(values, list) or (isinstance(given, list) and name not in _LISTED):
         raise ValueError(f"{name} expects {form} (given: {given!r:.60})")
-    try:
-        return own(**given)
-    except TypeError as error:
-        raise ValueError(f"{name}: {error}") from None
+    for value in values:
+        if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= _LARGEST:
+            raise ValueError(f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})")
+    if isinstance(given, dict):
+        try:
+            return getattr(stats, "norm" if name == "normal" else name)(**given)
+        except TypeError as error:
+            raise ValueError(f"{name}: {error}") from None
+    make, expected = _LISTED[name]
+    if len(values) != expected.count(",") + 1:
+        raise ValueError(f"{name} expects {expected} (given: {given!r:.60})")
+    return make(*values)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +97,7 @@ class Draw:
         ((name, parameters),) = given.items()
         if not known(name):
             raise ValueError(
-                f"unknown distribution {name!r:.40}; known here: {', '.join(_LISTED)}, choice and those of scipy.stats"
+                f"unknown distribution {name!r:.40}; available: choice, {', '.join(sorted({*_LISTED, *_NAMED}))}"
             )
         law = f"{name} {parameters}"
         if name == "choice":

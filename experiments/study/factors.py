@@ -84,7 +84,9 @@ class Factor:
         return float(self.low + (self.high - self.low) * share)
 
 
-def points_of(factors: Sequence[Factor], design: Design, number: int | None, seed: int) -> list[dict[str, Any]]:
+def points_of(
+    factors: Sequence[Factor], design: Design, number: int | None, seed: int, most: int
+) -> list[dict[str, Any]]:
     """The points of a design, values by key.
 
     Args:
@@ -92,10 +94,14 @@ def points_of(factors: Sequence[Factor], design: Design, number: int | None, see
         design: every combination of the values ("factorial"), or `number` points that fill the ranges evenly.
         number: of points of a sampled design.
         seed: of a sampled design.
+        most: largest number of points; it is compared before any point is made.
 
     Raises:
-        ValueError: the number does not suit the design.
+        ValueError: the number does not suit the design, or is larger than `most`.
     """
+    count = math.prod(len(factor.values) for factor in factors) if design == "factorial" else number or 0
+    if count > most:
+        raise ValueError(f"{count:,} points, at most {most:,} with these arms and seas")
     if design == "factorial":
         if number is not None:
             raise ValueError('points belongs to design = "latin-hypercube" or "sobol"')

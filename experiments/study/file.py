@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
+from scipy import stats
 
 from experiments.flight.library import name_of, names
 from experiments.study.draws import Draw, known
 from experiments.study.factors import Design, Factor
 from laisn.failure import LaisnError
 from sim.scenario.faults import key_of
-from sim.scenario.file import dotted, read
+from sim.scenario.file import dotted, plain_values, read
 from sim.scenario.own_hull import beside, is_mjcf, is_model_key
 from sim.scenario.section import Section
 from sim.scenario.settings import Name
@@ -101,7 +102,7 @@ class Study:
 def _names_a_law(table: Mapping[str, Any]) -> bool:
     """Whether a table is a distribution, perhaps one that is misspelled, and no part of a key."""
     ((name, given), *others) = table.items()
-    return not others and (known(name) or isinstance(given, list))
+    return not others and (known(name) or hasattr(stats, name) or isinstance(given, list))
 
 
 def _told(error: ValidationError) -> list[str]:
@@ -143,25 +144,47 @@ def _arms(given: list[dict[str, Any]], lines: list[str], folder: Path) -> tuple[
     return tuple(arms)
 
 
+def _conflict(key: str, others: Mapping[str, str]) -> str | None:
+    """The key among `others` that sets the same value, or a table around it or within it; None if there is none."""
+    parts = key.split(".")
+    around = (".".join(parts[:n]) for n in range(1, len(parts) + 1))
+    return next((k for k in around if k in others), None) or next((k for k in others if k.startswith(f"{key}.")), None)
+
+
 def _overlaps(study: Study) -> list[str]:
-    """A key that two parts of the file speak for."""
-    spoken: dict[str, str] = {}
+    """A line for each key that two parts of the file set; an arm alone may set a key of [set] anew."""
+    owner: dict[str, str] = {}
     lines = []
-    parts = [(f"arm {arm.name}", list(arm.settings)) for arm in study.arms]
     unsound = {name: [key for key, part in study.unsound.items() if part == name] for name in ("vary", "draw")}
     varied, drawn = [f.key for f in study.factors] + unsound["vary"], [d.key for d in study.draws] + unsound["draw"]
-    for part, keys in [("[set]", list(study.settings)), ("[vary]", varied), ("[draw]", drawn)]:
+    parts = [("[set]", list(study.settings)), ("[vary]", varied), ("[draw]", drawn)]
+    arms = [(f"arm {arm.name}", list(arm.settings)) for arm in study.arms]
+    for part, key in ((part, key) for part, keys in parts for key in keys):
+        if (other := _conflict(key, owner)) is not None:
+            lines.append(_twice(key, part, other, owner[other]))
+        owner[key] = part
+    for part, keys in arms:
+        own: dict[str, str] = {}
         for key in keys:
-            if key in spoken:
-                lines.append(f"  {key}: stands in {spoken[key]} and in {part}; one must go")
-            spoken[key] = part
-    for part, keys in parts:
-        lines += [f"  {key}: {part} sets what {spoken[key]} does; one must go" for key in keys
-                  if spoken.get(key) in ("[vary]", "[draw]")]  # fmt: skip
-    for key in ("run", "seed", "name"):
-        if key in spoken or any(key in keys for _, keys in parts):
-            lines.append(f"  {key}: belongs to the study; seeds and runs are numbered by it")
-    return lines
+            known = owner | own
+            other = _conflict(key, known)
+            if other is not None and (other != key or known[other] != "[set]"):
+                lines.append(_twice(key, part, other, known[other]))
+            own[key] = part
+    return lines + [
+        f"  {key}: belongs to the study; seeds and runs are numbered by it"
+        for key in ("run", "seed", "name")
+        if key in owner or any(key in keys for _, keys in arms)
+    ]
+
+
+def _twice(key: str, part: str, other: str, where: str) -> str:
+    if key == other:
+        return f"  {key}: stands in {where} and in {part}; remove one"
+    outer, inner = sorted((key, other), key=len)
+    return (
+        f"  {key}: {part} sets {key}, {where} sets {other}; {inner} is part of {outer}, which replaces it: remove one"
+    )
 
 
 def _file(table: Mapping[str, Any], lines: list[str]) -> StudyFile:
@@ -187,6 +210,7 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
         folder: that a scenario's file stands in.
     """
     lines: list[str] = []
+    table = plain_values(table, source)
     file = _file(table, lines)
     factors: list[Factor] = []
     draws: list[Draw] = []

@@ -19,6 +19,7 @@ from sim.scenario.settings import Misfit, Scenario
 ALONE = "all"
 """Name of the only arm of a study that names none."""
 MOST_ENTRIES = 200_000
+"""Largest number of scenarios of a study: points times arms times seas."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +149,8 @@ def _points(study: Study, lines: list[str]) -> list[dict[str, Any]]:
     if "vary" in study.unsound.values():
         return [first]
     try:
-        return points_of(study.factors, study.design, study.points, study.seed or 0)
+        most = MOST_ENTRIES // (max(len(study.arms), 1) * study.seas)
+        return points_of(study.factors, study.design, study.points, study.seed or 0, most)
     except ValueError as error:
         lines.append(f"  design: {error}")
         return [first]
@@ -211,8 +213,10 @@ def plan_of(study: Study) -> Plan:
     points, table = _points(study, lines), _table(study, lines)
     arms = {arm.name: arm.settings for arm in study.arms} or {ALONE: {}}
     entries: list[Entry] = []
-    if (number := len(points) * len(arms) * study.seas) > MOST_ENTRIES:
-        lines.append(f"  vary, arm, seas: make {number} scenarios, there may be {MOST_ENTRIES}")
+    if len(arms) * study.seas > MOST_ENTRIES:
+        lines.append(
+            f"  arm, seas: {len(arms) * study.seas:,} scenarios at each point, at most {MOST_ENTRIES:,} in all"
+        )
     elif table is not None:
         entries, faults = _examined(study, table, points, arms)
         lines += _misplaced(study, table) + _needless_seas(study, entries) + faults

@@ -26,6 +26,8 @@ _ENDLESS = re.compile(r"\d[\d_]{4000,}")
 """What may have more digits than Python reads."""
 _WIDEST_BITS = 1024
 """Most bits of an integer; more is beyond every number of a scenario, and costly to write down."""
+_INDEX = re.compile("0|[1-9][0-9]{0,8}")
+"""An index of a list within a dotted key."""
 _ROUNDS = 5
 """Rounds of looking for faults behind faults: a section, an item and a key may hide one another."""
 
@@ -46,9 +48,11 @@ def _json_ready(value: object, depth: int = 0) -> object:
     """
     if depth > _DEEPEST:
         raise RecursionError
+    if hasattr(value, "tolist"):
+        value = value.tolist()  # numbers and arrays of NumPy
     if isinstance(value, Mapping):
         return {str(key): _json_ready(item, depth + 1) for key, item in value.items()}
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple | range):
         return [_json_ready(item, depth + 1) for item in value]
     if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
         return str(value)
@@ -62,7 +66,7 @@ def _json_ready(value: object, depth: int = 0) -> object:
     return str(value)
 
 
-def _ready(table: Mapping[str, Any], source: str) -> Any:
+def plain_values(table: Mapping[str, Any], source: str) -> Any:
     """A copy of a table that JSON can hold; ScenarioError if it nests too deep."""
     try:
         return _json_ready(table)
@@ -113,7 +117,7 @@ def validate(
     Raises:
         ScenarioError: with one line for every fault, as many as a screen holds.
     """
-    scenario, lines = examined(_ready(table, source), further)
+    scenario, lines = examined(plain_values(table, source), further)
     if lines or scenario is None:
         head = f"{source}: {len(lines)} fault{'s' if len(lines) != 1 else ''}"
         raise ScenarioError("\n".join(screenful([head, *lines])))
@@ -134,7 +138,7 @@ def _no_value(error: ValueError, text: str) -> str:
 def parse(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text, as JSON can hold it; ScenarioError names line and column of a syntax error."""
     try:
-        table: dict[str, Any] = _ready(tomllib.loads(text), source)
+        table: dict[str, Any] = plain_values(tomllib.loads(text), source)
         return table
     except ScenarioError:
         raise
@@ -166,8 +170,11 @@ def _value(text: str, source: str) -> Any:
 
 
 def _assign(place: Any, parts: list[str], value: object) -> None:
-    """Put a value at the end of a path; IndexError, TypeError or ValueError if the path does not lead there."""
-    *parents, last = (int(part) if part.isdecimal() else part for part in parts)
+    """Put a value at the end of a path; IndexError, TypeError or ValueError if the path does not lead there.
+
+    A list index has one form, 0 and not 00, so that equal keys are equal texts.
+    """
+    *parents, last = (int(part) if _INDEX.fullmatch(part) else part for part in parts)
     for part in parents:
         place = place.setdefault(str(part), {}) if isinstance(place, dict) else place[part]
     if isinstance(place, dict):
@@ -212,9 +219,9 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
     Raises:
         ScenarioError: a key leads through something that is no table or list.
     """
-    result: dict[str, Any] = _ready(table, "scenario")
+    result: dict[str, Any] = plain_values(table, "scenario")
     for key, value in settings.items():
-        _put(result, key, _ready({"value": value}, key)["value"])
+        _put(result, key, plain_values({"value": value}, key)["value"])
     return result
 
 
@@ -224,7 +231,7 @@ def _assignment(text: str) -> tuple[str, Any]:
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
         raise ScenarioError(f"{source}: expected key=value, such as sensors.speed_bias_m_s=0.1")
-    return path, _ready({"value": _value(value.strip(), source)}, source)["value"]
+    return path, plain_values({"value": _value(value.strip(), source)}, source)["value"]
 
 
 def values_of(assignments: Iterable[str]) -> dict[str, Any]:
@@ -240,7 +247,7 @@ def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, 
     Raises:
         ScenarioError: an assignment without `=`, or a path through something that is no table or list.
     """
-    result: dict[str, Any] = _ready(table, "scenario")
+    result: dict[str, Any] = plain_values(table, "scenario")
     for assignment in assignments:
         path, value = _assignment(assignment)
         try:

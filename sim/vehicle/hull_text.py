@@ -7,6 +7,7 @@ a file of its own where it leaves out what a hull says of the sea. A hull needs 
 import math
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import chain
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -21,17 +22,23 @@ _ELEMENTS = {
 }  # fmt: skip
 _MOST_VALUES = 1000
 """Of a numeric; MuJoCo makes room for as many as the file says."""
-_FINEST = 200
-"""Facets of a mesh that MuJoCo builds."""
+_FINEST = 64
+"""Largest parameter of a mesh that MuJoCo builds: facets, or subdivisions."""
+_MOST_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
+"""Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at every step."""
+_LARGEST = 1e9
+"""Largest size of a number."""
+_NOT_FINITE = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)
+"""Numbers as C reads them that are not finite."""
 
 
 def _numbers(text: str) -> Iterator[float]:
     """The numbers in the value of an attribute."""
     for word in text.split():
-        try:
+        if _NOT_FINITE.fullmatch(word):
+            yield math.nan
+        with suppress(ValueError):
             yield float(word)
-        except ValueError:
-            continue
 
 
 def _told(element: Element, name: str) -> str:
@@ -39,11 +46,15 @@ def _told(element: Element, name: str) -> str:
 
 
 def _excesses(root: Element) -> Iterator[str]:
-    """Numbers that are none, or that stand for more than a hull can need."""
+    """Numbers that are not finite, or larger than those of any hull, and too many elements."""
+    for tag, most in _MOST_ELEMENTS.items():
+        count = sum(1 for _ in root.iter(tag))
+        if count > most:
+            yield f"has {count} elements <{tag}>, at most {most}"
     for element in root.iter():
         for name, value in element.items():
-            if not all(map(math.isfinite, _numbers(value))):
-                yield f"{_told(element, name)} is not finite"
+            if not all(abs(number) <= _LARGEST for number in _numbers(value)):
+                yield f"{_told(element, name)} must be finite and within ±{_LARGEST:g}"
     for element, name, most in chain(
         ((numeric, "size", _MOST_VALUES) for numeric in root.iter("numeric")),
         ((mesh, "params", _FINEST) for mesh in root.iter("mesh")),

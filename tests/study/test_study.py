@@ -193,8 +193,25 @@ def test_all_faults_of_all_points_are_told_at_once():
     [
         ({"runs": 0}, "runs"),
         ({"speed": 1}, "unknown key of a study"),
+        (
+            {"set": {"ocean.waves.kind": "regular"}, "draw": {"ocean.waves": {"choice": [{"kind": "none"}]}}},
+            r"\[draw\] sets ocean.waves, \[set\] sets ocean.waves.kind; .* is part of ocean.waves",
+        ),
+        (
+            {
+                "draw": {"ocean.waves": {"choice": [{"kind": "none"}]}},
+                "arm": [{"name": "a", "ocean.waves.height_m": 1.0}],
+            },
+            "arm a sets ocean.waves.height_m, .draw. sets ocean.waves;",
+        ),
+        (
+            {"draw": {"leader.depth_m": {"zipf": {"a": 1.0001}}}},
+            "unknown distribution 'zipf'; available: choice, bernoulli",
+        ),
+        ({"draw": {"leader.depth_m": {"norm": {"loc": [1, 2]}}}}, r"a parameter is a number within ±1e\+09"),
+        ({"draw": {"leader.depth_m": {"gamma": {"a": 1e300}}}}, r"a parameter is a number within ±1e\+09"),
         ({"draw": {"followers.0.depth_m": {"uniform": [9, 11]}}}, r"stands in \[vary\] and in \[draw\]"),
-        ({"arm": [{"name": "a", "followers.0.depth_m": 3}]}, r"arm a sets what \[vary\] does"),
+        ({"arm": [{"name": "a", "followers.0.depth_m": 3}]}, r"stands in \[vary\] and in arm a"),
         ({"arm": [{"name": "a"}, {"name": "a"}]}, "repeated: a"),
         ({"arm": [{}]}, "needs a name"),
         ({"set": {"seed": 3}}, "numbered by it"),

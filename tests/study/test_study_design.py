@@ -19,9 +19,16 @@ def test_a_range_is_a_grid_with_both_ends():
 
 def test_a_factorial_design_has_every_combination():
     factors = [Factor.of("a", [1, 2, 3]), Factor.of("b", ["x", "y"])]
-    points = points_of(factors, "factorial", None, 1)
+    points = points_of(factors, "factorial", None, 1, 6)
     assert len(points) == 6
     assert {(p["a"], p["b"]) for p in points} == {(a, b) for a in (1, 2, 3) for b in "xy"}
+
+
+def test_points_are_counted_before_they_are_made():
+    """Three factors of 10,000 steps are 10¹² points, which no machine holds."""
+    factors = [Factor.of(key, {"from": 0, "to": 1, "steps": 10_000}) for key in "abc"]
+    with pytest.raises(ValueError, match=r"1,000,000,000,000 points, at most 200,000"):
+        points_of(factors, "factorial", None, 1, 200_000)
 
 
 @pytest.mark.parametrize("design", ["latin-hypercube", "sobol"])
@@ -31,11 +38,11 @@ def test_a_sampled_design_has_one_point_in_every_stratum_of_every_factor(design)
         Factor.of("a", {"from": 2, "to": 4}, sampled=True),
         Factor.of("b", {"from": 1, "to": 100, "scale": "log"}, sampled=True),
     )
-    points = points_of(ends, design, 16, 1)
+    points = points_of(ends, design, 16, 1, 99)
     shares = np.array([[(p["a"] - 2) / 2, math.log(p["b"]) / math.log(100)] for p in points])
     assert np.array_equal(np.sort(np.floor(16 * shares).astype(int), axis=0), np.arange(16)[:, None].repeat(2, axis=1))
-    assert points == points_of(ends, design, 16, 1)
-    assert points != points_of(ends, design, 16, 2)
+    assert points == points_of(ends, design, 16, 1, 99)
+    assert points != points_of(ends, design, 16, 2, 99)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +64,7 @@ def test_a_factor_that_is_none_says_what_was_expected(given, told):
 
 def test_a_sobol_design_needs_a_power_of_two():
     with pytest.raises(ValueError, match="such as 32"):
-        points_of([Factor.of("a", {"from": 0, "to": 1}, sampled=True)], "sobol", 30, 1)
+        points_of([Factor.of("a", {"from": 0, "to": 1}, sampled=True)], "sobol", 30, 1, 99)
 
 
 @pytest.mark.parametrize(
