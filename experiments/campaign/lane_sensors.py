@@ -50,6 +50,7 @@ class Errors(NamedTuple):
     leader_roll_sigma: float
     leader_attitude_offset_sigma: float
     range_tau: tuple[float, float, float]
+    range_centre: float
     range_scale_mean: float
     range_scale_sigma: float
     echo_chance: tuple[float, float]
@@ -132,6 +133,14 @@ def _draw_uniforms(noise: Noise, stream: np.uint64, step: int) -> None:
 
 
 @compiled_lanes
+def _draw_range_errors(noise: Noise, errors: Errors, received: int) -> None:
+    """Three uniforms for each lane, less `range_centre`."""
+    _draw_uniforms(noise, noise.address.range_uniform, received)
+    for i in range(3 * LANES):
+        noise.draws[i] -= errors.range_centre
+
+
+@compiled_lanes
 def _draw_normals(noise: Noise, stream: np.uint64, step: int) -> None:
     """Two normals for each lane."""
     draws, address = noise.draws, noise.address
@@ -185,7 +194,7 @@ def _read_echoes(block: Floats, noise: Noise, errors: Errors, sent: Floats, step
         for lane in range(LANES):
             i = j * LANES + lane
             true[i] = sent[_ECHOES - 3 + j + 3 * path_taken(draws[i], surface, bottom)]
-    _draw_uniforms(noise, noise.address.range_uniform, received)
+    _draw_range_errors(noise, errors, received)
     for lane in range(LANES):
         psi = block[row.R1 + lane]
         rear, front, middle = true[lane], true[LANES + lane], true[2 * LANES + lane]
@@ -269,7 +278,7 @@ def sense_message(
     if errors.echo_chance[0] + errors.echo_chance[1] > 0.0:
         _read_echoes(block, noise, errors, sent, steps)
     else:
-        _draw_uniforms(noise, address.range_uniform, received)
+        _draw_range_errors(noise, errors, received)
         far, farthest = longest_used(rear, front, middle, errors.transmitters), longest(rear, front, middle)
         tau_rear, tau_front, tau_middle = errors.range_tau
         for lane in range(LANES):

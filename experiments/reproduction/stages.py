@@ -106,6 +106,10 @@ SETTINGS = (
         name="asymmetric", stage=4, table="7", title="τ = 0.06 m rear, 0.01 m others",
         keys={**_EVERY_5_S, _TAU: [0.06, 0.01, 0.01]},
     ),
+    Setting(
+        name="asymmetric-centred", stage=4, table="alternative", title="τ = 0.06 m rear, 0.01 m others, mean removed",
+        like="asymmetric", keys={**_EVERY_5_S, _TAU: [0.06, 0.01, 0.01], "acoustics.range_error_centred": True},
+    ),
     Setting(name="heading2.5", stage=5, table="8", title="leader's compass 2.5° off", keys=compass(2.5)),
     Setting(name="heading5", stage=5, table="9", title="leader's compass 5° off", keys=compass(5.0)),
 )  # fmt: skip
@@ -152,6 +156,7 @@ def columns(setting: Setting) -> dict[str, str | float]:
         "tau_other_m": acoustics.range_tau_m[1],
         "mu_range_m": acoustics.range_scale_mean_m,
         "sigma_range_m": acoustics.range_scale_sigma_m,
+        "range_error_centred": acoustics.range_error_centred,
         "mu_heading_leader_deg": made.sensors.leader_heading_bias_deg,
         "beta_m2": told.beta_m2,
         "threshold_m": told.threshold_m,

@@ -64,6 +64,9 @@ class Acoustics(Section):
     range_tau_m: Annotated[tuple[NonNegative, NonNegative, NonNegative], LISTED] = Field(
         (0.01, 0.01, 0.01), description="τ: uniform error of rear, front and middle transmitter"
     )
+    range_error_centred: bool = Field(
+        False, description="the uniform error lies in −τ/2 … τ/2; else in 0 … τ, as in the paper"
+    )
     range_scale_mean_m: Annotated[float, Field(ge=-100, le=100)] = Field(
         0.1, description="μD: mean of the error that all transmitters share"
     )

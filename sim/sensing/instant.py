@@ -53,6 +53,7 @@ class Senses(NamedTuple):
     tilt_share: float
     """`ahrs.gain` of the leader."""
     range_tau: tuple[float, float, float]
+    range_centre: float
     range_scale: tuple[float, float]
     echo_chance: tuple[float, float]
     channel: Channel
@@ -91,6 +92,7 @@ def senses_of(scenario: Scenario) -> Senses:
         feels_acceleration=hearing.broadcast_attitude and hearing.leader_attitude_feels_acceleration,
         tilt_share=ahrs.gain(hearing),
         range_tau=errors.range_tau,
+        range_centre=errors.range_centre,
         range_scale=(errors.range_scale_mean, errors.range_scale_sigma),
         echo_chance=errors.echo_chance,
         channel=errors.channel,

@@ -135,9 +135,9 @@ def read_ranges(s: Senses, k: int, sent: int, follower: int, true: Floats, inbox
     far, farthest = longest_used(rear, front, middle, s.transmitters), longest(rear, front, middle)
     drawn = drawn_uniforms(s, streams + _RANGE_UNIFORM, k)
     psi = plain_reading(s.range_scale[0], s.range_scale[1], drawn_normals(s, streams + _RANGE_SCALE, k)[0])
-    ranges[0] = range_reading(rear, far, s.range_tau[0], drawn[0], psi)
-    ranges[1] = range_reading(front, far, s.range_tau[1], drawn[1], psi)
-    ranges[2] = range_reading(middle, farthest, s.range_tau[2], drawn[2], psi)
+    ranges[0] = range_reading(rear, far, s.range_tau[0], drawn[0] - s.range_centre, psi)
+    ranges[1] = range_reading(front, far, s.range_tau[1], drawn[1] - s.range_centre, psi)
+    ranges[2] = range_reading(middle, farthest, s.range_tau[2], drawn[2] - s.range_centre, psi)
     if s.loses:
         fate = drawn_uniforms(s, streams + _LOSS, sent)
         in_burst = is_bad(inbox.bad[follower] > 0.0, fate[0], s.channel)

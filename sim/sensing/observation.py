@@ -37,6 +37,7 @@ def errors_of(scenario: Scenario) -> SensorErrors:
         leader_attitude_time=attitude.time,
         leader_attitude_offset_sigma=np.deg2rad(sensors.leader_attitude_offset_sigma_deg),
         range_tau=acoustics.range_tau_m,
+        range_centre=0.5 if acoustics.range_error_centred else 0.0,
         range_scale_mean=acoustics.range_scale_mean_m,
         range_scale_sigma=acoustics.range_scale_sigma_m,
         echo_chance=(acoustics.surface_echo_chance, acoustics.bottom_echo_chance),

@@ -53,6 +53,8 @@ class SensorErrors:
     """Standard deviation of errors of broadcast pitch and roll that stay the same throughout a run [rad]."""
     range_tau: tuple[float, float, float] = (0.01, 0.01, 0.01)
     """τ: width of the uniform error of the range to the rear, front and middle transmitter [m]."""
+    range_centre: float = 0.0
+    """What is subtracted from the uniform draw, which lies between 0 and 1: 0 in the paper, ½ for a mean of zero."""
     range_scale_mean: float = 0.1
     """μD of ψ, the error that the transmitters share in proportion to their ranges [m]."""
     range_scale_sigma: float = 0.05
@@ -118,7 +120,10 @@ def longest_used(rear: float, front: float, middle: float, transmitters: int) ->
 
 @inlined
 def range_reading(true: float, far: float, tau: float, uniform: float, psi: float) -> float:
-    """Range of a message, `far` being the longest one (paper, Eq. 28). Compiled code only."""
+    """Range of a message, `far` being the longest one (paper, Eq. 28). Compiled code only.
+
+    The uniform draw is less `SensorErrors.range_centre`.
+    """
     return fma(psi, true / (far if far > 0.0 else 1.0), fma(tau, uniform, true))
 
 
@@ -231,7 +236,7 @@ def measure(
     unknown = np.full(received.size, np.nan)
     ranges = _ranges(
         _heard_ranges(truth, errors, (seed, run, follower)),
-        uniforms(seed, run, Stream.RANGE_UNIFORM.number(follower), received),
+        uniforms(seed, run, Stream.RANGE_UNIFORM.number(follower), received) - errors.range_centre,
         drawn(Stream.RANGE_SCALE, received)[:, 0],
         np.array(errors.range_tau),
         np.array([errors.range_scale_mean, errors.range_scale_sigma]),

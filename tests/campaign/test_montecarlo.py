@@ -74,9 +74,10 @@ EVERYTHING = SensorErrors(
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize(
     ("errors", "offset"),
-    [(SensorErrors(), QUARTER), (EVERYTHING, QUARTER), (replace(EVERYTHING, echo_chance=(0.2, 0.1)), ABEAM),
+    [(SensorErrors(), QUARTER), (SensorErrors(range_tau=(0.06, 0.01, 0.01), range_centre=0.5), QUARTER),
+     (EVERYTHING, QUARTER), (replace(EVERYTHING, echo_chance=(0.2, 0.1), range_centre=0.5), ABEAM),
      (EVERYTHING, ABEAM)],
-    ids=["paper", "everything", "echoes abeam", "abeam"],
+    ids=["paper", "centred", "everything", "echoes abeam", "abeam"],
 )  # fmt: skip
 def test_a_run_of_a_campaign_is_the_run_flown_alone(
     variant: Variant, errors: SensorErrors, offset: tuple[float, float]

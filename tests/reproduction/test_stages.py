@@ -100,6 +100,7 @@ def test_a_setting_is_what_its_title_says_in_the_stage_of_its_table(setting):
 
 def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
     free = {"beta_m2", "threshold_m", "gate"}
+    centred = {"asymmetric-centred"}
     by_name = {s.name: s for s in stages.SETTINGS}
     alternatives = [s for s in stages.SETTINGS if s.table == "alternative"]
     assert alternatives
@@ -108,9 +109,11 @@ def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
         assert setting.stage == original.stage
         made, like = setting.scenario, original.scenario
         kept = like.navigation.model_copy(update={key: getattr(made.navigation, key) for key in free})
-        assert made == like.model_copy(update={"navigation": kept})
+        heard = like.acoustics.model_copy(update={"range_error_centred": setting.name in centred})
+        assert made == like.model_copy(update={"navigation": kept, "acoustics": heard})
     fixed = [s.scenario.navigation for s in stages.SETTINGS if s.table != "alternative"]
     assert {(told.beta_m2, told.threshold_m, told.gate) for told in fixed} == {(0.1, 0.1, "v-max")}
+    assert not any(s.scenario.acoustics.range_error_centred for s in stages.SETTINGS if s.table != "alternative")
 
 
 def test_scenarios_carry_the_setting():

@@ -54,12 +54,13 @@ def test_instruments_err_as_much_as_the_scenario_says_and_each_on_its_own() -> N
     assert np.abs([np.corrcoef(a, b)[0, 1] for a, b in zip(found.T, other.T, strict=True)]).max() < 5 / np.sqrt(n)
 
 
+@pytest.mark.parametrize("centre", [0.0, 0.5])
 @pytest.mark.parametrize("used", [2, 3])
-def test_each_range_has_the_error_of_its_own_ping(used: int) -> None:
+def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> None:
     """Equation 28 written out, with a τ of its own for each transmitter and the draws of step, run and follower."""
     taus, (mean, sigma), seed, run = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5
     senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
-    senses = senses._replace(range_tau=taus, range_scale=(mean, sigma), transmitters=used)
+    senses = senses._replace(range_tau=taus, range_centre=centre, range_scale=(mean, sigma), transmitters=used)
     transmitters = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
     hydrophones = np.full((2, 3), [0.0, 0.0, 0.1])
     # the leader heads east, the second follower north
@@ -77,7 +78,7 @@ def test_each_range_has_the_error_of_its_own_ping(used: int) -> None:
         drawn = uniforms(seed, run, Stream.RANGE_UNIFORM.number(1), [k])[0]
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(1), [k])[0, 0]
         far = np.array([true[:used].max()] * 2 + [true.max()])
-        assert found == pytest.approx(true + taus * drawn[:3] + psi * true / far, abs=1e-9)
+        assert found == pytest.approx(true + taus * (drawn[:3] - centre) + psi * true / far, abs=1e-9)
 
 
 def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches() -> None:

@@ -59,7 +59,8 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
     )  # fmt: skip
     acoustics = Acoustics(
         range_tau_m=(0.01, 0.02, 0.03), range_scale_mean_m=0.04, range_scale_sigma_m=0.05, surface_echo_chance=0.06,
-        bottom_echo_chance=0.07, loss_chance=0.08, burst_chance=0.09, burst_mean_messages=4.0, burst_loss_chance=0.91,
+        bottom_echo_chance=0.07, range_error_centred=True,
+        loss_chance=0.08, burst_chance=0.09, burst_mean_messages=4.0, burst_loss_chance=0.91,
     )  # fmt: skip
     errors = errors_of(synthetic.make_scenario().model_copy(update={"sensors": sensors, "acoustics": acoustics}))
     expected = {
@@ -67,7 +68,7 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
         "depth_sigma": 0.15, "leader_heading_bias": np.deg2rad(1.6), "leader_heading_sigma": np.deg2rad(1.7),
         "leader_depth_sigma": 0.18, "leader_pitch_sigma": np.deg2rad(1.9), "leader_roll_sigma": np.deg2rad(1.9),
         "leader_attitude_time": 0.0, "leader_attitude_offset_sigma": np.deg2rad(2.1), "range_tau": (0.01, 0.02, 0.03),
-        "range_scale_mean": 0.04, "range_scale_sigma": 0.05, "echo_chance": (0.06, 0.07),
+        "range_centre": 0.5, "range_scale_mean": 0.04, "range_scale_sigma": 0.05, "echo_chance": (0.06, 0.07),
         "channel": (0.08, 0.09, 4.0, 0.91),
     }  # fmt: skip
     for name, value in expected.items():

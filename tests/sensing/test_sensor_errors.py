@@ -77,10 +77,12 @@ def test_own_sensors_follow_equations_26_and_27(truth: MissionTruth) -> None:
     assert measured.depth == pytest.approx(truth.depth + 0.3 * n[:, 0], abs=1e-14)
 
 
+@pytest.mark.parametrize("centre", [0.0, 0.5])
 @pytest.mark.parametrize("transmitters", [2, 3])
-def test_ranges_follow_equation_28(truth: MissionTruth, transmitters: int) -> None:
+def test_ranges_follow_equation_28(truth: MissionTruth, transmitters: int, centre: float) -> None:
     """The longest range is that of the transmitters in use; the middle one counts with LAISN-3 alone."""
-    errors = SensorErrors(range_tau=(0.01, 0.03, 0.06), range_scale_mean=0.3, range_scale_sigma=0.05)
+    widths = (0.01, 0.03, 0.06)
+    errors = SensorErrors(range_tau=widths, range_centre=centre, range_scale_mean=0.3, range_scale_sigma=0.05)
     measured = measure(truth, errors, seed=SEED, run=RUN, follower=1, transmitters=transmitters)
     u = uniforms(SEED, RUN, Stream.RANGE_UNIFORM.number(1), truth.message_step)[:, :3]
     psi = 0.3 + 0.05 * normals(SEED, RUN, Stream.RANGE_SCALE.number(1), truth.message_step)[:, :1]
@@ -88,7 +90,7 @@ def test_ranges_follow_equation_28(truth: MissionTruth, transmitters: int) -> No
     if transmitters == 2:
         longest[:, :2] = np.nanmax(truth.slant_range[:, :2], axis=1, keepdims=True)
         assert np.any(longest[:, 0] < longest[:, 2])
-    expected = truth.slant_range + np.array([0.01, 0.03, 0.06]) * u + psi * truth.slant_range / longest
+    expected = truth.slant_range + np.array([0.01, 0.03, 0.06]) * (u - centre) + psi * truth.slant_range / longest
     assert measured.ranges == pytest.approx(expected, abs=1e-13, nan_ok=True)
 
 
