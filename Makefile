@@ -25,7 +25,7 @@ fuzz: $(VENV)/.dev  ## search for counterexamples to the property tests with fre
 	$(BIN)/python -m pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile fuzz $(PYTEST_ARGS)
 
 # A mutant takes some ten seconds, all of them days.
-mutants: $(VENV)/.mutants  ## see whether tests notice faults; MUTANTS=60 draws 60 of each package, MUTANTS_ARGS="FILE --seed 2"
+mutants: $(VENV)/.mutants  ## mutation tests; MUTANTS=60 draws 60 of each package, MUTANTS_ARGS="FILE --seed 2"
 	$(BIN)/python -m tools.mutants $(if $(MUTANTS),--count $(MUTANTS)) $(MUTANTS_ARGS)
 
 check: $(VENV)/.dev  ## lint, formatting, types; numbers in README and docs

@@ -1,4 +1,4 @@
-"""Which tests cover which source: told by what they import, and by folders, which tests have as sources have them."""
+"""The tests that cover a source, chosen by their imports and by folders, which tests share with sources."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -11,12 +11,12 @@ SOURCES = (*import_graph.PACKAGES, "tools")
 """Packages whose sources are changed."""
 
 
-def named(test: Path) -> Iterator[str]:
-    """Names that a test imports, and those that files shared by tests, or the Python face, import in its place."""
+def names_imported_by(test: Path) -> Iterator[str]:
+    """Names that a test imports, and those imported by modules that tests share and by `laisn_sim`."""
     for name in set(import_graph.named(test, "tests")):
         shared = ROOT / f"{name.rpartition('.')[0].replace('.', '/')}.py"
         if name.startswith("tests.") and shared.is_file():
-            yield from named(shared)
+            yield from names_imported_by(shared)
         if name == "laisn_sim":
             yield from import_graph.named(ROOT / "laisn_sim" / "__init__.py", name)
         yield name
@@ -24,10 +24,10 @@ def named(test: Path) -> Iterator[str]:
 
 @cache
 def distances() -> dict[str, dict[str, int]]:
-    """Modules that each test file can reach, with the number of imports on the way."""
+    """Modules that each test file reaches, with the number of imports on the shortest path."""
     imports, found = import_graph.imports(packages=SOURCES), {}
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
-        names = set(named(path))
+        names = set(names_imported_by(path))
         front = {name if name in imports else name.rpartition(".")[0] for name in names} & imports.keys()
         reached: dict[str, int] = {}
         distance = 1
@@ -42,8 +42,8 @@ def distances() -> dict[str, dict[str, int]]:
 def covering(file: str) -> list[str]:
     """The test files that cover a source, the one of its name and the nearest first.
 
-    They are those of its own folder, or else of its room, that import it themselves or by one module more than the
-    nearest of them does; where there are none, those of any room that are as near as any.
+    They are those of its own folder, or else of its package, that import it themselves or by one module more than the
+    nearest of them does; where there are none, those of any folder that are as near as any.
     """
     module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     homes = Path(file).parent.name, import_graph.package_of(module).rpartition(".")[2]
