@@ -6,8 +6,8 @@ belong to `laisn`, of which this package knows no more than its words; a `Swarm`
 tick together (`experiments.flight.swarm`), all in compiled code. Noise is addressed by step, so that navigating on the
 finished mission gives the estimates that steered it.
 
-A follower keeps a station or a route. On a station it has nothing but readings, messages and beliefs; on a route it
-takes its belief for its position, while its autopilot knows heading, depth, speed and current without error.
+A follower keeps a station or a route. On either, guidance and autopilot have nothing but readings, messages and
+estimates: position, heading, speed, depth and current are those that the follower measures or estimates itself.
 """
 
 from typing import NamedTuple
@@ -21,6 +21,8 @@ from sim.control.autopilot import control, feel
 from sim.control.avoidance import Avoidance
 from sim.control.follower import (
     BELIEFS,
+    BELIEVED_CURRENT_EAST,
+    BELIEVED_CURRENT_NORTH,
     BELIEVED_EAST,
     BELIEVED_NORTH,
     FOLLOWER_MEMORY,
@@ -33,8 +35,18 @@ from sim.control.follower import (
     embark,
     keep_station,
     listen,
+    measured_motion,
 )
-from sim.control.guidance import CURRENT_EAST, CURRENT_NORTH, CURRENT_TIME, EAST, NORTH, begin
+from sim.control.guidance import (
+    CURRENT_EAST,
+    CURRENT_NORTH,
+    EAST,
+    NORTH,
+    begin,
+    integrate_offset,
+    steer,
+    track_current,
+)
 from sim.control.station import Frame
 from sim.control.trail import TRAIL
 from sim.fleet import QUATERNION, TICK, VELOCITY, WATER, Steering, steer_along_route
@@ -61,6 +73,8 @@ class Aboard(NamedTuple):
     lookout: Lookout
     kinds: Ints
     """ROUTE … STATION of each follower, shape (f,)."""
+    estimates_current: bool
+    """Whether the navigators estimate a current."""
     stations: Floats
     """Columns BEHIND, PORT, STATION_DEPTH, shape (f, 3), [m]."""
     sites: tuple[Floats, Floats, Floats]
@@ -147,24 +161,24 @@ def aboard(scenario: Scenario, plant: Plant, steering: Steering) -> Aboard:
     f, n = len(scenario.followers), steering[0].shape[0]
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
-    memory, water = np.zeros((f, FOLLOWER_MEMORY)), plant.water_velocity()
+    memory, navigation = np.zeros((f, FOLLOWER_MEMORY)), scenario.navigation
     kinds, stations = np.zeros(f, dtype=np.int64), np.zeros((f, 3))
     trails = np.zeros((f, n // scenario.message_every + 2, TRAIL))
     counts = np.zeros((f, 1), dtype=np.int64)
-    leader = feel(plant.pose[0], plant.twist[0], water[0])
+    leader = feel(plant.pose[0], plant.twist[0], plant.water_velocity()[0])
     start = np.array([0.0, *plant.pose[0, :2], leader.heading, leader.surge])
     for i, follower in enumerate(scenario.followers):
         kinds[i] = _kind(follower.station is not None, follower.believes)
         if follower.station:
             place = follower.station
             stations[i] = place.behind_m, place.port_m, place.depth_m
-        felt = feel(plant.pose[i + 1], plant.twist[i + 1], water[i + 1])
-        embark((felt.heading, felt.surge, felt.depth), start, trails[i], counts[i], memory[i])
+        embark(start, trails[i], counts[i], memory[i])
     return Aboard(
         law=law_of(scenario.formation),
         senses=senses_of(scenario),
         lookout=lookout_of(scenario),
         kinds=kinds,
+        estimates_current=navigation.variant == "tight" and navigation.assume.current,
         stations=stations,
         sites=(
             np.array([offset[f"leader/tx_{which}"] for which in ("rear", "front", "middle")]),
@@ -239,8 +253,7 @@ def _told_the_truth(row: Floats, hydrophone: Floats, guided: Floats, reading: Fl
     felt = feel(pose, twist, water)
     reading[0], reading[1], reading[2] = forward_speed(pose, twist, water), felt.heading, felt.depth
     reading[3], reading[4], reading[5] = felt.pitch, felt.turning, felt.pitching
-    guided[CURRENT_EAST] += (water[0] - guided[CURRENT_EAST]) * TICK / CURRENT_TIME
-    guided[CURRENT_NORTH] += (water[1] - guided[CURRENT_NORTH]) * TICK / CURRENT_TIME
+    track_current((water[0], water[1]), TICK, guided)
     belief[:] = 0.0
     belief[0], belief[1], _ = site(pose, hydrophone)
     belief[4], belief[5] = guided[CURRENT_EAST], guided[CURRENT_NORTH]
@@ -256,28 +269,47 @@ def _believed_place(k: int, f: int, a: Aboard) -> Floats:
 
 
 @compiled
+def _follow_route(k: int, f: int, a: Aboard) -> None:
+    """Find the command of a follower that keeps to its route by its own readings and estimates."""
+    wanted, autopilots, memory, command = a.steering
+    i, belief = f + 1, a.beliefs[f]
+    reference, guided = wanted[k, i], memory[0][i]
+    felt = measured_motion(a.readings[f], belief, TICK, a.memory[f])
+    if k == 0:
+        begin(reference, felt.heading, felt.surge, (0.0, 0.0), guided)
+    place = _believed_place(k, f, a)
+    if a.estimates_current:
+        track_current((belief[BELIEVED_CURRENT_EAST], belief[BELIEVED_CURRENT_NORTH]), TICK, guided)
+    else:
+        integrate_offset(reference, place, TICK, guided)
+    steered = steer(reference, place, TICK, guided)
+    control(autopilots[i], steered, reference, felt, TICK, memory[1][i], command[i])
+
+
+@compiled
 def guide(k: int, row: Floats, a: Aboard) -> None:
     """Find the commands of all vehicles that hold from instant k until k + 1.
 
     Args:
         k: instant.
-        row: recorded truth, shape (v, COLUMNS).
+        row: recorded truth, shape (v, COLUMNS), of which only the leader and who steers by the truth is read.
         a: memories and commands are brought forward; beliefs are written down.
     """
-    wanted, autopilots, memory, command = a.steering
-    if k == 0:
-        for i in range(row.shape[0]):
-            begin(wanted[0, i], row[i, POSE], row[i, TWIST], row[i, WATER], memory[0][i])
-    steer_along_route(k, row, 0, row[0, 0:2], a.steering)
+    _, autopilots, memory, command = a.steering
+    steer_along_route(k, row, 0, a.steering)
     for f in range(a.kinds.size):
         i = f + 1
         a.history[k, f] = a.beliefs[f]
-        if a.kinds[f] <= ROUTE_BY_BELIEF:
-            where = _believed_place(k, f, a) if a.kinds[f] == ROUTE_BY_BELIEF else row[i, 0:2]
-            steer_along_route(k, row, i, where, a.steering)
+        if a.kinds[f] == ROUTE:
+            steer_along_route(k, row, i, a.steering)
+            continue
+        if a.kinds[f] == ROUTE_BY_BELIEF:
+            _follow_route(k, f, a)
             continue
         reading, belief = a.readings[f], a.beliefs[f]
         if a.kinds[f] == STATION_BY_TRUTH:
+            if k == 0:
+                memory[0][i, CURRENT_EAST], memory[0][i, CURRENT_NORTH] = row[i, WATER][0], row[i, WATER][1]
             _told_the_truth(row[i], a.sites[1][f], memory[0][i], reading, belief)
         steering = keep_station(
             a.law,

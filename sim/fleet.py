@@ -10,7 +10,7 @@ from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from sim.contact import Ending
 from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, feel
-from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer
+from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer, track_current
 from sim.scenario.point_motion import Limits
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S
@@ -61,30 +61,31 @@ def note(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Flo
 
 
 @compiled
-def steer_along_route(k: int, row: Floats, i: int, where: Floats, steering: Steering) -> None:
-    """Find the command of vehicle i that holds from the recorded instant k until k + 1.
+def steer_along_route(k: int, row: Floats, i: int, steering: Steering) -> None:
+    """Find the command of vehicle i, by its true motion, that holds from the recorded instant k until k + 1.
 
     Args:
         k: instant.
         row: recorded truth, shape (v, COLUMNS).
         i: vehicle.
-        where: it takes itself to be: east, north (more is not read) [m].
-        steering: memory is brought forward, which `begin` has set up; command is written down.
+        steering: memory is brought forward, set up at k = 0; command is written down.
     """
     wanted, autopilots, memory, command = steering
-    pose, twist, around = row[i, 0:7], row[i, 7:13], row[i, WATER]
-    steered = steer(wanted[k, i], where, around, TICK, memory[0][i])
-    felt = feel(pose, twist, around)
-    control(autopilots[i], steered, wanted[k, i], felt, TICK, memory[1][i], command[i])
+    reference, guided = wanted[k, i], memory[0][i]
+    felt = feel(row[i, 0:7], row[i, 7:13], row[i, WATER])
+    current = row[i, WATER][0], row[i, WATER][1]
+    if k == 0:
+        begin(reference, felt.heading, felt.surge, current, guided)
+    track_current(current, TICK, guided)
+    steered = steer(reference, row[i, 0:2], TICK, guided)
+    control(autopilots[i], steered, reference, felt, TICK, memory[1][i], command[i])
 
 
 @compiled
 def steer_along_routes(k: int, row: Floats, steering: Steering) -> None:
     """Find the commands of all vehicles, which know where they are; memory is set up at k = 0."""
     for i in range(row.shape[0]):
-        if k == 0:
-            begin(steering[0][k, i], row[i, 0:7], row[i, 7:13], row[i, WATER], steering[2][0][i])
-        steer_along_route(k, row, i, row[i, 0:2], steering)
+        steer_along_route(k, row, i, steering)
 
 
 @compiled

@@ -176,7 +176,7 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
     trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 5.0, 12.0])
     reading, belief, reference = np.zeros(READINGS), np.zeros(BELIEFS), np.zeros(8)
     reading[:3], belief[:4] = (1.2, 0.1, 12.0), (-5.0, -20.0, 0.2, 0.1)
-    embark((0.0, 1.0, 12.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
+    embark(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 31):
         listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
         for tenth in range(10):
@@ -201,7 +201,7 @@ def quiet_for(seconds: float, formation: Formation) -> tuple[Floats, Floats]:
     trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 0.0, 12.0])
     reading, belief, reference, rows = np.zeros(READINGS), np.zeros(BELIEFS), np.zeros(8), []
     reading[:3] = 1.0, 0.0, 12.0
-    embark((0.0, 1.0, 12.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
+    embark(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 21):
         listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
     for k in range(round(10 * seconds)):

@@ -128,22 +128,19 @@ def listen(
 
 
 @compiled
-def embark(own: tuple[float, float, float], leader: Floats, trail: Floats, count: Ints, memory: Floats) -> None:
-    """Set up what a follower remembers at its start.
+def embark(leader: Floats, trail: Floats, count: Ints, memory: Floats) -> None:
+    """Set up what a follower remembers at its start; of its own motion its first readings tell it.
 
     Args:
-        own: heading [rad], speed through the water [m/s] and depth [m] at the start.
         leader: where the leader starts, columns of a message.
         trail: of the leader, empty; begun.
         count: points of it, shape (1,).
         memory: brought forward, shape (FOLLOWER_MEMORY,).
     """
-    heading, speed, depth = own
     memory[:] = 0.0
     memory[FRAME] = memory[KEPT_FRAME] = leader[HEARD_HEADING]
     said = leader[HEARD_SPEED], leader[HEARD_HEADING]
     extend(trail, count, leader[HEARD_EAST], leader[HEARD_NORTH], leader[HEARD_TIME], said)
-    memory[HEADING_WANTED], memory[SPEED_WANTED], memory[DEPTH_WANTED] = heading, speed, depth
     memory[LOG_PASSED], memory[COMPASS_PASSED] = np.nan, np.nan
 
 
@@ -162,8 +159,15 @@ def beware(avoidance: Avoidance, seen: Floats, belief: Floats, memory: Floats) -
 
 
 @compiled
-def _feel(reading: Floats, belief: Floats, dt: float, memory: Floats) -> Felt:
-    """Own motion by smoothed readings, less their believed biases."""
+def measured_motion(reading: Floats, belief: Floats, dt: float, memory: Floats) -> Felt:
+    """Own motion by smoothed readings, less their estimated biases.
+
+    Args:
+        reading: columns LOG … PITCHING.
+        belief: columns LOG_BIAS and COMPASS_BIAS are read.
+        dt: since the last call [s].
+        memory: columns LOG_PASSED and COMPASS_PASSED are brought forward; NaN before the first reading.
+    """
     if memory[LOG_PASSED] != memory[LOG_PASSED]:
         memory[LOG_PASSED], memory[COMPASS_PASSED] = reading[LOG], reading[COMPASS]
     memory[LOG_PASSED] += (reading[LOG] - memory[LOG_PASSED]) * dt / _LOG_TIME
@@ -244,7 +248,10 @@ def keep_station(
         reference: out: of the autopilot, columns TURNING … SINKING, shape (8,).
     """
     (reading, belief), (trail, count), (now, dt) = senses, known, clock
-    felt = _feel(reading, belief, dt, memory)
+    starts = memory[LOG_PASSED] != memory[LOG_PASSED]
+    felt = measured_motion(reading, belief, dt, memory)
+    if starts:
+        memory[HEADING_WANTED], memory[SPEED_WANTED], memory[DEPTH_WANTED] = felt.heading, felt.surge, felt.depth
     quiet, depth = law.silence, station[STATION_DEPTH]
     heading, speed = memory[HEADING_WANTED], memory[SPEED_WANTED]
     silent = now - trail[count - 1, TIME]

@@ -9,8 +9,9 @@ course and speed, and takes the current off:
     speed    in proportion to the along-track error, within a bound
 
 The velocity over ground that follows, less the current, is the velocity through the water: its direction is the
-heading (the vehicle crabs), its size the speed. The current is the water's velocity as a Doppler log with bottom and
-water track measures it, low-passed, so that waves do not steer.
+heading (the vehicle crabs), its size the speed. The current is the true one or the one that a navigator estimates,
+low-passed, so that waves do not steer (`track_current`). For a vehicle whose navigator estimates none, it is the
+integral of the offset from the reference (`integrate_offset`).
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +22,6 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.geometry import signed_angle
 from sim.control.allocation import clip
-from sim.geometry.vectors import rotation, transposed
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Limits, plan
 from sim.scenario.routes import Route
 
@@ -46,6 +46,13 @@ CATCH_UP = 0.3
 """The speed correction is at most this share of the reference speed."""
 CURRENT_TIME = 10.0
 """Time constant of the current's low-pass [s]; longer than a wave's period."""
+OFFSET_GAIN = 1.0 / 400.0
+"""Change of the integrated current per offset [1/s²]: with the proportional part, poles at 1/40 and 1/10 per second
+along the track, at 1/100 and 1/4 across."""
+OFFSET_MOST = 2.0
+"""Offset along an axis that is integrated at most [m] …"""
+INTEGRAL_MOST = 1.0
+"""… and the current along an axis that comes of it at most [m/s]."""
 SPEED_LEAST = 0.1
 """Least speed through the water; slower, a hull has no heading to keep [m/s]."""
 
@@ -116,32 +123,59 @@ def reference(
 
 
 @compiled
-def begin(reference: Floats, pose: Floats, twist: Floats, water: Floats, memory: Floats) -> None:
+def begin(reference: Floats, heading: float, speed: float, current: tuple[float, float], memory: Floats) -> None:
     """Set up what guidance remembers of a vehicle at its start.
 
     Args:
         reference: of this instant, columns EAST … SINKING, shape (8,).
-        pose: position and quaternion, shape (7,).
-        twist: velocity in the world (more is not read) [m/s].
-        water: velocity of the water about the vehicle: east, north (more is not read) [m/s].
+        heading: of the vehicle [rad].
+        speed: through the water, along the hull [m/s].
+        current: east and north; zero where it is not known [m/s].
         memory: columns HEADING_COMMAND … CURRENT_NORTH, shape (4,).
     """
-    east, north, _ = transposed(rotation(pose[3:7]))[0]
-    memory[HEADING_COMMAND] = reference[COURSE] + signed_angle(np.arctan2(east, north) - reference[COURSE])
-    memory[SPEED_COMMAND] = max(east * (twist[0] - water[0]) + north * (twist[1] - water[1]), SPEED_LEAST)
-    memory[CURRENT_EAST], memory[CURRENT_NORTH] = water[0], water[1]
+    memory[HEADING_COMMAND] = reference[COURSE] + signed_angle(heading - reference[COURSE])
+    memory[SPEED_COMMAND] = max(speed, SPEED_LEAST)
+    memory[CURRENT_EAST], memory[CURRENT_NORTH] = current
 
 
 @compiled
-def steer(reference: Floats, position: Floats, water: Floats, dt: float, memory: Floats) -> tuple[float, float, float]:
+def track_current(current: tuple[float, float], dt: float, memory: Floats) -> None:
+    """Follow a current, true or estimated, by a low-pass.
+
+    Args:
+        current: east and north [m/s].
+        dt: since the last call [s].
+        memory: columns CURRENT_EAST and CURRENT_NORTH are brought forward.
+    """
+    memory[CURRENT_EAST] += (current[0] - memory[CURRENT_EAST]) * dt / CURRENT_TIME
+    memory[CURRENT_NORTH] += (current[1] - memory[CURRENT_NORTH]) * dt / CURRENT_TIME
+
+
+@compiled
+def integrate_offset(reference: Floats, position: Floats, dt: float, memory: Floats) -> None:
+    """Take what keeps a vehicle off its reference for a current: integral action, for who cannot estimate one.
+
+    Args:
+        reference: of this instant, columns EAST and NORTH are read [m].
+        position: where the vehicle takes itself to be: east, north (more is not read) [m].
+        dt: since the last call [s].
+        memory: columns CURRENT_EAST and CURRENT_NORTH are brought forward.
+    """
+    for i in range(2):
+        offset = clip(position[i] - reference[EAST + i], -OFFSET_MOST, OFFSET_MOST)
+        integral = memory[CURRENT_EAST + i] + OFFSET_GAIN * offset * dt
+        memory[CURRENT_EAST + i] = clip(integral, -INTEGRAL_MOST, INTEGRAL_MOST)
+
+
+@compiled
+def steer(reference: Floats, position: Floats, dt: float, memory: Floats) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 
     Args:
         reference: of this instant, columns EAST … SINKING, shape (8,).
         position: where the vehicle takes itself to be: east, north (more is not read) [m].
-        water: velocity of the water about the vehicle, in the world: east, north (more is not read) [m/s].
         dt: since the last call [s].
-        memory: columns HEADING_COMMAND … CURRENT_NORTH; brought forward, shape (4,).
+        memory: columns HEADING_COMMAND and SPEED_COMMAND are brought forward, the current is read, shape (4,).
 
     Returns:
         heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; speed through the water,
@@ -156,8 +190,6 @@ def steer(reference: Floats, position: Floats, water: Floats, dt: float, memory:
     bound = CATCH_UP * reference[SPEED]
     speed = reference[SPEED] + clip(along / ALONG_TRACK_TIME, -bound, bound)
 
-    memory[CURRENT_EAST] += (water[0] - memory[CURRENT_EAST]) * dt / CURRENT_TIME
-    memory[CURRENT_NORTH] += (water[1] - memory[CURRENT_NORTH]) * dt / CURRENT_TIME
     through_east = speed * np.sin(course) - memory[CURRENT_EAST]
     through_north = speed * np.cos(course) - memory[CURRENT_NORTH]
 

@@ -58,10 +58,10 @@ def own_motion(trajectory: Trajectory, follower: int = 0) -> Floats:
 
 
 def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
-    """Initial position and velocity of a follower's hydrophone: x, y [m] and velocity [m/s], shape (4,)."""
+    """Initial position of a follower's hydrophone [m], and its velocity through the water [m/s], shape (4,)."""
     v, name = follower + 1, trajectory.names[follower + 1]
     hydrophone = trajectory.site_path(f"{name}/hydrophone")[0]
-    return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2]])
+    return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2] - trajectory.water_velocity[0, v, :2]])
 
 
 def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> MissionTruth:

@@ -18,7 +18,7 @@ class MissionTruth:
     dt: float
     """Filter step Δt [s]."""
     start: Floats
-    """State of the hydrophone at step 0: x, y [m] and velocity [m/s], shape (4,)."""
+    """State of the hydrophone at step 0: x, y [m] and velocity through the water [m/s], shape (4,)."""
     speed: Floats
     """Speed of the follower through the water, along its hull, shape (n,), [m/s]."""
     heading: Floats

@@ -27,7 +27,7 @@ class Deck:
         self.station, self.reference = np.array([20.0, 0.0, 12.0]), np.zeros(8)
         self.reading, self.belief = np.zeros(follower.READINGS), np.zeros(follower.BELIEFS)
         self.reading[:3], self.belief[:2] = (1.0, 0.0, 12.0), (aside, 10.0)
-        embark((0.0, 1.0, 12.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
+        embark(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
         for second in range(1, 31):
             said = np.array([second, 0.0, second, 0.0, 1.0])
             self.listen(said, second)

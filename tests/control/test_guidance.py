@@ -16,25 +16,23 @@ NORTHBOUND = Route.timed("north", [[0, 0, 0], [2000, 0, 2000]], 5.0)
 CORNER = Route.timed("corner", [[0, 0, 0], [200, 0, 200], [400, 200, 200]], 5.0)
 
 
-def level(heading: float) -> np.ndarray:
-    """Quaternion of a level hull."""
-    half = (np.pi / 2 - heading) / 2
-    return np.array([np.cos(half), 0, 0, np.sin(half)])
-
-
-def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0):
-    """Positions, headings and speeds of a point that turns and speeds up as commanded."""
+def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, tells=True):
+    """Positions, headings and speeds of a point that turns and speeds up as commanded; it knows its water or not."""
     table = guidance.reference([route], np.arange(0, duration, DT))[:, 0]
-    water = np.array([*water, 0.0])
     position = table[0, [EAST, NORTH]] + np.array(offset)
-    velocity = table[0, SPEED] * np.array([np.sin(heading), np.cos(heading)])
+    velocity = table[0, SPEED] * np.array([np.sin(heading), np.cos(heading)]) - np.array(water)
+    along = float(velocity @ [np.sin(heading), np.cos(heading)])
     memory = np.zeros(guidance.GUIDANCE_MEMORY)
-    guidance.begin(table[0], np.array([*position, -5.0, *level(heading)]), np.array([*velocity, 0.0]), water, memory)
+    guidance.begin(table[0], heading, along, water if tells else (0.0, 0.0), memory)
     rows = []
     for row in table:
-        psi, rate, speed = guidance.steer(row, position, water, DT, memory)
+        if tells:
+            guidance.track_current(water, DT, memory)
+        else:
+            guidance.integrate_offset(row, position, DT, memory)
+        psi, rate, speed = guidance.steer(row, position, DT, memory)
         rows.append((*position, psi, rate, speed))
-        position = position + DT * (speed * np.array([np.sin(psi), np.cos(psi)]) + water[:2])
+        position = position + DT * (speed * np.array([np.sin(psi), np.cos(psi)]) + np.array(water))
     return table, np.array(rows)
 
 
@@ -52,7 +50,7 @@ def test_a_reference_holds_motion_and_depth():
 def test_on_the_path_nothing_is_corrected():
     table = guidance.reference([CORNER], np.arange(0, 300, DT))[:, 0]
     memory = np.array([table[0, COURSE], table[0, SPEED], 0.0, 0.0])
-    commands = np.array([guidance.steer(row, row[[EAST, NORTH]], np.zeros(2), DT, memory) for row in table])
+    commands = np.array([guidance.steer(row, row[[EAST, NORTH]], DT, memory) for row in table])
     assert commands[:, 0] == pytest.approx(table[:, COURSE], abs=1e-9)
     assert commands[:, 2] == pytest.approx(table[:, SPEED], abs=1e-9)
 
@@ -72,9 +70,11 @@ def test_an_along_track_error_is_caught_up():
     assert flown[:, 4].max() <= 1.0 + 0.3
 
 
+@pytest.mark.parametrize(("tells", "duration"), [(True, 120.0), (False, 600.0)])
 @pytest.mark.parametrize("water", [(0.5, 0.0), (-0.3, 0.4), (0.0, -0.6)])
-def test_the_vehicle_crabs_against_a_current(water):
-    _, flown = follow(NORTHBOUND, 120.0, water=water)
+def test_the_vehicle_crabs_against_a_current(water, tells, duration):
+    """By a current that it is told, or by the integral of its offset."""
+    _, flown = follow(NORTHBOUND, duration, water=water, tells=tells)
     # what is left of 1 m/s north over ground without the current
     through = np.array([0.0, 1.0]) - water
     psi, speed = flown[-1, 2], flown[-1, 4]
@@ -83,11 +83,20 @@ def test_the_vehicle_crabs_against_a_current(water):
     assert abs(flown[-1, 0]) < 0.01
 
 
+def test_an_offset_becomes_a_current_within_bounds():
+    """Held 1 m to the east it makes 1/400 m/s of it each second; 5 m count as 2 m, and it ends at 1 m/s."""
+    row = guidance.reference([NORTHBOUND], np.zeros(1))[0, 0]
+    for offset, seconds, expected in ((1.0, 10.0, 0.025), (5.0, 10.0, 0.05), (-5.0, 500.0, -1.0)):
+        memory = np.zeros(guidance.GUIDANCE_MEMORY)
+        for _ in range(round(seconds / DT)):
+            guidance.integrate_offset(row, np.array([offset, 0.0]), DT, memory)
+        assert memory == pytest.approx([0.0, 0.0, expected, 0.0])
+
+
 def test_the_current_is_low_passed():
     memory = np.zeros(guidance.GUIDANCE_MEMORY)
-    row = guidance.reference([NORTHBOUND], np.zeros(1))[0, 0]
     for _ in range(round(10.0 / 0.001)):
-        guidance.steer(row, np.zeros(3), np.array([1.0, 0.0, 0.0]), 0.001, memory)
+        guidance.track_current((1.0, 0.0), 0.001, memory)
     assert memory[guidance.CURRENT_EAST] == pytest.approx(1 - np.exp(-1), abs=1e-3)
 
 
@@ -101,7 +110,7 @@ def test_the_current_is_low_passed():
 def test_commands_change_no_faster_than_the_vehicle_may(position, water, time, heading, speed):
     row = guidance.reference([routes.library_route("T8")], np.array([time]))[0, 0]
     memory = np.array([heading, speed, *water])
-    psi, rate, wanted = guidance.steer(row, np.array(position), np.array(water), DT, memory)
+    psi, rate, wanted = guidance.steer(row, np.array(position), DT, memory)
     assert abs(psi - heading) <= np.deg2rad(10.0) * DT + 1e-12
     assert abs(wanted - speed) <= 0.2 * DT + 1e-12
     assert rate == pytest.approx((psi - heading) / DT)
@@ -110,9 +119,7 @@ def test_commands_change_no_faster_than_the_vehicle_may(position, water, time, h
 def test_the_start_is_taken_as_it_is():
     row = guidance.reference([CORNER], np.zeros(1))[0, 0]
     memory = np.zeros(guidance.GUIDANCE_MEMORY)
-    pose, water = np.array([0.0, 0.0, -5.0, *level(2.0)]), np.array([0.1, -0.2, 0.0])
-    velocity = 0.7 * np.array([np.sin(2.0), np.cos(2.0), 0.0]) + water
-    guidance.begin(row, pose, velocity, water, memory)
+    guidance.begin(row, 2.0, 0.7, (0.1, -0.2), memory)
     assert memory == pytest.approx([2.0, 0.7, 0.1, -0.2])
 
 
