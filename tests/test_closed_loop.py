@@ -279,6 +279,19 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
     (scenario,) = asked
     assert (scenario.run, scenario.navigation.variant, scenario.navigation.transmitters) == (3, "tight", 2)
     assert {follower.steers_by for follower in scenario.followers} == {"estimate"}
+    assert scenario.ocean.current_speed_m_s == 0.0
+
+
+def test_currents_come_from_all_directions() -> None:
+    """Fifths of the greatest one after the other; the tight navigator assumes a current."""
+    flown = [study.steering(run, "tight-3", "current") for run in range(5)]
+    assert [mission.ocean.current_speed_m_s for mission in flown] == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+    directions = np.sort([mission.ocean.current_direction_deg for mission in flown])
+    assert np.diff(directions, append=directions[0] + 360.0).max() < 140.0
+    assert all(mission.navigation.assume.current for mission in flown)
+    assert {follower.steers_by for follower in flown[0].followers} == {"estimate"}
+    told = study.steering(3, "tight-3", "truth")
+    assert (told.ocean.current_speed_m_s, told.navigation.assume.current) == (0.0, False)
 
 
 def test_the_record_counts_who_is_lost() -> None:
@@ -290,7 +303,10 @@ def test_the_record_counts_who_is_lost() -> None:
         ]
         for r in range(5)
     ]
-    found = study.findings_of({(v, by): runs for v in study.NAVIGATORS for by in ("truth", "estimate")})
+    found = study.findings_of({(v, way): runs for v in study.NAVIGATORS for way in study.WAYS})
+    # medians of 40 missions, and of the runs of the last route
+    assert (found["off current tight-2"].value, found["worst current tight-2"].value) == (35.0, 70.0)
+    assert found["lost-runs current tight-2"].value == 4
     assert found["error laisn-2 T4"].value == 2.0 + 2.0
     assert found["off laisn-3-2 T9"].value == 70.0
     assert (found["lost-runs laisn-2 T2"].value, found["lost-runs laisn-2 T3"].value) == (1, 0)

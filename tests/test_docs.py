@@ -271,7 +271,6 @@ def test_closed_loops_are_as_the_record_says() -> None:
     (measured,) = off_place_rms(flight)
     assert found["lost-runs laisn-2 T3"].value == 0
     assert measured == pytest.approx(float(found["off laisn-2 T3"].value or 0.0), rel=0.5)
-    assert measured == pytest.approx(float(found["error laisn-2 T3"].value or 0.0), rel=0.5)
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)

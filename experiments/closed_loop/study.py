@@ -34,27 +34,36 @@ NAVIGATORS: dict[str, tuple[AnyVariant, int]] = {
     "tight-3": ("tight", 3),
 }
 """Variant and number of transmitters of each."""
+WAYS = ("estimate", "truth", "current")
+"""By the estimate and by the truth in calm water, and by the estimate in a current."""
 RUNS = range(60)
+CURRENT_M_S = 0.5
+"""Greatest current: of five runs one after the other each has a fifth more, from another direction."""
+_GOLDEN_DEG = 137.508
 LOST_M = 50.0
 """A follower that ends farther than this from its place is called lost [m]."""
 
 
-def steering(run: int, navigator: str, steers_by: str) -> Scenario:
-    """Leader and a follower on each route."""
+def steering(run: int, navigator: str, way: str) -> Scenario:
+    """Leader and a follower on each route, steered in one of WAYS; in a current the tight navigator estimates it."""
     mission, (variant, transmitters) = scenario(), NAVIGATORS[navigator]
-    assume = mission.navigation.assume.model_copy(update={"transmitters": transmitters})
+    flows, steers_by = way == "current", "truth" if way == "truth" else "estimate"
+    assume = mission.navigation.assume.model_copy(update={"transmitters": transmitters, "current": flows})
+    speed = CURRENT_M_S * (1 + run % 5) / 5 if flows else 0.0
+    current = {"current_speed_m_s": speed, "current_direction_deg": run * _GOLDEN_DEG % 360}
     return mission.model_copy(
         update={
             "run": run,
+            "ocean": mission.ocean.model_copy(update=current),
             "navigation": mission.navigation.model_copy(update={"variant": variant, "assume": assume}),
             "followers": tuple(f.model_copy(update={"steers_by": steers_by}) for f in mission.followers),
         }
     )
 
 
-def measure(run: int, navigator: str, steers_by: str) -> list[Record]:
+def measure(run: int, navigator: str, way: str) -> list[Record]:
     """Mean E_P, RMS distance off its place, and that distance at the end, of each follower, [m]."""
-    mission = steering(run, navigator, steers_by)
+    mission = steering(run, navigator, way)
     trajectory, beliefs, _ = simulate_swarm(mission)
     routes, rows = routes_of(mission), []
     for i, follower in enumerate(mission.followers):
@@ -67,7 +76,7 @@ def measure(run: int, navigator: str, steers_by: str) -> list[Record]:
 
 
 def findings_of(found: Mapping[tuple[str, str], Sequence[Sequence[Record]]]) -> Findings:
-    """The record: of each navigator and way of steering the rows of all followers, run by run."""
+    """The record: of each navigator and one of WAYS the rows of all followers, run by run."""
     runs = len(next(iter(found.values())))
     named: dict[str, Finding] = {"runs": plain(runs, "runs of each route"), "lost-from": plain(LOST_M, "", "m")}
     for name in NAVIGATORS:
@@ -86,12 +95,20 @@ def findings_of(found: Mapping[tuple[str, str], Sequence[Sequence[Record]]]) -> 
         named[f"lost {name}"] = of(proportion(lost, len(ends)), "share of missions lost, 95 %")
         named[f"lost-runs {name}"] = plain(lost, "missions lost")
         named["missions"] = plain(len(ends), "missions of each navigator")
+        flown = [row for rows in found[name, "current"] for row in rows]
+        off = [median(rows[i]["off"] for rows in found[name, "current"]) for i in range(len(ROUTES))]
+        lost = sum(row["end"] > LOST_M for row in flown)
+        typical = median(row["off"] for row in flown)
+        named[f"off current {name}"] = plain(typical, "RMS off its place, in currents; median of missions", "m")
+        named[f"worst current {name}"] = plain(max(off), "the same; median of runs on the worst route", "m")
+        named[f"lost current {name}"] = of(proportion(lost, len(flown)), "share of missions lost in currents, 95 %")
+        named[f"lost-runs current {name}"] = plain(lost, "missions lost in currents")
     return record("closed-loop", COMMAND, MODULES, named)
 
 
 def run(folder: Path) -> None:
     """Fly all runs, or those that are missing, and write the record into a folder."""
-    ways = [(name, by) for name in NAVIGATORS for by in ("estimate", "truth")]
+    ways = [(name, way) for name in NAVIGATORS for way in WAYS]
     tasks = {(*way, run): partial(measure, run, *way) for way in ways for run in RUNS}
     ahead = partial(simulate_swarm, steering(0, "laisn-2", "estimate").first_messages)
     flown = campaign.fly(Design(tasks=tasks, what="fleets", ahead=ahead), folder).tasks

@@ -91,6 +91,25 @@ def closed_loop(records: Records) -> str:
     return markdown(heads, [*rows, total])
 
 
+def closed_loop_current(records: Records) -> str:
+    """Followers that steer by their own estimates in currents, navigator by navigator."""
+    found, rows = records["closed-loop"], []
+    for name, words in STEERING.items():
+        if f"off current {name}" not in found.findings:
+            continue  # newer than the record
+        off = [f"{found[f'{what} current {name}']:.2f}" for what in ("off", "worst")]
+        lost = f"{found[f'lost current {name}']:.0% i}", f"{found[f'lost-runs current {name}']:d}"
+        rows.append([words, *off, *lost])
+    heads = [
+        "in currents",
+        "off its place, RMS [m]: median mission",
+        "median run of the worst route",
+        "lost",
+        "missions",
+    ]
+    return markdown(heads, rows)
+
+
 def tracking(records: Records) -> str:
     """How closely vehicles keep to their routes."""
     found = records["route-keeping"]
@@ -226,6 +245,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "coverage": coverage,
     "closed-loop": closed_loop,
+    "closed-loop-current": closed_loop_current,
     "tracking": tracking,
     "real-ranges": real_ranges,
     "changes": changes,
