@@ -163,17 +163,36 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_number_that_is_not_the_records_is_a_fault(checkout: Path) -> None:
-    assert markers.faults() == []
+    assert markers.check() == ([], [])
     page = checkout / "page.md"
     page.write_text(page.read_text(encoding="utf-8").replace("1165696", "1165697"), encoding="utf-8")
-    assert markers.faults() == ["page.md has not the numbers of docs/results: run make figures"]
+    assert markers.check() == (["page.md has not the numbers of docs/results: run make figures"], [])
     markers.write()
-    assert markers.faults() == []
+    assert markers.check() == ([], [])
 
 
-def test_a_record_of_other_sources_is_a_fault(checkout: Path) -> None:
+def test_a_study_of_other_sources_is_an_error(checkout: Path) -> None:
+    stale = (["docs/results of dive: the sources have changed since: run make studies figures"], [])
     RECORD.write(checkout / "results" / "dive.json")
-    assert markers.faults() == ["docs/results of dive: the sources have changed since: run make studies figures"]
+    assert markers.check() == stale
+    replace(RECORD, modules=("laisn.no_such_module",)).write(checkout / "results" / "dive.json")
+    assert markers.check() == stale
+
+
+def test_a_measurement_of_other_sources_is_a_notice(checkout: Path) -> None:
+    for name in ("mutants", "benchmarks"):
+        replace(RECORD, study=name).write(checkout / "results" / f"{name}.json")
+    assert markers.check() == ([], ["notice: docs/results of benchmarks, mutants: measured before the sources changed"])
+
+
+def test_documents_print_the_version_of_a_record(checkout: Path) -> None:
+    text = markers.filled("a <!--= dive version s -->x<!--/--> b", {"dive": RECORD})
+    assert text == f"a <!--= dive version s -->{RECORD.version}<!--/--> b"
+
+
+def test_the_records_of_measurements_name_their_modules() -> None:
+    for name in markers.MEASURED:
+        assert version_of(markers.records()[name].modules)
 
 
 def record(study: str, found: Mapping[str, Finding]) -> Findings:

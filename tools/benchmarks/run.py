@@ -17,8 +17,8 @@ import numpy as np
 
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
-from experiments.campaign.version import code_version
 from experiments.findings import Finding, Findings, of, plain
+from experiments.findings import record as make_record
 from experiments.intervals import Interval
 from laisn import lane_rows as row
 from laisn import lanes
@@ -198,10 +198,7 @@ def table(rows: list[Row]) -> str:
 
 
 def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
-    """What was measured in several rounds: of each row median, least and largest, and the same of its ratio.
-
-    It names the code that it measured and does not age with it: speeds change with the machine and its other work.
-    """
+    """What was measured in several rounds: of each row median, least and largest, and the same of its ratio."""
     machine = f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, Python {platform.python_version()}"
     found = {"machine": plain(machine, "where"), "date": plain(str(date.today()), "when")}
     for name, measured in rounds.items():
@@ -218,9 +215,7 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
                 found[f"{name}: {row.name}, than {row.against}"] = _spread([r.ratio for r in rows], "", what)
             if not np.isnan(row.floor):
                 found[f"{name}: {row.name}, floor"] = _spread([r.floor for r in rows], row.unit, "of the machine")
-    return Findings(
-        study="benchmarks", command="make bench", modules=(), version=code_version(), findings=found
-    )  # fmt: skip
+    return make_record("benchmarks", "make bench BENCH_ARGS=--record", ("tools.benchmarks.run",), found)
 
 
 def _spread(values: Sequence[float], unit: str, what: str) -> Finding:

@@ -5,7 +5,8 @@ A number stands in a document between two comments, which no reader sees,
     removes <!--= asymmetry removed ahrs-0.5 laisn-2 dive .0% i -->99 % (98 to 100 %)<!--/--> of it
 
 that name the study, the finding and how it is printed (`experiments.findings.Finding.__format__`). A table stands
-between `<!-- table NAME -->` and `<!-- /table -->` on lines of their own, and is made by a function of `TABLES`.
+between `<!-- table NAME -->` and `<!-- /table -->` on lines of their own, and is made by a function of `TABLES`. The
+finding `version` of any record is the version of the sources that made it.
 """
 
 import argparse
@@ -14,13 +15,16 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from experiments.findings import Findings, read, version_of
+from experiments.findings import Findings, plain, read, version_of
 from laisn.failure import LaisnError
 from tools.documents.tables import TABLES
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORDS = ROOT / "docs" / "results"
 DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+
+MEASURED = ("benchmarks", "mutants")
+"""Records that depend on the machine or on a random draw, so that other sources do not make them wrong."""
 
 _NUMBER = re.compile(r"<!--= (\S+) ((?:\S+ )*?)((?:(?:low|high) )?[.,]?\d*[fdsg%]+(?: i)?) -->.*?<!--/-->", re.DOTALL)
 _TABLE = re.compile(r"(<!-- table (\S+) -->\n).*?(<!-- /table -->)", re.DOTALL)
@@ -46,7 +50,8 @@ def filled(text: str, found: Mapping[str, Findings], tables: Mapping[str, Callab
 
     def number(match: re.Match[str]) -> str:
         name, key, spec = match[1], match[2].strip(), match[3]
-        return f"<!--= {name} {key} {spec} -->{study(name)[key]:{spec}}<!--/-->"
+        finding = plain(study(name).version, "version") if key == "version" else study(name)[key]
+        return f"<!--= {name} {key} {spec} -->{finding:{spec}}<!--/-->"
 
     def table(match: re.Match[str]) -> str:
         if match[2] not in tables:
@@ -63,18 +68,32 @@ def filled(text: str, found: Mapping[str, Findings], tables: Mapping[str, Callab
     return _TABLE.sub(table, _NUMBER.sub(number, text))
 
 
-def faults() -> list[str]:
-    """What is wrong with documents and records: numbers that differ, and records of other sources."""
+def is_stale(record: Findings) -> bool:
+    """Whether the modules of a record have changed since it was made, or do not exist any more."""
+    try:
+        return bool(record.modules) and record.version != version_of(record.modules)
+    except FileNotFoundError:
+        return True
+
+
+def check() -> tuple[list[str], list[str]]:
+    """Errors and notices: documents that differ from the records, and records of other sources.
+
+    Returns:
+        Errors, among them stale records of studies, which can be computed again exactly; notices of stale measurements.
+    """
     found = records()
-    wrong = [
+    errors = [
         f"{path.relative_to(ROOT)} has not the numbers of docs/results: run make figures"
         for path in DOCUMENTS
         if filled(path.read_text(encoding="utf-8"), found) != path.read_text(encoding="utf-8")
     ]
-    stale = [name for name, record in found.items() if record.modules and record.version != version_of(record.modules)]
-    if stale:
-        wrong.append(f"docs/results of {', '.join(stale)}: the sources have changed since: run make studies figures")
-    return wrong
+    stale = [name for name, record in found.items() if is_stale(record)]
+    studies, measured = ([n for n in stale if (n in MEASURED) is measured] for measured in (False, True))
+    if studies:
+        errors.append(f"docs/results of {', '.join(studies)}: the sources have changed since: run make studies figures")
+    notice = f"notice: docs/results of {', '.join(measured)}: measured before the sources changed"
+    return errors, [notice] if measured else []
 
 
 def write() -> None:
@@ -85,16 +104,16 @@ def write() -> None:
 
 
 def main() -> None:
-    """Fill in the numbers of README and docs, or with --check say which are not those of the records."""
+    """Fill in the numbers of README and docs, or with --check print which differ from the records."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--check", action="store_true", help="change nothing; fail if anything would change")
     if not parser.parse_args().check:
         write()
         return
-    wrong = faults()
-    for line in wrong:
+    errors, notices = check()
+    for line in (*errors, *notices):
         print(line, file=sys.stderr)
-    sys.exit(bool(wrong))
+    sys.exit(bool(errors))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import platform
 import random
 import re
 import tempfile
-from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from datetime import date
 from pathlib import Path
@@ -20,8 +19,7 @@ from pathlib import Path
 from cosmic_ray.work_item import MutationSpec
 from scipy.stats import binomtest
 
-from experiments.campaign.version import code_version
-from experiments.findings import Finding, Findings, plain, read
+from experiments.findings import Finding, Findings, plain, read, version_of
 from tools import import_graph
 from tools.documents.markers import RECORDS
 from tools.import_graph import ROOT
@@ -58,16 +56,20 @@ def summary(package: str, tried: list[Tried], of: int) -> str:
     return f"{text}; of the others {late} timed out and {same} are equivalent to the original"
 
 
-def record(found: dict[str, tuple[list[Tried], int]], seed: int, before: Mapping[str, Finding]) -> Findings:
+def record(found: dict[str, tuple[list[Tried], int]], seed: int, before: Findings | None) -> Findings:
     """What a draw found, for the documents.
 
     Args:
         found: mutants tried of each package, and how many there are.
         seed: of the draw.
-        before: findings of the record; those of other packages are kept.
+        before: the former record; its findings of other packages are kept, and with them its version.
     """
-    findings = {name: finding for name, finding in before.items() if name.rpartition(" ")[2] not in found}
-    tried_on = f"version {code_version()}, Python {platform.python_version()}, {date.today()}"
+    files = [str(path.relative_to(ROOT)) for path in import_graph.modules(packages=SOURCES).values()]
+    sources = (file for file in sorted(files) if any(re.fullmatch(pattern, file) for pattern in PACKAGES.values()))
+    modules = tuple(file.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for file in sources)
+    version = version_of(modules)
+    kept = {n: f for n, f in before.findings.items() if n.rpartition(" ")[2] not in found} if before else {}
+    findings = dict(kept)
     for package, (tried, of) in found.items():
         equivalent = sum(bool(t.equivalent) and not t.killed for t in tried)
         killed, counted = sum(t.killed for t in tried), len(tried) - equivalent
@@ -80,12 +82,13 @@ def record(found: dict[str, tuple[list[Tried], int]], seed: int, before: Mapping
             f"drawn {package}": plain(len(tried), f"mutants tried, of {of}"),
             f"nothing {package}": plain(equivalent, "of these that are equivalent to the original"),
             f"survived {package}": plain(counted - killed, "of these that no test kills, or not in time"),
-            f"seed {package}": plain(seed, f"of the draw, from {tried_on}"),
+            f"seed {package}": plain(seed, "of the draw"),
+            f"taken {package}": plain(f"{date.today()}, version {version}", f"Python {platform.python_version()}"),
         }  # fmt: skip
-    return Findings(
-        study="mutants", command='make mutants MUTANTS=60 MUTANTS_ARGS="PACKAGE --seed SEED"', modules=(),
-        version="each package has its own", findings=findings,
-    )  # fmt: skip
+    # a record with findings of other sources stays stale
+    version = before.version if before and kept else version
+    command = 'make mutants MUTANTS=60 MUTANTS_ARGS="PACKAGE --seed SEED --record"'
+    return Findings(study="mutants", command=command, modules=modules, version=version, findings=findings)
 
 
 def main() -> None:
@@ -120,7 +123,7 @@ def main() -> None:
                 print(f"\n{summary(package, *found[package])}", flush=True)
     if given.record:
         path = RECORDS / "mutants.json"
-        record(found, given.seed, read(path).findings if path.is_file() else {}).write(path)
+        record(found, given.seed, read(path) if path.is_file() else None).write(path)
 
 
 if __name__ == "__main__":
