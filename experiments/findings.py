@@ -10,7 +10,7 @@ from pathlib import Path
 from experiments.campaign.version import version_of as version_of
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
-from laisn.whole_files import replaced
+from sim.files import atomic_write
 
 SCHEMA = 1
 """Version of the file's layout: raised when a field changes its meaning."""
@@ -113,7 +113,7 @@ class Findings:
             for name, finding in given["findings"].items()
         ]
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part:
+        with atomic_write(path) as part:
             part.write_text(head + "{\n" + ",\n".join(lines) + "\n }" + rest + "\n", encoding="utf-8")
 
 

@@ -23,7 +23,7 @@ from experiments.asymmetry.missions_page import Results
 from experiments.asymmetry.report import write_report
 from experiments.asymmetry.tau import Curves, fly_curves
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, Means
+from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import Record, columns_of, write_table
 from experiments.campaign.tasks import Task, typed
@@ -47,7 +47,7 @@ def run(
     *,
     quick: bool = False,
     film: Callable[[Example, Path], Path | None] | None = None,
-    **means: Unpack[Means],
+    **options: Unpack[ExecutionOptions],
 ) -> Path:
     """Fly the study, or what is missing of it, and write tables and report.
 
@@ -55,7 +55,7 @@ def run(
         folder: of the results; made if it is not there.
         quick: a first look: three conditions, two routes, short missions.
         film: renders the film of the example into the folder, or gives None where that cannot be done.
-        means: as of `campaign.fly`.
+        options: as of `campaign.fly`.
 
     Returns:
         The report.
@@ -74,7 +74,7 @@ def run(
         what="fleets",
         ahead=partial(_first_look, conditions[0], plan),
     )
-    flown = campaign.fly(design, folder, **means).tasks
+    flown = campaign.fly(design, folder, **options).tasks
 
     with compiling_shown():
         chart: pa.Table = measure_map(quick_grid() if quick else full_grid(), NavigationSettings(side_rule="predicted"))

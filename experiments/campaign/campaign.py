@@ -1,8 +1,8 @@
-"""Campaigns: what a study flies, computed once, on as many processes as there are, and never lost.
+"""Campaigns: a study's missions, cells and tasks, computed in parallel and stored one by one.
 
-A study is a design: cells, each a scenario with many runs of noise, and tasks, each a function whose rows are kept. A
-mission is flown once and serves all its cells; cells and tasks go to disk one by one, so that a campaign that was
-killed goes on where it stopped, and ends with the same bytes.
+A design consists of cells, each a scenario with many runs of noise, and tasks, each a function whose rows are stored. A
+mission is flown once and serves all its cells. A campaign that was killed goes on where it stopped and gives the same
+results.
 """
 
 import os
@@ -16,8 +16,8 @@ from experiments.campaign import missions
 from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
-from experiments.campaign.store import CampaignError, Record, Store
-from experiments.campaign.tasks import Task, compute_tasks, key_of
+from experiments.campaign.store import PER_RUN, CampaignError, Record, Store, still_missing
+from experiments.campaign.tasks import Task, compute_tasks, key_of, task_key
 from laisn.failure import LaisnError
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
@@ -29,11 +29,11 @@ _BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
 
 
-class Means(TypedDict, total=False):
-    """How a campaign is flown, which changes nothing of what comes out."""
+class ExecutionOptions(TypedDict, total=False):
+    """How a campaign is computed; its results do not depend on it."""
 
     workers: int | None
-    """Local processes; None: one for each core."""
+    """Local processes, at most one for each mission, cell or task; None: one for each core."""
     cluster: str | None
     """Address of a Dask scheduler (tcp://…); its workers compute instead."""
     force: bool
@@ -57,7 +57,7 @@ class Design:
     what: str = "tasks"
     """What the tasks are called while they are waited for."""
     ahead: Callable[[], object] | None = None
-    """Compiles here what each process would else compile for itself before its first task."""
+    """Compiles in this process what each worker would else compile for itself before its first task."""
 
     def __post_init__(self) -> None:
         if not self.cells and not self.tasks:
@@ -75,15 +75,23 @@ class Flown:
     failures: Mapping[Any, str]
     """What happened to missions that could not be flown, by the key of their motion, and to tasks, by their names."""
 
+    def _stored(self, key: str) -> Any:
+        found = self.store.record(key)
+        if found is None:
+            raise CampaignError(f"{self.store.folder}: result {key} vanished while the campaign ran")
+        return found
+
     def row(self, plan: CellPlan) -> Record:
         """The row of a cell under the name that this plan gives it, its facts included; CampaignError if it is gone."""
         facts = self.design.facts
-        row = self.store.read(plan.key)
-        measured = self.store.rows(key_of(facts, plan.motion)) if facts else [{}] * (plan.follower + 1)
-        if row is None or measured is None:
-            what = f"cell {plan.key} of {plan.scenario.name}"
-            raise CampaignError(f"{self.store.folder}: {what} vanished while it was computed")
-        return {"key": plan.key, "mission": plan.scenario.name} | row | measured[plan.follower]
+        row = {name: value for name, value in self._stored(plan.key).items() if not name.startswith(PER_RUN)}
+        measured = self._stored(key_of(facts, plan.motion))[plan.follower] if facts else {}
+        return {"key": plan.key, "mission": plan.scenario.name} | row | measured
+
+    def runs(self, plan: CellPlan) -> Record:
+        """The lists over runs of a cell, by their names without `PER_RUN`; CampaignError if it is gone."""
+        row = self._stored(plan.key)
+        return {name.removeprefix(PER_RUN): value for name, value in row.items() if name.startswith(PER_RUN)}
 
     @property
     def rows(self) -> list[Record]:
@@ -115,7 +123,7 @@ def missing_cells(plans: Iterable[CellPlan], store: Store) -> list[CellPlan]:
     return [
         plan
         for plan in merged.values()
-        if store.read(plan.key) is None or (plan.keep_steps and store.read_steps(plan.key) is None)
+        if store.record(plan.key) is None or (plan.keep_steps and store.arrays(plan.key) is None)
     ]
 
 
@@ -126,6 +134,12 @@ def _fly(motion: str, scenario: Scenario, facts: Facts | None) -> tuple[str, Tra
     except CampaignError as error:
         return motion, str(error).splitlines()[0], []
     return motion, trajectory, facts(scenario, trajectory) if facts else []
+
+
+def _store_flight(store: Store, scenario: Scenario, trajectory: Trajectory) -> None:
+    """Store a mission; all scenarios that share its motion give the same bytes."""
+    motion = missions.motion_of(scenario)
+    store.write_flight(missions.motion_key(scenario), missions.sited(trajectory, motion.leader))
 
 
 def fly_missions(
@@ -143,30 +157,31 @@ def fly_missions(
     Returns:
         What happened to those that cannot be flown, by the key of their motion.
     """
-    wanted = [
-        (motion, scenario, facts)
-        for motion, scenario in scenarios.items()
-        if missions.read(store.flights, scenario) is None or (facts and store.rows(key_of(facts, motion)) is None)
-    ]
+
+    def is_stored(item: tuple[str, Scenario, Facts | None]) -> bool:
+        motion, _, facts = item
+        return store.flight(motion) is not None and (facts is None or store.record(key_of(facts, motion)) is not None)
+
+    wanted = [item for item in ((*given, facts) for given in scenarios.items()) if not is_stored(item)]
     failed = {}
     with progress("missions", len(wanted), quiet=quiet) as advance:
-        for motion, flown, measured in pool.each(_fly, wanted):
+        for motion, flown, measured in pool.each(_fly, still_missing(wanted, is_stored, lambda _: advance())):
             if isinstance(flown, str):
                 failed[motion] = flown
             else:
-                missions.store(store.flights, scenarios[motion], flown)
+                _store_flight(store, scenarios[motion], flown)
                 if facts:
-                    store.write_rows(key_of(facts, motion), measured)
+                    store.write_record(key_of(facts, motion), measured)
             advance()
     return failed
 
 
 def mission(scenario: Scenario, store: Store) -> Trajectory:
     """The stored flight of a scenario's mission, its transmitters placed; it is flown if it is not there."""
-    trajectory = missions.read(store.flights, scenario)
+    trajectory = store.flight(missions.motion_key(scenario))
     if trajectory is None:
         trajectory = missions.simulate_mission(scenario)
-        missions.store(store.flights, scenario, trajectory)
+        _store_flight(store, scenario, trajectory)
     return missions.sited(trajectory, scenario.leader)
 
 
@@ -179,48 +194,58 @@ def compile_ahead(plan: CellPlan) -> None:
 
 def compute_cells(plans: Sequence[CellPlan], store: Store, pool: Pool, *, quiet: bool = False) -> None:
     """Compute cells of stored missions in parallel, and store each as it is done."""
-    tasks = ((mission(batch[0].scenario, store), batch) for batch in _batches(plans, pool.size))
     with progress("cells", len(plans), quiet=quiet) as advance:
+        missing = still_missing(
+            _batches(plans, pool.size), lambda batch: not missing_cells(batch, store), lambda batch: advance(len(batch))
+        )
+        tasks = ((mission(batch[0].scenario, store), batch) for batch in missing)
         for done in pool.each(compute, tasks):
             for key, row, steps in done:
-                store.write(key, row, steps)
+                store.write_record(key, row, steps)
                 advance()
 
 
-def fly(design: Design, folder: Path, *, tolerant: bool = False, **means: Unpack[Means]) -> Flown:
-    """Fly a design, or what is missing of it.
+def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpack[ExecutionOptions]) -> Flown:
+    """Compute a design, or what is missing of it.
 
     Args:
         design: the cells and tasks.
-        folder: of the results; made if it is not there.
+        folder: of the results; made if it does not exist.
         tolerant: go on without what cannot be flown.
-        means: as of `Means`.
+        options: as of `ExecutionOptions`.
 
     Returns:
-        What came out: the same whatever the workers and interruptions.
+        Results that do not depend on workers and interruptions.
 
     Raises:
         LaisnError: the folder is of another version, the cluster cannot be used, or an estimate diverged.
         CampaignError: a process died, the sources changed, or, unless `tolerant`, something cannot be flown; what was
             computed is stored.
     """
-    workers, cluster, quiet = means.get("workers"), means.get("cluster"), means.get("quiet", False)
-    processes = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
-    store, facts = Store(folder, force=means.get("force", False)), design.facts
-    compiling = cluster is None and not quiet
+    workers, cluster, quiet = options.get("workers"), options.get("cluster"), options.get("quiet", False)
+    store, facts = Store(folder, force=options.get("force", False)), design.facts
     cells = missing_cells(design.cells, store)
     motions = {plan.motion: plan.scenario for plan in cells}
     if facts:
-        unmeasured = [plan for plan in design.cells if store.rows(key_of(facts, plan.motion)) is None]
+        unmeasured = [plan for plan in design.cells if store.record(key_of(facts, plan.motion)) is None]
         motions |= {plan.motion: plan.scenario for plan in unmeasured}
-    if cells and compiling:
-        compile_ahead(cells[0])
-    with processes as pool:
+    tasks = {name: task for name, task in design.tasks.items() if store.record(task_key(task)) is None}
+    largest = max(len(cells), len(motions), len(tasks), 1)
+    pool = Pool(min(len(os.sched_getaffinity(0)) if workers is None else workers, largest), cluster)
+    if cluster is None and not quiet:
+        if cells:
+            compile_ahead(cells[0])
+        if tasks and design.ahead:
+            with compiling_shown():
+                design.ahead()
+    with pool:
         failures: dict[Any, str] = {**fly_missions(motions, store, pool, facts=facts, quiet=quiet)}
-        ahead = design.ahead if compiling else None
-        tasks, failed = compute_tasks(design.tasks, store, pool, what=design.what, quiet=quiet, ahead=ahead)
-        failures |= failed
+        failures |= compute_tasks(tasks, store, pool, what=design.what, quiet=quiet)
         if failures and not tolerant:
-            raise CampaignError("; ".join(dict.fromkeys(failures.values())))
+            raise CampaignError("; ".join(sorted(set(failures.values()))))
         compute_cells([plan for plan in cells if plan.motion not in failures], store, pool, quiet=quiet)
-    return Flown(design=design, store=store, tasks=tasks, failures=failures)
+    rows = {name: store.record(task_key(task)) for name, task in design.tasks.items()}
+    return Flown(
+        design=design, store=store, failures=failures,
+        tasks={name: found for name, found in rows.items() if found is not None},
+    )  # fmt: skip

@@ -1,23 +1,17 @@
-"""Missions: the truth of a mission is simulated once, kept on disk, and serves all its cells."""
+"""Missions: the motion of a mission is simulated once and serves all its cells."""
 
 import hashlib
 import json
-import warnings
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from io import BytesIO
-from pathlib import Path
 from typing import TypeVar
-from zipfile import ZipFile
 
 import numpy as np
 from pydantic import BaseModel
 
-from experiments.campaign.seal import blank, require_whole, sealed
-from experiments.campaign.store import CampaignError, DamagedResult
+from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
-from laisn.whole_files import replaced
 from sim.fleet import FleetError
 from sim.motion import EndedError, simulate_motion
 from sim.scenario.settings import Leader, Scenario
@@ -78,36 +72,6 @@ def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
     for name, (axis, value) in places.items():
         offset[trajectory.site(name), axis] = value
     return replace(trajectory, site_offset=offset)
-
-
-def read(folder: Path, scenario: Scenario) -> Trajectory | None:
-    """The stored motion of a scenario's mission; None if it must be simulated.
-
-    A damaged file warns and counts as missing.
-    """
-    key = motion_key(scenario)
-    path = folder / f"{key}.npz"
-    if not path.is_file():
-        return None
-    try:
-        content = path.read_bytes()
-        require_whole(content, key)
-    except (ValueError, OSError) as error:
-        warnings.warn(f"{path} cannot be read and is simulated again: {error}", DamagedResult, stacklevel=2)
-        return None
-    return Trajectory.load(BytesIO(content))
-
-
-def store(folder: Path, scenario: Scenario, trajectory: Trajectory) -> None:
-    """Write a mission's motion; the same bytes for all scenarios that share it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    motion = motion_of(scenario)
-    key = motion_key(scenario)
-    with replaced(folder / f"{key}.npz") as part:
-        sited(trajectory, motion.leader).save(part)
-        with ZipFile(part, "a") as archive:
-            archive.comment = blank(key)
-        part.write_bytes(sealed(part.read_bytes()))
 
 
 def simulate_mission(scenario: Scenario) -> Trajectory:

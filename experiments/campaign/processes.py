@@ -1,11 +1,13 @@
-"""Processes that compute: local ones, or the workers of a Dask cluster, behind one face."""
+"""Processes that compute: local ones of joblib, or the workers of a Dask cluster."""
 
 import asyncio
 import importlib.util
 import os
+import signal
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -15,32 +17,43 @@ from joblib.externals.loky import get_reusable_executor
 from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
-from laisn.parent import end_with
 
 Result = TypeVar("Result")
 
 _CONNECT_S = 3
+_CHECK_PARENT_S = 0.5
 
 
 class WorkerDiedError(CampaignError):
     """A process that computed has died; everything it had reported is stored."""
 
 
-def _died(where: str) -> WorkerDiedError:
-    return WorkerDiedError(
-        f"{where} died, most likely killed for want of memory; every finished cell is stored, "
-        "and the same command goes on from there (fewer --workers need less memory)"
-    )
+def exit_with(parent: int) -> None:
+    """Initialise a worker: it leaves Ctrl-C to its parent, and exits when the parent has ended.
+
+    Args:
+        parent: number of the process that started this one.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_CHECK_PARENT_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _with_version(function: Callable[..., Result], *arguments: Any) -> tuple[str, Result]:
+    """A result, and the version of the code that computed it."""
+    return code_version(), function(*arguments)
 
 
 class Pool:
-    """A pool of processes; use it as a context.
-
-    One local worker means no process at all: everything is computed here.
-    """
+    """A pool of processes; use it as a context. With one local worker everything is computed in this process."""
 
     def __init__(self, workers: int, cluster: str | None = None) -> None:
-        """Make a pool; nothing starts before it is entered.
+        """Prepare a pool; processes start with the first work.
 
         Args:
             workers: local processes.
@@ -53,51 +66,61 @@ class Pool:
             raise LaisnError(f"workers is {workers}, expected at least 1")
         self.size = workers
         self._cluster = cluster
-        self._stack = ExitStack()
-        self._backend = "sequential" if workers == 1 else "loky"
+        self._client: Any = None
 
     def __enter__(self) -> Self:
-        """Start; LaisnError if the cluster cannot be used."""
+        """Connect to the cluster, if there is one; LaisnError if it cannot be used."""
         if self._cluster is not None:
-            self.size = self._stack.enter_context(_Cluster(self._cluster)).workers
-            self._backend = "dask"
+            self._client, self.size = _connect(self._cluster)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, _: BaseException | None, trace: TracebackType | None) -> None:
         """Leave the cluster; local processes end with this one, or at once if something failed."""
-        self._stack.close()
-        if kind is not None and self._backend == "loky":
+        if self._client is not None:
+            self._client.close()
+        elif kind is not None and self.size > 1:
             get_reusable_executor().shutdown(kill_workers=True)
 
     def each(self, function: Callable[..., Result], arguments: Iterable[tuple[Any, ...]]) -> Iterator[Result]:
-        """Results of a function over argument tuples, each as soon as it is there.
+        """Results of a function over argument tuples, in the order of completion.
 
         Raises:
             WorkerDiedError: a process died.
+            CampaignError: a process has other sources.
         """
-        # local processes must not outlive this one, even if it is killed
-        ending = {"initializer": end_with, "initargs": (os.getpid(),)} if self._backend == "loky" else {}
-        with joblib.parallel_config(backend=self._backend, n_jobs=self.size, **ending):
+        options: dict[str, Any] = {"backend": "sequential"}
+        if self._client is not None:
+            options = {"backend": "dask"}
+        elif self.size > 1:
+            options = {"backend": "loky", "initializer": exit_with, "initargs": (os.getpid(),)}
+        with joblib.parallel_config(n_jobs=self.size, **options):
             parallel = joblib.Parallel(
                 return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs", max_nbytes=None
             )
             try:
-                yield from parallel(joblib.delayed(function)(*given) for given in arguments)
-            except BrokenProcessPool as error:
-                raise _died("a worker process") from error
+                for version, result in parallel(joblib.delayed(_with_version)(function, *given) for given in arguments):
+                    if version != code_version():
+                        raise CampaignError(
+                            f"a worker has version {version}, the campaign began with {code_version()}: "
+                            "the sources changed while it ran; run it again"
+                        )
+                    yield result
             except Exception as error:
-                if type(error).__name__ == "KilledWorker":
-                    raise _died("a worker of the cluster") from error
+                # Dask is optional, so its exception goes by its name
+                if isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker":
+                    raise WorkerDiedError(
+                        "a worker process died, probably out of memory; every finished result is stored, "
+                        "and the same command goes on from there (fewer --workers need less memory)"
+                    ) from error
                 raise
 
 
-def _require_scheduler(address: str) -> None:
-    """Ask for a scheduler's name: a client would wait for ever at an address that accepts and says nothing.
-
-    Raises LaisnError if none answers in time, or the address cannot be one.
-    """
-    # optional, for clusters alone
-    import distributed
+def _connect(address: str) -> tuple[Any, int]:
+    """A client of a Dask cluster whose workers have this version, and its number of threads."""
+    try:
+        import distributed
+    except ImportError:
+        raise LaisnError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
 
     async def ask() -> None:
         # certificates of tls:// come from Dask's configuration
@@ -107,51 +130,33 @@ def _require_scheduler(address: str) -> None:
             await scheduler.identity()
 
     try:
+        # a client would wait for ever at an address that accepts connections and never answers
         asyncio.run(asyncio.wait_for(ask(), _CONNECT_S))
     except (OSError, ValueError, TypeError) as error:
         why = str(error) or f"nothing came within {_CONNECT_S} s"
         if address.startswith("tls:"):
             why += "; tls:// needs certificates, named under distributed.comm.tls in Dask's configuration"
         raise LaisnError(f"no Dask scheduler answers at {address}: {why}") from None
+    new_client: Callable[..., Any] = distributed.Client
+    client = new_client(address, timeout=_CONNECT_S)
+    try:
+        _require_same_version(client, address)
+        return client, sum(client.nthreads().values())
+    except BaseException:
+        client.close()
+        raise
 
 
-class _Cluster:
-    """A connection to a Dask cluster whose workers have this very version."""
-
-    def __init__(self, address: str) -> None:
-        try:
-            import distributed
-        except ImportError:
-            raise LaisnError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
-        _require_scheduler(address)
-        connect: Callable[..., Any] = distributed.Client
-        self._client = connect(address, timeout=_CONNECT_S)
-        try:
-            self.workers = self._check(address)
-        except BaseException:
-            self._client.close()
-            raise
-
-    def _check(self, address: str) -> int:
-        """Number of threads of the cluster; LaisnError naming workers that cannot compute for us."""
-        threads = {
-            name: info["nthreads"] for name, info in self._client.scheduler_info(n_workers=-1)["workers"].items()
-        }
-        if not threads:
-            raise LaisnError(f"the Dask scheduler at {address} has no workers")
-        # Functions of the standard library alone: a worker without this package could not even take one of ours.
-        found = self._client.run(importlib.util.find_spec, "experiments", on_error="return")
-        lacking = sorted(name for name, spec in found.items() if spec is None or isinstance(spec, BaseException))
-        if lacking:
-            raise LaisnError(f"laisn-sim is not installed on these workers of {address}: {', '.join(lacking)}")
-        versions = self._client.run(code_version, on_error="return")
-        others = sorted(f"{name} ({found})" for name, found in versions.items() if found != code_version())
-        if others:
-            raise LaisnError(f"this is version {code_version()}, but workers of {address} have: {', '.join(others)}")
-        return sum(threads.values())
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, _: BaseException | None, trace: TracebackType | None) -> None:
-        self._client.close()
+def _require_same_version(client: Any, address: str) -> None:
+    """LaisnError naming workers of a cluster that cannot compute for this version."""
+    # a function of the standard library: a worker without this package could not even take one of ours
+    found = client.run(importlib.util.find_spec, "experiments", on_error="return")
+    if not found:
+        raise LaisnError(f"the Dask scheduler at {address} has no workers")
+    lacking = sorted(name for name, spec in found.items() if spec is None or isinstance(spec, BaseException))
+    if lacking:
+        raise LaisnError(f"laisn-sim is not installed on these workers of {address}: {', '.join(lacking)}")
+    versions = client.run(code_version, on_error="return")
+    others = sorted(f"{name} ({version})" for name, version in versions.items() if version != code_version())
+    if others:
+        raise LaisnError(f"this is version {code_version()}, but workers of {address} have: {', '.join(others)}")

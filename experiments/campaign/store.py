@@ -1,75 +1,70 @@
-"""Results on disk: one Parquet file for each cell, whole or not there, under a hash of all that made it."""
+"""Results on disk: tables of studies as Parquet, and a store of single results under keys of all that made them.
+
+Each stored result is one `.npz` archive, whose checksums cover every byte that is read.
+"""
 
 import csv
 import json
+import random
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from experiments.campaign.seal import blank, require_whole, sealed
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
-from laisn.whole_files import held, parts, remove_abandoned, replaced
+from sim.files import atomic_write, locked, remove_stale_parts
+from sim.trajectory import Trajectory
 
+Content = TypeVar("Content")
+Item = TypeVar("Item")
 Record = dict[str, Any]
 """A row: column names and plain values."""
 Steps = dict[str, npt.NDArray[np.float32]]
 """Errors at each step over all runs, arrays of shape (n,) by column name."""
 
 PER_RUN = "run_"
-"""Start of the names of columns that hold a list over runs."""
+"""Prefix of columns that hold a list over runs."""
 
 _MANIFEST = "campaign.json"
+_RECORD = "record"
+"""Array that holds the JSON of a stored record."""
 
 
 class DamagedResult(UserWarning):
-    """A stored result cannot be read; the text says which file, what is wrong with it, and what is done about it."""
+    """A stored result cannot be read; the text names the file, the reason and what is done about it."""
 
 
 class CampaignError(LaisnError):
-    """A campaign cannot go on; every finished cell is stored."""
-
-
-def _sealed_parquet(path: Path, columns: Mapping[str, Any]) -> bytes:
-    """A table as Parquet, sealed under the name that its file has; the same content gives the same bytes."""
-    table, file = pa.table(dict(columns)), pa.BufferOutputStream()
-    with pq.ParquetWriter(file, table.schema, compression="zstd", write_page_checksum=True) as writer:
-        writer.write_table(table)
-        # not with the schema, of which Arrow keeps a second copy
-        writer.add_key_value_metadata({b"seal": blank(path.name)})
-    return sealed(file.getvalue().to_pybytes())
+    """A campaign cannot go on; every finished result is stored."""
 
 
 def write_table(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write a Parquet file, whole or not at all; the same content gives the same bytes."""
-    with replaced(path) as part:
-        part.write_bytes(_sealed_parquet(path, columns))
-
-
-def _table_in(path: Path) -> Any:
-    """The table in a Parquet file that was sealed under its name; ValueError if it is not what was written."""
-    content = path.read_bytes()
-    require_whole(content, path.name)
-    # in this thread: one of Arrow's own that still reads when the process ends would abort it
-    return pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
+    """Write a Parquet file with page checksums; the same content gives the same bytes."""
+    with atomic_write(path) as part:
+        pq.write_table(pa.table(dict(columns)), part, compression="zstd", write_page_checksum=True)
 
 
 def arrow_table(path: Path) -> Any:
-    """The `pyarrow.Table` in a file of `write_table`; LaisnError if it is not what was written."""
+    """The `pyarrow.Table` in a file of `write_table`; LaisnError if the file is damaged."""
     try:
-        return _table_in(path)
-    except ValueError as error:
-        raise LaisnError(f"{path}: {error}; the command that wrote it writes it again") from None
+        # in this thread: one of Arrow's own that still reads when the process ends would abort it
+        return pq.ParquetFile(path, page_checksum_verification=True).read(use_threads=False)
+    except (ValueError, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        why = " ".join(str(error).split())
+        raise LaisnError(f"{path}: it is damaged: {why}; the command that wrote it writes it again") from None
 
 
 def read_table(path: Path) -> list[Record]:
-    """The rows in a file of `write_table`; LaisnError if it is not what was written."""
+    """The rows in a file of `write_table`; LaisnError if the file is damaged."""
     rows: list[Record] = arrow_table(path).to_pylist()
     return rows
 
@@ -78,6 +73,52 @@ def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
     """Rows as columns; a row that lacks a column has None there."""
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
+
+
+def write_csv(path: Path, rows: Sequence[Record]) -> None:
+    """Write rows as CSV, numbers with all their digits."""
+    columns = columns_of(rows)
+    with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+
+
+def still_missing(items: Iterable[Item], is_stored: Callable[[Item], bool], skip: Callable[[Item], None]
+                  ) -> Iterator[Item]:  # fmt: skip
+    """Items to compute, in random order, so that processes that share a folder share the work.
+
+    Args:
+        items: that were missing.
+        is_stored: whether another process has stored an item meanwhile; asked just before it is yielded.
+        skip: called with an item that is stored.
+    """
+    given = list(items)
+    for item in random.sample(given, len(given)):
+        if is_stored(item):
+            skip(item)
+        else:
+            yield item
+
+
+def _encoded(record: object) -> npt.NDArray[np.uint8]:
+    """JSON of a record; NumPy's numbers and arrays become plain ones."""
+    return np.frombuffer(json.dumps(record, default=lambda value: value.tolist()).encode(), dtype=np.uint8)
+
+
+def _decoded(path: Path) -> Any:
+    with np.load(path, allow_pickle=False) as arrays:
+        return json.loads(arrays[_RECORD].tobytes())
+
+
+def _arrays(path: Path) -> Steps:
+    with np.load(path, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays if name != _RECORD}
+
+
+def _label(path: Path, archive: ZipFile) -> bytes:
+    """Comment of an archive: its key and its number of arrays."""
+    return f"{path.stem} {len(archive.namelist())}".encode()
 
 
 class Store:
@@ -91,17 +132,18 @@ class Store:
 
         Args:
             folder: of the campaign.
-            force: cells that are there count as missing, and results of another version are removed.
+            force: results that are there count as missing, and those of another version are removed.
         """
         self.folder = folder
-        self._cells = folder / "cells"
+        self._cells, self._flights = folder / "cells", folder / "flights"
         self._force = force
-        self._rows: dict[str, Record] = {}
-        self._cells.mkdir(parents=True, exist_ok=True)
-        # versions are compared, and results of others removed, by one process at a time
-        with held(folder):
+        self._written: set[Path] = set()
+        for each in (self._cells, self._flights):
+            each.mkdir(parents=True, exist_ok=True)
+        with locked(folder):
             self._require_version()
-        remove_abandoned(parts(folder))
+        for each in (folder, self._cells, self._flights):
+            remove_stale_parts(each)
 
     def _require_version(self) -> None:
         """Make the folder one of this version, or refuse."""
@@ -115,104 +157,71 @@ class Store:
                     f"{self.folder} holds results of version {found}, this is {code_version()}; "
                     "choose another folder with --out, or replace them with --force"
                 )
-            for path in (*self._cells.glob("*.parquet"), *self.flights.glob("*.npz")):
+            for path in (*self._cells.iterdir(), *self._flights.iterdir()):
                 path.unlink(missing_ok=True)
-        with replaced(manifest) as part:
+        with atomic_write(manifest) as part:
             part.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
 
     @staticmethod
     def _version(manifest: Path) -> str | None:
-        """The version of a folder's results; None if it has none, or says none that can be read.
-
-        Nothing is taken for what it is not: the names of cells and flights depend on their version.
-        """
+        """The version of a folder's results; None if it names none: keys of results hold their version too."""
         try:
             return str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
         except FileNotFoundError:
             return None
         except (ValueError, KeyError, TypeError, RecursionError):
-            warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=4)
+            warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=1)
             return None
 
-    @property
-    def flights(self) -> Path:
-        """Folder of the flown missions."""
-        return self.folder / "flights"
-
-    def _read(self, key: str, suffix: str) -> pa.Table | None:
-        path = self._cells / f"{key}{suffix}"
-        if not path.is_file() or (self._force and key not in self._rows):
+    def _read(self, path: Path, load: Callable[[Path], Content]) -> Content | None:
+        """Content of a stored result; None if it must be computed. A damaged file warns and counts as missing."""
+        if self._force and path not in self._written:
             return None
         try:
-            return _table_in(path)
-        except (ValueError, OSError) as error:
-            warnings.warn(f"{path} cannot be read and is computed again: {error}", DamagedResult, stacklevel=3)
+            with ZipFile(path) as archive:
+                damaged = archive.testzip()
+                if damaged:
+                    raise BadZipFile(f"bad checksum of {damaged}")
+                if archive.comment != _label(path, archive):
+                    raise BadZipFile("it is incomplete or another result's")
+            return load(path)
+        except FileNotFoundError:
+            return None
+        except Exception as error:  # zipfile and NumPy raise a dozen kinds for damaged files
+            what = f"{path} cannot be read and is computed again: {error or type(error).__name__}"
+            warnings.warn(what, DamagedResult, stacklevel=1)
             return None
 
-    def read(self, key: str) -> Record | None:
-        """The row of a cell less its lists over runs; None if it must be computed.
+    def _write(self, path: Path, save: Callable[[Path], None]) -> None:
+        with atomic_write(path) as part:
+            save(part)
+            with ZipFile(part, "a") as archive:
+                archive.comment = _label(path, archive)
+        self._written.add(path)
 
-        A damaged file warns and counts as missing.
-        """
-        if key not in self._rows:
-            table = self._read(key, ".parquet")
-            if table is None:
-                return None
-            self._rows[key] = table.drop_columns([n for n in table.column_names if n.startswith(PER_RUN)]).to_pylist()[
-                0
-            ]
-        return self._rows[key]
+    def record(self, key: str) -> Any:
+        """What `write_record` stored under a key; None if it must be computed."""
+        return self._read(self._cells / f"{key}.npz", _decoded)
 
-    def read_runs(self, key: str) -> Record:
-        """The lists over runs of a cell that is stored, by their names without `PER_RUN`; empty if it has none."""
-        table = self._read(key, ".parquet")
-        if table is None:
-            return {}
-        return {n.removeprefix(PER_RUN): table[n].to_pylist()[0] for n in table.column_names if n.startswith(PER_RUN)}
+    def write_record(self, key: str, record: object, arrays: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
+        """Store a JSON value, and arrays that belong to it."""
 
-    def read_steps(self, key: str) -> Steps | None:
-        """The errors of a cell at each step; None if they must be computed."""
-        table = self._read(key, ".steps.parquet")
-        return None if table is None else {name: table[name].to_numpy() for name in table.column_names}
+        content: dict[str, Any] = {_RECORD: _encoded(record), **(arrays or {})}
 
-    def write(self, key: str, row: Record, steps: Steps | None = None) -> None:
-        """Store a cell; the steps first, so that a row never stands without those that were asked for.
+        def save(part: Path) -> None:
+            with part.open("wb") as file:
+                np.savez_compressed(file, **content)
 
-        Raises:
-            CampaignError: the process that computed it had other sources.
-        """
-        if row["version"] != code_version():
-            raise CampaignError(
-                f"a worker has version {row['version']}, the campaign began with {code_version()}: "
-                "the sources changed while it ran; run it again"
-            )
-        if steps is not None:
-            self._write(key, ".steps.parquet", steps)
-        self._write(key, ".parquet", columns_of([row]))
-        self._rows[key] = {name: value for name, value in row.items() if not name.startswith(PER_RUN)}
+        self._write(self._cells / f"{key}.npz", save)
 
-    def rows(self, key: str) -> list[Record] | None:
-        """Rows that belong together, as `write_rows` stored them; None if they must be computed."""
-        row = self.read(key)
-        if row is None:
-            return None
-        columns = {name: values for name, values in row.items() if name != "version"}
-        return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+    def arrays(self, key: str) -> Steps | None:
+        """The arrays that belong to a record; None if they must be computed."""
+        return self._read(self._cells / f"{key}.npz", _arrays) or None
 
-    def write_rows(self, key: str, rows: Sequence[Record]) -> None:
-        """Store rows that belong together, under one key, as lists; errors as of `write`."""
-        self.write(key, columns_of(rows) | {"version": code_version()})
+    def flight(self, key: str) -> Trajectory | None:
+        """A stored mission; None if it must be simulated."""
+        return self._read(self._flights / f"{key}.npz", Trajectory.load)
 
-    def _write(self, key: str, suffix: str, columns: Mapping[str, Any]) -> None:
-        path = self._cells / f"{key}{suffix}"
-        with replaced(path) as part:
-            part.write_bytes(_sealed_parquet(path, columns))
-
-
-def write_csv(path: Path, rows: Sequence[Record]) -> None:
-    """Write rows as CSV, whole or not at all; numbers with all their digits."""
-    columns = columns_of(rows)
-    with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
+    def write_flight(self, key: str, trajectory: Trajectory) -> None:
+        """Store a mission."""
+        self._write(self._flights / f"{key}.npz", trajectory.save)

@@ -1,4 +1,4 @@
-"""Tasks: calls of a function whose rows are kept, under a key of the function's sources and of all that it is given."""
+"""Tasks: calls of a function whose rows are stored under a key of its sources and of its arguments."""
 
 import sys
 from collections.abc import Callable, Iterable, Mapping
@@ -12,15 +12,15 @@ from pydantic_core import to_jsonable_python
 
 from experiments.campaign.missions import digest
 from experiments.campaign.processes import Pool
-from experiments.campaign.progress import compiling_shown, progress
-from experiments.campaign.store import CampaignError, Record, Store
+from experiments.campaign.progress import progress
+from experiments.campaign.store import CampaignError, Record, Store, still_missing
 from experiments.campaign.version import code_version, version_of
 
 Task = partial[Any]
-"""A function of a module, and what it is given: data classes, scenarios, numbers and text.
+"""A function of a module with its arguments: data classes, scenarios, numbers and text.
 
-It gives a list of rows, which are records or data classes, or a single row; it raises `CampaignError` if what it was to
-do cannot be done."""
+It returns a list of rows, which are records or data classes, or a single row; it raises `CampaignError` if it cannot
+compute them."""
 Row = TypeVar("Row")
 
 
@@ -43,23 +43,24 @@ def _source(module: str) -> str:
 
 
 def _plain(value: object) -> object:
-    """What JSON can hold in place of what a task is given; TypeError if it is not known how."""
+    """JSON value of an argument; TypeError if there is none."""
     if isinstance(value, range):
         return [value.start, value.stop, value.step]
     raise TypeError(f"a task is given {type(value).__name__}, of which no key can be made: {value!r:.60}")
 
 
+def task_key(task: Task) -> str:
+    """Key of a task's rows."""
+    return key_of(task.func, task.args, task.keywords)
+
+
 def key_of(function: Callable[..., object], *arguments: object) -> str:
-    """Hash of a function's name, of every source that it can reach, and of what it is given."""
+    """Hash of a function's name, of every source that it can reach, and of its arguments."""
     given = to_jsonable_python(arguments, fallback=_plain)
     return digest([code_version(), _source(function.__module__), function.__qualname__, given])
 
 
-def _key(task: Task) -> str:
-    return key_of(task.func, task.args, task.keywords)
-
-
-def _done(name: Any, task: Task) -> tuple[Any, list[Record] | str]:
+def _rows(name: Any, task: Task) -> tuple[Any, list[Record] | str]:
     """Name of a task and its rows, or why it has none."""
     try:
         found = task()
@@ -70,39 +71,29 @@ def _done(name: Any, task: Task) -> tuple[Any, list[Record] | str]:
 
 
 def compute_tasks(
-    tasks: Mapping[Any, Task],
-    store: Store,
-    pool: Pool,
-    *,
-    what: str = "tasks",
-    quiet: bool = False,
-    ahead: Callable[[], object] | None = None,
-) -> tuple[dict[Any, list[Record]], dict[Any, str]]:
-    """Compute tasks in parallel, and store each as it is done; those that are stored are read.
+    tasks: Mapping[Any, Task], store: Store, pool: Pool, *, what: str = "tasks", quiet: bool = False
+) -> dict[Any, str]:
+    """Compute tasks in parallel, and store the rows of each as it is done.
 
     Args:
         tasks: by name.
         store: for their rows.
         pool: entered.
-        what: they are called while they are waited for.
+        what: label of the progress display.
         quiet: show no progress.
-        ahead: compiles here what each process would else compile for itself.
 
     Returns:
-        Rows by name, in the order of the tasks, and what happened to those that have none.
+        Why a task has no rows, by its name.
     """
-    keys = {name: _key(task) for name, task in tasks.items()}
-    missing = [name for name, key in keys.items() if store.rows(key) is None]
     failed: dict[Any, str] = {}
-    if missing and ahead:
-        with compiling_shown():
-            ahead()
-    with progress(what, len(missing), quiet=quiet) as advance:
-        for name, found in pool.each(_done, ((name, tasks[name]) for name in missing)):
+    with progress(what, len(tasks), quiet=quiet) as advance:
+        missing = still_missing(
+            tasks.items(), lambda item: store.record(task_key(item[1])) is not None, lambda _: advance()
+        )
+        for name, found in pool.each(_rows, missing):
             if isinstance(found, str):
                 failed[name] = found
             else:
-                store.write_rows(keys[name], found)
+                store.write_record(task_key(tasks[name]), found)
             advance()
-    rows = {name: store.rows(key) for name, key in keys.items()}
-    return {name: found for name, found in rows.items() if found is not None}, failed
+    return failed

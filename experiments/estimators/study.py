@@ -8,7 +8,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, Means
+from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.store import Record
 from experiments.campaign.tasks import with_arrays
 from experiments.estimators.cases import CASES
@@ -122,24 +122,24 @@ def _result(name: tuple[Any, ...], row: Record) -> Paired | Captured:
     return Captured(**row) if name[0] == "captures" else Paired(**with_arrays(row))
 
 
-def fly(size: Size, folder: Path, **means: Unpack[Means]) -> dict[tuple[Any, ...], Any]:
-    """Fly all tasks, or those that are missing; `means` as of `campaign.fly`."""
+def fly(size: Size, folder: Path, **options: Unpack[ExecutionOptions]) -> dict[tuple[Any, ...], Any]:
+    """Fly all tasks, or those that are missing; `options` as of `campaign.fly`."""
     design = Design(tasks=dict(tasks(size)), what="missions", ahead=first_look)
-    flown = campaign.fly(design, folder, **means).tasks
+    flown = campaign.fly(design, folder, **options).tasks
     return {name: _result(name, row) for name, (row,) in flown.items()}
 
 
-def run(folder: Path, *, quick: bool = False, **means: Unpack[Means]) -> dict[tuple[Any, ...], Any]:
+def run(folder: Path, *, quick: bool = False, **options: Unpack[ExecutionOptions]) -> dict[tuple[Any, ...], Any]:
     """Fly the study and write its record.
 
     Args:
         folder: for the record; made if it is not there.
         quick: a first look, of few runs and routes.
-        means: as of `campaign.fly`.
+        options: as of `campaign.fly`.
 
     Returns:
         What the tasks came to, by their names.
     """
-    found = fly(QUICK if quick else Size(), folder, **means)
+    found = fly(QUICK if quick else Size(), folder, **options)
     findings_of(found).write(folder / FILE)
     return found

@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, Means
+from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.tasks import with_arrays
 from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.flight.swarm import simulate_swarm
@@ -127,8 +127,8 @@ def findings_of(found: Mapping[str, Sequence[Run]]) -> Findings:
     return record("formation", COMMAND, MODULES, named)
 
 
-def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S, **means: Unpack[Means]) -> None:
-    """Fly all conditions, or what is missing, and write the record into a folder; `means` as of `campaign.fly`."""
+def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S, **options: Unpack[ExecutionOptions]) -> None:
+    """Fly all conditions, or what is missing, and write the record into a folder; `options` as of `campaign.fly`."""
     tasks = {
         (c.name, number): partial(measure, c, number, duration_s)
         for number in range(runs)
@@ -136,7 +136,7 @@ def run(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S, **means:
         if number % c.share == 0
     }
     design = Design(tasks=tasks, what="formations", ahead=partial(measure, CONDITIONS[0], 0, 3.0))
-    flown = campaign.fly(design, folder, **means).tasks
+    flown = campaign.fly(design, folder, **options).tasks
     found: dict[str, list[Run]] = {condition.name: [] for condition in CONDITIONS}
     for (name, _), (row,) in flown.items():
         found[name].append(Run(**with_arrays(row)))

@@ -19,7 +19,7 @@ from markupsafe import Markup, escape
 
 from experiments.campaign.version import versions
 from experiments.pages.style import Legend, css
-from laisn.whole_files import replaced
+from sim.files import atomic_write
 
 if TYPE_CHECKING:
     # its special functions take a tenth of a second to import, and a page needs none
@@ -289,5 +289,5 @@ def render(page: Page) -> str:
 
 def write(page: Page, path: Path) -> None:
     """Write the page, whole or not at all."""
-    with replaced(path) as part:
+    with atomic_write(path) as part:
         part.write_text(render(page), encoding="utf-8")

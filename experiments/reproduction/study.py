@@ -7,7 +7,7 @@ from typing import Unpack
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, Flown, Means
+from experiments.campaign.campaign import Design, ExecutionOptions, Flown
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Record, columns_of, write_csv, write_table
 from experiments.findings import FILE
@@ -78,7 +78,7 @@ def reproduce(
     missions: int | None = None,
     seed: int = 1,
     out: Path | None = None,
-    **means: Unpack[Means],
+    **options: Unpack[ExecutionOptions],
 ) -> Path:
     """Fly the paper's stages, write `tables.parquet`, `tables.csv`, `results.json` and `report.html`.
 
@@ -89,7 +89,7 @@ def reproduce(
         missions: routes drawn for each class of the paper's routes, in place of the paper's eight; None: the eight.
         seed: key of all random numbers.
         out: folder; None: out/reproduce-MOTION.
-        means: as of `campaign.fly`.
+        options: as of `campaign.fly`.
 
     Returns:
         The report.
@@ -104,7 +104,7 @@ def reproduce(
     folder = out or Path("out") / f"{name}-{motion}"
     followers = followers_of_the_paper() if missions is None else draw_followers(missions, seed)
     plans = plan_cells(settings, followers, motion=motion, runs=runs, seed=seed, keep_steps=missions is None)
-    flown = campaign.fly(Design(cells=list(plans.values())), folder, **means)
+    flown = campaign.fly(Design(cells=list(plans.values())), folder, **options)
     if missions is None:
         return _write(settings, plans, flown)
     return write_routes(settings, plans, flown)
@@ -116,7 +116,7 @@ def _write(settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], flown: 
     table = table_rows(settings, plans, rows, published)
     write_table(folder / "tables.parquet", columns_of(table))
     write_csv(folder / "tables.csv", table)
-    kept = {key: flown.store.read_steps(plan.key) for key, plan in plans.items() if plan.keep_steps}
+    kept = {key: flown.store.arrays(plan.key) for key, plan in plans.items() if plan.keep_steps}
     steps = {key: value for key, value in kept.items() if value is not None}
     flights = fly_once(plans, flown.store)
     distance = {name: mean_distance(flight) for name, flight in flights.items()}

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from experiments import findings
-from experiments.campaign.campaign import Means
+from experiments.campaign.campaign import ExecutionOptions
 from experiments.findings import Finding
 from experiments.flight.table import Table
 from experiments.study.file import study_of
@@ -57,10 +57,13 @@ class StudyFolder:
 
 
 def run(
-    source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], out: str | Path | None, **means: Unpack[Means]
+    source: str | Path | Mapping[str, Any],
+    keys: Mapping[str, Any],
+    out: str | Path | None,
+    **options: Unpack[ExecutionOptions],
 ) -> StudyFolder:
     """Fly a study and give its results; arguments and errors as of `laisn_sim.study`."""
     study = study_of(source if isinstance(source, Mapping) else str(source), keys)
     folder = Path("out") / study.name if out is None else Path(out)
-    run_study(study, folder, **(means | {"quiet": True}))
+    run_study(study, folder, **(options | {"quiet": True}))
     return StudyFolder(folder)

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from experiments.campaign import campaign, missions
-from experiments.campaign.campaign import Design, Means
+from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Record, columns_of
 from experiments.flight.fly import fly
@@ -72,13 +72,13 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
     return {"point": entry.point, **point, "arm": entry.arm, "sea": entry.sea, "follower": name, **drawn}
 
 
-def fly_study(plan: Plan, folder: Path, **means: Unpack[Means]) -> Outcomes:
+def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> Outcomes:
     """Fly a study, or what is missing of it.
 
     Args:
         plan: of the study.
         folder: of the results; made if it is not there.
-        means: as of `campaign.fly`.
+        options: as of `campaign.fly`.
 
     Returns:
         Rows in the order of the plan: the same whatever the workers and interruptions.
@@ -100,7 +100,7 @@ def fly_study(plan: Plan, folder: Path, **means: Unpack[Means]) -> Outcomes:
         what="runs",
         ahead=partial(fly, closed[0].scenario.first_messages) if closed else None,
     )
-    flown = campaign.fly(design, folder, tolerant=True, **means)
+    flown = campaign.fly(design, folder, tolerant=True, **options)
     outcomes = Outcomes(rows=[], runs=[])
     for entry in plan.entries:
         names = [(entry.place, run) for run in range(plan.study.runs)] if entry.closed_loop else [entry.motion]
@@ -112,7 +112,7 @@ def fly_study(plan: Plan, folder: Path, **means: Unpack[Means]) -> Outcomes:
             if entry.closed_loop:
                 row, lists = _of_runs(entry, cell.follower, [flown.tasks[name] for name in names])
             else:
-                row, lists = flown.row(cell), flown.store.read_runs(cell.key)
+                row, lists = flown.row(cell), flown.runs(cell)
             labels = _labels(plan, entry, cell.follower)
             outcomes.rows.append(labels | {name: value for name, value in row.items() if name not in _OWN})
             outcomes.runs.append((labels, lists))

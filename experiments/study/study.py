@@ -9,9 +9,9 @@ from typing import NamedTuple, Unpack
 import tomli_w
 
 from experiments.campaign import missions
-from experiments.campaign.campaign import Means, compile_ahead
+from experiments.campaign.campaign import ExecutionOptions, compile_ahead
 from experiments.campaign.plans import CellPlan, compute
-from experiments.campaign.store import write_table
+from experiments.campaign.store import Store, write_table
 from experiments.flight.fly import fly
 from experiments.pages.page import write
 from experiments.study.estimate import Results
@@ -20,7 +20,7 @@ from experiments.study.plan import Plan, plan_of
 from experiments.study.record import record_of
 from experiments.study.run import Outcomes, fly_study, run_columns, table_columns
 from laisn.failure import LaisnError
-from laisn.whole_files import replaced
+from sim.files import atomic_write
 
 RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"
 STUDY = "study.toml"
@@ -62,8 +62,8 @@ def effort_of(plan: Plan, workers: int) -> Effort:
     compute(trajectory, [cell])
     done = perf_counter()
     with TemporaryDirectory() as folder:
-        missions.store(Path(folder), entry.scenario, trajectory)
-        stored = sum(path.stat().st_size for path in Path(folder).iterdir())
+        Store(Path(folder)).write_flight(entry.motion, trajectory)
+        stored = sum(path.stat().st_size for path in Path(folder).rglob("*.npz"))
     blocks = -(-runs // 64)
     seconds = plan.flights * (flown - start) + cells * blocks * (done - flown)
     size = plan.flights * stored + cells * (_CELL_BYTES + runs * _RUN_BYTES)
@@ -85,7 +85,7 @@ def write_results(plan: Plan, outcomes: Outcomes, folder: Path, film: Path | Non
     if not outcomes.rows:
         raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
     results = Results.of(outcomes.rows, outcomes.runs)
-    with replaced(folder / STUDY) as part:
+    with atomic_write(folder / STUDY) as part:
         part.write_text(tomli_w.dumps(table_in(plan.study, folder)), encoding="utf-8")
     write_table(folder / RESULTS, table_columns(outcomes.rows))
     write_table(folder / RUNS, run_columns(outcomes.runs))
@@ -99,7 +99,7 @@ def run_study(
     folder: Path,
     *,
     film: Callable[[Plan, Results, Path], Path | None] | None = None,
-    **means: Unpack[Means],
+    **options: Unpack[ExecutionOptions],
 ) -> Path:
     """Fly a study, or what is missing of it, and write its tables and its page.
 
@@ -107,7 +107,7 @@ def run_study(
         study: as read from its file.
         folder: of the results.
         film: makes the film that is to stand on the page; None: there is none.
-        means: as of `campaign.fly`.
+        options: as of `campaign.fly`.
 
     Returns:
         The page.
@@ -117,6 +117,6 @@ def run_study(
         LaisnError: as of `fly_study` and `write_results`.
     """
     plan = plan_of(study)
-    outcomes = fly_study(plan, folder, **means)
+    outcomes = fly_study(plan, folder, **options)
     filmed = film(plan, Results.of(outcomes.rows, outcomes.runs), folder) if film and outcomes.rows else None
     return write_results(plan, outcomes, folder, filmed)

@@ -1,9 +1,13 @@
 """Campaigns: the same bytes whatever the workers and interruptions, and nothing lost when something breaks."""
 
+import itertools
+import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 
@@ -21,13 +25,6 @@ from laisn.navigator import Navigator
 from sim.flight import navigate
 from sim.scenario.settings import Acoustics
 from tests.campaign.plans import DURATION, contents, plans, run, scenario
-
-SCRIPT = """
-import sys
-from pathlib import Path
-from tests.campaign.plans import plans, run
-run(plans(runs=int(sys.argv[2])), Path(sys.argv[1]), workers=1, quiet=True)
-"""
 
 
 @pytest.fixture(scope="module")
@@ -57,23 +54,91 @@ def test_two_workers_give_the_bytes_of_one(computed, tmp_path):
     assert contents(tmp_path / "two") == contents(folder)
 
 
-def test_a_killed_campaign_goes_on_and_ends_with_the_same_bytes(tmp_path):
-    runs = 2000
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    rows = run(plans(runs), whole, workers=1, quiet=True)
-    process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(broken), str(runs)], cwd=ROOT)
-    until = time.monotonic() + 200
-    while time.monotonic() < until and len(list(broken.glob("cells/*.parquet"))) < 2:
-        assert process.poll() is None, "it ended before it could be killed"
-        time.sleep(0.005)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    before = {p.name: p.stat().st_mtime_ns for p in broken.glob("cells/*.parquet")}
-    assert 0 < len(before) < len(plans())
-    assert run(plans(runs), broken, workers=2, quiet=True) == rows
-    assert contents(broken) == contents(whole)
-    after = {p.name: p.stat().st_mtime_ns for p in broken.glob("cells/*.parquet")}
-    assert {name: after[name] for name in before} == before
+def killed_at(moment: int, folder, kill=lambda: os.kill(os.getpid(), signal.SIGKILL)):
+    """Fly and write tables in a copy of this process that is killed at a file operation; the number of operations."""
+    child = os.fork()
+    if child:
+        return os.waitpid(child, 0)[1]
+    count = itertools.count()
+
+    def interrupted(operation):
+        def either_side(*given, **named):
+            if next(count) == moment:
+                kill()
+            result = operation(*given, **named)
+            if next(count) == moment:
+                kill()
+            return result
+
+        return either_side
+
+    os.fsync, os.replace = interrupted(os.fsync), interrupted(os.replace)
+    np.lib.format.write_array = interrupted(np.lib.format.write_array)
+    rows = run(plans(), folder, workers=1, quiet=True)
+    store.write_table(folder / "tables.parquet", store.columns_of(rows))
+    os._exit(min(next(count), 255))
+
+
+def test_killed_at_any_of_30_moments_a_campaign_goes_on_and_gives_the_same_tables(computed, tmp_path):
+    _, rows = computed
+    ended = killed_at(-1, tmp_path / "whole")
+    assert os.WIFEXITED(ended)
+    operations, whole = os.WEXITSTATUS(ended), contents(tmp_path / "whole")
+    assert operations >= 60
+    for moment in np.linspace(0, operations - 2, 30).astype(int).tolist():
+        broken = tmp_path / f"{moment}"
+        assert os.WTERMSIG(killed_at(moment, broken)) == signal.SIGKILL
+        left = {name: content for name, content in contents(broken).items() if not name.endswith(".part")}
+        # whatever has its final name is complete
+        assert left.items() <= whole.items()
+        assert os.WIFEXITED(killed_at(-1, broken))
+        again = contents(broken)
+        assert {name: again[name] for name in whole} == whole
+    assert store.read_table(tmp_path / "whole" / "tables.parquet") == rows
+
+
+SHARED = """
+import sys, time
+from pathlib import Path
+from experiments.campaign import campaign
+from tests.campaign.plans import plans, run
+computed, compute = [], campaign.compute
+
+def counted(trajectory, plans, threads=1):
+    computed.extend(plan.key for plan in plans)
+    time.sleep(0.1)
+    return compute(trajectory, plans, threads)
+
+campaign.compute = counted
+print("ready", flush=True)
+sys.stdin.readline()
+rows = run(plans(), Path(sys.argv[1]), workers=1, quiet=True)
+print(len(computed), repr(rows))
+"""
+
+
+def test_two_processes_in_one_folder_share_the_work_and_give_the_same_rows(computed, tmp_path):
+    folder, rows = computed
+    shared = tmp_path / "shared"
+    children = [
+        subprocess.Popen([sys.executable, "-c", SHARED, str(shared)], cwd=ROOT, stdin=subprocess.PIPE,
+                         stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]  # fmt: skip
+    for child in children:
+        assert child.stdout.readline() == "ready\n"
+    counts = []
+    for child in children:
+        child.stdin.write("go\n")
+        child.stdin.flush()
+    for child in children:
+        said, _ = child.communicate(timeout=120)
+        count, _, found = said.partition(" ")
+        counts.append(int(count))
+        assert found.strip() == repr(rows)
+    assert min(counts) >= 1
+    assert sum(counts) < 2 * len(plans())
+    assert set(contents(shared)) == {name for name in contents(folder) if not name.endswith(".part")}
 
 
 def test_what_is_stored_is_not_computed_again(computed, monkeypatch):
@@ -94,7 +159,7 @@ def test_force_computes_everything_again(computed, monkeypatch):
 @pytest.mark.parametrize("damage", [b"", b"PAR1 not a table", None], ids=["empty", "garbage", "one flipped byte"])
 def test_a_damaged_cell_is_computed_again_with_a_warning(computed, damage):
     folder, rows = computed
-    path = folder / "cells" / f"{plans()[3].key}.parquet"
+    path = folder / "cells" / f"{plans()[3].key}.npz"
     whole = path.read_bytes()
     flipped = bytearray(whole)
     flipped[len(whole) // 4] ^= 0x40
@@ -106,10 +171,10 @@ def test_a_damaged_cell_is_computed_again_with_a_warning(computed, damage):
 
 def test_a_cell_under_a_wrong_name_does_not_count(computed):
     folder, rows = computed
-    first, second = (folder / "cells" / f"{plans()[i].key}.parquet" for i in (0, 1))
+    first, second = (folder / "cells" / f"{plans()[i].key}.npz" for i in (0, 1))
     whole = second.read_bytes()
     second.write_bytes(first.read_bytes())
-    with pytest.warns(DamagedResult, match="another cell"):
+    with pytest.warns(DamagedResult, match="another result"):
         assert run(plans(), folder, workers=1, quiet=True) == rows
     assert second.read_bytes() == whole
 
@@ -162,7 +227,7 @@ def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(com
     ) as cluster:
         address = cluster.scheduler_address
         assert run(plans(), tmp_path / "cluster", cluster=address, quiet=True) == rows
-        assert contents(tmp_path / "cluster") == {k: v for k, v in contents(folder).items() if ".steps." not in k}
+        assert contents(tmp_path / "cluster") == contents(folder)
         bare = subprocess.Popen([sys.executable, "-c", BARE_WORKER, address], stderr=subprocess.DEVNULL)
         try:
             with distributed.Client(address) as client:
@@ -174,6 +239,37 @@ def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(com
         finally:
             bare.kill()
             bare.wait()
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_same_rows(computed, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    _, rows = computed
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, protocol="tcp://"
+    ) as cluster:
+        victim = next(iter(cluster.workers.values())).pid
+
+        def kill_one():
+            until = time.monotonic() + 120
+            while time.monotonic() < until and not list(tmp_path.glob("lost/cells/*.npz")):
+                time.sleep(0.01)
+            os.kill(victim, signal.SIGKILL)
+
+        killer = threading.Thread(target=kill_one)
+        killer.start()
+        found = run(plans(), tmp_path / "lost", cluster=cluster.scheduler_address, quiet=True)
+        killer.join()
+    assert found == rows
+
+
+def test_no_more_processes_start_than_there_are_tasks(tmp_path, monkeypatch):
+    sizes = []
+    monkeypatch.setattr(campaign, "Pool", lambda workers, cluster: sizes.append(workers) or Pool(1))
+    few = plans()[:3]
+    run(few, tmp_path, workers=64, quiet=True)
+    run(few, tmp_path, workers=64, quiet=True)
+    run(plans(), tmp_path, workers=2, quiet=True)
+    assert sizes == [3, 1, 2]
 
 
 def test_a_single_flight_has_the_noise_of_its_run(computed):
@@ -188,7 +284,7 @@ def test_a_single_flight_has_the_noise_of_its_run(computed):
 def test_errors_at_each_step_agree_with_the_summary(tmp_path):
     plan = CellPlan(scenario=scenario(), runs=7, keep_steps=True)
     [row] = run([plan], tmp_path, workers=1, quiet=True)
-    steps = store.Store(tmp_path).read_steps(plan.key)
+    steps = store.Store(tmp_path).arrays(plan.key)
     assert steps["e_p_max_m"].max() == pytest.approx(row["e_p_max_m"], rel=1e-6)
     assert steps["e_p_mean_m"].astype(float).mean() == pytest.approx(row["e_p_mean_m"], rel=1e-6)
     assert steps["e_b_mean_deg"].astype(float).mean() == pytest.approx(row["e_b_mean_deg"], rel=1e-5)
@@ -204,11 +300,12 @@ def test_errors_at_each_step_agree_with_the_summary(tmp_path):
     assert steps["speed_m_s"] == pytest.approx(flown.forward_speed[1:, 1], rel=1e-5)
 
 
-def test_steps_that_are_asked_for_later_are_added(computed):
-    folder, rows = computed
+def test_steps_that_are_asked_for_later_are_added(computed, tmp_path):
+    whole, rows = computed
+    folder = shutil.copytree(whole, tmp_path / "copy")
     wanted = [replace(plan, keep_steps=True) for plan in plans()]
     assert run(wanted, folder, workers=1, quiet=True) == rows
-    assert store.Store(folder).read_steps(wanted[0].key) is not None
+    assert store.Store(folder).arrays(wanted[0].key) is not None
 
 
 def test_the_key_holds_what_makes_a_cell_and_nothing_else():

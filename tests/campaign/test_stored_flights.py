@@ -1,12 +1,12 @@
-"""Flights that campaigns keep: flown again if damaged, and shared by cells."""
+"""Flights that campaigns store: flown again if damaged, and shared by cells."""
 
 import warnings
 
 import numpy as np
 import pytest
 
-from experiments.campaign import campaign, missions, store
-from experiments.campaign.store import DamagedResult
+from experiments.campaign import campaign, missions
+from experiments.campaign.store import DamagedResult, Store
 from sim.scenario.settings import Acoustics, Leader
 from tests.campaign.plans import scenario
 
@@ -14,7 +14,7 @@ from tests.campaign.plans import scenario
 @pytest.mark.parametrize("damage", ["empty", "garbage", "cut off", "one array missing"])
 def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
     given = scenario()
-    flown = campaign.mission(given, store.Store(tmp_path))
+    flown = campaign.mission(given, Store(tmp_path))
     [path] = (tmp_path / "flights").iterdir()
     whole = path.read_bytes()
     if damage == "one array missing":
@@ -23,29 +23,28 @@ def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
         np.savez(path, **kept)
     else:
         path.write_bytes({"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage])
-    with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is simulated again: \w") as told:
-        again = campaign.mission(given, store.Store(tmp_path))
-    assert len(told) == 1
+    with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is computed again: \w") as caught:
+        again = campaign.mission(given, Store(tmp_path))
+    assert len(caught) == 1
     assert again.position.tobytes() == flown.position.tobytes()
     assert path.read_bytes() == whole
 
 
 def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
     given = scenario()
-    flown = missions.simulate_mission(given)
-    missions.store(tmp_path, given, flown)
-    [path] = tmp_path.iterdir()
+    flown, store = campaign.mission(given, Store(tmp_path)), Store(tmp_path)
+    [path] = (tmp_path / "flights").iterdir()
     whole = path.read_bytes()
     refused = 0
     for place in np.random.default_rng(5).choice(len(whole), 60, replace=False).tolist():
         damaged = bytearray(whole)
         damaged[place] ^= 0x20
         path.write_bytes(damaged)
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            found = missions.read(tmp_path, given)
+            found = store.flight(path.stem)
         if found is None:
-            refused += [warning.category for warning in told] == [DamagedResult]
+            refused += [warning.category for warning in caught] == [DamagedResult]
         else:
             assert found.position.tobytes() == flown.position.tobytes()
             assert found.velocity.tobytes() == flown.velocity.tobytes()

@@ -159,7 +159,7 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
     command = [sys.executable, "-c", code, "study", "mine.toml", "--out", str(out), "--workers", "1"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 300
-    while process.poll() is None and len(list(out.glob("cells/*.parquet"))) < 2 and time.monotonic() < deadline:
+    while process.poll() is None and len(list(out.glob("cells/*.npz"))) < 2 and time.monotonic() < deadline:
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.wait()
@@ -167,6 +167,18 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
     run_study(study(), out, workers=2, quiet=True)
     for name in FILES:
         assert (out / name).read_bytes() == (flown / name).read_bytes(), name
+
+
+def test_two_commands_in_one_folder_both_end_with_the_same_bytes(flown, tmp_path):
+    (tmp_path / "mine.toml").write_text(SMALL)
+    code = "from experiments.command.cli import main; main()"
+    command = [sys.executable, "-c", code, "study", "mine.toml", "--out", "shared", "--workers", "1"]
+    both = [subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) for _ in "ab"]
+    for process in both:
+        _, errors = process.communicate(timeout=300)
+        assert process.returncode == 0, errors
+    for name in FILES:
+        assert (tmp_path / "shared" / name).read_bytes() == (flown / name).read_bytes(), name
 
 
 def test_nothing_is_computed_twice(flown, monkeypatch):

@@ -1,0 +1,106 @@
+"""Files: no partial file under a final name, whatever fails or is killed, and locks between processes."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from experiments.campaign.version import ROOT
+from sim.files import atomic_write, locked, remove_stale_parts
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("*"))
+
+
+def test_a_file_appears_under_its_name_when_it_is_complete(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with atomic_write(path) as part:
+        part.write_text("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+    assert names(tmp_path) == ["a.txt"]
+
+
+def test_content_reaches_the_disk_before_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+    fsync, replace = os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda handle: calls.append("fsync") or fsync(handle))
+    monkeypatch.setattr(os, "replace", lambda a, b: calls.append("replace") or replace(a, b))
+    with atomic_write(tmp_path / "a.txt") as part:
+        part.write_text("new")
+    assert calls == ["fsync", "replace"]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path, error: type[BaseException]) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(error), atomic_write(path) as part:  # noqa: PT012  (the block is what fails)
+        part.write_text("ha")
+        raise error
+    assert path.read_text() == "old"
+    assert names(tmp_path) == ["a.txt"]
+
+
+def test_new_files_have_the_mode_of_other_new_files(tmp_path: Path) -> None:
+    (tmp_path / "plain").touch()
+    with atomic_write(tmp_path / "a.txt") as part:
+        part.touch()
+    assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from sim.files import atomic_write, locked
+folder = Path(sys.argv[1])
+with locked(folder), atomic_write(folder / "a.txt") as part:
+    part.write_text("half")
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_killed_process_leaves_no_lock_and_no_partial_file_under_a_final_name(tmp_path: Path) -> None:
+    writer = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(tmp_path)], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
+    assert writer.stdout is not None
+    with writer:
+        assert writer.stdout.readline() == "ready\n"
+        with pytest.raises(BlockingIOError), locked(tmp_path, wait=False):
+            pass
+        writer.send_signal(signal.SIGKILL)
+    with locked(tmp_path, wait=False):
+        pass
+    [part] = tmp_path.iterdir()
+    assert (part.suffix, part.read_text()) == (".part", "half")
+    remove_stale_parts(tmp_path)
+    assert names(tmp_path) == [part.name], "another process may still write it"
+    hours_ago = time.time() - 7200.0
+    os.utime(part, (hours_ago, hours_ago))
+    remove_stale_parts(tmp_path)
+    assert names(tmp_path) == []
+
+
+def test_a_lock_is_waited_for(tmp_path: Path) -> None:
+    order: list[str] = []
+
+    def wait() -> None:
+        with locked(tmp_path):
+            order.append("second")
+
+    with locked(tmp_path):
+        second = threading.Thread(target=wait)
+        second.start()
+        time.sleep(0.1)
+        order.append("first")
+    second.join(10)
+    assert order == ["first", "second"]
