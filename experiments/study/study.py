@@ -24,9 +24,9 @@ from sim.files import atomic_write
 
 RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"
 STUDY = "study.toml"
-_CELL_BYTES = 25_000
+_CELL_BYTES = 2_000
 """Bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`."""
-_RUN_BYTES = 60
+_RUN_BYTES = 80
 
 
 class Effort(NamedTuple):
