@@ -127,7 +127,7 @@ def load(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str
         changes: values by dotted key, such as {"followers.0.depth_m": 12.0, "navigation.variant": "laisn-3-2"}.
 
     Raises:
-        LaisnError: there is no such scenario, or it is not valid; the text names key, value and limit of every fault.
+        LaisnError: there is no such scenario, or it is not valid; the text names key, value and limit of every error.
     """
     _require_own_packages()
     from experiments.flight.library import loaded

@@ -30,7 +30,7 @@ LATE = {
     "laisn.tight.navigator": "its code takes long to load, and few missions need it",
     "sim.vehicle.own_hull": "only scenarios with a hull of their own need MuJoCo to be looked at",
     "sim.station_plan": "only scenarios with stations need the plant to be looked at",
-    "sim.flyable": "the sea and the hulls take half a second, and who reads or lists scenarios needs neither",
+    "sim.feasibility": "the sea and the hulls take half a second, and who reads or lists scenarios needs neither",
     "experiments.flight.swarm": "navigators of swarms take a tenth of a second, and few missions have stations",
     "experiments.study.page": "drawing takes a third of a second, and who reads a table draws nothing",
 }

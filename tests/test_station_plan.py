@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.flight.swarm import simulate_swarm
-from sim import flyable
+from sim import feasibility
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.station_keeping import closest_in_a_layer
@@ -78,7 +78,7 @@ def test_wings_of_a_v_do_not_meet_in_a_right_angle(count: int) -> None:
 
 
 def told(table: dict[str, Any]) -> Scenario:
-    return validate({"name": "s", "duration_s": 150.0, "leader": LEFT, **table}, "test", flyable.misfits)
+    return validate({"name": "s", "duration_s": 150.0, "leader": LEFT, **table}, "test", feasibility.infeasibilities)
 
 
 GRID = {"kind": "grid", "count": 12, "layer_m": 0.0}

@@ -11,8 +11,8 @@ from experiments.campaign.progress import phases
 from experiments.flight.picture import require_camera, video_of
 from experiments.flight.source import flight_of
 from experiments.flight.summary import position_and_bearing_errors
+from sim.feasibility import film_errors
 from sim.film import render
-from sim.flyable import film_misfits
 from sim.scenario.settings import Video
 from sim.screen import plain, shortened
 
@@ -64,9 +64,9 @@ def film(source: str, assignments: Iterable[str], options: FilmOptions) -> Path:
         require_camera(options.camera)
     flight = flight_of(source, list(assignments))
     video = _video(flight.scenario.video, options)
-    too_much = film_misfits(flight.scenario.duration_s, video)
+    too_much = film_errors(flight.scenario.duration_s, video)
     if options.still is None and too_much:
-        raise render.RenderError(too_much[0].text)
+        raise render.RenderError(too_much[0])
     if not 0 <= options.follower < len(flight.scenario.followers):
         raise render.RenderError(
             f"--follower {options.follower}: there are followers 0 … {len(flight.scenario.followers) - 1}"

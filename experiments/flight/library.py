@@ -91,9 +91,9 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
         ScenarioError: names file, key, value and limit of every fault.
     """
     # sea and hulls take half a second to import, and who reads or lists scenarios needs neither
-    from sim.flyable import misfits
+    from sim.feasibility import infeasibilities
 
-    return validate(*_read(source, assignments), further=misfits)
+    return validate(*_read(source, assignments), further=infeasibilities)
 
 
 def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any]) -> Scenario:
@@ -107,7 +107,7 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
         ScenarioError: names key, value and limit of every fault.
     """
     # as in `load_flyable`
-    from sim.flyable import misfits
+    from sim.feasibility import infeasibilities
 
     if not isinstance(changes, Mapping):
         raise ScenarioError(f"changes: expected a table of values by dotted key (given: {plain(repr(changes)):.80})")
@@ -117,7 +117,7 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
         table, name = dict(source), "scenario"
     else:
         table, name = table_of(str(source)), str(source)
-    return validate(assigned(table, changes), name, further=misfits)
+    return validate(assigned(table, changes), name, further=infeasibilities)
 
 
 def text_of(value: Any) -> str:

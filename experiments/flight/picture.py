@@ -6,9 +6,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from experiments.flight.summary import position_and_bearing_errors
+from sim.feasibility import film_errors
 from sim.film import render
 from sim.flight import Flight
-from sim.flyable import film_misfits
 from sim.scenario.settings import Video
 from sim.scenario.video import CAMERAS
 
@@ -40,8 +40,8 @@ def picture(
     if time_s is not None:
         render.still(flight, time_s, file, errors=errors, video=video, follower=follower)
         return file
-    too_much = film_misfits(flight.scenario.duration_s, video)
+    too_much = film_errors(flight.scenario.duration_s, video)
     if too_much:
-        raise render.RenderError(too_much[0].text)
+        raise render.RenderError(too_much[0])
     render.render(flight, file, errors=errors, video=video, follower=follower)
     return file

@@ -13,11 +13,11 @@ from experiments.flight.library import name_of, names
 from experiments.study.draws import Draw, known
 from experiments.study.factors import Design, Factor
 from laisn.failure import LaisnError
-from sim.scenario.faults import key_of
 from sim.scenario.file import dotted, plain_values, read
 from sim.scenario.own_hull import beside, is_mjcf, is_model_key
 from sim.scenario.section import Section
 from sim.scenario.settings import Name
+from sim.scenario.validation_errors import key_of
 from sim.screen import plain, screenful, shortened
 
 FOLDER = Path(__file__).parents[1] / "studies"
@@ -26,12 +26,12 @@ METRIC = "e_p_mean_m"
 
 
 class StudyError(LaisnError):
-    """A study that cannot be flown; the text has a line for each fault."""
+    """A study that cannot be flown; the text has a line for each error."""
 
 
 def refusal(source: str, lines: list[str]) -> StudyError:
-    """An error with all faults, as many as a screen holds."""
-    head = f"{source}: {len(lines)} fault{'s' if len(lines) != 1 else ''}"
+    """An error that lists all errors, as many as a screen holds."""
+    head = f"{source}: {len(lines)} error{'s' if len(lines) != 1 else ''}"
     return StudyError("\n".join(screenful([head, *lines])))
 
 

@@ -11,10 +11,10 @@ from experiments.flight.library import fly_line, table_of, text_of
 from experiments.study.factors import points_of
 from experiments.study.file import Study, refusal
 from experiments.study.metrics import METRICS
-from sim.flyable import misfits
-from sim.scenario.faults import unknown_key
+from sim.feasibility import infeasibilities
 from sim.scenario.file import ScenarioError, assigned, examined
-from sim.scenario.settings import Misfit, Scenario
+from sim.scenario.settings import Scenario
+from sim.scenario.validation_errors import unknown_key
 
 ALONE = "all"
 """Name of the only arm of a study that names none."""
@@ -85,12 +85,12 @@ class _Flyable:
     """What keeps scenarios from being flown, found once for all that move and are filmed alike."""
 
     def __init__(self) -> None:
-        self._found: dict[str, list[Misfit]] = {}
+        self._found: dict[str, list[str]] = {}
 
-    def __call__(self, scenario: Scenario) -> list[Misfit]:
+    def __call__(self, scenario: Scenario) -> list[str]:
         key = digest([motion_of(scenario).model_dump(mode="json"), scenario.video.model_dump(), scenario.epoch])
         if key not in self._found:
-            self._found[key] = misfits(scenario)
+            self._found[key] = infeasibilities(scenario)
         return self._found[key]
 
 

@@ -14,9 +14,9 @@ from pydantic import ValidationError
 from laisn.failure import LaisnError
 from sim.plain_file import text_of
 from sim.scenario import own_hull
-from sim.scenario.faults import Location, described, key_of, overlaps, told_apart, without
-from sim.scenario.settings import APART, Misfit, Scenario
-from sim.screen import ROWS, plain, screenful, shortened
+from sim.scenario.settings import KEYS_ALONE, Scenario
+from sim.scenario.validation_errors import lines_of
+from sim.screen import plain, screenful, shortened
 
 LARGEST_BYTES = 16_000_000
 """Largest scenario file that is read [bytes]: four routes of the most points that a route may have."""
@@ -28,15 +28,13 @@ _WIDEST_BITS = 1024
 """Most bits of an integer; more is beyond every number of a scenario, and costly to write down."""
 _INDEX = re.compile("0|[1-9][0-9]{0,8}")
 """An index of a list within a dotted key."""
-_ROUNDS = 5
-"""Rounds of looking for faults behind faults: a section, an item and a key may hide one another."""
 
 
 class ScenarioError(LaisnError):
-    """A scenario that cannot be flown; the text names source, key, value and expectation of every fault."""
+    """A scenario that is invalid or not feasible; the text names source, key, value and expectation of every error."""
 
 
-def _no_misfits(scenario: Scenario) -> Iterable[Misfit]:
+def _no_checks(scenario: Scenario) -> Iterable[str]:
     return ()
 
 
@@ -75,51 +73,37 @@ def plain_values(table: Mapping[str, Any], source: str) -> Any:
 
 
 def examined(
-    table: dict[str, Any], further: Callable[[Scenario], Iterable[Misfit]] = _no_misfits
+    table: dict[str, Any], further: Callable[[Scenario], Iterable[str]] = _no_checks
 ) -> tuple[Scenario | None, list[str]]:
-    """The scenario, and a line for each fault; arguments as of `validate`.
+    """The scenario, None if a key is invalid, and a line for each error; arguments as of `validate`.
 
-    What is at fault is put aside and the rest looked at again, so that one fault hides no other; of those found then,
-    only such count as concern nothing that was put aside.
+    All keys are validated first; then what they say together.
     """
-    scenario: Scenario | None = None
     table = copy.deepcopy(table)
     lines = own_hull.embed(table)
-    aside: set[Location] = set()
-    for _ in range(_ROUNDS):
-        try:
-            scenario = Scenario.model_validate_json(json.dumps(table), context=APART)
-            break
-        except ValidationError as error:
-            faults = [f for f in told_apart(error) if not any(overlaps(f["loc"], place) for place in aside)]
-            # describing costs time, and nobody sees more
-            lines += [described(fault) for fault in faults[:ROWS]] + [""] * len(faults[ROWS:])
-            table, taken = without(table, [fault["loc"] for fault in told_apart(error)])
-            aside |= taken
-    if scenario is not None:
-        put_aside = [key_of(place) for place in aside]
-        for misfit in (*scenario.misfits(), *further(scenario)):
-            if not any(overlaps(key, place) for key in misfit.keys for place in put_aside):
-                lines.append(f"  {misfit.text}")
-    return scenario, lines
+    try:
+        scenario = Scenario.model_validate_json(json.dumps(table), context=KEYS_ALONE)
+    except ValidationError as error:
+        return None, lines + lines_of(error)
+    return scenario, [*lines, *(f"  {text}" for text in (*scenario.inconsistencies(), *further(scenario)))]
 
 
 def validate(
-    table: Mapping[str, Any], source: str, further: Callable[[Scenario], Iterable[Misfit]] = _no_misfits
+    table: Mapping[str, Any], source: str, further: Callable[[Scenario], Iterable[str]] = _no_checks
 ) -> Scenario:
     """A scenario from a table of keys.
 
     Args:
         table: as read from TOML.
         source: name of the file, for messages.
-        further: what else is wrong with a scenario whose keys are right.
+        further: lists more errors of a scenario whose keys are valid, as `sim.feasibility` does.
 
     Raises:
-        ScenarioError: with one line for every fault, as many as a screen holds.
+        ScenarioError: with one line for every error, as many as a screen holds.
     """
     scenario, lines = examined(plain_values(table, source), further)
     if lines or scenario is None:
-        head = f"{source}: {len(lines)} fault{'s' if len(lines) != 1 else ''}"
+        head = f"{source}: {len(lines)} error{'s' if len(lines) != 1 else ''}"
         raise ScenarioError("\n".join(screenful([head, *lines])))
     return scenario
 

@@ -88,46 +88,42 @@ class Formation(Section):
     )
 
 
-def conflicts(stations: list[tuple[str, Station]]) -> list[tuple[tuple[str, ...], str]]:
-    """Pairs of stations, or of a station and the leader, that leave no room for two hulls: their keys, and why."""
-    found: list[tuple[tuple[str, ...], str]] = []
+def station_conflicts(stations: list[tuple[str, Station]]) -> list[str]:
+    """Pairs of stations, or of a station and the leader, that leave no room for two hulls."""
+    found: list[str] = []
     for i, (key, a) in enumerate(stations):
         if math.hypot(a.behind_m, a.port_m) < LEAST_APART_M:
             text = f"{key}.station is {math.hypot(a.behind_m, a.port_m):.3g} m from the leader's place"
-            found.append(((f"{key}.station",), f"{text}; stations are at least {LEAST_APART_M:g} m from it"))
+            found.append(f"{text}; stations are at least {LEAST_APART_M:g} m from it")
         for other, b in stations[:i]:
             apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
             layers = abs(a.depth_m - b.depth_m)
             if apart < LEAST_APART_M and layers < LEAST_LAYER_M:
-                text = (
+                found.append(
                     f"{key}.station and {other}.station are {apart:.3g} m apart in layers {layers:.3g} m apart; "
                     f"at least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
                 )
-                found.append(((f"{key}.station", f"{other}.station"), text))
     return found
 
 
-def sensor_misfits(told: Proximity | None, stations: list[tuple[str, Station]]) -> list[tuple[tuple[str, ...], str]]:
-    """What keeps followers from giving way by a sensor as it is told: keys, and why."""
-    if told is None:
+def proximity_inconsistencies(proximity: Proximity | None, stations: list[tuple[str, Station]]) -> list[str]:
+    """Settings with which followers cannot give way to each other by the short-range sensor."""
+    if proximity is None:
         return []
     key = "formation.proximity"
-    found: list[tuple[tuple[str, ...], str]] = []
+    found: list[str] = []
     if not stations:
-        found.append(((key, "followers"), f"{key} is for followers on stations; there are none"))
-    if told.full_m >= told.range_m:
-        text = f"{key}.full_m = {told.full_m:g} is not less than {key}.range_m = {told.range_m:g}"
-        found.append(((f"{key}.full_m", f"{key}.range_m"), text))
-    if not is_multiple(told.period_s, CONTROL_STEP_S):
-        text = f"{key}.period_s = {told.period_s:g} is no multiple of {CONTROL_STEP_S:g}"
-        found.append(((f"{key}.period_s",), text))
+        found.append(f"{key} is for followers on stations; there are none")
+    if proximity.full_m >= proximity.range_m:
+        found.append(f"{key}.full_m = {proximity.full_m:g} is not less than {key}.range_m = {proximity.range_m:g}")
+    if not is_multiple(proximity.period_s, CONTROL_STEP_S):
+        found.append(f"{key}.period_s = {proximity.period_s:g} is no multiple of {CONTROL_STEP_S:g}")
     for i, (one, a) in enumerate(stations):
         for other, b in stations[:i]:
             apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
-            if apart < told.range_m and abs(a.depth_m - b.depth_m) < LEAST_LAYER_M:
-                text = (
+            if apart < proximity.range_m and abs(a.depth_m - b.depth_m) < LEAST_LAYER_M:
+                found.append(
                     f"{one}.station and {other}.station are {apart:.3g} m apart in one layer, within {key}.range_m = "
-                    f"{told.range_m:g}: their followers would push each other away for ever"
+                    f"{proximity.range_m:g}: their followers would push each other away for ever"
                 )
-                found.append(((f"{one}.station", f"{other}.station", f"{key}.range_m"), text))
     return found

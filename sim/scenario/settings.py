@@ -3,11 +3,11 @@
 import math
 from collections import Counter
 from datetime import datetime
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from sim.scenario.formation import Formation, Station, conflicts, sensor_misfits
+from sim.scenario.formation import Formation, Station, proximity_inconsistencies, station_conflicts
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
 from sim.scenario.section import LISTED, Name, Section
@@ -18,14 +18,13 @@ from sim.scenario.vehicles import Follower, Leader, Vehicle
 from sim.scenario.video import Video
 
 __all__ = [
-    "APART",
     "CONTROL_STEP_S",
+    "KEYS_ALONE",
     "Acoustics",
     "Assume",
     "Follower",
     "Formation",
     "Leader",
-    "Misfit",
     "Name",
     "Navigation",
     "Ocean",
@@ -39,17 +38,8 @@ __all__ = [
 ]
 
 
-class Misfit(NamedTuple):
-    """What is wrong with a scenario though every key alone is right."""
-
-    keys: tuple[str, ...]
-    """Keys whose values do not fit together, such as `ocean.floor_depth_m`; a section stands for all of its keys."""
-    text: str
-
-
-APART = {"misfits": "allowed"}
-"""Context of a validation that looks at every key alone; `Scenario.misfits` tells the rest."""
-
+KEYS_ALONE = {"inconsistencies": "ignored"}
+"""Context of a validation of every key alone, without `Scenario.inconsistencies`."""
 
 _STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
 """A follower in place of those of a shape that is at fault."""
@@ -128,86 +118,77 @@ class Scenario(Section):
         )
 
     @model_validator(mode="after")
-    def _fits_together(self, info: ValidationInfo) -> Self:
-        told = [] if info.context == APART else self.misfits()
-        if told:
-            raise ValueError("; ".join(misfit.text for misfit in told))
+    def _is_consistent(self, info: ValidationInfo) -> Self:
+        found = [] if info.context == KEYS_ALONE else self.inconsistencies()
+        if found:
+            raise ValueError("; ".join(found))
         return self
 
-    def misfits(self) -> list[Misfit]:
-        """What does not fit together: names, steps, floor, current, what one setting needs of another."""
+    def inconsistencies(self) -> list[str]:
+        """Keys that contradict each other: names, steps, floor, current, what one setting needs of another."""
         found = []
-        names = ["leader", *(f.name for f in self.followers)]
-        counts = Counter(names)
+        counts = Counter(["leader", *(f.name for f in self.followers)])
         repeated = sorted(name for name, count in counts.items() if count > 1)
         if repeated:
-            found.append(Misfit(("followers",), f"vehicle names must differ; repeated: {', '.join(repeated)}"))
+            found.append(f"vehicle names must differ; repeated: {', '.join(repeated)}")
         if not is_multiple(self.duration_s, self.timing.filter_step_s):
             text = f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {self.timing.filter_step_s:g}"
-            found.append(Misfit(("duration_s", "timing"), text))
+            found.append(text)
         for key, vehicle in self.vehicles():
-            found += self._out_of_water(key, vehicle)
+            found += self._depth_errors(key, vehicle)
         for key, follower in self.vehicles()[1:]:
             if not isinstance(follower, Follower) or self.motion == "physics":
                 continue
             if follower.station:
-                found.append(Misfit((f"{key}.station", "motion"), f"{key}.station needs motion = 'physics'"))
+                found.append(f"{key}.station needs motion = 'physics'")
             elif follower.believes:
-                text = (
+                found.append(
                     f"{key}.steers_by = 'estimate' needs motion = 'physics'; the paper's point motion keeps to its "
-                    "route whatever the follower believes"
+                    "route whatever the follower estimates"
                 )
-                found.append(Misfit((f"{key}.steers_by", "motion"), text))
         if self.formation.shape:
-            text = "formation.shape makes the followers; there are [[followers]] beside it"
-            found.append(Misfit(("formation.shape", "followers"), text))
+            found.append("formation.shape makes the followers; there are [[followers]] beside it")
         stations = [(f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station]
-        found += [Misfit(keys, text) for keys, text in conflicts(stations)]
-        found += [Misfit(keys, text) for keys, text in sensor_misfits(self.formation.proximity, stations)]
-        found += self._not_under_way(bool(stations))
+        found += station_conflicts(stations)
+        found += proximity_inconsistencies(self.formation.proximity, stations)
+        found += self._closed_loop_errors(bool(stations))
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
-            keys = ("navigation.use_attitude", "leader.broadcast_attitude")
-            found.append(Misfit(keys, "navigation.use_attitude needs leader.broadcast_attitude = true"))
+            found.append("navigation.use_attitude needs leader.broadcast_attitude = true")
         return found
 
-    def _not_under_way(self, stations: bool) -> list[Misfit]:
-        """What followers cannot have that sense and navigate while they swim."""
-        told, found = self.navigation, []
+    def _closed_loop_errors(self, stations: bool) -> list[str]:
+        """Settings that followers cannot have whose guidance uses their estimates."""
+        navigation, found = self.navigation, []
         if stations and self.timing.filter_step_s != CONTROL_STEP_S:
-            text = "timing.filter_step_s must keep its default where followers are on stations"
-            found.append(Misfit(("timing.filter_step_s", "followers"), text))
-        asked = {
-            "navigation.use_single_range": told.use_single_range and told.variant != "tight",
-            "navigation.transmitters_m": bool(told.transmitters_m),
+            found.append("timing.filter_step_s must keep its default where followers are on stations")
+        changed = {
+            "navigation.use_single_range": navigation.use_single_range and navigation.variant != "tight",
+            "navigation.transmitters_m": bool(navigation.transmitters_m),
         }
         if stations or any(follower.believes for follower in self.followers):
             where = "must keep its default where followers are on stations or steer by their estimates"
-            found += [Misfit((key, "followers"), f"{key} {where}") for key, there in asked.items() if there]
+            found += [f"{key} {where}" for key, is_set in changed.items() if is_set]
         return found
 
-    def _out_of_water(self, key: str, vehicle: Vehicle) -> list[Misfit]:
+    def _depth_errors(self, key: str, vehicle: Vehicle) -> list[str]:
         found = []
         deepest = max([d for _, d in vehicle.depth_profile] or [vehicle.layer_m]) + vehicle.saw_tooth_amplitude_m
-        depth_keys = tuple(f"{key}.{what}" for what in ("depth_m", "station", "depth_profile", "saw_tooth_amplitude_m"))
         if vehicle.saw_tooth_amplitude_m > vehicle.layer_m and not vehicle.depth_profile:
-            text = (
+            found.append(
                 f"{key}: saw_tooth_amplitude_m = {vehicle.saw_tooth_amplitude_m:g} about depth_m = "
                 f"{vehicle.depth_m:g} would leave the water"
             )
-            found.append(Misfit(depth_keys, text))
         if deepest > self.ocean.floor_depth_m - 1:
-            text = (
+            found.append(
                 f"{key} would dive to {deepest:g} m, the floor lies at ocean.floor_depth_m = "
                 f"{self.ocean.floor_depth_m:g} m (1 m is kept clear)"
             )
-            found.append(Misfit((*depth_keys, "ocean.floor_depth_m"), text))
         drift = self.ocean.current_speed_m_s - self.ocean.current_shear_per_s * deepest
         if abs(drift) > FASTEST_CURRENT_M_S:
-            text = (
+            found.append(
                 f"ocean: the current at {key}'s {deepest:g} m would run at {drift:.3g} m/s; current_speed_m_s and "
                 f"current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
             )
-            found.append(Misfit((*depth_keys, "ocean.current_speed_m_s", "ocean.current_shear_per_s"), text))
         return found
 
     def vehicles(self) -> list[tuple[str, Vehicle]]:

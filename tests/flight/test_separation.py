@@ -8,7 +8,7 @@ import pytest
 from experiments.flight import separation
 from experiments.flight.fly import fly
 from experiments.flight.separation import _spread, contact_events, giving_way_events, uncertainty_events
-from sim import flyable
+from sim import feasibility
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
@@ -83,7 +83,7 @@ def test_a_leader_that_followers_cannot_keep_up_with_is_named() -> None:
         "followers": [{"station": {"behind_m": 10.0, "depth_m": 10.0}}],
     }
     with pytest.raises(ValueError, match=r"waypoint 3 followers at 10 m would need 5\.2 m/s"):
-        validate(table, "test", flyable._outrun)
+        validate(table, "test", feasibility._leader_too_fast)
 
 
 def test_who_gives_way_is_told_with_its_first_time_and_how_long() -> None:

@@ -76,7 +76,7 @@ def test_defaults_are_the_papers() -> None:
         ({"leader": {"depth_profile": [[0, 5], [0, 6]]}}, "leader.depth_profile: depth 2 at 0 s is not later"),
         ({"leader": {"saw_tooth_amplitude_m": 9.0}}, "leader: saw_tooth_amplitude_m = 9 about depth_m = 8 would leave"),
         ({"ocean": {"current_shear_per_s": 1.0}}, "the current at leader's 8 m would run at -8 m/s"),
-        ({"followers": [{"waypoints": [[0, 0, 0], [9, 9]]}]}, "mine.toml: 1 fault\n  followers[0].waypoints[1]"),
+        ({"followers": [{"waypoints": [[0, 0, 0], [9, 9]]}]}, "mine.toml: 1 error\n  followers[0].waypoints[1]"),
         ({"epoch": "yesterday"}, "is no ISO 8601 time with zone"),
         ({"name": "a/b"}, "name: String should match pattern"),
     ],
@@ -90,7 +90,7 @@ def test_a_fault_names_file_key_and_expectation(change: dict[str, Any], expected
 
 def test_all_faults_are_told_at_once() -> None:
     table = {**MINIMAL, "seed": -1, "duration_s": 0.0, "wind": 3}
-    with pytest.raises(ScenarioError, match="3 faults"):
+    with pytest.raises(ScenarioError, match="3 errors"):
         scenario_file.validate(table, "mine.toml")
 
 
@@ -129,7 +129,7 @@ def test_what_cannot_be_flown_names_file_and_key(assignments: list[str], expecte
     with pytest.raises(ScenarioError) as caught:
         library.load_flyable("T5", assignments)
     source, fault = str(caught.value).splitlines()
-    assert source == f"T5 {' '.join(f'--set {a}' for a in assignments)}: 1 fault"
+    assert source == f"T5 {' '.join(f'--set {a}' for a in assignments)}: 1 error"
     assert fault.startswith(f"  {expected}")
 
 

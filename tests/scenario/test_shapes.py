@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from sim import flyable
+from sim import feasibility
 from sim.scenario.file import validate
 from sim.scenario.shapes import Shape, followers_of
 
@@ -82,6 +82,6 @@ def test_layers_are_taken_in_turn() -> None:
 )
 def test_a_shape_at_fault_is_the_only_fault(shape: dict[str, object], fault: str) -> None:
     table = {"name": "many", "duration_s": 60.0, "formation": {"shape": shape}}
-    with pytest.raises(ValueError, match="1 fault\n") as error:
-        validate(table, "many.toml", flyable.misfits)
+    with pytest.raises(ValueError, match="1 error\n") as error:
+        validate(table, "many.toml", feasibility.infeasibilities)
     assert fault in str(error.value)

@@ -187,13 +187,19 @@ def test_nothing_is_computed_twice(flown, monkeypatch):
     run_study(study(), flown, workers=1, quiet=True)
 
 
-def test_all_faults_of_all_points_are_told_at_once():
+def test_all_invalid_keys_of_all_points_are_reported_at_once():
     with pytest.raises(StudyError) as error:
-        plan_of(
-            study(vary={"followers.0.depth_m": [10, 40], "leader.excess_bouyancy_n": [1], "followers.3.depth_m": [1]})
-        )
+        plan_of(study(vary={"leader.depth_m": [8, -1], "leader.excess_bouyancy_n": [1], "followers.3.depth_m": [1]}))
     text = str(error.value)
     assert "did you mean 'excess_buoyancy_n'?" in text
+    assert "leader.depth_m: Input should be greater than or equal to 0" in text
+    assert "followers.3.depth_m is no key" in text
+
+
+def test_what_is_not_feasible_is_reported_with_its_points():
+    with pytest.raises(StudyError) as error:
+        plan_of(study(vary={"followers.0.depth_m": [10, 40], "followers.3.depth_m": [1]}))
+    text = str(error.value)
     assert "followers.3.depth_m is no key" in text
     assert "floor_depth_m" in text
     assert "in 4 of 8 scenarios, first at followers.0.depth_m = 40" in text

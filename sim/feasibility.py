@@ -1,4 +1,4 @@
-"""Whether a scenario whose keys are right can be flown: sea, routes, date, and what all of it would cost."""
+"""Feasibility of a scenario whose keys are valid: sea, hulls, routes, stations, date, memory and time."""
 
 from collections.abc import Callable
 from functools import partial
@@ -12,7 +12,7 @@ from sim.contact import HULL_RADIUS_M
 from sim.log.clock import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
 from sim.scenario.point_motion import Plan, plan
-from sim.scenario.settings import CONTROL_STEP_S, Follower, Misfit, Scenario, Vehicle, Video
+from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 from sim.scenario.video import CAMERAS
 
 MOST_INSTANTS = 2_000_000
@@ -28,69 +28,65 @@ def frames(duration_s: float, video: Video) -> int:
     return max(1, round(duration_s / video.speed_up * video.frame_rate_hz))
 
 
-def film_misfits(duration_s: float, video: Video) -> list[Misfit]:
-    """What keeps a film from being made: no such camera, or too many pixels."""
+def film_errors(duration_s: float, video: Video) -> list[str]:
+    """Errors of the film: an unknown camera, or too many pixels."""
     found = []
     if video.camera not in CAMERAS:
-        text = f"video.camera: unknown camera {video.camera!r}; available: {', '.join(CAMERAS)}"
-        found.append(Misfit(("video.camera",), text))
+        found.append(f"video.camera: unknown camera {video.camera!r}; available: {', '.join(CAMERAS)}")
     count = frames(duration_s, video)
     if count * video.width_px * video.height_px > MOST_PIXELS:
         most = MOST_PIXELS // (video.width_px * video.height_px)
-        text = (
+        found.append(
             f"video: a film of {duration_s:g} s at speed_up = {video.speed_up:g} and {video.frame_rate_hz} Hz has "
             f"{count:.4g} frames, at {video.width_px} × {video.height_px} there may be {most}"
         )
-        found.append(Misfit(("video", "duration_s"), text))
     return found
 
 
-def _cost(scenario: Scenario) -> list[Misfit]:
-    """What would take more memory, disk or time than anybody means to spend."""
+def _cost(scenario: Scenario) -> list[str]:
+    """Missions beyond the limits of memory and time."""
     vehicles, found = 1 + len(scenario.followers), []
     instants = scenario.duration_s / CONTROL_STEP_S * vehicles
     if instants > MOST_INSTANTS:
-        text = (
+        found.append(
             f"duration_s: {scenario.duration_s:g} s of {vehicles} vehicles would take {instants * 1.1e-6:.3g} GB of "
             f"memory; so many vehicles may fly {MOST_INSTANTS * CONTROL_STEP_S / vehicles:.0f} s"
         )
-        found.append(Misfit(("duration_s", "followers"), text))
     steps = scenario.duration_s / scenario.timing.physics_step_s * vehicles
     if scenario.motion == "physics" and steps > MOST_PHYSICS_STEPS:
-        text = (
+        found.append(
             f"timing.physics_step_s: {scenario.duration_s:g} s of {vehicles} vehicles in steps of "
             f"{scenario.timing.physics_step_s:g} s are {steps:.4g} steps, there may be {MOST_PHYSICS_STEPS}"
         )
-        found.append(Misfit(("duration_s", "followers", "timing.physics_step_s"), text))
     return found
 
 
-def _tried(build: Callable[[], object], where: str, *keys: str) -> list[Misfit]:
+def _errors_of(build: Callable[[], object], where: str) -> list[str]:
     try:
         build()
     except LaisnError as error:
         text = str(error)
-        return [Misfit((where, *keys), text if text.startswith(where) else f"{where}: {text}")]
+        return [text if text.startswith(where) else f"{where}: {text}"]
     return []
 
 
 def _plan(vehicle: Vehicle, name: str) -> Plan:
-    # a saw-tooth that leaves the water is no fault of the route
+    # a saw-tooth that leaves the water is an error of its own
     return plan(route_of(vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0}), name))
 
 
-def _hull_misfits(key: str, model: str | None, role: str) -> list[Misfit]:
-    """What a user's own hull lacks."""
+def _hull_errors(key: str, model: str | None, role: str) -> list[str]:
+    """Errors of a hull of the user's own."""
     if model is None:
         return []
     # most scenarios have none, and need no MuJoCo to be looked at
     from sim.vehicle.own_hull import faults_of
 
-    return [Misfit((key,), f"{key}: {line}") for line in faults_of(model, role)]
+    return [f"{key}: {line}" for line in faults_of(model, role)]
 
 
-def _outrun(scenario: Scenario) -> list[Misfit]:
-    """A leader that swims faster than its followers can."""
+def _leader_too_fast(scenario: Scenario) -> list[str]:
+    """A leader that is faster than followers on stations can be."""
     fastest, ocean = scenario.formation.fastest_m_s, scenario.ocean
     depths = [f.layer_m for f in scenario.followers if f.station]
     if not depths:
@@ -98,7 +94,7 @@ def _outrun(scenario: Scenario) -> list[Misfit]:
     try:
         route = route_of(scenario.leader, "leader")
     except LaisnError:
-        return []  # told with its route
+        return []  # reported with its route
     towards = np.deg2rad(ocean.current_direction_deg)
     drift = np.array([np.sin(towards), np.cos(towards)])
     over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
@@ -107,23 +103,22 @@ def _outrun(scenario: Scenario) -> list[Misfit]:
         speed = np.hypot(*through.T)
         leg = int(np.argmax(speed))
         if speed[leg] > fastest:
-            text = (
+            return [
                 f"leader: on the way to waypoint {leg + 2} followers at {depth:g} m would need {speed[leg]:.3g} m/s "
                 f"through the water, formation.fastest_m_s is {fastest:g} m/s"
-            )
-            return [Misfit(("leader", "formation.fastest_m_s", "ocean"), text)]
+            ]
     return []
 
 
-def _met(scenario: Scenario) -> list[Misfit]:
-    """Vehicles that start where another does: followers that join their stations, or all, if contact is the end."""
+def _start_overlap(scenario: Scenario) -> list[str]:
+    """Vehicles that start too close: followers that join stations, or all of them if contact ends the mission."""
     joins = [isinstance(vehicle, Follower) and vehicle.start_m is not None for _, vehicle in scenario.vehicles()]
     if scenario.contact == "mark" and not any(joins):
         return []
     try:
         routes = routes_of(scenario)
     except LaisnError:
-        return []  # told with its route
+        return []  # reported with its route
     setups, keys = setups_of(scenario, routes), [key for key, _ in scenario.vehicles()]
     found = []
     for i, one in enumerate(setups):
@@ -131,15 +126,14 @@ def _met(scenario: Scenario) -> list[Misfit]:
             x, y, z = np.subtract(one.position_m, other.position_m)
             near = (joins[i] or joins[j]) and np.hypot(x, y) < LEAST_APART_M and abs(z) < LEAST_LAYER_M
             if near or (scenario.contact == "end" and np.hypot(np.hypot(x, y), z) < 2.0 * HULL_RADIUS_M):
-                text = (
+                found.append(
                     f"{keys[j]} and {keys[i]} start {np.hypot(x, y):.2g} m apart in layers {abs(z):.2g} m apart; at "
                     f"least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
                 )
-                found.append(Misfit((keys[j], keys[i]), text))
     return found
 
 
-def _crowded(scenario: Scenario) -> list[Misfit]:
+def _station_conflict(scenario: Scenario) -> list[str]:
     """Stations of one layer that meet where the leader turns, of followers that cannot give way."""
     layers = sorted(f.layer_m for f in scenario.followers if f.station)
     alone = all(b - a >= LEAST_LAYER_M for a, b in pairwise(sorted([*layers, scenario.leader.layer_m])))
@@ -153,7 +147,7 @@ def _crowded(scenario: Scenario) -> list[Misfit]:
         crossing = None if near is None else hardest_crossing(scenario, near.range_m)
         found = nearest_stations(scenario) if near is None else crossing and crossing.meeting
     except LaisnError:
-        return []  # told with the leader's route
+        return []  # reported with the leader's route
     if found is None or found.apart_m >= LEAST_APART_M:
         return []
     names = ["the leader's place" if i < 0 else f"followers[{i}].station" for i in found.pair]
@@ -164,31 +158,37 @@ def _crowded(scenario: Scenario) -> list[Misfit]:
     elsewhere = f"give them layers {LEAST_LAYER_M:g} m apart, other places"
     if near is None or crossing is None:
         text += f"; at least {LEAST_APART_M:g} m are needed: {elsewhere}, or formation.proximity to give way by"
-        return [Misfit(("followers", "formation", "leader"), text)]
+        return [text]
     text += f" and close up at {crossing.closing_m_s:.2g} m/s"
     if crossing.way_m_s < crossing.needed_m_s:
         text += f"; to give way takes {crossing.needed_m_s:.2g} m/s through the water, one of them has "
         text += f"{crossing.way_m_s:.2g}: {elsewhere}, or another course in this current"
-        return [Misfit(("followers", "formation", "leader", "ocean"), text)]
+        return [text]
     if near.range_m < LEAST_APART_M + crossing.braking_m:
         text += f"; to brake in time they have to sense each other {LEAST_APART_M + crossing.braking_m:.2g} m away, "
         text += f"formation.proximity.range_m is {near.range_m:g}: {elsewhere}, or a longer range"
-        return [Misfit(("followers", "formation.proximity.range_m", "leader"), text)]
+        return [text]
     return []
 
 
-def misfits(scenario: Scenario) -> list[Misfit]:
-    """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.misfits`."""
+def infeasibilities(scenario: Scenario) -> list[str]:
+    """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.inconsistencies`."""
     found = [
-        *_tried(partial(Clock, scenario.epoch), "epoch"),
-        *film_misfits(scenario.duration_s, scenario.video),
-        *_tried(partial(ocean_of, scenario), "ocean.waves", "ocean.floor_depth_m"),
+        *_errors_of(partial(Clock, scenario.epoch), "epoch"),
+        *film_errors(scenario.duration_s, scenario.video),
+        *_errors_of(partial(ocean_of, scenario), "ocean.waves"),
     ]
     for i, (key, vehicle) in enumerate(scenario.vehicles()):
-        found += _hull_misfits(f"{key}.model", vehicle.model, "follower" if i else "leader")
+        found += _hull_errors(f"{key}.model", vehicle.model, "follower" if i else "leader")
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
         if isinstance(vehicle, Follower) and vehicle.station:
             continue
         where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
-        found += _tried(partial(_plan, vehicle, name), where)
-    return [*found, *_outrun(scenario), *_met(scenario), *_crowded(scenario), *_cost(scenario)]
+        found += _errors_of(partial(_plan, vehicle, name), where)
+    return [
+        *found,
+        *_leader_too_fast(scenario),
+        *_start_overlap(scenario),
+        *_station_conflict(scenario),
+        *_cost(scenario),
+    ]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from experiments.command.fly import fly_and_write
 from experiments.flight import library
-from sim import flyable
+from sim import feasibility
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
@@ -28,7 +28,7 @@ SEEDS = st.integers(0, 2**64)
 def accepted(table: dict[str, Any]) -> Scenario | None:
     """The scenario, or None if it is refused as it should be."""
     try:
-        return scenario_file.validate(table, "absurd.toml", flyable.misfits)
+        return scenario_file.validate(table, "absurd.toml", feasibility.infeasibilities)
     except ScenarioError as error:
         told = str(error)
     head, *lines = told.split("\n")
@@ -119,10 +119,10 @@ POINTS = 4_000
         (b"a" + b".a" * 3000 + b" = 1", "lists or tables nest more than 16 deep"),
         (b"epoch = 2026-13-45", "not valid TOML"),
         (b"k" * 100_000 + b" = 1\n", "unknown key; known here: name, seed"),
-        (b"\n".join(b"k%d = 1" % i for i in range(POINTS)), f"{POINTS + 1} faults"),
-        (FOLLOWER + b"waypoints = [" + b"['a', 1, 2]," * POINTS + b"]", f"{POINTS} faults"),
+        (b"\n".join(b"k%d = 1" % i for i in range(POINTS)), f"{POINTS + 1} errors"),
+        (FOLLOWER + b"waypoints = [" + b"['a', 1, 2]," * POINTS + b"]", f"{POINTS} errors"),
         (FOLLOWER + b"waypoints = [" + b"[0, 0, 0]," * POINTS + b"]", "waypoint 2 at 0 s is not later"),
-        (FOLLOWER * 1 + b"[[followers]]\n" * POINTS, f"{POINTS + 1} faults"),
+        (FOLLOWER * 1 + b"[[followers]]\n" * POINTS, f"{POINTS + 1} errors"),
         (b"#" * (scenario_file.LARGEST_BYTES + 1), "it has 16000001 bytes, there may be 16000000"),
     ],
     ids=range(14),
@@ -162,32 +162,54 @@ def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
     assert time.monotonic() - began < 1
 
 
-def test_faults_of_every_kind_are_told_in_one_round() -> None:
+def errors_of(table: dict[str, Any]) -> list[str]:
+    with pytest.raises(ScenarioError) as caught:
+        scenario_file.validate(table, "mine.toml", feasibility.infeasibilities)
+    head, *lines = str(caught.value).splitlines()
+    assert head == f"mine.toml: {len(lines)} errors"
+    return [line.strip() for line in lines]
+
+
+def unlike(lines: list[str], expected: list[str]) -> list[str]:
+    """Texts that no line begins with, and lines that begin with no text."""
+    return [
+        *(text for text in expected if not any(line.startswith(text) for line in lines)),
+        *(line for line in lines if not any(line.startswith(text) for text in expected)),
+    ]
+
+
+def test_all_invalid_keys_are_reported_at_once() -> None:
     table = {
         "name": "mine",
         "senors": {},
+        "ocean": {"current_speed_m_s": "fast", "waves": {"kind": "regular", "height_m": 19.0}},
+        "timing": {"physics_step_s": 0.03},
+        "video": {"camera": "drone"},
+        "followers": [{"route": "T1"}, {"waypoints": [[0, 0, "x"], [10, 9, 0]]}],
+    }
+    expected = [
+        "senors: unknown key; did you mean 'sensors'?",
+        "timing: physics_step_s = 0.03 does not divide 0.1 s",
+        "ocean.current_speed_m_s: Input should be a valid number",
+        "followers[1].waypoints[0][2]: Input should be a valid number",
+    ]
+    assert unlike(errors_of(table), expected) == []
+
+
+def test_all_that_contradicts_or_is_not_feasible_is_reported_at_once() -> None:
+    table = {
+        "name": "mine",
         "epoch": "1960-01-01T00:00:00+00:00",
         "duration_s": 1000.05,
         "leader": {"depth_m": 40.0, "saw_tooth_amplitude_m": 50.0},
-        "ocean": {"current_speed_m_s": "fast", "waves": {"kind": "regular", "height_m": 19.0}},
+        "ocean": {"waves": {"kind": "regular", "height_m": 19.0}},
         "video": {"camera": "drone"},
-        "timing": {"physics_step_s": 0.03},
         "navigation": {"use_attitude": True},
-        "followers": [
-            {"route": "T1"},
-            {"waypoints": [[0, 0, 0], [10, 52.2, 0]], "depth_m": 35.0},
-            {"waypoints": [[0, 0, "x"], [10, 9, 0]]},
-        ],
+        "followers": [{"route": "T1"}, {"waypoints": [[0, 0, 0], [10, 52.2, 0]], "depth_m": 35.0}],
     }
-    with pytest.raises(ScenarioError) as caught:
-        scenario_file.validate(table, "mine.toml", flyable.misfits)
-    head, *lines = str(caught.value).splitlines()
     expected = [
-        "senors: unknown key; did you mean 'sensors'?",
+        "duration_s = 1000.05 is no multiple of filter_step_s",
         "leader: saw_tooth_amplitude_m = 50",
-        "timing: physics_step_s = 0.03 does not divide 0.1 s",
-        "ocean.current_speed_m_s: Input should be a valid number",
-        "followers[2].waypoints[0][2]: Input should be a valid number",
         "leader would dive to 90 m",
         "followers[1] would dive to 35 m",
         "navigation.use_attitude needs leader.broadcast_attitude",
@@ -197,17 +219,15 @@ def test_faults_of_every_kind_are_told_in_one_round() -> None:
         "followers[0].route: unknown route 'T1'",
         "followers[1].waypoints: route 'follower-2', waypoint 2: 5.22 m/s",
     ]
-    missing = [text for text in expected if not any(line.strip().startswith(text) for line in lines)]
-    assert not missing
-    assert head == f"mine.toml: {len(expected)} faults"
+    assert unlike(errors_of(table), expected) == []
 
 
-def test_what_is_put_aside_raises_no_fault_of_its_own() -> None:
-    """The leader's depth is no number: that its default of 8 m would lie below the floor is nobody's fault."""
+def test_an_invalid_key_has_no_consequences() -> None:
+    """The leader's depth is no number: that its default of 8 m would lie below the floor is not reported."""
     table = {"name": "a", "leader": {"depth_m": "x"}, "ocean": {"floor_depth_m": 5.0}}
     followers = [{"route": "T5", "depth_m": 3.0}]
-    with pytest.raises(ScenarioError, match=r"mine.toml: 1 fault\n  leader.depth_m: "):
-        scenario_file.validate({**table, "followers": followers}, "mine.toml", flyable.misfits)
+    with pytest.raises(ScenarioError, match=r"mine.toml: 1 error\n  leader.depth_m: "):
+        scenario_file.validate({**table, "followers": followers}, "mine.toml", feasibility.infeasibilities)
 
 
 def test_followers_without_names_are_numbered() -> None:
@@ -235,8 +255,8 @@ def test_what_would_take_for_ever_is_refused_with_its_cost(assignments: list[str
 
 def test_a_day_of_one_follower_is_accepted_and_of_fifty_is_not() -> None:
     table: dict[str, Any] = {"name": "a", "duration_s": 86400.0, "followers": [{"route": "T5"}]}
-    assert scenario_file.validate(table, "a.toml", flyable.misfits)
+    assert scenario_file.validate(table, "a.toml", feasibility.infeasibilities)
     swarm = {**table, "followers": [{"route": "T5"} for _ in range(50)]}
     # 864 000 instants of 51 vehicles at 1.1 kB; 2 000 000 instants are 3922 s of 51
     with pytest.raises(ScenarioError, match=r"would take 48.5 GB of memory; so many vehicles may fly 3922 s"):
-        scenario_file.validate(swarm, "a.toml", flyable.misfits)
+        scenario_file.validate(swarm, "a.toml", feasibility.infeasibilities)
