@@ -16,7 +16,7 @@ from experiments.campaign import missions
 from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
-from experiments.campaign.store import PER_RUN, CampaignError, Record, Store, still_missing
+from experiments.campaign.store import PER_RUN, CampaignError, Record, Store
 from experiments.campaign.tasks import Task, compute_tasks, key_of, task_key
 from laisn.failure import LaisnError
 from sim.scenario.settings import Scenario
@@ -165,7 +165,7 @@ def fly_missions(
     wanted = [item for item in ((*given, facts) for given in scenarios.items()) if not is_stored(item)]
     failed = {}
     with progress("missions", len(wanted), quiet=quiet) as advance:
-        for motion, flown, measured in pool.each(_fly, still_missing(wanted, is_stored, lambda _: advance())):
+        for motion, flown, measured in pool.each(_fly, store.still_missing(wanted, is_stored, lambda _: advance())):
             if isinstance(flown, str):
                 failed[motion] = flown
             else:
@@ -195,7 +195,7 @@ def compile_ahead(plan: CellPlan) -> None:
 def compute_cells(plans: Sequence[CellPlan], store: Store, pool: Pool, *, quiet: bool = False) -> None:
     """Compute cells of stored missions in parallel, and store each as it is done."""
     with progress("cells", len(plans), quiet=quiet) as advance:
-        missing = still_missing(
+        missing = store.still_missing(
             _batches(plans, pool.size), lambda batch: not missing_cells(batch, store), lambda batch: advance(len(batch))
         )
         tasks = ((mission(batch[0].scenario, store), batch) for batch in missing)
@@ -238,7 +238,7 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
         if tasks and design.ahead:
             with compiling_shown():
                 design.ahead()
-    with pool:
+    with store.in_use(), pool:
         failures: dict[Any, str] = {**fly_missions(motions, store, pool, facts=facts, quiet=quiet)}
         failures |= compute_tasks(tasks, store, pool, what=design.what, quiet=quiet)
         if failures and not tolerant:

@@ -8,6 +8,7 @@ import json
 import random
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 from zipfile import BadZipFile, ZipFile
@@ -84,23 +85,6 @@ def write_csv(path: Path, rows: Sequence[Record]) -> None:
         writer.writerows(zip(*columns.values(), strict=True))
 
 
-def still_missing(items: Iterable[Item], is_stored: Callable[[Item], bool], skip: Callable[[Item], None]
-                  ) -> Iterator[Item]:  # fmt: skip
-    """Items to compute, in random order, so that processes that share a folder share the work.
-
-    Args:
-        items: that were missing.
-        is_stored: whether another process has stored an item meanwhile; asked just before it is yielded.
-        skip: called with an item that is stored.
-    """
-    given = list(items)
-    for item in random.sample(given, len(given)):
-        if is_stored(item):
-            skip(item)
-        else:
-            yield item
-
-
 def _encoded(record: object) -> npt.NDArray[np.uint8]:
     """JSON of a record; NumPy's numbers and arrays become plain ones."""
     return np.frombuffer(json.dumps(record, default=lambda value: value.tolist()).encode(), dtype=np.uint8)
@@ -137,6 +121,7 @@ class Store:
         self.folder = folder
         self._cells, self._flights = folder / "cells", folder / "flights"
         self._force = force
+        self._shared = False
         self._written: set[Path] = set()
         for each in (self._cells, self._flights):
             each.mkdir(parents=True, exist_ok=True)
@@ -198,6 +183,36 @@ class Store:
             with ZipFile(part, "a") as archive:
                 archive.comment = _label(path, archive)
         self._written.add(path)
+
+    @contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Mark the folder as in use for the block, so that other processes compute its results in another order."""
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(locked(self._cells, wait=False))
+            except BlockingIOError:
+                self._shared = True
+            yield
+
+    def still_missing(
+        self, items: Iterable[Item], is_stored: Callable[[Item], bool], skip: Callable[[Item], None]
+    ) -> Iterator[Item]:
+        """Items to compute, less those that another process stores meanwhile.
+
+        Processes that share a folder share the work: the first takes the items as they are given, the others in random
+        order.
+
+        Args:
+            items: that were missing.
+            is_stored: asked just before an item is yielded.
+            skip: called with an item that is stored.
+        """
+        given = list(items)
+        for item in random.sample(given, len(given)) if self._shared else given:
+            if is_stored(item):
+                skip(item)
+            else:
+                yield item
 
     def record(self, key: str) -> Any:
         """What `write_record` stored under a key; None if it must be computed."""

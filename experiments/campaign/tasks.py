@@ -13,7 +13,7 @@ from pydantic_core import to_jsonable_python
 from experiments.campaign.missions import digest
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import progress
-from experiments.campaign.store import CampaignError, Record, Store, still_missing
+from experiments.campaign.store import CampaignError, Record, Store
 from experiments.campaign.version import code_version, version_of
 
 Task = partial[Any]
@@ -87,7 +87,7 @@ def compute_tasks(
     """
     failed: dict[Any, str] = {}
     with progress(what, len(tasks), quiet=quiet) as advance:
-        missing = still_missing(
+        missing = store.still_missing(
             tasks.items(), lambda item: store.record(task_key(item[1])) is not None, lambda _: advance()
         )
         for name, found in pool.each(_rows, missing):

@@ -14,7 +14,6 @@ from experiments.campaign.store import (
     Steps,
     Store,
     read_table,
-    still_missing,
     write_table,
 )
 from experiments.campaign.version import ROOT
@@ -131,15 +130,24 @@ def test_a_damaged_manifest_is_written_again(cells: Path, text: str) -> None:
     assert manifest.read_bytes() == whole
 
 
-def test_what_another_process_stores_meanwhile_is_skipped() -> None:
-    stored, skipped = {1, 4}, []
+def test_what_another_process_stores_meanwhile_is_skipped(tmp_path: Path) -> None:
+    stored, skipped = {1, 4}, list[int]()
     found = []
-    for item in still_missing(range(10), stored.__contains__, skipped.append):
+    for item in Store(tmp_path).still_missing(range(10), stored.__contains__, skipped.append):
         found.append(item)
-        stored.add((item + 1) % 10)
-    assert sorted(found + skipped) == list(range(10))
-    assert {1, 4} <= set(skipped)
-    assert not any((item + 1) % 10 in found[found.index(item) :] for item in found)
+        stored.add(item + 1)
+    assert (found, skipped) == ([0, 2, 5, 7, 9], [1, 3, 4, 6, 8])
+
+
+def test_the_first_process_keeps_the_order_and_others_do_not(tmp_path: Path) -> None:
+    def order(store: Store) -> list[int]:
+        return list(store.still_missing(range(100), lambda _: False, lambda _: None))
+
+    one, other = Store(tmp_path), Store(tmp_path)
+    with one.in_use(), other.in_use():
+        assert order(one) == list(range(100))
+        assert order(other) != list(range(100))
+        assert sorted(order(other)) == list(range(100))
 
 
 OPENER = """
