@@ -128,7 +128,7 @@ def law_of(formation: Formation) -> Law:
         fastest=formation.fastest_m_s,
     )
     silence = Silence(
-        patience=formation.patience_s,
+        velocity_sigma=formation.leader_velocity_sigma_m_s,
         limit=formation.silence_s,
         then=_SILENT.index(formation.when_silent),
         speed=formation.silent_speed_m_s,

@@ -17,6 +17,7 @@ from sim.control.follower import (
     BELIEFS,
     FOLLOWER_MEMORY,
     READINGS,
+    SPREAD,
     beware,
     embark,
     keep_station,
@@ -195,12 +196,12 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
     assert steering.wanted[2] < 1.0
 
 
-def quiet_for(seconds: float, formation: Formation) -> tuple[Floats, Floats]:
+def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tuple[Floats, Floats]:
     """Headings and speeds wanted, and depths, of a follower on its station that hears nothing any more."""
     law, memory = law_of(formation), np.zeros(FOLLOWER_MEMORY)
     trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 0.0, 12.0])
     reading, belief, reference, rows = np.zeros(READINGS), np.zeros(BELIEFS), np.zeros(8), []
-    reading[:3] = 1.0, 0.0, 12.0
+    reading[:3], belief[SPREAD] = (1.0, 0.0, 12.0), spread
     embark(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 21):
         listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
@@ -213,19 +214,32 @@ def quiet_for(seconds: float, formation: Formation) -> tuple[Floats, Floats]:
     return table[:, :3], table[:, 3]
 
 
-def test_without_messages_it_goes_on_then_slowly_then_circles_or_surfaces() -> None:
-    wanted, depth = quiet_for(200.0, Formation())
-    assert wanted[:290, 2] == pytest.approx(1.0, abs=0.01)
-    assert wanted[400:1190, 2] == pytest.approx(0.5)
-    assert wanted[:1190, 0] == pytest.approx(0.0, abs=0.01)
+def test_without_messages_it_slows_down_as_its_place_in_the_trail_gets_uncertain() -> None:
+    """σ² = spread² + (0.1 m/s × age)²; full speed while σ is within 3 m, half a metre a second from 6 m on."""
+    formation = Formation(leader_velocity_sigma_m_s=0.1, unsure_m=3.0, silence_s=100.0)
+    for spread in (0.0, 2.0, 3.5):
+        wanted, depth = quiet_for(99.0, formation, spread)
+        sigma = np.sqrt(spread**2 + (0.1 * 0.1 * np.arange(990)) ** 2)
+        # hulls gain and lose 0.2 m/s each second; what is asked of this one changes by less after the first seconds
+        expected = 0.5 + 0.5 * np.clip(2.0 - sigma / 3.0, 0.0, 1.0)
+        np.testing.assert_allclose(wanted[20:, 2], expected[20:], rtol=0, atol=0.01)
+        assert wanted[:, 0] == pytest.approx(0.0, abs=0.01)
+        assert depth == pytest.approx(12.0)
+
+
+def test_after_a_long_silence_it_circles_or_surfaces_or_goes_on() -> None:
+    given = {"leader_velocity_sigma_m_s": 0.1, "silence_s": 120.0}
+    wanted, depth = quiet_for(200.0, Formation(**given))
+    assert wanted[1190, 1] == pytest.approx(0.0, abs=1e-6)
     assert np.rad2deg(wanted[1300:, 1]) == pytest.approx(4.0)
     assert depth == pytest.approx(12.0)
-    _, depth = quiet_for(200.0, Formation(when_silent="surface"))
+    _, depth = quiet_for(200.0, Formation(when_silent="surface", **given))
     assert depth[1190] == pytest.approx(12.0)
     # at 0.2 m/s it is up after a minute
+    assert depth[1300:1305] == pytest.approx(12.0 - 0.2 * (10.0 + 0.1 * np.arange(5)), abs=0.05)
     assert depth[-1] == pytest.approx(0.2)
-    wanted, _ = quiet_for(200.0, Formation(when_silent="go-on"))
-    assert wanted[400:, 2] == pytest.approx(0.5)
+    wanted, _ = quiet_for(200.0, Formation(when_silent="go-on", **given))
+    assert wanted[1300:, 2] == pytest.approx(0.5)
 
 
 def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:

@@ -75,6 +75,8 @@ _LOSS = ("acoustics.loss_chance=0.2",)
 _NEAR = ("formation.proximity.range_m=8",)
 _COMPASS = ("sensors.leader_heading_bias_deg=5", "navigation.assume.exact_leader=false")
 _BURSTS = ("acoustics.burst_chance=0.1333", "acoustics.burst_mean_messages=5")
+_LONG_BURSTS = ("acoustics.burst_chance=0.01111", "acoustics.burst_mean_messages=60")
+_STRAIGHT = ("leader.waypoints=[[0, 0, 0], [1000, 1000, 0]]",)
 
 CONDITIONS = (
     Condition(name="calm", title="calm"),
@@ -89,6 +91,10 @@ CONDITIONS = (
               settings=("ocean.waves.kind=jonswap", "ocean.waves.height_m=1")),
     Condition(name="loss", title="20 % of messages lost", settings=_LOSS),
     Condition(name="bursts", title="40 % of messages lost, in bursts", settings=_BURSTS),
+    Condition(name="long bursts", title="40 % of messages lost, in bursts of 60 s",
+              settings=_LONG_BURSTS),
+    Condition(name="long bursts straight", title="40 % of messages lost, in bursts of 60 s, behind a leader that goes straight on",
+              settings=(*_LONG_BURSTS, *_STRAIGHT)),
     Condition(name="echoes", title="5 % echoes",
               settings=("acoustics.surface_echo_chance=0.025", "acoustics.bottom_echo_chance=0.025")),
     Condition(name="compass", title="leader's compass 5° off, and estimated, in water known to be still",

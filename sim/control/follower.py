@@ -3,11 +3,18 @@
 Nothing here is the truth. A follower has its log, compass, gyros, inclinometer and pressure sensor, the leader's
 messages, and what its navigator makes of them: its place, the biases of log and compass, the current.
 
-Where messages stay away it goes on along the trail by dead reckoning, then slowly, and at last circles or surfaces,
-until it hears again. Where it may be at either of two places, as with two transmitters on either side of the leader's
-axis, it steers by the likelier one. By their mean it would not steer at all, and both would stay as likely as they are;
-when it makes for the station from one of them, ranges soon tell whether that was the right one. Where its place is too
-uncertain to tell on which side of its station it is, it goes parallel to the leader's way.
+Where messages stay away it goes on along the extrapolated trail by dead reckoning. The uncertainty of its place in that
+trail grows with the age a of the last message,
+
+    σ² = σ_place² + (σ_v a)²,
+
+σ_place being the navigator's and σ_v that of the leader's mean velocity since then about its last one. Up to `unsure`
+it makes for its station; from there on it goes parallel to the leader's way, and slows down in proportion until σ is
+twice that. After a long silence it circles or surfaces, until it hears again.
+
+Where it may be at either of two places, as with two transmitters on either side of the leader's axis, it steers by the
+likelier one. By their mean it would not steer at all, and both would stay as likely as they are; when it makes for the
+station from one of them, ranges soon tell whether that was the right one.
 """
 
 from typing import NamedTuple
@@ -64,10 +71,10 @@ HOLD, CIRCLE, RISE = range(3)
 class Silence(NamedTuple):
     """What to do where messages stay away, of `[formation]`."""
 
-    patience: float
-    """Time for which the follower goes on by dead reckoning [s]."""
+    velocity_sigma: float
+    """Standard deviation of the leader's mean velocity since its last message about the one that it had [m/s]."""
     limit: float
-    """Time until which it then goes on slowly [s]."""
+    """Time for which the follower goes on [s]."""
     then: int
     """What it does after that: HOLD, CIRCLE or RISE."""
     speed: float
@@ -81,7 +88,8 @@ class Law(NamedTuple):
     approach: Approach
     silence: Silence
     unsure: float
-    """With a larger standard deviation of its place a follower does not steer towards its station [m]."""
+    """With a larger standard deviation of its place in the trail a follower does not steer towards its station, and
+    from there on slows down [m]."""
     avoidance: Avoidance
 
 
@@ -199,14 +207,22 @@ def _foreseen(
 
 
 @compiled
-def _to_station(law: Law, target: Target, belief: Floats, dt: float, memory: Floats) -> tuple[float, float]:
-    """Velocity through the water towards the station [m/s]."""
+def _uncertainty(quiet: Silence, belief: Floats, age: float) -> float:
+    """Standard deviation of the follower's place in the trail, by the age of the last message [s], [m]."""
+    return float(np.hypot(belief[SPREAD], quiet.velocity_sigma * max(age, 0.0)))
+
+
+@compiled
+def _to_station(
+    law: Law, target: Target, belief: Floats, sigma: float, dt: float, memory: Floats
+) -> tuple[float, float]:
+    """Velocity through the water towards the station, by the standard deviation of the place in the trail [m/s]."""
     place = belief[BELIEVED_EAST] + belief[LEAN_EAST], belief[BELIEVED_NORTH] + belief[LEAN_NORTH]
     current = belief[BELIEVED_CURRENT_EAST], belief[BELIEVED_CURRENT_NORTH]
     if place[0] != place[0]:
         # nothing is known of it yet
         place = target.east, target.north
-    elif not belief[SPREAD] <= law.unsure:
+    elif not sigma <= law.unsure:
         # a parallel course: of the way to the station only what lies along the leader's counts
         way = np.hypot(target.way_east, target.way_north)
         if way > 0.0:
@@ -265,10 +281,12 @@ def keep_station(
         if silent > 0.5 * dt:
             turn_frame(law.frame, station, known, (now - dt, now), dt, memory)
         target = _foreseen(law, station, known, now, belief, memory)
-        east, north = _to_station(law, target, belief, dt, memory)
+        sigma = _uncertainty(quiet, belief, silent)
+        east, north = _to_station(law, target, belief, sigma, dt, memory)
         heading, speed = np.arctan2(east, north), np.hypot(east, north)
-        if silent > quiet.patience:
-            heading, speed = np.arctan2(target.way_east, target.way_north), quiet.speed
+        if silent > 0.5 * dt and speed > quiet.speed:
+            # full speed up to the bound, the slow one from twice the bound on
+            speed = quiet.speed + clip(2.0 - sigma / law.unsure, 0.0, 1.0) * (speed - quiet.speed)
     push = memory[PUSH_EAST], memory[PUSH_NORTH]
     if push[0] != 0.0 or push[1] != 0.0:
         heading, speed = give_way(law.avoidance, (heading, speed), push)

@@ -78,11 +78,17 @@ class Formation(Section):
         0.7, description="a follower begins so early to go as its station will, for hull and thrusters lag"
     )
     unsure_m: Positive = Field(
-        5.0, description="with a larger standard deviation of its place, a follower keeps a parallel course"
+        5.0,
+        description="with a larger standard deviation of its place in the trail, a follower keeps a parallel course; "
+        "without messages it slows down from there on, until that is twice as large",
     )
-    patience_s: Positive = Field(30.0, description="without messages, a follower goes on for so long")
-    silence_s: Positive = Field(120.0, description="after that, slowly, until so long; then what when_silent says")
-    silent_speed_m_s: Speed = Field(0.5, description="speed through the water when it goes slowly")
+    leader_velocity_sigma_m_s: NonNegative = Field(
+        0.015,
+        description="standard deviation of the leader's mean velocity since its last message about the one that it "
+        "had; times the message's age, it adds to that of the place in the trail",
+    )
+    silent_speed_m_s: Speed = Field(0.5, description="speed through the water to which it then slows down")
+    silence_s: Positive = Field(600.0, description="without messages for so long, it does what when_silent says")
     when_silent: Literal["go-on", "circle", "surface"] = Field(
         "circle", description="what a follower does that hears nothing for long"
     )

@@ -150,19 +150,17 @@ def test_a_new_depth_is_taken_up_at_a_fifth_of_a_metre_a_second() -> None:
     assert (deck.reference[DEPTH], deck.reference[SINKING]) == pytest.approx((11.93, -0.1))
 
 
-def test_silence_is_borne_then_it_goes_slowly_then_gives_up() -> None:
-    """With patience for 5 s and a limit of 8 s, to the tick."""
-    given = {"patience_s": 5.0, "silence_s": 8.0, "silent_speed_m_s": 0.5, "when_silent": "circle"}
+def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncertain() -> None:
+    """0.3 m of its own and 0.1 m/s of the leader's make 0.5 m after 4 s: until then it aims, then goes parallel."""
+    given = {"leader_velocity_sigma_m_s": 0.1, "unsure_m": 0.5, "silence_s": 8.0, "when_silent": "circle"}
     for now, aims, circles in (
-        (34.95, True, False),
-        (35.05, False, False),
+        (33.95, True, False),
+        (34.05, False, False),
         (37.95, False, False),
         (38.05, False, True),
     ):
         deck = Deck(aside=10.0, **given)
-        deck.belief[1] = now - 20.0
-        deck.memory[follower.SPEED_WANTED] = 0.5
+        deck.belief[1], deck.belief[follower.SPREAD] = now - 20.0, 0.3
         told = deck.tick(now)
         assert (told.wanted[0] < -0.001) == aims, now
         assert (told.wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now
-        assert (told.wanted[2] == pytest.approx(0.5)) == (not aims)

@@ -37,8 +37,9 @@ def test_numbers_of_a_title_are_those_of_its_condition(condition: Condition) -> 
     assert len(made.followers) == told(r"(\d+) followers", 10)
     assert made.navigation.transmitters == told(r"(\d) transmitters", 2 if title == "LAISN-2" else 3)
     assert made.timing.message_interval_s == told(r"every (\d+) s", 1)
-    # a burst of five messages that begins with p takes up p / (p + 1/5) of the time
-    bursts = sound.burst_chance / (sound.burst_chance + 0.2)
+    # a burst of n messages that begins with p takes up p / (p + 1/n) of the time
+    bursts = sound.burst_chance / (sound.burst_chance + 1.0 / sound.burst_mean_messages)
+    assert sound.burst_mean_messages == told(r"bursts of (\d+) s", 5)
     assert 100 * (sound.loss_chance + bursts) == pytest.approx(told(r"(\d+) % (?:of messages )?lost"), abs=0.1)
     assert 100 * (sound.surface_echo_chance + sound.bottom_echo_chance) == pytest.approx(told(r"(\d+) % echoes"))
     assert condition.current == told(r"current up to ([\d.]+) m/s")
