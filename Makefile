@@ -39,6 +39,7 @@ bench: $(VENV)/.dev  ## measure speeds three times into out/benchmarks.json; BEN
 
 figures: $(VENV)/.runtime  ## bring the numbers of README and docs up to docs/results, draw their pictures anew
 	$(BIN)/python -m tools.documents.markers
+	$(BIN)/python -m tools.documents.scenario_reference
 	$(BIN)/python -m tools.documents.draw
 
 studies: $(VENV)/.runtime  ## fly all studies anew (minutes) and keep their records in docs/results

@@ -24,7 +24,6 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.closed_loop import study as closed_loop
-from experiments.command import scenario_reference as reference
 from experiments.command.cli import app
 from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
@@ -36,6 +35,7 @@ from sim.film import graphics
 from sim.scenario.file import parse
 from sim.scenario.settings import Scenario
 from tools.documents import markers
+from tools.documents import scenario_reference as reference
 from tools.documents.tables import TRACKED
 
 ROOT = Path(__file__).resolve().parents[1]

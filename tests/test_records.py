@@ -11,7 +11,7 @@ import pytest
 
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
-from experiments.flight.anatomy import dissect
+from experiments.flight.range_budget import range_error_budget
 from laisn.navigator import Navigator
 from sim.assembly import ocean_of, routes_of
 from sim.film.annotations import OtherEstimate, RayErrors
@@ -60,8 +60,9 @@ def records() -> dict[str, Any]:
     route = routes_of(scenario)[1]
     made = (
         trajectory, propagate(trajectory, hearing), observe(trajectory, hearing), flight.measurements[0],
-        flight.estimates[0], dissect(flight), simulate(Cell.of(scenario, runs=2), keep_runs=True).table, route,
-        route.depth, ocean_of(scenario).waves, sound_speed(hearing),
+        flight.estimates[0], range_error_budget(flight),
+        simulate(Cell.of(scenario, runs=2), keep_runs=True).table, route, route.depth,
+        ocean_of(scenario).waves, sound_speed(hearing),
         OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
         RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
     )  # fmt: skip
@@ -75,7 +76,7 @@ def made() -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     "name",
-    ["Trajectory", "Propagation", "MissionTruth", "Measurements", "Estimates", "Anatomy", "RunTable", "Route",
+    ["Trajectory", "Propagation", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "RunTable", "Route",
      "DepthProfile", "Waves", "SoundSpeed", "OtherEstimate", "RayErrors"],
 )  # fmt: skip
 def test_a_record_shares_no_array_with_whoever_made_it(made: dict[str, Any], name: str) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.asymmetry.conditions import Condition, scenario
-from experiments.flight.anatomy import Anatomy, dissect
+from experiments.flight.range_budget import RangeErrorBudget, range_error_budget
 from laisn.navigators import new_navigator
 from sim.flight import Flight, navigate
 from sim.motion import simulate_motion
@@ -20,7 +20,7 @@ EVERYTHING = {
     "sensors.depth_sigma_m": 0.05,
     "sensors.leader_depth_sigma_m": 0.05,
 }
-"""Settings of the anatomy: all causes at work at once. 0.1 ms is 15 cm."""
+"""Settings of the error budget: all causes at work at once. 0.1 ms is 15 cm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class Example:
 
     condition: Condition
     flight: Flight
-    anatomy: Anatomy
+    budget: RangeErrorBudget
     telling: int
     """Recorded point of a message that shows the matter well: a large pitch at a short range."""
 
@@ -45,6 +45,6 @@ def fly_example(condition: Condition, duration: float) -> Example:
     return Example(
         condition=condition,
         flight=flight,
-        anatomy=dissect(navigate(everything, trajectory, new_navigator)),
+        budget=range_error_budget(navigate(everything, trajectory, new_navigator)),
         telling=int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))]),
     )

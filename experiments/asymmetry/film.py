@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.asymmetry.example import OFFSET_M, Example
 from experiments.asymmetry.remedies import STEADIED
-from experiments.flight.anatomy import Cause, dissect
+from experiments.flight.range_budget import Cause, range_error_budget
 from experiments.flight.summary import position_and_bearing_errors
 from laisn.arrays import Floats
 from laisn.navigators import new_navigator
@@ -32,11 +32,11 @@ def _attitude_aware(scenario: Scenario) -> Scenario:
 
 def pitch_errors(flight: Flight) -> Floats:
     """What pitch and roll of the leader alone add to the horizontal ranges of each message, shape (m, 3), [m]."""
-    anatomy = dissect(flight)
+    budget = range_error_budget(flight)
     heard = flight.measurements[0].message_step
     errors = np.full((heard.size, 3), np.nan)
-    at = np.searchsorted(flight.trajectory.time[heard * flight.stride], anatomy.time)
-    errors[at] = anatomy.share[..., Cause.FORESHORTENING] + anatomy.share[..., Cause.LEVER_ARM]
+    at = np.searchsorted(flight.trajectory.time[heard * flight.stride], budget.time)
+    errors[at] = budget.share[..., Cause.FORESHORTENING] + budget.share[..., Cause.LEVER_ARM]
     return errors
 
 

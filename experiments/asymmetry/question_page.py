@@ -7,10 +7,10 @@ from experiments.asymmetry import figures as drawing
 from experiments.asymmetry.conditions import command
 from experiments.asymmetry.example import EVERYTHING, OFFSET_M, ROUTE, Example
 from experiments.asymmetry.figures import LEVEL, REAL
-from experiments.flight.anatomy import LABELS, Cause
-from experiments.pages.anatomy_page import asymmetry_over_time, legend_of, share_table
+from experiments.flight.range_budget import LABELS, Cause
 from experiments.pages.figures import svg
 from experiments.pages.page import Code, Figures, Section, Text
+from experiments.pages.range_budget_page import asymmetry_over_time, legend_of, share_table
 from experiments.pages.style import SERIES
 from laisn.arrays import Bools, Floats
 
@@ -47,13 +47,13 @@ def _sizes(asymmetry: Floats) -> str:
 
 def one_message(example: Example) -> Section:
     """How pitch gets into one fix."""
-    anatomy, message = example.anatomy, drawing.Message(example.flight.trajectory, example.telling)
+    budget, message = example.budget, drawing.Message(example.flight.trajectory, example.telling)
     time, pitch = example.flight.trajectory.time, np.rad2deg(example.flight.trajectory.pitch[:, 0])
     half = time <= min(200.0, float(time[-1]))
-    seen = anatomy.time <= min(200.0, float(time[-1]))
+    seen = budget.time <= min(200.0, float(time[-1]))
     error = float(np.hypot(*(message.fix - message.hydrophone[:2])))
     return Section(
-        title="Anatomy of one message",
+        title="Range error budget of one message",
         blocks=[
             Figures(
                 panels=[
@@ -77,16 +77,16 @@ def one_message(example: Example) -> Section:
             ),
             Figures(
                 panels=[
-                    svg(asymmetry_over_time(anatomy.time[seen], {c: anatomy.asymmetry[seen, c] for c in _TOLD},
+                    svg(asymmetry_over_time(budget.time[seen], {c: budget.asymmetry[seen, c] for c in _TOLD},
                                             "What tells bow from stern"), "shares"),
                     svg(drawing.pitch_over_time(time[half], pitch[half], "Pitch of the leader"), "pitch"),
                 ],
                 caption="The same flight over its first minutes, with pings one after another, between which the "
                 "leader moves on and works in the waves. Only the lever arm comes from the pitch; the random error is "
-                f"the paper's, with τ = 1 cm. RMS: {_sizes(anatomy.asymmetry[seen])}.",
+                f"the paper's, with τ = 1 cm. RMS: {_sizes(budget.asymmetry[seen])}.",
                 legend=legend_of(_TOLD),
             ),
-            share_table(anatomy),
+            share_table(budget),
             Text(
                 text="What both ends have in common moves the fix to and fro along its ray; what differs turns it "
                 "about the leader. For this table every cause but echoes is switched on at once: travel time, pings "

@@ -163,17 +163,18 @@ def replay(
         replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out, longest_gap, smooth)
 
 
-@app.command()
+@app.command("anatomy", hidden=True)
+@app.command("range-budget")
 @plain_errors
-def anatomy(
+def range_budget(
     source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
     set_: SetOption = None,
     out: Annotated[Path | None, typer.Option(help="write every share of every ping to this .csv or .parquet")] = None,
 ) -> None:
-    """Say why ranges were off: pitch, motion, echoes, sound, clocks, noise, depth."""
-    from experiments.command import anatomy as ranges
+    """Print the error budget of the ranges: pitch, motion, echoes, sound, clocks, noise, depth."""
+    from experiments.command.range_budget import show_range_budget
 
-    ranges.anatomise(source, set_ or (), out)
+    show_range_budget(source, set_ or (), out)
 
 
 app.command()(plain_errors(studying.reproduce))

@@ -1,7 +1,7 @@
 """One flight: the scenario behind a name, flying it, what is said of it, and the folder that keeps it whole.
 
-Takes the name of a scenario or of a log; gives a `Flight`, its errors, events and figures (`summary`), the anatomy of
-its ranges (`anatomy`) and a folder that never holds files of two flights (`folder`). It prints nothing.
+Takes the name of a scenario or of a log; gives a `Flight`, its errors, events and figures (`summary`), the error budget
+of its ranges (`range_budget`) and a folder that never holds files of two flights (`folder`). It prints nothing.
 
 Imports: experiments.campaign laisn sim
 """

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.flight.anatomy import LABELS, Anatomy, Cause, dissect
+from experiments.flight.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
 from experiments.flight.summary import true_bearing
 from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS
 from laisn.arrays import Bools, Floats
@@ -204,8 +204,8 @@ def _stations(flight: Flight) -> list[str]:
     ]
 
 
-def _cause(anatomies: Sequence[Anatomy]) -> list[str]:
-    apart = np.concatenate([anatomy.asymmetry for anatomy in anatomies])
+def _cause(budgets: Sequence[RangeErrorBudget]) -> list[str]:
+    apart = np.concatenate([budget.asymmetry for budget in budgets])
     there = apart[np.isfinite(apart).all(axis=1)]
     if not there.size:
         return []
@@ -239,4 +239,4 @@ def sentences(flight: Flight) -> list[str]:
         _side(together, several),
         _trust(together),
     ]
-    return [*told, *_cause([dissect(flight, i) for i in followers])]
+    return [*told, *_cause([range_error_budget(flight, i) for i in followers])]

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from experiments.flight.summary import flight_bounds
-from experiments.pages import account, anatomy_page, bound_panel, flight_figures
+from experiments.pages import account, bound_panel, flight_figures, range_budget_page
 from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
 from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words, write
@@ -244,7 +244,7 @@ def flight_report(
             _errors(flight, errors),
             bound_panel.section(flight, errors, bounds or flight_bounds(flight), len(_drawn(flight))),
             _ranges(flight),
-            anatomy_page.section(flight),
+            range_budget_page.section(flight),
             _motion(flight),
             _scenario(flight),
         ],

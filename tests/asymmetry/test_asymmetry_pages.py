@@ -13,7 +13,7 @@ from experiments.asymmetry.added_error import ComparedMission, Mission, paired
 from experiments.asymmetry.conditions import QUICK_CONDITIONS
 from experiments.asymmetry.missions import Plan
 from experiments.asymmetry.missions_page import Results
-from experiments.flight.anatomy import Cause
+from experiments.flight.range_budget import Cause
 from experiments.pages.page import Figures
 from tests.asymmetry.test_added_error import row
 
@@ -69,8 +69,8 @@ def test_a_message_is_told_with_its_pitch_and_the_error_of_its_fix(monkeypatch: 
     flight = SimpleNamespace(trajectory=SimpleNamespace(time=time, pitch=np.full((3, 2), -np.pi / 36)))
     shares = np.zeros((3, len(Cause)))
     shares[:, Cause.LEVER_ARM], shares[:, Cause.RANDOM], shares[:, Cause.MOTION] = 0.02, [0.03, -0.04, 9.0], 0.01
-    anatomy = SimpleNamespace(time=time, asymmetry=shares)
-    example: Any = SimpleNamespace(condition=QUICK_CONDITIONS[0], flight=flight, telling=1, anatomy=anatomy)
+    budget = SimpleNamespace(time=time, asymmetry=shares)
+    example: Any = SimpleNamespace(condition=QUICK_CONDITIONS[0], flight=flight, telling=1, budget=budget)
     blocks = question_page.one_message(example).blocks
     first = blocks[0]
     assert isinstance(first, Figures)

@@ -150,7 +150,7 @@ def test_a_scenario_is_printed_as_a_start_for_ones_own(tmp_path: Path) -> None:
 
 def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> None:
     log, table = flown / "first" / "flight.mcap", tmp_path / "shares.csv"
-    result = CliRunner().invoke(app, ["anatomy", str(log), "--out", str(table)])
+    result = CliRunner().invoke(app, ["range-budget", str(log), "--out", str(table)])
     assert result.exit_code == 0
     assert "lever arm" in result.output
     heads, *rows = (line.split(",") for line in table.read_text().splitlines())

@@ -128,16 +128,16 @@ def test_the_filters_trust_is_told_by_its_own_ellipse(flight):
 def test_the_cause_is_the_largest_share_of_the_asymmetry():
     """The synthetic ranges are straight lines between tilted hulls with up to 1 cm of noise: of 2 m, 3° take little."""
     flight = make_flight(60.0)
-    (sentence,) = account._cause([account.dissect(flight)])
-    anatomy = account.dissect(flight)
-    apart = anatomy.asymmetry[np.isfinite(anatomy.asymmetry).all(axis=1)]
+    (sentence,) = account._cause([account.range_error_budget(flight)])
+    budget = account.range_error_budget(flight)
+    apart = budget.asymmetry[np.isfinite(budget.asymmetry).all(axis=1)]
     rms = np.sqrt((apart**2).mean(axis=0))
     assert account.LABELS[account.Cause(int(rms.argmax()))] in sentence
     assert f"({100 * rms.max():.2g} cm)" in sentence
     # shares add up to the errors of both ranges
-    error = anatomy.error[np.isfinite(anatomy.asymmetry).all(axis=1)]
+    error = budget.error[np.isfinite(budget.asymmetry).all(axis=1)]
     assert f"was {100 * np.sqrt(np.mean((error[:, 1] - error[:, 0]) ** 2)):.2g} cm RMS off" in sentence
-    nothing = dataclasses.replace(anatomy, share=np.full_like(anatomy.share, np.nan))
+    nothing = dataclasses.replace(budget, share=np.full_like(budget.share, np.nan))
     assert account._cause([nothing]) == []
 
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.flight.anatomy import Anatomy, Cause
-from experiments.pages import account, anatomy_page, bound_panel, flight_figures
+from experiments.flight.range_budget import Cause, RangeErrorBudget
+from experiments.pages import account, bound_panel, flight_figures, range_budget_page
 from experiments.pages.flight_report import _facts, _results, _troubles
 from experiments.pages.page import Figures, Table
 from laisn.arrays import Floats
@@ -80,13 +80,13 @@ def test_causes_are_told_in_centimetres_by_their_root_mean_square() -> None:
     share[:, 0, Cause.LEVER_ARM] = [0.03, -0.03, 0.03, -0.03]
     share[:, 1, Cause.LEVER_ARM] = [-0.01, 0.01, -0.01, 0.01]
     share[1, 0, Cause.ECHO] = 1.0
-    anatomy = Anatomy(time=np.arange(4.0), level_range=np.ones((4, 3)), used_range=np.ones((4, 3)), share=share)
-    table = anatomy_page.share_table(anatomy, transmitters=2)
+    budget = RangeErrorBudget(time=np.arange(4.0), level_range=np.ones((4, 3)), used_range=np.ones((4, 3)), share=share)
+    table = range_budget_page.share_table(budget, transmitters=2)
     assert [texts(row) for row in table.rows] == [
         ["lever arm", "3.0", "1.0", "4.0", "4.0"], ["echo", "50.0", "0.0", "50.0", "100.0"],
     ]  # fmt: skip
     assert table.heads == ("cause", "rear", "front", "rms", "largest")
-    figure = anatomy_page.asymmetry_over_time(anatomy.time, {Cause.LEVER_ARM: anatomy.asymmetry[:, 1]}, "")
+    figure = range_budget_page.asymmetry_over_time(budget.time, {Cause.LEVER_ARM: budget.asymmetry[:, 1]}, "")
     np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), [-4.0, 4.0, -4.0, 4.0])
 
 

@@ -1,4 +1,4 @@
-"""The anatomy of a flight's ranges in the terminal and as a table in a file."""
+"""The error budget of a flight's ranges, on the terminal and as a table in a file."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -9,31 +9,31 @@ from rich.console import Console
 
 from experiments.campaign.progress import literal, tell
 from experiments.campaign.store import Record, columns_of, write_csv, write_table
-from experiments.flight.anatomy import Cause, dissect
+from experiments.flight.range_budget import Cause, range_error_budget
 from experiments.flight.source import flight_of
-from experiments.pages.anatomy_page import TRANSMITTERS, share_table
+from experiments.pages.range_budget_page import TRANSMITTERS, share_table
 from laisn.failure import LaisnError
 from sim.flight import Flight
 
 
 def records(flight: Flight) -> Iterator[Record]:
-    """Every share of every range of a flight: a record for each ping that was received."""
+    """The error budget of each received ping of a flight, a record each."""
     for i, name in enumerate(flight.trajectory.names[1:]):
-        anatomy = dissect(flight, i)
-        for m, t in np.argwhere(np.isfinite(anatomy.used_range)).tolist():
+        budget = range_error_budget(flight, i)
+        for m, t in np.argwhere(np.isfinite(budget.used_range)).tolist():
             yield {
                 "follower": name,
-                "time_s": float(anatomy.time[m]),
+                "time_s": float(budget.time[m]),
                 "transmitter": TRANSMITTERS[t],
-                "level_range_m": float(anatomy.level_range[m, t]),
-                "used_range_m": float(anatomy.used_range[m, t]),
-                **{f"{cause.name.lower()}_m": float(anatomy.share[m, t, cause]) for cause in Cause},
+                "level_range_m": float(budget.level_range[m, t]),
+                "used_range_m": float(budget.used_range[m, t]),
+                **{f"{cause.name.lower()}_m": float(budget.share[m, t, cause]) for cause in Cause},
             }
 
 
 def _show(console: Console, flight: Flight) -> None:
     for i, name in enumerate(flight.trajectory.names[1:]):
-        table = share_table(dissect(flight, i))
+        table = share_table(range_error_budget(flight, i))
         shown = rich.table.Table(
             title=literal(f"{name}: rms shares of the range errors [cm]"), title_justify="left", box=None
         )
@@ -46,8 +46,8 @@ def _show(console: Console, flight: Flight) -> None:
         console.print(shown)
 
 
-def anatomise(source: str, assignments: Sequence[str], out: Path | None) -> None:
-    """Take the ranges of a scenario or a log apart, show the shares, and write them if asked to.
+def show_range_budget(source: str, assignments: Sequence[str], out: Path | None) -> None:
+    """Print the error budget of the ranges of a scenario or a log, and write it if asked to.
 
     Args:
         source: scenario name, TOML file or `.mcap` log.

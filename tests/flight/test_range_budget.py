@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from experiments.command import anatomy
-from experiments.flight.anatomy import Anatomy, Cause, dissect
-from experiments.pages import anatomy_page
+from experiments.command import range_budget
+from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
+from experiments.pages import range_budget_page
 from sim.excerpt import excerpt
 from sim.flight import Flight
 from sim.scenario.settings import Acoustics, Navigation, Scenario
@@ -36,24 +36,24 @@ def flight_of(scenario: Scenario, trajectory: Trajectory, errors: SensorErrors |
     )
 
 
-def shares_alone(anatomy: Anatomy, cause: Cause) -> np.ndarray:
-    others = np.delete(anatomy.share, cause, axis=2)
+def shares_alone(budget: RangeErrorBudget, cause: Cause) -> np.ndarray:
+    others = np.delete(budget.share, cause, axis=2)
     assert_allclose(others, 0.0, atol=1e-9)
-    return anatomy.share[..., cause]
+    return budget.share[..., cause]
 
 
 def test_shares_add_up_to_the_error():
     flight = make_flight(60.0)
-    anatomy = dissect(flight)
-    heard = np.isfinite(anatomy.used_range)
+    budget = range_error_budget(flight)
+    heard = np.isfinite(budget.used_range)
     assert heard.any()
     assert not heard.all()
-    assert_allclose(anatomy.share.sum(axis=2)[heard], anatomy.error[heard], rtol=0, atol=1e-9)
+    assert_allclose(budget.share.sum(axis=2)[heard], budget.error[heard], rtol=0, atol=1e-9)
     # the last number of the chain is the one the follower computes from its measurements
     own = flight.measurements[0]
     # its hydrophone sits higher than its depth sensor
     dz = own.message[:, 5] - (own.depth[own.message_step - 1] - SITES["follower"]["hydrophone"][2])
-    assert_allclose(anatomy.used_range[heard], np.sqrt(own.ranges**2 - dz[:, None] ** 2)[heard], atol=1e-12)
+    assert_allclose(budget.used_range[heard], np.sqrt(own.ranges**2 - dz[:, None] ** 2)[heard], atol=1e-12)
 
 
 def test_shares_add_up_with_everything_at_work():
@@ -67,9 +67,9 @@ def test_shares_add_up_with_everything_at_work():
     )  # fmt: skip
     # three pings are waited for
     scenario = make_scenario(acoustics).model_copy(update={"navigation": Navigation(variant="laisn-3-2")})
-    anatomy = dissect(flight_of(scenario, trajectory))
-    assert_allclose(anatomy.share.sum(axis=2), anatomy.error, rtol=0, atol=1e-9)
-    at_work = np.abs(anatomy.share).max(axis=(0, 1)) > 1e-4
+    budget = range_error_budget(flight_of(scenario, trajectory))
+    assert_allclose(budget.share.sum(axis=2), budget.error, rtol=0, atol=1e-9)
+    at_work = np.abs(budget.share).max(axis=(0, 1)) > 1e-4
     assert [Cause(i) for i in np.flatnonzero(~at_work)] == [Cause.ECHO, Cause.DEPTH]
 
 
@@ -78,7 +78,7 @@ def test_lever_arm_abeam_is_the_closed_form(slant):
     abeam = np.sqrt(slant**2 - DEPTH_OFFSET**2)
     trajectory = make_trajectory((0.0, -abeam, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(np.pi / 2, PITCH, 0.0))
     scenario = make_scenario()
-    anatomy = dissect(flight_of(scenario, trajectory, QUIET))
+    budget = range_error_budget(flight_of(scenario, trajectory, QUIET))
     slant_error = (
         propagate(trajectory, Hearing.of(scenario)).range[..., 0]
         - propagate(make_trajectory((0.0, -abeam, -8.0 - DEPTH_OFFSET)), Hearing.of(scenario)).range[..., 0]
@@ -87,16 +87,16 @@ def test_lever_arm_abeam_is_the_closed_form(slant):
     closed_form = DEPTH_OFFSET * HALF * np.sin(PITCH) / slant
     assert_allclose(slant_error[:, 1], closed_form, rtol=0.02)
     assert_allclose(slant_error[:, 0], -closed_form, rtol=0.02)
-    assert_allclose(anatomy.asymmetry[:, Cause.LEVER_ARM], 2 * closed_form * slant / abeam, rtol=0.02)
-    assert_allclose(anatomy.asymmetry[:, Cause.FORESHORTENING], 0.0, atol=1e-12)
+    assert_allclose(budget.asymmetry[:, Cause.LEVER_ARM], 2 * closed_form * slant / abeam, rtol=0.02)
+    assert_allclose(budget.asymmetry[:, Cause.FORESHORTENING], 0.0, atol=1e-12)
     # the intersection of the circles moves along the hull by (D_rear² − D_front²) / 2L
-    along = (anatomy.used_range[:, 0] ** 2 - anatomy.used_range[:, 1] ** 2) / (4 * HALF)
+    along = (budget.used_range[:, 0] ** 2 - budget.used_range[:, 1] ** 2) / (4 * HALF)
     assert_allclose(np.abs(along), 0.87, rtol=0.02)
 
 
 def test_level_leader_without_errors_has_no_error():
     trajectory = make_trajectory((20.0, -30.0, -14.0), leader_velocity=(1, 0, 0), follower_velocity=(1, 0.1, 0))
-    assert_allclose(dissect(flight_of(make_scenario(), trajectory, QUIET)).share, 0.0, atol=1e-9)
+    assert_allclose(range_error_budget(flight_of(make_scenario(), trajectory, QUIET)).share, 0.0, atol=1e-9)
 
 
 def test_each_acoustic_cause_alone():
@@ -117,17 +117,17 @@ def test_each_acoustic_cause_alone():
                 measurements=(flight.measurements[0].__class__(**{**vars(flight.measurements[0]), "ranges": echo}),),
                 estimates=flight.estimates,
             )
-        assert_allclose(shares_alone(dissect(flight), cause)[:, 1], expected, rtol=1e-9)
+        assert_allclose(shares_alone(range_error_budget(flight), cause)[:, 1], expected, rtol=1e-9)
 
 
 def test_random_and_depth_errors_are_what_was_drawn():
     trajectory = make_trajectory((0.0, -20.0, -11.0))
     scenario = make_scenario()
-    noisy = dissect(flight_of(scenario, trajectory, SensorErrors()))
+    noisy = range_error_budget(flight_of(scenario, trajectory, SensorErrors()))
     assert_allclose(noisy.share.sum(axis=2), noisy.share[..., Cause.RANDOM], atol=1e-9)
     depths = {"depth_sigma": 0.1, "leader_depth_sigma": 0.2}
     quiet = SensorErrors(range_tau=(0, 0, 0), range_scale_mean=0, range_scale_sigma=0, **depths)
-    alone = shares_alone(dissect(flight_of(scenario, trajectory, quiet)), Cause.DEPTH)
+    alone = shares_alone(range_error_budget(flight_of(scenario, trajectory, quiet)), Cause.DEPTH)
     assert np.abs(alone).max() > 1e-3
     own = measure(observe(trajectory, Hearing.of(scenario)), SensorErrors(**depths), seed=1, run=0)
     difference = own.message[:, 5] - own.depth[own.message_step - 1]
@@ -137,7 +137,7 @@ def test_random_and_depth_errors_are_what_was_drawn():
 
 def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_path):
     flight = make_flight(60.0, 2)
-    rows = list(anatomy.records(flight))
+    rows = list(range_budget.records(flight))
     assert len(rows) == sum(int(np.isfinite(heard.ranges).sum()) for heard in flight.measurements)
     for row in rows:
         shares = sum(row[f"{cause.name.lower()}_m"] for cause in Cause)
@@ -151,7 +151,7 @@ def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_pat
 def test_the_page_names_the_cause_of_the_asymmetry():
     """Abeam of a leader at 5°, 10 m deeper: bow less stern is off by Δz L sin φ / D, and by nothing else."""
     trajectory = make_trajectory((20.0, 0.0, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(0.0, PITCH, 0.0))
-    table = anatomy_page.share_table(dissect(flight_of(make_scenario(), trajectory, QUIET)))
+    table = range_budget_page.share_table(range_error_budget(flight_of(make_scenario(), trajectory, QUIET)))
     shown = {row[0].text: [cell.sort for cell in row[1:]] for row in table.rows}
     expected = 100 * DEPTH_OFFSET * 2 * HALF * np.sin(PITCH) / np.hypot(20.0, HALF)
     rear, front, middle, rms, largest = shown.pop("lever arm")
@@ -163,17 +163,17 @@ def test_the_page_names_the_cause_of_the_asymmetry():
                                   "depth measurement.")  # fmt: skip
 
 
-def test_a_follower_that_hears_nothing_has_no_anatomy():
+def test_a_follower_that_hears_nothing_has_no_budget():
     flight = make_flight(30.0)
     deaf = replace(flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan))
-    section = anatomy_page.section(replace(flight, measurements=(deaf,)))
+    section = range_budget_page.section(replace(flight, measurements=(deaf,)))
     assert [block.text for block in section.blocks[1:]] == ["follower received no ping."]
-    assert list(anatomy.records(replace(flight, measurements=(deaf,)))) == []
+    assert list(range_budget.records(replace(flight, measurements=(deaf,)))) == []
 
 
 def test_a_stretch_of_a_flight_has_the_shares_that_the_whole_has_then():
     flight = make_flight(30.0, 2)
-    whole, part = dissect(flight, 1), dissect(excerpt(flight, 11.0, 23.0), 1)
+    whole, part = range_error_budget(flight, 1), range_error_budget(excerpt(flight, 11.0, 23.0), 1)
     then = (whole.time > 11.0 + 1e-9) & (whole.time < 23.0 + 1e-9)
     assert np.array_equal(part.time, whole.time[then])
     assert np.array_equal(part.share, whole.share[then], equal_nan=True)

@@ -1,11 +1,11 @@
-"""The anatomy of a flight's ranges for readers: tables and curves of its report."""
+"""The error budget of a flight's ranges in its report: tables and curves."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.flight.anatomy import LABELS, Anatomy, Cause, dissect
+from experiments.flight.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
 from experiments.pages.figures import Line, panel, svg
 from experiments.pages.page import Block, Figures, Notice, Section, Table, Text, number, words
 from experiments.pages.style import FULL, HALF, SERIES, WIDTH, Colour
@@ -35,21 +35,21 @@ def _largest(values: Floats) -> float:
     return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else np.nan
 
 
-def share_table(anatomy: Anatomy, caption: str = "", transmitters: int = 3) -> Table:
+def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int = 3) -> Table:
     """Root mean square of each cause's share in the range errors, and in the asymmetry of bow and stern.
 
     Args:
-        anatomy: of one follower's ranges.
+        budget: of one follower's ranges.
         caption: what stands before the table's own words.
         transmitters: how many have a column, rear and front first.
     """
-    at_work = [cause for cause in Cause if _largest(anatomy.share[..., cause]) > _NOTICEABLE_M]
+    at_work = [cause for cause in Cause if _largest(budget.share[..., cause]) > _NOTICEABLE_M]
     rows = [
         [
             words(LABELS[cause]),
-            *(number(100 * _rms(anatomy.share[:, i, cause]), 1) for i in range(transmitters)),
-            number(100 * _rms(anatomy.asymmetry[:, cause]), 1),
-            number(100 * _largest(anatomy.asymmetry[:, cause]), 1),
+            *(number(100 * _rms(budget.share[:, i, cause]), 1) for i in range(transmitters)),
+            number(100 * _rms(budget.asymmetry[:, cause]), 1),
+            number(100 * _largest(budget.asymmetry[:, cause]), 1),
         ]
         for cause in at_work
     ]
@@ -77,33 +77,33 @@ def legend_of(causes: Sequence[Cause]) -> list[tuple[Colour, str]]:
 def section(flight: Flight) -> Section:
     """Why the ranges of a flight were off: for its report."""
     names = flight.trajectory.names[1:]
-    told = flight.scenario.navigation.use_attitude
-    beliefs = (
-        "are told its pitch and roll, so that lever arm and foreshortening do not reach their fixes"
-        if told
-        else ("believe that it is level")
+    corrected = flight.scenario.navigation.use_attitude
+    assumption = (
+        "use the broadcast pitch and roll, so that lever arm and foreshortening do not affect their fixes"
+        if corrected
+        else "assume that it is level"
     )
     blocks: list[Block] = [
         Text(
             text="Against the ranges to a level leader, each measured one is off for causes that add up exactly. What "
             "they do to the difference of bow and stern turns a fix about the leader; what they do to both alike "
-            f"moves it to and fro along its ray. Followers here {beliefs}. `laisn anatomy` writes every share of every "
-            "ping."
+            f"moves it to and fro along its ray. Followers here {assumption}. `laisn range-budget` writes every share "
+            "of every ping."
         )
     ]
     drawn, panels, tables = set(), [], []
     width, used = FULL if len(names) == 1 else HALF, flight.scenario.navigation.transmitters
     for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
-        anatomy = dissect(flight, i)
-        if not np.isfinite(anatomy.error).any():
+        budget = range_error_budget(flight, i)
+        if not np.isfinite(budget.error).any():
             blocks.append(Notice(text=f"{name} received no ping."))
             continue
         title = name if len(names) > 1 else ""
-        shares = {cause: anatomy.asymmetry[:, cause] for cause in COLOUR}
+        shares = {cause: budget.asymmetry[:, cause] for cause in COLOUR}
         shares = {cause: share for cause, share in shares.items() if _largest(share) > _NOTICEABLE_M}
         drawn |= set(shares)
-        panels.append(svg(asymmetry_over_time(anatomy.time, shares, title, width), f"anatomy{i}"))
-        tables.append(share_table(anatomy, f"{name}. " if len(names) > 1 else "", used))
+        panels.append(svg(asymmetry_over_time(budget.time, shares, title, width), f"budget{i}"))
+        tables.append(share_table(budget, f"{name}. " if len(names) > 1 else "", used))
     if panels:
         first = "" if len(names) <= _DRAWN_FOLLOWERS else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers."
         blocks.append(
@@ -113,4 +113,4 @@ def section(flight: Flight) -> Section:
                 legend=legend_of([cause for cause in COLOUR if cause in drawn]),
             )
         )
-    return Section(title="Anatomy of the ranges", blocks=[*blocks, *tables])
+    return Section(title="Range error budget", blocks=[*blocks, *tables])

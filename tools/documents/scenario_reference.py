@@ -12,7 +12,7 @@ PATH = Path(__file__).resolve().parents[2] / "docs" / "scenario.md"
 _INTRODUCTION = """# Scenario reference
 
 Generated from `sim/scenario/settings.py` by
-`python -m experiments.command.scenario_reference`; a test holds the two together.
+`python -m tools.documents.scenario_reference`; a test holds the two together.
 
 A scenario is a TOML file. Only one `[[followers]]` table with a route is needed, all else has defaults;
 `laisn scenarios T5` prints a complete one, `laisn check FILE` validates yours, and `--set KEY=VALUE` changes a key from

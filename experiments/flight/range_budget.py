@@ -1,9 +1,9 @@
-"""Anatomy of a range: each error split into its causes, exactly and additively.
+"""Range error budget: each range error split into its causes, exactly and additively.
 
 A follower turns the slant range R_i into a horizontal one, D_i = √(R_i² − Δz²), and draws its circle about the place
 where transmitter i of a level leader would be. The circle has the right radius if D_i is the horizontal distance D°_i
-between that place and the hydrophone at the moment of the fix. The error D_i − D°_i is taken apart by letting one
-cause after another act, from the level leader to the number that the follower uses; a cause's share is what D changes
+between that place and the hydrophone at the moment of the fix. The error D_i − D°_i is split by adding one
+cause after another, from the level leader to the number that the follower uses; a cause's share is what D changes
 by when it joins. The shares telescope, so that they add up to the error whatever its size; where two causes act
 together, their (second-order) interaction goes to the later one.
 """
@@ -26,7 +26,7 @@ from sim.trajectory import leveled
 
 
 class Cause(IntEnum):
-    """Why a horizontal range is wrong, in the order in which the causes join."""
+    """Causes of the error of a horizontal range, in the order in which they are added."""
 
     FORESHORTENING = 0
     """Pitch and roll move the transmitter horizontally."""
@@ -59,7 +59,7 @@ LABELS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Anatomy:
+class RangeErrorBudget:
     """Range errors of m messages by cause; arrays over transmitters hold rear, front, middle."""
 
     time: Floats
@@ -93,8 +93,8 @@ def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
     return np.array(flat).reshape(slant.shape)
 
 
-def dissect(flight: Flight, follower: int = 0) -> Anatomy:
-    """Take apart the range errors of one follower.
+def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
+    """The range error budget of one follower.
 
     Args:
         flight: any flight; its scenario says which causes were at work.
@@ -139,7 +139,7 @@ def dissect(flight: Flight, follower: int = 0) -> Anatomy:
         Cause.DEPTH: _on_plane(measured.ranges[kept], measured_difference),
     }
     chain = np.stack([d_level, *(steps[cause] for cause in Cause)], axis=2)
-    return Anatomy(
+    return RangeErrorBudget(
         time=trajectory.time[fix],
         level_range=d_level,
         used_range=chain[..., -1],
