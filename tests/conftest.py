@@ -1,21 +1,15 @@
 """Settings of all tests."""
 
 import gc
-import hashlib
 import io
-import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
-
-from laisn.sources import PACKAGES, ROOT
 
 # Compiling on first use takes longer than any deadline. Every run tries the same examples, so that a test that passes
 # today passes tomorrow; `make fuzz` looks for others, and what it finds becomes an explicit example.
@@ -65,25 +59,19 @@ BeaconNavigator(BeaconSettings(), start).run(replace(heard, transmitters=np.full
 """Each compiles what the others do not, the last one the most."""
 
 
-def _compiled() -> Path:
-    """A file that stands among the code that is kept, once that of these sources has been compiled for tests."""
-    made_of = hashlib.sha256(repr((sys.version, *map(version, ("numba", "llvmlite", "numpy")))).encode())
-    for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
-        made_of.update(path.read_bytes())
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home, "laisn-sim", "code", f"compiled-for-tests.{made_of.hexdigest()[:32]}")
-
-
 def pytest_configure(config: pytest.Config) -> None:
     """Compile once, on all cores, before several workers would each compile all of it."""
-    if not config.getoption("numprocesses", None) or hasattr(config, "workerinput") or _compiled().exists():
+    if not config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
+        return
+    # workers and single processes need not load the compiler here
+    from laisn.compiled import FOLDER
+
+    done = FOLDER and FOLDER / "compiled-for-tests"
+    if done is None or done.exists():
         return
     children = [subprocess.Popen([sys.executable, "-c", program]) for program in (NAVIGATORS, FLIGHT, CAMPAIGN)]
-    failed = [child.returncode for child in children if child.wait()]
-    if not failed and _compiled().parent.is_dir():
-        for earlier in _compiled().parent.glob("compiled-for-tests.*"):
-            earlier.unlink(missing_ok=True)
-        _compiled().touch()
+    if not [child.returncode for child in children if child.wait()]:
+        done.touch()
 
 
 def pytest_collection_finish() -> None:

@@ -25,7 +25,7 @@ LATE = {
     "scipy.io": "data sets in MATLAB's format alone need it",
     "scipy.ndimage": "a fifth of a second, and only children that render place cameras",
     "filterpy": "all of scipy.stats, two thirds of a second",
-    "numba": "the compiler, which code from the cache does without",
+    "laisn.compiled": "the compiler takes half a second to load, and only showing progress needs none",
     "rich": "tables on a terminal, which Python's users have no use for",
     "laisn.tight.navigator": "its code takes long to load, and few missions need it",
     "sim.vehicle.own_hull": "only scenarios with a hull of their own need MuJoCo to be looked at",

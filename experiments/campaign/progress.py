@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from datetime import timedelta
-from typing import Any, Protocol
+from typing import Protocol
 
 from rich.console import Console
 from rich.progress import (
@@ -68,51 +68,36 @@ class _Left(ProgressColumn):
         return Text(told, style="progress.remaining")
 
 
-@contextmanager
-def while_compiling(tell: Callable[[bool], None]) -> Iterator[None]:
-    """Call `tell(True)` when code begins to be compiled in this process, and `tell(False)` when that is done.
-
-    Code that was compiled before, in this process or by one that left it in the cache, is not compiled again.
-    """
-    # whoever shows progress alone need not load the compiler
-    from numba.core import event
-
-    class Compiling(event.Listener):
-        """Counts compilations within compilations: a function's helpers are compiled while it is."""
-
-        depth = 0
-
-        def on_start(self, _: Any) -> None:
-            self.depth += 1
-            if self.depth == 1:
-                tell(True)
-
-        def on_end(self, _: Any) -> None:
-            self.depth -= 1
-            if self.depth == 0:
-                tell(False)
-
-    with event.install_listener("numba:compile", Compiling()):
-        yield
+def _compiling(functions: int) -> str:
+    return f"{_COMPILING}: {functions} function{'s' if functions > 1 else ''}"
 
 
 @contextmanager
 def compiling_shown() -> Iterator[None]:
-    """Say on standard error that code is compiled, for as long as it is; say nothing where that is not needed."""
+    """Print on standard error that code is compiled, and count the functions on a terminal while it is."""
+    # a process that only shows progress does not load the compiler
+    from laisn.compiled import compiling
+
     console = Console(stderr=True)
     status = console.status(_COMPILING)
     told = False
 
-    def tell(compiling: bool) -> None:
+    def tell(functions: int) -> None:
         nonlocal told
-        if console.is_terminal:
-            (status.start if compiling else status.stop)()
-        elif not told:
+        if functions and console.is_terminal:
+            status.update(_compiling(functions))
+            status.start()
+        elif functions and not told:
             console.print(_COMPILING)
-        told = True
+        elif not functions:
+            status.stop()
+        told = told or functions > 0
 
-    with while_compiling(tell):
-        yield
+    with compiling(tell):
+        try:
+            yield
+        finally:
+            status.stop()
 
 
 @contextmanager
@@ -121,7 +106,10 @@ def phases(console: Console) -> Iterator[Phase]:
 
     On a terminal the bars stay; in a log there is only a line where code is compiled.
     """
-    columns = (TextColumn(f"{{task.description:<{len(_COMPILING)}}}"), BarColumn(), TimeElapsedColumn(), _Left())
+    from laisn.compiled import compiling
+
+    width = len(_compiling(100))
+    columns = (TextColumn(f"{{task.description:<{width}}}"), BarColumn(), TimeElapsedColumn(), _Left())
     told = False
     with Bars(*columns, console=console, disable=not console.is_terminal) as bars:
 
@@ -129,14 +117,14 @@ def phases(console: Console) -> Iterator[Phase]:
         def phase(name: str) -> Iterator[Update]:
             task = bars.add_task(name, total=1.0)
 
-            def tell(compiling: bool) -> None:
+            def tell(functions: int) -> None:
                 nonlocal told
-                bars.update(task, description=_COMPILING if compiling else name, refresh=True)
-                if not (console.is_terminal or told):
+                bars.update(task, description=_compiling(functions) if functions else name, refresh=True)
+                if functions and not (console.is_terminal or told):
                     console.print(_COMPILING)
-                told = True
+                told = told or functions > 0
 
-            with while_compiling(tell):
+            with compiling(tell):
                 yield lambda done: bars.update(task, completed=done)
             bars.update(task, completed=1.0)
 

@@ -82,14 +82,13 @@ def _say_how_steps_are_made(table: Table) -> None:
 
 
 def _say_where_code_is_kept(table: Table) -> None:
-    from laisn.code_cache import folder
+    from laisn.compiled import FOLDER
 
-    place = folder()
-    if place is None:
-        lacking = "not kept, every command compiles for 20 s: XDG_CACHE_HOME or ~/.cache must be this user's alone"
-        table.add_row("--", "compiled code", escape(lacking))
+    if FOLDER is None:
+        lacking = "not stored, every command compiles for 20 s: laisn-sim/compiled in XDG_CACHE_HOME or ~/.cache must "
+        table.add_row("--", "compiled code", escape(lacking + "be writable and have mode 0700"))
     else:
-        table.add_row("[green]ok[/]", "compiled code", escape(f"kept in {place}"))
+        table.add_row("[green]ok[/]", "compiled code", escape(f"stored in {FOLDER}"))
 
 
 def _first_line(error: BaseException) -> str:

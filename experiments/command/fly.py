@@ -11,7 +11,6 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.campaign.progress import literal, phases, tell
-from experiments.command.first_flight import compiling_beside
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import FILM, LAYOUT, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
 from experiments.flight.separation import giving_way_events
@@ -148,7 +147,6 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
     watch = Stopwatch()
     # a report without a film is drawn beside the log, by a process that gets ready while the mission is flown
     with (
-        compiling_beside(scenario, film=with_video),
         nullcontext() if with_video else alongside(_report_drawing) as beside,
         phases(console) as shown,
     ):

@@ -14,7 +14,7 @@ from PIL import Image
 
 from laisn.arrays import Bytes, Floats
 from sim.assembly import models_of, ocean_of
-from sim.film import antialiasing, pixels
+from sim.film import pixels
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.cameras import Director
 from sim.film.footage import Footage
@@ -128,15 +128,6 @@ def encode(frames: Iterator[Bytes], video: Video) -> Iterator[bytes]:
         picture.pts, picture.time_base = number, codec.time_base
         yield from (bytes(packet) for packet in codec.encode(picture))
     yield from (bytes(packet) for packet in codec.encode(None))
-
-
-def compile_ahead() -> None:
-    """Compile what a child compiles before its first frame; it then finds that in the cache."""
-    seen, shown = np.zeros((2, 2, 3), np.uint8), np.zeros((3, 3, 4), np.uint8)
-    pixels.upright(seen, shown[:2].copy())
-    pixels.lay(shown[:2, :2], seen, seen)
-    pixels.to_yuv420(np.zeros((2, 2, 4), np.uint8), np.zeros((3, 2), np.uint8))
-    antialiasing.smooth(seen, seen.copy(), 0, 0, 2, 2)
 
 
 def group_file(folder: Path, group: int) -> Path:

@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import mujoco
 import numpy as np
-from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
@@ -81,8 +80,8 @@ def find(model: Any, data: Any) -> Calls:
 
 def _emit_call(_: Any, function: Any, model: Any, data: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        address = args[0].type
-        pointer = ir.FunctionType(ir.VoidType(), [address, address]).as_pointer()
+        function_type = types.FunctionType(types.void(types.intp, types.intp))
+        pointer = context.get_value_type(function_type.ftype)
         builder.call(builder.inttoptr(args[0], pointer), args[1:])
         return context.get_dummy_value()
 

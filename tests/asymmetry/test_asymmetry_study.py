@@ -27,8 +27,8 @@ from experiments.asymmetry.remedies import ARM, EXACT, LEVEL_BROADCAST, READINGS
 from experiments.asymmetry.tau import Curve, equivalent
 from experiments.campaign import tasks
 from experiments.campaign.montecarlo import histories
-from experiments.campaign.progress import while_compiling
 from experiments.flight.library import ROUTES, load
+from laisn.compiled import compiling
 from laisn.navigator import Navigator
 from sim.flight import navigate
 from sim.motion import simulate_motion
@@ -162,7 +162,7 @@ def test_planner_says_where_no_offset_will_do():
 def test_what_missions_need_is_compiled_ahead():
     asymmetry._first_look(QUICK_CONDITIONS[0], SHORT)
     told = []
-    with while_compiling(told.append):
+    with compiling(told.append):
         fly_condition(QUICK_CONDITIONS[0], 10.0, SHORT)
     assert told == []
 

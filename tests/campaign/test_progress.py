@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import numba
 import pytest
 from rich.console import Console
 
 from experiments.campaign import progress
+from laisn.compiled import compiled
 
 COMPILES = """
 from experiments.campaign.progress import compiling_shown
@@ -35,11 +35,11 @@ def test_compiling_is_told_once_and_not_where_the_cache_has_it(tmp_path: Path) -
 
 
 def test_a_phase_that_compiles_says_so_in_a_log() -> None:
-    @numba.njit
+    @compiled
     def helper(x: float) -> float:
         return x + 1.0
 
-    @numba.njit
+    @compiled
     def both(x: float) -> float:
         return helper(x) * helper(x + 1.0)
 
