@@ -121,7 +121,7 @@ def run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats, 
 def stacked(missions: Sequence[Measurements]) -> tuple[Floats, Floats]:
     """Own measurements and messages of up to `LANES` missions as `run_block` takes them; the last one is repeated."""
     filled = [missions[min(lane, len(missions) - 1)] for lane in range(LANES)]
-    own = np.stack([np.column_stack([m.speed, m.heading, m.depth]) for m in filled], axis=-1)
+    own = np.stack([np.column_stack([m.speed, m.heading, m.last_depth]) for m in filled], axis=-1)
     return own, np.stack([np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in filled], axis=-1)
 
 
@@ -148,8 +148,8 @@ def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: Na
             raise ValueError(f"mission {number} has other steps or other message steps than mission 0")
         if mission.durations is not None or mission.transmitters is not None:
             raise ValueError(f"mission {number} has steps or transmitters of its own; lanes know equal ones only")
-        sensed = (mission.speed, mission.heading, mission.depth, mission.message[:, :6])
-        if not all(np.all(np.isfinite(values)) for values in sensed):
+        sensed = (mission.speed, mission.heading, mission.message[:, :6])
+        if not all(np.all(np.isfinite(values)) for values in sensed) or np.any(np.isinf(mission.depth)):
             raise ValueError(f"mission {number}: an own measurement or the leader's pose is not finite")
     begin, t = np.asarray(start, dtype=np.float64), row.tuning(settings)
     estimates = []

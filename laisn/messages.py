@@ -48,7 +48,7 @@ class OwnMotion(NamedTuple):
     heading: float
     """Compass θ [rad]."""
     depth: float
-    """Depth from the pressure sensor [m]."""
+    """Depth from the pressure sensor [m]; NaN for a missing reading."""
 
 
 class Reception(NamedTuple):
@@ -75,7 +75,7 @@ class Measurements(ArrayRecord):
     heading: Floats
     """Compass, shape (n,), [rad]."""
     depth: Floats
-    """Pressure sensor, shape (n,), [m]."""
+    """Pressure sensor, shape (n,), [m]; NaN for a missing reading."""
     message_step: Ints
     """Step k at which a message is available, shape (m,), increasing."""
     message: Floats
@@ -112,6 +112,12 @@ class Measurements(ArrayRecord):
         if self.durations is None:
             return self.dt * np.arange(1, self.speed.size + 1, dtype=np.float64)
         return np.cumsum(self.durations)
+
+    @property
+    def last_depth(self) -> Floats:
+        """Depth, of a missing reading (NaN) the last one before it, shape (n,), [m]; NaN before the first one."""
+        last = np.maximum.accumulate(np.where(np.isnan(self.depth), 0, np.arange(self.depth.size)))
+        return np.asarray(self.depth[last])
 
     def require_fresh(self, step: int, dt: float) -> None:
         """Raise ValueError unless a navigator with this filter step [s], now at that step, can navigate on them."""

@@ -78,7 +78,7 @@ class Navigator(Online):
         """Advance by one filter step.
 
         Args:
-            own: measured at the end of the step.
+            own: measured at the end of the step; of a missing depth (NaN) the last one is used.
             reception: message and ranges, if one arrived in the step.
             duration: of this step, if it is another one than the settings' Δt [s].
 
@@ -91,6 +91,7 @@ class Navigator(Online):
         """
         self._step += 1
         require_own(self._step, own)
+        own = self._with_depth(own)
         require_time(self._step, duration)
         if reception is not None:
             if not np.all(np.isfinite(reception.message[:6])):

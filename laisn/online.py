@@ -35,8 +35,8 @@ def require_time(step: int, duration: float | None) -> None:
 
 
 def require_own(step: int, own: OwnMotion) -> None:
-    """LaisnError unless a step's own motion is of finite numbers."""
-    if not all(map(math.isfinite, own)):
+    """LaisnError unless a step's own motion is of finite numbers; a missing depth is NaN."""
+    if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
         raise LaisnError(f"step {step}: own motion {own} is not finite")
 
 
@@ -64,7 +64,7 @@ class Online(ABC):
         Raises:
             ValueError: the start is not four finite numbers.
         """
-        self._step = 0
+        self._step, self._depth = 0, math.nan
         self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
         if start is not None:
             self._state = require_start(start)
@@ -85,6 +85,17 @@ class Online(ABC):
     def covariance(self) -> Floats:
         """Covariance of `state` over the mixture, shape (4, 4)."""
         return self._covariance.copy()
+
+    def _with_depth(self, own: OwnMotion) -> OwnMotion:
+        """Own motion, with the last depth that was read in place of a missing one (NaN).
+
+        A depth enters a range by its square beside the distance's, and changes little in a few steps. Before the first
+        reading it stays NaN, and ranges cannot be used.
+        """
+        if math.isnan(own.depth):
+            return own._replace(depth=self._depth)
+        self._depth = own.depth
+        return own
 
     @abstractmethod
     def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> Sequence[Any]:

@@ -107,6 +107,7 @@ class Flight:
 def _tight_settings(scenario: Scenario, height: float) -> TightSettings:
     """What a follower with the tightly coupled navigator is told; `height` is that of its hydrophone [m]."""
     told, assume = scenario.navigation, scenario.navigation.assume
+    believed_speed = scenario.acoustics.sound_speed_m_s + scenario.acoustics.sound_speed_bias_m_s
     slip = assume.slip_m_sqrt_s
     if slip is None:
         slip = SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0
@@ -117,6 +118,7 @@ def _tight_settings(scenario: Scenario, height: float) -> TightSettings:
             deviation=assume.deviation,
             current=assume.current,
             offsets=assume.offsets,
+            clock=assume.clock,
         ),
         transmitters=assume.transmitters,
         dt=scenario.timing.filter_step_s,
@@ -138,6 +140,8 @@ def _tight_settings(scenario: Scenario, height: float) -> TightSettings:
         leader_heading_bias_sigma=float(np.deg2rad(assume.leader_heading_bias_sigma_deg)),
         current_sigma=assume.current_sigma_m_s,
         offset_sigma=assume.offset_sigma_m,
+        clock_offset_sigma=believed_speed * assume.clock_offset_sigma_s,
+        clock_drift_sigma=1e-6 * believed_speed * assume.clock_drift_sigma_ppm,
         slip=slip,
         outlier_chance=assume.outlier_chance,
         outlier_span=assume.outlier_span_m,

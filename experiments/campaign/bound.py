@@ -1,4 +1,4 @@
-"""The Cramér–Rao bound of a mission or a flight: the least error that any estimator of the same ranges can have."""
+"""The Cramér–Rao bound of a mission or a flight, for dead reckoning that takes log and compass as input."""
 
 import numpy as np
 
@@ -19,14 +19,15 @@ _UNIFORM = 1.0 / float(np.sqrt(12.0))
 def noise_of(scenario: Scenario) -> TrueNoise:
     """What is truly random in a scenario; of biases, what `navigation.assume` says is known before the mission.
 
-    Leader's compass, current and transmitters' offsets are unknown only where the scenario has such errors, or has them
-    estimated: a bound on those who know less would be too high.
+    Leader's compass, current, transmitters' offsets and the clock are unknown only where the scenario has such errors,
+    or has them estimated: a bound on those who know less would be too high.
     """
     sensors, acoustics, assume = scenario.sensors, scenario.acoustics, scenario.navigation.assume
     tight = scenario.navigation.variant == "tight"
     turned = sensors.leader_heading_bias_deg > 0.0 or (tight and not assume.exact_leader)
     moving = scenario.ocean.current_speed_m_s != 0.0 or (tight and assume.current)
-    late = tight and assume.offsets
+    late, clock = tight and assume.offsets, tight and assume.clock
+    sound = acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s
     return TrueNoise(
         speed_sigma=sensors.speed_sigma_m_s,
         heading_sigma=float(np.deg2rad(sensors.heading_sigma_deg)) * _ABOUT_MEAN,
@@ -39,6 +40,8 @@ def noise_of(scenario: Scenario) -> TrueNoise:
         leader_heading_bias=float(np.deg2rad(assume.leader_heading_bias_sigma_deg)) if turned else 0.0,
         current=assume.current_sigma_m_s if moving else 0.0,
         range_offset=assume.offset_sigma_m if late else 0.0,
+        clock_offset=sound * assume.clock_offset_sigma_s if clock else 0.0,
+        clock_drift=1e-6 * sound * assume.clock_drift_sigma_ppm if clock else 0.0,
     )
 
 

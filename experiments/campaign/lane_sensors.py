@@ -54,6 +54,7 @@ class Errors(NamedTuple):
     range_scale_mean: float
     range_scale_sigma: float
     echo_chance: tuple[float, float]
+    common_echoes: bool
     channel: Channel
 
 
@@ -193,7 +194,8 @@ def _read_echoes(block: Floats, noise: Noise, errors: Errors, sent: Floats, step
     for j in range(3):
         for lane in range(LANES):
             i = j * LANES + lane
-            true[i] = sent[_ECHOES - 3 + j + 3 * path_taken(draws[i], surface, bottom)]
+            draw = draws[lane if errors.common_echoes else i]
+            true[i] = sent[_ECHOES - 3 + j + 3 * path_taken(draw, surface, bottom)]
     _draw_range_errors(noise, errors, received)
     for lane in range(LANES):
         psi = block[row.R1 + lane]

@@ -89,6 +89,9 @@ def noise_known(assume: Assume) -> TrueNoise:
         leader_heading_bias=0.0 if assume.exact_leader else told.leader_heading_bias_sigma,
         current=told.current_sigma if assume.current else 0.0,
         current_walk=math.sqrt(model.current_walk) if assume.current else 0.0,
+        clock_offset=told.clock_offset_sigma if assume.clock else 0.0,
+        clock_drift=told.clock_drift_sigma if assume.clock else 0.0,
+        clock_walk=math.sqrt(model.clock_walk) if assume.clock else 0.0,
         range_offset=told.offset_sigma if assume.offsets else 0.0,
         leader_way_sigma=CURRENT_SIGMA if assume.current or not assume.exact_leader else 0.0,
     )

@@ -118,7 +118,7 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     path = np.full((row.size, 3), int(Path.DIRECT))
     errors = errors_of(scenario)
     if errors.echoes:
-        path = locked_path(scenario.seed, scenario.run, follower, emission, errors.echo_chance)
+        path = locked_path(scenario.seed, scenario.run, follower, emission, errors.echo_chance, errors.common_echoes)
 
     def taken(values: Floats) -> Floats:
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])

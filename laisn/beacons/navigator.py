@@ -91,7 +91,7 @@ class BeaconNavigator(Online):
         """Advance by one filter step.
 
         Args:
-            own: measured in the step.
+            own: measured in the step; of a missing depth (NaN) the last one is used.
             reception: ranges and the places of their beacons, if any arrived; NaN for none.
             duration: time that this step took, if it is another one than the settings' Δt [s].
 
@@ -106,16 +106,18 @@ class BeaconNavigator(Online):
         time = self.settings.dt if duration is None else duration
         require_readings(self._step, own, reception, "odometry")
         require_time(self._step, time)
+        own = self._with_depth(own)
         if reception is not None and reception.transmitters is None:
             raise LaisnError(
                 f"step {self._step}: the message does not place its transmitters; this navigator needs beacons"
             )
-        advance(self._belief, self.settings.slip, own.speed, own.heading, time)
-        used = None if reception is None else [self._hear(*heard, own.depth) for heard in _heard(reception)]
+        advance(self._belief, (self.settings.slip, self.settings.heading_walk), own.speed, own.heading, time)
+        heard = [] if reception is None or math.isnan(own.depth) else _heard(reception)
+        used = [self._hear(place, measured, own.depth) for place, measured in heard]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
         if self._belief.alive[0] and not np.isfinite(self._covariance).all():
             raise ArithmeticError(f"step {self._step}: the covariance is not finite after {reception}")
-        return [] if used is None else [self._update(used)]
+        return [] if reception is None else [self._update(used)]
 
     def run(self, measurements: Measurements) -> Estimates:
         """Estimates of a whole mission from the start, step by step; the same to the bit as `step` in a loop.

@@ -8,25 +8,24 @@ from laisn.compiled import compiled
 # How fast what is called constant may wander, as variance in a second: biases of real sensors are never quite constant,
 # and a filter that believes them to be loses track of them for good.
 _SPEED_WALK = 5e-4**2  # [1/s]
-_HEADING_WALK = 1e-3**2  # [rad²/s]
 _GYRO_WALK = 2e-5**2  # [rad²/s³]
 _CURRENT_WALK = 1e-3**2  # [m²/s³]
 
 
 @compiled
-def advance(b: Belief, slip: float, speed: float, heading: float, time: float) -> None:
+def advance(b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float) -> None:
     """One step of odometry, whose mean speed and heading are measured.
 
     The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading.
 
     Args:
         b: the belief.
-        slip: motion that odometry does not see, in a second [m/√s].
+        errors: random walk of the position that odometry does not see [m/√s], and of the heading [rad/√s].
         speed: mean over the step [m/s].
         heading: of the way in the step [rad].
         time: that the step takes [s].
     """
-    n = b.fresh.size
+    n, (slip, heading_walk) = b.fresh.size, errors
     for k in range(b.alive[0]):
         x, P = b.state[k], b.covariance[k]
         if b.fresh[GYRO] > 0.0:
@@ -49,7 +48,7 @@ def advance(b: Belief, slip: float, speed: float, heading: float, time: float) -
         P[Y, X] = P[X, Y]
         P[X, X] += slip * slip * time
         P[Y, Y] += slip * slip * time
-        P[HEADING, HEADING] += _HEADING_WALK * time
+        P[HEADING, HEADING] += heading_walk * heading_walk * time
         if b.fresh[SPEED] > 0.0:
             P[SPEED, SPEED] += _SPEED_WALK * time
         if b.fresh[EAST] > 0.0:

@@ -31,6 +31,8 @@ class BeaconSettings:
     """Standard deviation of the logarithm of true over measured speed."""
     slip: float = 0.05
     """Motion that odometry does not see, in a second, along each axis [m/√s]."""
+    heading_walk: float = 1e-3
+    """Random walk of the heading's error beside that rate, in a second [rad/√s]."""
     current_sigma: float = 0.0
     """Standard deviation of a current that carries the vehicle, along each axis [m/s]; 0 for none."""
     range_sigma: float = 0.5
@@ -44,7 +46,7 @@ class BeaconSettings:
     outlier_chance: float = 0.05
     """Chance that a range is wrong altogether."""
     outlier_span: float = 20.0
-    """Width of the span in which wrong ranges lie [m]."""
+    """Width of the span in which wrong ranges lie [m]; the same for all `MEDIA`, so that their evidence compares."""
 
     def __post_init__(self) -> None:
         require_chance("outlier_chance", self.outlier_chance)
@@ -55,12 +57,11 @@ class BeaconSettings:
 MEDIA = {
     "air": BeaconSettings(),
     "water": BeaconSettings(
-        gyro_bias_sigma=float(np.deg2rad(0.02)),
+        gyro_bias_sigma=0.0,
         slip=0.2,
         current_sigma=0.1,
         range_scale_sigma=0.003,
         survey_sigma=1.0,
-        outlier_span=100.0,
     ),
 }
 """What ranges are measured through: radio on land, or sound under water, where a vehicle has a compass and drifts."""

@@ -13,7 +13,7 @@ from laisn.tight.settings import TightSettings
 ROOM = 2 * HYPOTHESES
 """Hypotheses that there is room for while they are split."""
 
-MOST_STATES = 10
+MOST_STATES = 12
 """Room for n; the arrays of a belief have one shape for all settings, so that all share one compiled code."""
 _COMPONENTS = 2 * ROOM
 _T = 3
@@ -62,12 +62,16 @@ _WORK = np.dtype([
     ("row_scale", np.float64, _T), ("row_leader", np.float64, _T),
     ("curvature", np.float64, (_T, 3, 3)),  # … and second ones by (x, y, b_L), times their covariance
     ("spread", np.float64, (_T, _T)),  # S: covariance of the residuals [m²]
+    ("direct_spread", np.float64, (_T, _T)),  # S of ranges without a common echo
     ("root", np.float64, (_T, _T)),  # its Cholesky factor over the ranges that are used …
     ("per_root", np.float64, _T),  # … and the reciprocals of its diagonal
     ("white", np.float64, _T), ("turned", np.float64, _T),  # residuals, and `row_leader`, in units of it
     ("gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ
     ("white_gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ root⁻ᵀ over the ranges that are used
     ("used", np.int64, _T),  # their indices
+    ("shared", np.int64),  # 1 where these have an echo in common, else 0
+    ("share", np.float64),  # square of its excess over a range
+    ("common", np.float64, _T),  # its direction in units of the root, of length 1
 ])  # fmt: skip
 _BELIEF = np.dtype((np.record, np.dtype([
     ("state", np.float64, (_COMPONENTS, MOST_STATES)),  # mean of each component: `hypothesis · modes + mode`
@@ -123,8 +127,8 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     None: the start is unknown, and there is no hypothesis before the first message with two ranges.
     """
     # by key, as attributes of a record are slow outside of compiled code
-    states, modes, leader, current, offset, leader_variance = m[
-        ["states", "modes", "leader", "current", "offset", "leader_variance"]
+    modes, leader, current, offset, clock, leader_variance = m[
+        ["modes", "leader", "current", "offset", "clock", "leader_variance"]
     ].item()
     sigma = np.zeros(MOST_STATES)
     sigma[:LOG] = settings.start_sigma
@@ -135,7 +139,9 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     if current != ABSENT:
         sigma[current : current + 2] = settings.current_sigma
     if offset != ABSENT:
-        sigma[offset:states] = settings.offset_sigma
+        sigma[offset : offset + settings.transmitters - 1] = settings.offset_sigma
+    if clock != ABSENT:
+        sigma[clock : clock + 2] = settings.clock_offset_sigma, settings.clock_drift_sigma
     made = np.zeros(1, dtype=_BELIEF)
     belief: Belief = made[0]
     made["smoothed"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, sigma**2

@@ -32,7 +32,7 @@ class TightEstimates(Estimates):
 
     names: ClassVar[tuple[str, ...]] = (
         "x_m", "y_m", "log_bias_m_s", "compass_bias_rad", "range_scale_m", "leader_compass_bias_rad",
-        "current_east_m_s", "current_north_m_s", "offset_2_m", "offset_3_m",
+        "current_east_m_s", "current_north_m_s", "offset_2_m", "offset_3_m", "clock_offset_m", "clock_drift_m_s",
     )  # fmt: skip
     """Names of all states that there can be, with units."""
 
@@ -42,9 +42,9 @@ class TightEstimates(Estimates):
     """Their squared residuals in units of S, shape (f,): `used` on average, if S is right; NaN if none was used,
     or nothing was expected of them."""
     full_state: Floats
-    """Mean over the mixture after each message, shape (f, 10), in the order of `names`; NaN for what is no state."""
+    """Mean over the mixture after each message, shape (f, 12), in the order of `names`; NaN for what is no state."""
     full_sigma: Floats
-    """Standard deviations of the states, shape (f, 10)."""
+    """Standard deviations of the states, shape (f, 12)."""
     weight: Floats
     """Weight of each hypothesis after each message, heaviest first, shape (f, HYPOTHESES); 0 for none."""
     hypothesis: Floats

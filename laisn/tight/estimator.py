@@ -36,13 +36,15 @@ def place_arms(heard: Heard, m: Model, pitch: float, roll: float, deeper: float)
     """Fill in the arms of the transmitters at the broadcast heading.
 
     Args:
-        heard: a message; `arms` is overwritten.
+        heard: a message; `arms` is overwritten, and without a depth no range counts as received.
         m: settings.
         pitch: as broadcast [rad] …
         roll: … likewise; the leader is taken as level where either is NaN.
-        deeper: how much deeper the leader's origin is than the hydrophone [m].
+        deeper: how much deeper the leader's origin is than the hydrophone [m]; NaN if that is not known.
     """
     arms = heard.arms
+    if deeper != deeper:
+        heard.ranges[:] = np.nan
     sine, cosine = sin_cos(heard.heading)
     ahead, aside = (sine, cosine, 0.0), (-cosine, sine, 0.0)
     if m.use_attitude and pitch == pitch and roll == roll:

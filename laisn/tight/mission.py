@@ -125,7 +125,7 @@ def run_mission(
     messages_told = len(measurements.message) if covariance else 0
     found = Found(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)),
                   np.empty((messages_told, 3)))  # fmt: skip
-    own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
+    own = np.column_stack([measurements.speed, measurements.heading, measurements.last_depth])
     messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
     known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
     belief = new_belief(settings, model, known)

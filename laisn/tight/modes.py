@@ -4,12 +4,11 @@ Bar-Shalom, Li & Kirubarajan 2001. Each hypothesis has two components, one of ea
 becomes a blend of both, by the chance that the drift has changed its mode.
 """
 
+import math
+
 from laisn.compiled import compiled
 from laisn.tight.belief import Belief
 from laisn.tight.model import Model
-
-STAY = 0.98
-"""Chance that the mode is the same at the next message."""
 
 
 @compiled
@@ -18,16 +17,18 @@ def mix_modes(b: Belief, m: Model) -> None:
     if m.modes == 1:
         return
     x, P, n = b.state, b.covariance, m.states
+    # a chain of two states that changes at the same rate either way (Poisson)
+    stay = 0.5 + 0.5 * math.exp(-2.0 * m.mode_switches * b.motion.time)
     for h in range(b.alive):
         slow, quick = 2 * h, 2 * h + 1
         both_slow, both_quick = b.weight[slow], b.weight[quick]
-        new_slow = STAY * both_slow + (1.0 - STAY) * both_quick
-        new_quick = STAY * both_quick + (1.0 - STAY) * both_slow
+        new_slow = stay * both_slow + (1.0 - stay) * both_quick
+        new_quick = stay * both_quick + (1.0 - stay) * both_slow
         if new_slow <= 0.0 or new_quick <= 0.0:
             continue
         # shares of the quick component in either blend
-        in_slow = (1.0 - STAY) * both_quick / new_slow
-        in_quick = STAY * both_quick / new_quick
+        in_slow = (1.0 - stay) * both_quick / new_slow
+        in_quick = stay * both_quick / new_quick
         for i in range(n):
             for j in range(i + 1):
                 apart = (x[quick, i] - x[slow, i]) * (x[quick, j] - x[slow, j])

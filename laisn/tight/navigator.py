@@ -32,9 +32,9 @@ class Update(NamedTuple):
     nis: float
     """Squared residuals of the ranges used, in units of S; NaN if none was used."""
     full_state: Floats
-    """Mean over the mixture, shape (10,), in the order of `TightEstimates.names`; NaN for what is no state."""
+    """Mean over the mixture, shape (12,), in the order of `TightEstimates.names`; NaN for what is no state."""
     full_sigma: Floats
-    """Standard deviations of `full_state`, shape (10,)."""
+    """Standard deviations of `full_state`, shape (12,)."""
     weight: Floats
     """Weights of the hypotheses, heaviest first, shape (h,)."""
     hypothesis: Floats
@@ -115,7 +115,7 @@ class TightNavigator(Online):
         """Advance by one filter step.
 
         Args:
-            own: measured at the end of the step.
+            own: measured at the end of the step; of a missing depth (NaN) the last one is used.
             reception: message and ranges, if one arrived in the step.
             duration: time that this step took, if it is another one than the settings' Δt [s].
 
@@ -128,6 +128,7 @@ class TightNavigator(Online):
         """
         self._step += 1
         _check(self._step, own, reception)
+        own = self._with_depth(own)
         require_time(self._step, duration)
         advance(*self._alone, own.speed, own.heading, self.settings.dt if duration is None else duration)
         updates = [] if reception is None else [self._receive(own, reception)]
@@ -162,7 +163,7 @@ class TightNavigator(Online):
             )
         hydrophone = own.depth - settings.hydrophone_height
         self._heard["arms"][0] = told - np.array([message.east, message.north, hydrophone])
-        self._heard["ranges"][0, np.any(np.isnan(told), axis=1)] = np.nan
+        self._heard["ranges"][0, np.any(np.isnan(self._heard["arms"][0]), axis=1)] = np.nan
         return True
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:

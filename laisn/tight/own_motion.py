@@ -113,6 +113,18 @@ def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> N
     P[k, COMPASS, COMPASS] += q_compass * time
     if m.leader != ABSENT:
         P[k, m.leader, m.leader] += m.leader_walk * time
+    if m.clock != ABSENT:
+        # τ += τ̇ T, before the columns x and y are copied from the rows
+        clock, rate = m.clock, m.clock + 1
+        x[k, clock] += time * x[k, rate]
+        for j in range(n):
+            P[k, clock, j] += time * P[k, rate, j]
+        for j in range(n):
+            P[k, j, clock] += time * P[k, j, rate]
+        P[k, clock, clock] += m.clock_walk * time * time * third
+        P[k, clock, rate] += m.clock_walk * time * half
+        P[k, rate, clock] += m.clock_walk * time * half
+        P[k, rate, rate] += m.clock_walk * time
     if drifting:
         px += q_current * time * time * third
         py += q_current * time * time * third

@@ -111,6 +111,8 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
         expected = rho + share * x[k, SCALE] + 0.5 * mean_shift
         if m.offset != ABSENT and i > 0:
             expected += x[k, m.offset + i - 1]
+        if m.clock != ABSENT:
+            expected += x[k, m.clock]
         w.residual[i] = heard.ranges[i] - expected
         for h in range(m.states):
             gain = P[k, h, X] * hx + P[k, h, Y] * hy + P[k, h, SCALE] * share
@@ -118,6 +120,8 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
                 gain += P[k, h, m.leader] * w.row_leader[i]
             if m.offset != ABSENT and i > 0:
                 gain += P[k, h, m.offset + i - 1]
+            if m.clock != ABSENT:
+                gain += P[k, h, m.clock]
             w.gain[h, i] = gain
     for j in range(count):
         i = w.used[j]
@@ -134,6 +138,8 @@ def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance
                 value += w.row_leader[i] * w.gain[m.leader, g]
             if m.offset != ABSENT and i > 0:
                 value += w.gain[m.offset + i - 1, g]
+            if m.clock != ABSENT:
+                value += w.gain[m.clock, g]
             value += noise + 0.5 * second
             if i == g:
                 value += m.range_sigma * m.range_sigma
@@ -161,6 +167,62 @@ def _likelihood(b: Belief, count: int) -> tuple[float, float]:
     return -0.5 * (squared + count * _LOG_TURN) - log(volume), squared
 
 
+@compiled
+def _ignore_common(b: Belief, count: int) -> tuple[float, float, float]:
+    """Whitened residuals of an echo common to all ranges in `work.used`, whose excess e has a flat prior.
+
+    With S = L Lᵀ, whitened residuals ν and u = L⁻¹ 1 the density is ∫ N(z − ẑ − e 1; S) de, in which only the part of ν
+    across u is left: the differences of the ranges. Follows `_likelihood`; `work.white` is overwritten.
+
+    Returns:
+        Likeliest e [m]; by how much the squared residuals are smaller, ê² uᵀu; and the logarithm of uᵀu.
+    """
+    w = b.work
+    size, match = 0.0, 0.0
+    for i in range(count):
+        value = 1.0
+        for h in range(i):
+            value -= w.root[i, h] * w.common[h]
+        w.common[i] = value * w.per_root[i]
+        size += w.common[i] * w.common[i]
+        match += w.common[i] * w.white[i]
+    excess = match / size
+    per_size = 1.0 / math.sqrt(size)
+    for i in range(count):
+        w.white[i] -= excess * w.common[i]
+        w.common[i] *= per_size
+    return excess, excess * match, log(size)
+
+
+@inlined
+def _mean_range(b: Belief, heard: Heard, count: int) -> float:
+    """Mean of the ranges in `work.used` [m]."""
+    total = 0.0
+    for j in range(count):
+        total += heard.ranges[b.work.used[j]]
+    return total / count
+
+
+@compiled
+def _tilt_common(b: Belief, heard: Heard, count: int, share: float) -> None:
+    """Add to S what a common echo of excess e may do to the differences of the ranges in `work.used`.
+
+    A late ping leaves them as they are. A reflection at the surface or the floor adds the same to the square of each
+    range, and so −e (ρ_i − ρ̄) / ρ̄ beside e: a random error that all have in common, of that size.
+
+    Args:
+        b: `work.spread` is changed.
+        heard: the message.
+        count: how many ranges.
+        share: (e / ρ̄)².
+    """
+    w, mean = b.work, _mean_range(b, heard, count)
+    for j in range(count):
+        for h in range(count):
+            i, g = w.used[j], w.used[h]
+            w.spread[i, g] += share * (heard.ranges[i] - mean) * (heard.ranges[g] - mean)
+
+
 @inlined
 def _certain(b: Belief, m: Model, count: int, squared: float) -> bool:
     """Whether no range can be an echo: leaving any out would cost more likelihood than it could gain."""
@@ -173,7 +235,10 @@ def _certain(b: Belief, m: Model, count: int, squared: float) -> bool:
 
 @inlined
 def _absorb(b: Belief, m: Model, k: int, count: int) -> None:
-    """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ and whitened residuals ν, over the ranges in `work.used`."""
+    """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ and whitened residuals ν, over the ranges in `work.used`.
+
+    Of ranges that share an echo, W without its part along that.
+    """
     w, x, P = b.work, b.state, b.covariance
     for h in range(m.states):
         for j in range(count):
@@ -182,6 +247,12 @@ def _absorb(b: Belief, m: Model, k: int, count: int) -> None:
                 value -= w.root[j, i] * w.white_gain[h, i]
             w.white_gain[h, j] = value * w.per_root[j]
             x[k, h] += w.white_gain[h, j] * w.white[j]
+        if w.shared:
+            match = 0.0
+            for j in range(count):
+                match += w.white_gain[h, j] * w.common[j]
+            for j in range(count):
+                w.white_gain[h, j] -= match * w.common[j]
     for h in range(m.states):
         for i in range(h + 1):
             value = P[k, h, i]
@@ -206,19 +277,26 @@ def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
         w.turned[i] = value * w.per_root[i]
         match += w.turned[i] * w.white[i]
         size += w.turned[i] * w.turned[i]
+    if w.shared:
+        along = 0.0
+        for i in range(count):
+            along += w.turned[i] * w.common[i]
+        size -= along * along
     return v * match, v - v * v * size
 
 
 @compiled
-def _choose(b: Belief, m: Model, k: int, received: int, density: float) -> int:
-    """Leave out the ranges that look like echoes: the subset with the highest likelihood, over all subsets.
+def _choose(b: Belief, m: Model, k: int, heard: Heard, received: int, density: float) -> int:
+    """Leave out the ranges that look like echoes: the likeliest of all subsets, or all ranges with a common echo.
 
-    Sets `b.evidence[k]`; `density` is that of all ranges together. Returns how many stay in `b.work.used`.
+    Sets `b.evidence[k]` and `b.work.shared`; `density` is that of all ranges together. Returns how many stay in
+    `b.work.used`.
     """
     w = b.work
     i0, i1, i2 = w.used[0], w.used[1], w.used[2]
     everything = (1 << received) - 1
     best, best_mask = density + received * m.log_accepted, everything
+    excess, _, _ = _ignore_common(b, received)
     for mask in range(everything):
         used, total = 0, 0.0
         for j in range(received):
@@ -232,6 +310,18 @@ def _choose(b: Belief, m: Model, k: int, received: int, density: float) -> int:
         total += density + used * m.log_accepted
         if total > best:
             best, best_mask = total, mask
+    if received > 1 and 0.0 < excess < m.outlier_span:
+        w.used[0], w.used[1], w.used[2] = i0, i1, i2
+        w.direct_spread[:] = w.spread
+        w.share = (excess / max(_mean_range(b, heard, received) - excess, _SHORTEST)) ** 2
+        _tilt_common(b, heard, received, w.share)
+        density, _ = _likelihood(b, received)
+        _, less, log_size = _ignore_common(b, received)
+        total = density + m.log_rejected + received * m.log_accepted + 0.5 * (less + _LOG_TURN - log_size)
+        if total > best:
+            b.evidence[k], w.shared = total, 1
+            return received
+        w.spread[:] = w.direct_spread
     used = 0
     for j in range(received):
         i = i0 if j == 0 else (i1 if j == 1 else i2)
@@ -254,6 +344,7 @@ def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
         How many ranges it used; −1 if a covariance was not positive definite.
     """
     v = b.leader_variance
+    b.work.shared = 0
     received = expect(b, m, k, heard, 0.0, v)
     b.taken[k], b.evidence[k], b.surprise[k], b.turn_excess[k] = 0, 0.0, 0.0, 0.0
     if received == 0:
@@ -264,10 +355,14 @@ def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
     used = received
     b.evidence[k] = density + received * m.log_accepted
     if not _certain(b, m, received, squared):
-        used = _choose(b, m, k, received, density)
+        used = _choose(b, m, k, heard, received, density)
         density, squared = _likelihood(b, used)
-    b.taken[k], b.squared[k] = used, squared
-    b.surprise[k] = (squared + 2.0 * (received - used) * (m.log_accepted - m.log_rejected)) / received
+        if b.work.shared:
+            squared -= _ignore_common(b, used)[1]
+    # a common echo costs one number
+    numbers = used - b.work.shared
+    b.taken[k], b.squared[k] = numbers, squared
+    b.surprise[k] = (squared + 2.0 * (received - numbers) * (m.log_accepted - m.log_rejected)) / received
     if m.leader != ABSENT and used > 0:
         turn, left = _leader_turn(b, used)
         b.turn_excess[k] = turn * turn + left - v
@@ -275,8 +370,12 @@ def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
             u0, u1, u2 = b.work.used[0], b.work.used[1], b.work.used[2]
             expect(b, m, k, heard, turn, left)
             b.work.used[0], b.work.used[1], b.work.used[2] = u0, u1, u2
+            if b.work.shared:
+                _tilt_common(b, heard, used, b.work.share)
             density, squared = _likelihood(b, used)
             if density != density:
                 return -1
+            if b.work.shared:
+                _ignore_common(b, used)
     _absorb(b, m, k, used)
-    return used
+    return numbers

@@ -22,6 +22,8 @@ class Assume:
     """The water moves, alike for leader and follower."""
     offsets: bool = False
     """Each transmitter may be early or late by a constant time."""
+    clock: bool = False
+    """The follower's clock has an offset from the leader's, and drifts: all ranges share the error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +77,10 @@ class TightSettings:
     """Standard deviation of the current along each axis, if there may be one [m/s]."""
     offset_sigma: float = 0.015
     """Standard deviation of a transmitter's constant error beside the first one's, if there may be one [m]."""
+    clock_offset_sigma: float = 1.5
+    """Standard deviation of the clocks' offset at the start, as a range [m]: 1 ms, if there may be one."""
+    clock_drift_sigma: float = 1.5e-3
+    """Standard deviation of the rate at which it grows [m/s]: 1 ppm."""
     slip: float = 0.0
     """Motion that the log does not see: leeway and turbulence, in a second [m/√s]."""
     outlier_chance: float = 0.05

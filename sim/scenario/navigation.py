@@ -33,6 +33,9 @@ class Assume(Section):
     )
     current: bool = Field(_SENSORS.assume.current, description="the water moves; the current is estimated")
     offsets: bool = Field(_SENSORS.assume.offsets, description="a transmitter may be early or late by a constant time")
+    clock: bool = Field(
+        _SENSORS.assume.clock, description="the follower's clock is off and drifts; its error is estimated"
+    )
     start_sigma_m: Positive = Field(_SENSORS.start_sigma, description="σ of the start along each axis")
     speed_sigma_m_s: NonNegative = Field(_SENSORS.speed_sigma, description="σ of each reading of the speed log")
     speed_bias_sigma_m_s: NonNegative = Field(
@@ -64,6 +67,10 @@ class Assume(Section):
     offset_sigma_m: NonNegative = Field(
         _SENSORS.offset_sigma, description="σ of a transmitter's offset, if there may be one"
     )
+    clock_offset_sigma_s: NonNegative = Field(
+        1e-3, description="σ of the clock's offset at the start, if it may be off"
+    )
+    clock_drift_sigma_ppm: NonNegative = Field(1.0, description="σ of its drift, likewise")
     slip_m_sqrt_s: NonNegative | None = Field(
         None, description="motion that the log does not see, in a second; default: that of the vehicles, 0 of points"
     )

@@ -92,6 +92,9 @@ class Acoustics(Section):
     )
     surface_echo_chance: Chance = Field(0.0, description="chance that the surface echo of a ping is taken for it")
     bottom_echo_chance: Chance = Field(0.0, description="chance that the bottom echo of a ping is taken for it")
+    common_echoes: bool = Field(
+        False, description="all pings of a message take the same path; else each has its own chance of an echo"
+    )
     loss_chance: Chance = Field(0.0, description="chance that a message outside bursts is lost")
     burst_chance: Chance = Field(0.0, description="chance that a burst of loss begins at a message")
     burst_mean_messages: Annotated[float, Field(ge=1, le=10000)] = Field(5.0, description="mean length of a burst")

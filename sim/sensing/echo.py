@@ -67,16 +67,18 @@ def path_taken(uniform: float, surface_chance: float, bottom_chance: float) -> i
 
 
 @compiled
-def _paths_taken(draw: Floats, surface_chance: float, bottom_chance: float) -> Ints:
+def _paths_taken(draw: Floats, surface_chance: float, bottom_chance: float, common: bool) -> Ints:
     path = np.empty((draw.shape[0], 3), dtype=np.int64)
     for i in range(draw.shape[0]):
         for j in range(3):
-            path[i, j] = path_taken(draw[i, j], surface_chance, bottom_chance)
+            path[i, j] = path_taken(draw[i, 0 if common else j], surface_chance, bottom_chance)
     return path
 
 
-def locked_path(seed: int, run: int, follower: int, emission_step: Ints, chances: tuple[float, float]) -> Ints:
-    """`Path` that the receiver locks to, for each message and transmitter on its own, shape (m, 3).
+def locked_path(
+    seed: int, run: int, follower: int, emission_step: Ints, chances: tuple[float, float], common: bool = False
+) -> Ints:
+    """`Path` that the receiver locks to, for each message and transmitter, shape (m, 3).
 
     Args:
         seed: of the study.
@@ -84,5 +86,6 @@ def locked_path(seed: int, run: int, follower: int, emission_step: Ints, chances
         follower: 0, 1, …
         emission_step: filter step at which each message was sent, shape (m,).
         chances: of a surface and of a bottom echo.
+        common: one draw decides for all transmitters, that of the rear one; else each has its own.
     """
-    return _paths_taken(noise.uniforms(seed, run, noise.Stream.ECHO.number(follower), emission_step), *chances)
+    return _paths_taken(noise.uniforms(seed, run, noise.Stream.ECHO.number(follower), emission_step), *chances, common)

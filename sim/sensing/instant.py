@@ -56,6 +56,7 @@ class Senses(NamedTuple):
     range_centre: float
     range_scale: tuple[float, float]
     echo_chance: tuple[float, float]
+    common_echoes: bool
     channel: Channel
     loses: bool
     transmitters: int
@@ -95,6 +96,7 @@ def senses_of(scenario: Scenario) -> Senses:
         range_centre=errors.range_centre,
         range_scale=(errors.range_scale_mean, errors.range_scale_sigma),
         echo_chance=errors.echo_chance,
+        common_echoes=errors.common_echoes,
         channel=errors.channel,
         loses=errors.channel.loses,
         transmitters=hearing.transmitters,

@@ -130,7 +130,7 @@ def read_ranges(s: Senses, k: int, sent: int, follower: int, true: Floats, inbox
     streams, ranges = STREAMS * follower, inbox.ranges[follower]
     taken = drawn_uniforms(s, streams + _ECHO, sent)
     for i in range(3):
-        ranges[i] = true[i, path_taken(taken[i], s.echo_chance[0], s.echo_chance[1])]
+        ranges[i] = true[i, path_taken(taken[0 if s.common_echoes else i], s.echo_chance[0], s.echo_chance[1])]
     rear, front, middle = ranges[0], ranges[1], ranges[2]
     far, farthest = longest_used(rear, front, middle, s.transmitters), longest(rear, front, middle)
     drawn = drawn_uniforms(s, streams + _RANGE_UNIFORM, k)

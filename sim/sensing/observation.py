@@ -41,6 +41,7 @@ def errors_of(scenario: Scenario) -> SensorErrors:
         range_scale_mean=acoustics.range_scale_mean_m,
         range_scale_sigma=acoustics.range_scale_sigma_m,
         echo_chance=(acoustics.surface_echo_chance, acoustics.bottom_echo_chance),
+        common_echoes=acoustics.common_echoes,
         channel=Channel(
             acoustics.loss_chance,
             acoustics.burst_chance,

@@ -61,6 +61,8 @@ class SensorErrors:
     """σD of ψ [m]."""
     echo_chance: tuple[float, float] = (0.0, 0.0)
     """Chances that a ping's surface echo and its bottom echo is taken for the ping."""
+    common_echoes: bool = False
+    """All pings of a message take the same path."""
     channel: Channel = NO_LOSS
     """How messages are lost: none of their pings is heard."""
 
@@ -176,7 +178,7 @@ def _heard_ranges(truth: MissionTruth, errors: SensorErrors, address: tuple[int,
         return truth.slant_range
     echoes = truth.echo_range
     surface, bottom = (np.full_like(truth.slant_range, np.nan),) * 2 if echoes is None else echoes
-    path = locked_path(*address, truth.emission_step, errors.echo_chance)
+    path = locked_path(*address, truth.emission_step, errors.echo_chance, errors.common_echoes)
     return np.choose(path, [truth.slant_range, surface, bottom])
 
 

@@ -58,7 +58,7 @@ class BeaconOracle:
     def advance(self, speed: float, heading: float, time: float) -> None:
         """The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, after the gyro's bias has turned b_θ."""
         unit = np.eye(self.n)
-        walk = 1e-3**2 * unit[HEADING] + self.told.slip**2 * (unit[X] + unit[Y])
+        walk = self.told.heading_walk**2 * unit[HEADING] + self.told.slip**2 * (unit[X] + unit[Y])
         walk += 5e-4**2 * unit[SPEED] * (self.fresh[SPEED] > 0) + 2e-5**2 * unit[GYRO] * (self.fresh[GYRO] > 0)
         walk += 1e-3**2 * (unit[EAST] + unit[NORTH]) * (self.fresh[EAST] > 0)
         drift = np.eye(self.n)

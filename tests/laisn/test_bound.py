@@ -115,7 +115,7 @@ def batch(geometry: Geometry, noise: TrueNoise) -> Floats:
     sizes = {
         "start": 2, "speed_bias": 1, "heading_bias": 1, "range_scale_bias": 1, "leader_heading_bias": 1, "current": 2,
         "range_offset": transmitters - 1, "speed_sigma": n, "heading_sigma": n, "range_scale_sigma": m,
-        "leader_heading_sigma": m,
+        "leader_heading_sigma": m, "clock_offset": 1, "clock_drift": 1,
     }  # fmt: skip
     ends = np.cumsum(list(sizes.values()))
     place = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
@@ -138,6 +138,7 @@ def batch(geometry: Geometry, noise: TrueNoise) -> Floats:
             rho = np.linalg.norm(apart, axis=1)
             shared = (u["range_scale_bias"] + u["range_scale_sigma"][i]) * rho / np.fmax.reduce(rho)
             z = rho + shared + np.concatenate([[0.0], u["range_offset"]])
+            z += u["clock_offset"] + u["clock_drift"] * geometry.dt * k
             ranges.append(z[np.isfinite(z)])
         return astray, ranges
 
@@ -161,6 +162,7 @@ def batch(geometry: Geometry, noise: TrueNoise) -> Floats:
 EVERYTHING = TrueNoise(
     speed_sigma=0.3, heading_sigma=0.1, range_sigma=0.02, range_scale_sigma=0.07, leader_heading_sigma=0.02, start=1.5,
     speed_bias=0.2, heading_bias=0.15, range_scale_bias=0.3, leader_heading_bias=0.05, current=0.1, range_offset=0.04,
+    clock_offset=0.6, clock_drift=0.05,
 )  # fmt: skip
 
 
@@ -320,3 +322,14 @@ def test_the_leaders_way_tells_its_compass_apart_from_a_current_that_is_none() -
         # ranges tell the bearing from the leader's axis, which is as wrong as its compass is
         off = 1.0 / (3.0**-2 + known / 20.0**2)
         assert position_bound(given, noise, averaged=False)[-1, 0, 0] == pytest.approx(off, rel=1e-3)
+
+
+def test_a_clock_whose_rate_wanders_adds_its_integral_to_a_range() -> None:
+    """τ̇ is Brownian motion of rate q: after T, τ has the variance σ_τ² + σ_τ̇² T² + q T³/3."""
+    arms = np.array([[0.0, 50.0, 0.0]])
+    noise = replace(KNOWN, speed_sigma=0.0, range_sigma=0.1, start=2.0)
+    for clock in ({"clock_walk": 0.03}, {"clock_offset": 0.2, "clock_drift": 0.05, "clock_walk": 0.03}):
+        given = replace(noise, **clock)
+        north = position_bound(at_rest(80, (0.0, 0.0), arms, 80), given, averaged=False)[-1, 1, 1]
+        late = given.clock_offset**2 + (8.0 * given.clock_drift) ** 2 + given.clock_walk**2 * 8.0**3 / 3.0
+        assert north == pytest.approx(1.0 / (0.25 + 1.0 / (0.01 + late)), rel=1e-9)

@@ -131,6 +131,6 @@ def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, l
 def test_the_follower_whose_covariance_is_not_positive_definite_is_told() -> None:
     steps, starts = shared_voyage()
     together = swarm.new_navigators(replace(ALL_OF_2, dt=DT), starts)
-    together[0][1].covariance[:] = -np.eye(10)
+    together[0][1].covariance[:] = -np.eye(12)
     answers = [swarm.navigate(together, *tables(step), np.zeros((FOLLOWERS, swarm.COLUMNS))) for step in steps[:3]]
     assert answers == [-1, -1, 1]

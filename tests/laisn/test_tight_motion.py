@@ -20,9 +20,9 @@ from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import Assume, TightSettings
 from laisn.tight.sides import split, tidy
 
-SETTINGS = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True), slip=0.02)
-N = 10
-BIASES = np.array([10.0, -5.0, 0.2, 0.15, 0.1, 0.05, 0.3, -0.2, 0.01, -0.01])
+SETTINGS = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, clock=True), slip=0.02)
+N = 12
+BIASES = np.array([10.0, -5.0, 0.2, 0.15, 0.1, 0.05, 0.3, -0.2, 0.01, -0.01, 0.4, 0.02])
 
 
 def some_covariance(seed: int, scale: float = 0.1) -> Floats:
@@ -74,12 +74,14 @@ def way_of(state: npt.NDArray[np.complex128], motion: Floats) -> npt.NDArray[np.
 
 def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     belief, model = made()
-    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = 0.0
+    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = model.clock_walk = 0.0
     for v, theta in zip(*readings(30), strict=True):
         advance(belief, model, v, theta, 0.1)
     motion = np.array(belief.motion.tolist())
     F = np.eye(N)
     F[:2] = np.stack([way_of(BIASES + 1e-30j * unit, motion).imag / 1e-30 for unit in np.eye(N)], axis=1)
+    # the clock's offset grows by its rate
+    F[10, 11] = 3.0
     c, s = np.cos(BIASES[3]), np.sin(BIASES[3])
     turn = np.array([[c, -s], [s, c]])
     Q = np.zeros((N, N))
@@ -108,7 +110,7 @@ def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
 def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_position() -> None:
     """v = (s − b_v) Rot(b_θ) u(θ) + c: mean, covariance and that with the position, by complex steps."""
     belief, model = made()
-    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = 0.0
+    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = model.clock_walk = 0.0
     speed, heading = readings(30)
     for v, theta in zip(speed, heading, strict=True):
         advance(belief, model, v, theta, 0.1)
@@ -178,7 +180,7 @@ def message(ranges: Floats) -> Heard:
 @pytest.mark.parametrize("drift", [False, True])
 def test_both_halves_together_are_the_whole(drift: bool) -> None:
     """A hypothesis that is split at the axis keeps mean and covariance, and its halves lie on either side."""
-    settings = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, drift=drift))
+    settings = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, clock=True, drift=drift))
     belief, model = made(settings)
     belief.state[: model.modes, :2] = [0.0, 0.5]
     belief.covariance[: model.modes, 0, 0] += 4.0
@@ -220,16 +222,18 @@ def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go
 
 
 def test_mixing_modes_keeps_the_moments_of_the_whole_and_moves_weight() -> None:
-    belief, model = made(TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, drift=True)))
-    belief.weight[:2] = 0.9, 0.1
+    assume = Assume(exact_leader=False, current=True, offsets=True, clock=True, drift=True)
+    belief, model = made(TightSettings(assume=assume))
+    belief.weight[:2], belief.motion.time = (0.9, 0.1), 5.0
     belief.state[1, 2:4] += 0.1
     before = mixture_moments(belief, range(2))
     mix_modes(belief, model)
     after = mixture_moments(belief, range(2))
     np.testing.assert_allclose(after[0], before[0], atol=1e-12)
     np.testing.assert_allclose(after[1], before[1], atol=1e-12)
-    # 2 % of each mode changes to the other one
-    np.testing.assert_allclose(belief.weight[:2], [0.9 * 0.98 + 0.1 * 0.02, 0.1 * 0.98 + 0.9 * 0.02])
+    # each mode changes to the other one 0.004 times a second: dw/dt = −0.004 (w − (1 − w)), from 0.9 towards ½
+    expected = 0.5 + 0.4 * np.exp(-0.008 * 5.0)
+    np.testing.assert_allclose(belief.weight[:2], [expected, 1.0 - expected], rtol=1e-12)
 
 
 def test_a_blend_has_the_moments_of_two_gaussians() -> None:

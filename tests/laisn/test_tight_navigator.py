@@ -29,6 +29,8 @@ from tests.laisn.tight_mission import DT, EVERYTHING, Mission
         (Assume(drift=True), 3, {"log": 0.2, "compass": 0.1, "scale": 0.1}),
         (Assume(exact_leader=False), 3, {"log": 0.2, "compass": 0.1, "leader": 0.09}),
         (Assume(offsets=True), 3, {"log": 0.1, "compass": 0.1, "offsets": (0.0, 0.012, -0.01)}),
+        (Assume(clock=True), 3, {"log": 0.2, "compass": 0.1, "clock": (1.5, 1.5e-3)}),
+        (Assume(clock=True), 2, {"log": 0.1, "compass": -0.1, "clock": (-1.5, -1.5e-3)}),
     ],
 )
 def test_exact_measurements_with_constant_biases_lead_to_the_truth(
@@ -43,8 +45,28 @@ def test_exact_measurements_with_constant_biases_lead_to_the_truth(
     last = dict(zip(result.names, result.full_state[-1], strict=True))
     assert last["log_bias_m_s"] == pytest.approx(errors["log"], abs=0.02)
     assert last["compass_bias_rad"] == pytest.approx(errors["compass"], abs=0.02)
+    if "clock" in errors:
+        # the scale error of ranges that are nearly equal is one with the clock's offset
+        late = errors["clock"][0] + errors["clock"][1] * DT * mission.steps
+        assert last["clock_offset_m"] + last["range_scale_m"] == pytest.approx(late, abs=0.05)
+        assert last["clock_drift_m_s"] == pytest.approx(errors["clock"][1], abs=3e-4)
     if "leader" in errors:
         assert last["leader_compass_bias_rad"] == pytest.approx(errors["leader"], abs=0.01)
+
+
+def test_messages_that_are_late_as_a_whole_do_no_harm() -> None:
+    """One in ten, by 0.3 to 4.8 m, with two transmitters: as their differences are right, so is the side."""
+    mission, rng = Mission(steps=6000, every=50), np.random.default_rng(4)
+    measured = mission.measured(rng, log=0.2, compass=0.05, scale=0.1)
+    late = np.where(rng.random(mission.k.size) < 0.1, rng.uniform(0.3, 4.8, mission.k.size), 0.0)
+    off = []
+    for excess in (0.0 * late, late):
+        given = replace(measured, ranges=measured.ranges + excess[:, None])
+        found = TightNavigator(TightSettings(transmitters=2), mission.start).run(given)
+        off.append(np.hypot(*(found.state[:, :2] - mission.follower[1:]).T))
+        assert found.used[excess > 1.0].max(initial=0) <= 1
+    assert np.count_nonzero(late) > 5
+    assert np.sqrt(np.mean(off[1] ** 2)) < 1.2 * np.sqrt(np.mean(off[0] ** 2))
 
 
 def test_a_current_is_found() -> None:

@@ -22,7 +22,7 @@ from laisn.tight.sides import tidy
 from tests.laisn.tight_mixture import SCALE, heaviest, moments, weight_of
 from tests.laisn.tight_oracle import Oracle
 
-EVERYTHING = Assume(exact_leader=False, drift=True, deviation=True, current=True, offsets=True)
+EVERYTHING = Assume(exact_leader=False, drift=True, deviation=True, current=True, offsets=True, clock=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +41,8 @@ class Voyage:
     """By how much the leader turns, all at once, after two thirds of the messages [rad]."""
     echoes: float = 0.0
     """Share of ranges that are those of echoes."""
+    common: float = 0.0
+    """Share of messages that are late as a whole."""
     lost: float = 0.0
     alone: tuple[int, int] = (0, 0)
     """Messages of which only the rear transmitter is heard, by an echo."""
@@ -77,6 +79,8 @@ class Voyage:
                 ranges = np.linalg.norm(sites - np.array([*follower[k], -9.2]), axis=1)
                 ranges = ranges * (1.0 + 0.05 * rng.normal() / ranges.max()) + 0.003 * rng.normal(size=3) + 0.08
                 ranges[rng.random(3) < self.echoes] += rng.uniform(0.5, 3.0)
+                if self.common > 0.0:
+                    ranges += rng.uniform(0.5, 3.0) * (rng.random() < self.common)
                 ranges[rng.random(3) < self.lost] = np.nan
                 if self.alone[0] <= k // self.every < self.alone[1]:
                     ranges = np.array([30.0, np.nan, np.nan])
@@ -121,6 +125,7 @@ ALL_OF_2 = TightSettings(assume=EVERYTHING, transmitters=2, slip=0.03, hydrophon
 ALL_OF_3 = replace(ALL_OF_2, transmitters=3)
 TURNED = replace(THREE, assume=Assume(exact_leader=False), leader_heading_sigma=0.05)
 DRIFTING = replace(TWO, assume=Assume(drift=True, deviation=True, current=True), heading_bias_sigma=0.03)
+CLOCK_OF_2 = replace(TWO, assume=Assume(clock=True))
 ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
 
 
@@ -138,6 +143,9 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         (replace(THREE, known_start=False), Voyage(seed=3, turns=0.05, lost=0.3)),
         (replace(ALL_OF_2, known_start=False), Voyage(seed=4, turns=0.05, messages=8)),
         (ALL_OF_3, Voyage(seed=5, turns=0.05, alone=(5, 10))),
+        (CLOCK_OF_2, Voyage(seed=12, turns=0.05, offset=(-12.0, 4.0), jitter=0.5)),
+        (THREE, Voyage(seed=13, turns=0.05, common=0.3)),
+        (TURNED, Voyage(seed=14, turns=0.05, common=0.3, lost=0.1)),
     ],
     ids=[
         "3",
@@ -151,6 +159,9 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         "start of 3",
         "start of 2",
         "lost",
+        "clock",
+        "late as a whole",
+        "leader's compass, late as a whole",
     ],
 )
 def test_an_independent_navigator_agrees(told: TightSettings, voyage: Voyage) -> None:
@@ -289,7 +300,7 @@ def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: fl
 def test_the_four_heaviest_of_six_hypotheses_are_kept(weights: tuple[int, ...]) -> None:
     belief, model = new_belief(THREE, model_of(THREE), (0.0, 0.0)), model_of(THREE)
     belief.alive, belief.weight[:6] = 6, np.array(weights) / 21.0
-    belief.state[:6, 0], belief.covariance[:6] = 100.0 * np.array(weights), np.eye(10)
+    belief.state[:6, 0], belief.covariance[:6] = 100.0 * np.array(weights), np.eye(12)
     tidy(belief, model)
     assert belief.alive == 4
     found = belief.weight[:4]

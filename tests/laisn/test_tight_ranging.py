@@ -15,19 +15,19 @@ from laisn.tight.model import Model, model_of
 from laisn.tight.ranging import Heard, expect, learn, new_heard
 from laisn.tight.settings import Assume, TightSettings
 
-EVERYTHING = TightSettings(assume=Assume(exact_leader=False, drift=False, current=True, offsets=True))
-STATES = 10
+EVERYTHING = TightSettings(assume=Assume(exact_leader=False, drift=False, current=True, offsets=True, clock=True))
+STATES = 12
 ARMS = np.array([[-0.9, -0.4, 1.5], [0.9, 0.4, 2.0], [-0.04, 0.1, 1.7]])
 LEADER = np.array([3.0, -4.0])
-STATE = np.array([25.0, -12.0, 0.1, 0.05, 0.15, 0.08, 0.2, -0.1, 0.01, -0.02])
+STATE = np.array([25.0, -12.0, 0.1, 0.05, 0.15, 0.08, 0.2, -0.1, 0.01, -0.02, 0.3, 0.002])
 
 
 def ranges_of(state: npt.NDArray[np.complex128] | Floats, farthest: float) -> npt.NDArray[np.complex128]:
-    """z_i = ρ_i (1 + b_r / max z) + d_i, analytic in the state."""
+    """z_i = ρ_i (1 + b_r / max z) + d_i + τ, analytic in the state."""
     turn = np.exp(1j * 0) * np.array([[np.cos(state[5]), -np.sin(state[5])], [np.sin(state[5]), np.cos(state[5])]])
     apart = state[:2] - LEADER - (turn @ ARMS[:, :2].T).T
     rho = np.sqrt(np.sum(apart**2, axis=1) + ARMS[:, 2] ** 2)
-    return np.asarray(rho * (1.0 + state[4] / farthest) + np.concatenate([[0.0], state[8:]]))
+    return np.asarray(rho * (1.0 + state[4] / farthest) + np.concatenate([[0.0], state[8:10]]) + state[10])
 
 
 def gradient(state: Floats, farthest: float) -> Floats:
@@ -96,7 +96,7 @@ def test_expected_ranges_equal_their_mean_over_a_gaussian() -> None:
         sx = np.cos(bias) * ARMS[i, 0] - np.sin(bias) * ARMS[i, 1]
         sy = np.sin(bias) * ARMS[i, 0] + np.cos(bias) * ARMS[i, 1]
         rho = np.sqrt((x - LEADER[0] - sx) ** 2 + (y - LEADER[1] - sy) ** 2 + ARMS[i, 2] ** 2)
-        offset = plain[7 + i] if i else 0.0
+        offset = plain[10] + (plain[7 + i] if i else 0.0)
         mean = 0.5 * (rho[:500_000] + rho[500_000:])
         assert 30.0 - made.work.residual[i] == pytest.approx(mean.mean() + offset, abs=4 * mean.std() / 700 + 1e-4)
 
@@ -178,3 +178,27 @@ def test_a_covariance_that_is_not_positive_definite_is_refused() -> None:
     assert learn(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
     made, model = belief(np.full((STATES, STATES), np.nan))
     assert learn(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
+
+
+def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
+    """Two transmitters 2 m apart, abeam at 10 m east: a delay common to both says nothing of the distance.
+
+    Ranges are ρ = (10² + 1)^½ each, and H of their difference is (0, 2/ρ). A reflection of 3 m changes a difference
+    of 4 cm by 3/ρ of itself, which is a random error beside those of both ranges.
+    """
+    told = TightSettings(transmitters=2, range_scale_sigma=0.0)
+    model, sigma, rho = model_of(told), 0.3, np.sqrt(101.0)
+    made, message = new_belief(told, model, (10.0, 0.0)), new_heard()
+    made.covariance[0, :2, :2] = sigma**2 * np.eye(2)
+    made.covariance[0, 4, 4] = 0.0
+    message.arms = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
+    message.ranges = rho + 3.0 + 0.02, rho + 3.0 - 0.02, np.nan
+    assert learn(made, model, 0, message) == 1
+    slope = 2.0 / rho
+    assert made.state[0, 0] == pytest.approx(10.0, abs=1e-12)
+    assert made.covariance[0, 0, 0] == pytest.approx(sigma**2, abs=1e-12)
+    # second-order terms of the difference are of the order of 1e-6 m²
+    variance = slope**2 * sigma**2 + 2.0 * told.range_sigma**2 + (3.0 / rho * 0.04) ** 2
+    assert made.state[0, 1] == pytest.approx(slope * sigma**2 / variance * 0.04, rel=0.05)
+    assert made.covariance[0, 1, 1] == pytest.approx(sigma**2 - (slope * sigma**2) ** 2 / variance, abs=1e-4)
+    assert made.squared[0] == pytest.approx(0.04**2 / variance, rel=0.05)

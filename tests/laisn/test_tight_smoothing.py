@@ -195,7 +195,7 @@ def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> 
 
 
 def test_what_is_foretold_knows_of_turns_and_of_both_drifts() -> None:
-    """A turn gives a drifting compass 3 % of itself, and of either mode's weight 2 % go over to the other one."""
+    """A turn gives a drifting compass 3 % of itself, and the drift changes its mode 0.004 times a second."""
     turn, steps = 0.5, 20
     settings = TightSettings(assume=Assume(drift=True, deviation=True))
     north = North(SmoothingNavigator(settings, np.zeros(4), 60.0), steps, 1.0)
@@ -204,7 +204,7 @@ def test_what_is_foretold_knows_of_turns_and_of_both_drifts() -> None:
     before, heard = north.navigator._before[0]
     before["weight"][0, :2] = 0.9, 0.1
     way = _Leg(before, heard, model, (0.0, 0.0))
-    slow = 0.98 * 0.9 + 0.02 * 0.1
+    slow = 0.5 + 0.4 * np.exp(-2.0 * 0.004 * 0.1 * steps)
     drift = 0.1 * steps * (slow * model.compass_walk[0] + (1.0 - slow) * model.compass_walk[1])
     variance = settings.heading_bias_sigma**2 + (0.03 * turn) ** 2 + drift
     assert way.foretold_covariance[COMPASS, COMPASS] == pytest.approx(variance, rel=1e-12)

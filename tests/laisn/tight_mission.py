@@ -6,7 +6,7 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
 from laisn.tight.settings import Assume
 
-EVERYTHING = Assume(exact_leader=False, drift=True, deviation=True, current=True, offsets=True)
+EVERYTHING = Assume(exact_leader=False, drift=True, deviation=True, current=True, offsets=True, clock=True)
 DT = 0.1
 
 
@@ -34,11 +34,13 @@ class Mission:
     def measured(
         self, rng: np.random.Generator | None = None, *, log: float = 0.0, compass: float = 0.0, leader: float = 0.0,
         scale: float = 0.0, offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        clock: tuple[float, float] = (0.0, 0.0),
     ) -> Measurements:  # fmt: skip
         n, m = self.steps, self.k.size
         apart = (self.follower - self.leader)[self.k][:, None, :] - self.arms()
         ranges = np.hypot(apart[..., 0], apart[..., 1])
         ranges = ranges * (1.0 + scale / ranges.max(axis=1, keepdims=True)) + np.array(offsets)
+        ranges = ranges + (clock[0] + clock[1] * DT * self.k)[:, None]
         speed, heading = self.speed[1:] + log, self.heading[1:] + compass
         if rng is not None:
             speed = speed + rng.normal(0, 0.2, n)

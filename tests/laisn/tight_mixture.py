@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import expm
 
 from laisn.arrays import Floats
 
-N = 10
+N = 12
 X, Y, LOG, COMPASS, SCALE, LEADER, EAST, NORTH = range(8)
+CLOCK, RATE = 10, 11
 PLACE, BENT = [X, Y], [X, Y, LEADER]
 """States by which a range bends."""
 
@@ -69,13 +71,14 @@ def normalise(sides: Sequence[Side]) -> None:
             c.weight /= total
 
 
-def mix(side: Side) -> None:
-    """Two modes, each of which changes into the other one with a chance of 2 %."""
+def mix(side: Side, time: float) -> None:
+    """Two modes, each of which changes into the other one 0.004 times a second: exp(A t) of the chain's rates A."""
     if len(side) < 2:
         return
     given = [c.copy() for c in side]
+    chance = expm(0.004 * time * np.array([[-1.0, 1.0], [1.0, -1.0]]))
     for c in side:
-        parts = [replace(g, weight=g.weight * (0.98 if g.mode == c.mode else 0.02)) for g in given]
+        parts = [replace(g, weight=g.weight * chance[g.mode, c.mode]) for g in given]
         if sum(p.weight for p in parts) > 0.0:
             c.x, c.P = moments(parts)
             c.weight = sum(p.weight for p in parts)

@@ -1,7 +1,7 @@
 """The tightly coupled navigator written a second time, from docs/tight.md: ways are complex numbers, the rest matrices.
 
-It shares no code with `laisn.tight`, and is in no hurry: all ten states are always there, those that are switched off
-with a variance of 0.
+It shares no code with `laisn.tight`, and is in no hurry: all twelve states are always there, those that are switched
+off with a variance of 0.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from laisn.messages import OwnMotion, Reception
 from laisn.tight.settings import TightSettings
 from tests.laisn.tight_mixture import (
     BENT,
+    CLOCK,
     COMPASS,
     EAST,
     LEADER,
     LOG,
     NORTH,
     PLACE,
+    RATE,
     SCALE,
     Component,
     N,
@@ -60,6 +62,9 @@ class Oracle:
         self.fresh[LEADER] = 0.0 if assume.exact_leader else told.leader_heading_bias_sigma**2
         self.fresh[[EAST, NORTH]] = told.current_sigma**2 if assume.current else 0.0
         self.fresh[8 : 7 + told.transmitters] = told.offset_sigma**2 if assume.offsets else 0.0
+        if assume.clock:
+            self.fresh[[CLOCK, RATE]] = told.clock_offset_sigma**2, told.clock_drift_sigma**2
+        self.clock_walk = 3e-6 if assume.clock else 0.0
         self.most = self.v = 0.0 if assume.exact_leader else told.leader_heading_sigma**2
         # variances that biases gain in a second: 0.2 mm/s and 0.15 mrad, or drift, a quarter and 2.5 times of it
         drift = np.array([0.25, 2.5]) if assume.drift else np.ones(1)
@@ -117,10 +122,12 @@ class Oracle:
         r = turn * (a - log * b)
         F = np.eye(N)
         F[:2, LOG], F[:2, COMPASS], F[0, EAST], F[1, NORTH] = pair(-turn * b), pair(1j * r), time, time
+        F[CLOCK, RATE] = time
         x = F @ c.x
         x[:2] += pair(r) - F[:2, LOG] * log - F[:2, COMPASS] * compass
         Q = np.zeros((N, N))
         Q[:2, :2] = rotation(compass) @ noise @ rotation(compass).T + self.told.slip**2 * time * np.eye(2)
+        Q[CLOCK:, CLOCK:] = self.clock_walk**2 * np.array([[time**3 / 3, time**2 / 2], [time**2 / 2, time]])
         for state, rate in self.walks[c.mode].items():
             # a bias that wanders from 0, and its integral along a straight way
             own, through = np.eye(N)[state], np.concatenate([F[:2, state], np.zeros(N - 2)])
@@ -162,7 +169,7 @@ class Oracle:
                 self.begin()
             return
         for side in self.sides:
-            mix(side)
+            mix(side, self.way()[3])
         if not self.told.assume.exact_leader:
             heard = self.steadied(heard)
         if self.told.assume.deviation:
@@ -185,7 +192,7 @@ class Oracle:
             self.add_ring(heard, 0.002)
         self.silent = 0 if self.used else self.silent + 1
         for c in self.all if self.silent >= 3 else []:
-            c.P += np.diag([1.0, 1.0, 0.0, np.deg2rad(2.0) ** 2, *np.zeros(6)])
+            c.P += np.diag([1.0, 1.0, 0.0, np.deg2rad(2.0) ** 2, *np.zeros(N - 4)])
         self.watch(heard)
         self.begin()
 

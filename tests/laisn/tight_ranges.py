@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
 from laisn.tight.settings import TightSettings
-from tests.laisn.tight_mixture import BENT, LEADER, SCALE, Component, N, Side, heaviest, log_density
+from tests.laisn.tight_mixture import BENT, CLOCK, LEADER, SCALE, Component, N, Side, heaviest, log_density
 
 
 def pair(z: complex) -> Floats:
@@ -74,6 +74,7 @@ def expected(
         H[j, BENT], H[j, SCALE] = g, rho / max(heard.ranges.max(), 0.01)
         if i > 0 and told.assume.offsets:
             H[j, 7 + i] = 1.0
+        H[j, CLOCK] = 1.0
         mean = rho + H[j, SCALE] * c.x[SCALE] + H[j, 8:] @ c.x[8:] - g[2] * turn + 0.5 * np.trace(bent[-1])
         residual[j] = heard.ranges[j] - mean
     S = H @ c.P @ H.T + told.range_scale_sigma**2 * np.outer(H[:, SCALE], H[:, SCALE])
@@ -82,29 +83,45 @@ def expected(
 
 
 def learn(told: TightSettings, v: float, c: Component, heard: Heard) -> int:
-    """Update with the likeliest subset of the ranges; how many it has."""
+    """Update with the likeliest subset of the ranges, or with the differences of all; how many numbers that are.
+
+    An echo common to all, of a length up to the span with a density of chance / span, leaves the differences. Those may
+    be off by as much as a reflection would change them: it adds the same to the square of each range.
+    """
     t = len(heard.which)
     residual, H, S = expected(told, v, c, heard, 0.0, v)
     direct, echo = np.log(1.0 - told.outlier_chance), np.log(told.outlier_chance / told.outlier_span)
     cost = echo - np.where(residual < 0.0, 6.0, 0.0)
     subsets = [list(u) for size in range(t, -1, -1) for u in combinations(range(t), size)]
+    # rows to multiply the ranges by, a further root of their covariance, and what the hypothesis costs
+    kinds = [(np.eye(t)[u], np.zeros(t), len(u) * direct + np.delete(cost, u).sum()) for u in subsets]
+    weight = np.linalg.solve(S, np.ones(t))
+    excess, mean = weight @ residual / weight.sum(), heard.ranges.mean()
+    if t > 1 and 0.0 < excess < told.outlier_span:
+        differences = np.column_stack([-np.ones(t - 1), np.eye(t - 1)])
+        tilt = excess / max(mean - excess, 0.01) * (heard.ranges - mean)
+        kinds.append((differences, tilt, echo + t * direct))
 
-    def likelihood(u: list[int]) -> float:
-        return log_density(residual[u], S[np.ix_(u, u)])[0] + len(u) * direct + np.delete(cost, u).sum()
+    def likelihood(kind: tuple[Floats, Floats, float]) -> tuple[float, float]:
+        A, tilt, constant = kind
+        density, squared = log_density(A @ residual, A @ (S + np.outer(tilt, tilt)) @ A.T)
+        return density + constant, squared
 
-    u = max(subsets, key=likelihood)
-    c.evidence, c.excess = likelihood(u), 0.0
-    c.taken, (_, c.squared) = len(u), log_density(residual[u], S[np.ix_(u, u)])
-    c.surprise = (c.squared + 2.0 * (t - len(u)) * (direct - echo)) / t
-    if u and not told.assume.exact_leader:
-        says = np.linalg.solve(S[np.ix_(u, u)], H[u, LEADER])
-        turn, left = v * (says @ residual[u]), v - v**2 * (says @ H[u, LEADER])
+    A, tilt, _ = best = max(kinds, key=lambda kind: likelihood(kind)[0])
+    (c.evidence, c.squared), c.excess, c.taken = likelihood(best), 0.0, len(A)
+    c.surprise = (c.squared + 2.0 * (t - len(A)) * (direct - echo)) / t
+    S += np.outer(tilt, tilt)
+    if len(A) and not told.assume.exact_leader:
+        by_heading = A @ H[:, LEADER]
+        says = np.linalg.solve(A @ S @ A.T, by_heading)
+        turn, left = v * (says @ A @ residual), v - v**2 * (says @ by_heading)
         c.excess = turn**2 + left - v
         if left < 0.5 * v:
             residual, H, S = expected(told, v, c, heard, turn, left)
-    if u:
-        c.update(residual[u], H[u], S[np.ix_(u, u)])
-    return len(u)
+            S += np.outer(tilt, tilt)
+    if len(A):
+        c.update(A @ residual, A @ H, A @ S @ A.T)
+    return len(A)
 
 
 def aside(c: Component, heard: Heard) -> tuple[float, Floats]:

@@ -178,6 +178,14 @@ def test_echoes_come_as_often_as_asked_and_on_their_own():
     assert_array_equal(path[1000:1005], locked_path(1, 0, 0, steps[1000:1005], chances))
 
 
+def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
+    steps, chances = np.arange(1, 200_001), (0.2, 0.05)
+    path = locked_path(1, 0, 0, steps, chances, True)
+    assert_array_equal(path, np.repeat(path[:, :1], 3, axis=1))
+    for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05)):
+        assert_allclose((path == kind).mean(), chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size))
+
+
 def test_loss_has_the_rate_and_the_bursts_of_the_chain():
     steps = np.arange(1, 200_001)
     alone = received(1, 0, 0, steps, Channel(loss_chance=0.3))
@@ -212,6 +220,7 @@ def test_impossible_settings_are_refused(bad):
     "acoustics",
     [
         Acoustics(surface_echo_chance=0.2, bottom_echo_chance=0.1),
+        Acoustics(surface_echo_chance=0.2, bottom_echo_chance=0.1, common_echoes=True),
         Acoustics(loss_chance=0.1, burst_chance=0.2, burst_mean_messages=3.0, max_range_m=37.0),
         Acoustics(surface_echo_chance=0.1, loss_chance=0.2, travel_time=True, ping_slot_s=0.04, clock_drift_ppm=30.0),
     ],

@@ -81,13 +81,15 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
         assert found == pytest.approx(true + taus * (drawn[:3] - centre) + psi * true / far, abs=1e-9)
 
 
-def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches() -> None:
+@pytest.mark.parametrize("common", [False, True])
+def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches(common: bool) -> None:
     """All that may happen to a range, written out for 60 messages in a row."""
     taus, (mean, sigma), seed, run, floor, reach = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5, 35.0, 45.2
     chances, channel = (0.3, 0.2), Channel(0.1, 0.25, 3.0, 0.8)
     senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     senses = senses._replace(
-        range_tau=taus, range_scale=(mean, sigma), transmitters=3, echo_chance=chances, channel=channel, loses=True,
+        range_tau=taus, range_scale=(mean, sigma), transmitters=3, echo_chance=chances, common_echoes=common,
+        channel=channel, loses=True,
         sound=senses.sound._replace(
             paths=(True, True, True), floor=floor, max_range=reach, ratio=1.01, believed_speed=1515.0,
             clock_offset=2e-4, clock_drift=1e-6,
@@ -106,6 +108,7 @@ def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_r
         assert any_heard or inbox.outcome[0] == DEAF
         streams = Stream.ECHO, Stream.RANGE_UNIFORM, Stream.LOSS
         echo, width, fate = (uniforms(seed, run, stream.number(0), [k])[0, :3] for stream in streams)
+        echo = np.full(3, echo[0]) if common else echo
         # mirrored in the surface, in the floor or not at all
         height = np.where(echo < 0.3, -sources[:, 2], np.where(echo < 0.5, -2 * floor - sources[:, 2], sources[:, 2]))
         length = np.hypot(np.hypot(*(sources - there)[:, :2].T), height - there[2])
