@@ -103,7 +103,7 @@ def _few_runs(cell: Cell) -> Iterator[Floats]:
         yield from (states[:, :2, run] for run in range(states.shape[-1]))
 
 
-def _steps(cell: Cell) -> Steps:
+def steps_of(cell: Cell) -> Steps:
     """Errors at each step over all runs, and where the follower is, as the leader sees it."""
     truth, leader = cell.truth, cell.truth.leader_position
     total = {name: np.zeros(truth.speed.size) for name in ("e_p", "e_b")}
@@ -138,6 +138,6 @@ def compute(
     cells = [Cell.of(plan.content, plan.follower, plan.runs, mission=mission) for plan in plans]
     results = simulate_many(cells, threads=threads, keep_runs=True)
     return [
-        (plan.key, _row(plan, result, _over_bound(plan, result, mission)), _steps(cell) if plan.keep_steps else None)
+        (plan.key, _row(plan, result, _over_bound(plan, result, mission)), steps_of(cell) if plan.keep_steps else None)
         for plan, cell, result in zip(plans, cells, results, strict=True)
     ]

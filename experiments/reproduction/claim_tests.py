@@ -1,27 +1,16 @@
-"""The tests behind the claims: each takes figures of many missions and says what they come to."""
+"""The tests behind the claims: each turns figures of many missions into criteria with their bounds.
+
+Figures are arrays over missions, shape (m,), or over resamples and missions, shape (B, m).
+"""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.campaign.store import Steps
-from experiments.reproduction.verdict import Judgement, Results, Verdict
+from experiments.reproduction.replications import NEAR_BURST_S
+from experiments.reproduction.verdict import Criterion, Evaluated, Results
 from laisn.arrays import Floats
-from laisn.geometry import signed_angle
 from laisn.settings import Variant
-
-ASTERN_DEG = 10.0
-"""A follower within this angle of dead astern counts as astern."""
-LATERAL_DEG = (45.0, 135.0)
-"""Angle off the bow, either side, that counts as abeam."""
-SECTOR_STEPS = 300
-"""Steps (of 0.1 s) that a mission must spend in a sector to say something about it."""
-
-
-def _judgement(parts: Sequence[bool], figures: str) -> Judgement:
-    """All parts true: holds; some: depends; none: does not hold."""
-    verdict: Verdict = "holds" if all(parts) else "depends" if any(parts) else "does not hold"
-    return Judgement(verdict=verdict, figures=figures)
 
 
 class NoDataError(LookupError):
@@ -31,6 +20,18 @@ class NoDataError(LookupError):
 def _require(*arrays: Floats) -> None:
     if not all(a.size and np.all(np.isfinite(a)) for a in arrays):
         raise NoDataError
+
+
+def _median(values: Floats) -> Floats:
+    return np.asarray(np.median(values, axis=-1))
+
+
+def _nine_tenths(values: Floats) -> Floats:
+    return np.asarray(np.quantile(values, 0.9, axis=-1))
+
+
+def _share(which: Floats) -> Floats:
+    return np.asarray(np.mean(which, axis=-1))
 
 
 def _spread(ratio: Floats, names: Sequence[str]) -> str:
@@ -50,141 +51,178 @@ def _ratio(
     return results.values(*over, metric) / results.values(*under, metric)
 
 
-def sector_errors(steps: Steps) -> tuple[float, float]:
-    """Mean E_P [m] while the follower is abeam, and while it is astern; NaN where it hardly ever is."""
-    off_bow = np.rad2deg(np.abs(signed_angle(np.deg2rad(steps["bearing_deg"]))))
-    lateral = (off_bow >= LATERAL_DEG[0]) & (off_bow <= LATERAL_DEG[1])
-    astern = off_bow >= 180.0 - ASTERN_DEG
-    error = steps["e_p_mean_m"]
-    abeam, behind = (float(error[s].mean()) if s.sum() >= SECTOR_STEPS else np.nan for s in (lateral, astern))
-    return abeam, behind
-
-
-def lateral(results: Results) -> Judgement:
+def lateral(results: Results) -> Evaluated:
     lateral, others = results.among(results.lateral), results.others(results.lateral)
     worst, best = (results.values("base", "laisn-2", "e_p_max_m", m) for m in (lateral, others))
     _require(worst, best)
-    parts = [float(np.median(worst)) < float(np.median(best)), bool(worst.max() < best.min())]
-    text = (
-        f"E_P max of {_named(lateral)}: {worst.min():.2f} … {worst.max():.2f} m; "
-        f"of the others {best.min():.2f} … {best.max():.2f} m"
-    )
-    sectors = [
-        (m, *sector_errors(results.steps["base", m, "laisn-2"]))
-        for m in results.missions
-        if ("base", m, "laisn-2") in results.steps
+    abeam, astern = (results.values("base", "laisn-2", f"e_p_{where}_m") for where in ("abeam", "astern"))
+    both = np.isfinite(abeam + astern).reshape(-1, abeam.shape[-1]).all(axis=0)
+    abeam, astern = abeam[..., both], astern[..., both]
+    criteria = [
+        Criterion("median E_P max, abeam over the others", _median(worst) / _median(best), "<", 1.0),
+        Criterion("largest E_P max abeam over the least of the others", worst.max(-1) / best.min(-1), "<", 1.0),
     ]
-    both = [(m, a, b) for m, a, b in sectors if np.isfinite(a) and np.isfinite(b)]
-    if both:
-        better = [m for m, abeam, astern in both if abeam < astern]
-        parts.append(2 * len(better) > len(both))
-        ratio = np.array([astern / abeam for _, abeam, astern in both])
-        text += (
-            f"; mean E_P astern over abeam within a mission: {_spread(ratio, [m for m, _, _ in both])}, "
-            f"abeam better on {len(better)} of {len(both)}"
+    if both.any():
+        criteria.append(
+            Criterion("share of missions better abeam than astern", _share(abeam < astern), ">", 0.5, is_share=True)
         )
-    return _judgement(parts, text)
+
+    def figures() -> str:
+        text = (
+            f"E_P max of {_named(lateral)}: {worst.min():.2f} … {worst.max():.2f} m; "
+            f"of the others {best.min():.2f} … {best.max():.2f} m"
+        )
+        if not both.any():
+            return text
+        names = [m for m, known in zip(results.missions, both, strict=True) if known]
+        return (
+            f"{text}; mean E_P astern over abeam within a mission: {_spread(astern / abeam, names)}, "
+            f"abeam better on {np.count_nonzero(abeam < astern)} of {len(names)}"
+        )
+
+    return Evaluated(criteria, figures)
 
 
-def interval(results: Results) -> Judgement:
+def interval(results: Results) -> Evaluated:
     five, ten = (_ratio(results, (s, "laisn-2"), ("base", "laisn-2")) for s in ("5s", "10s"))
     _require(five, ten)
-    text = f"5 s over 1 s: {_spread(five, results.missions)}; 10 s over 1 s: {_spread(ten, results.missions)}"
-    return _judgement([bool(np.median(five) <= 2), bool(np.median(ten) >= 4)], text)
+    criteria = [
+        Criterion("median of 5 s over 1 s", _median(five), "≤", 2.0),
+        Criterion("median of 10 s over 1 s", _median(ten), "≥", 4.0),
+    ]
+    names = results.missions
+    return Evaluated(criteria, lambda: f"5 s over 1 s: {_spread(five, names)}; 10 s over 1 s: {_spread(ten, names)}")
 
 
-def baseline(results: Results) -> Judgement:
-    ratio = np.concatenate([_ratio(results, ("L1", v), ("5s", v)) for v in ("laisn-2", "laisn-3-2")])
+def baseline(results: Results) -> Evaluated:
+    ratio = np.concatenate([_ratio(results, ("L1", v), ("5s", v)) for v in ("laisn-2", "laisn-3-2")], axis=-1)
     _require(ratio)
     names = [f"{m} {v}" for v in ("LAISN-2", "LAISN-3(2)") for m in results.missions]
-    parts = [bool(np.median(ratio) <= 1.25), bool(np.quantile(ratio, 0.9) <= 1.5)]
-    return _judgement(parts, f"1 m over 2 m: {_spread(ratio, names)}")
+    criteria = [
+        Criterion("median of 1 m over 2 m", _median(ratio), "≤", 1.25),
+        Criterion("nine tenths of 1 m over 2 m", _nine_tenths(ratio), "≤", 1.5),
+    ]
+    return Evaluated(criteria, lambda: f"1 m over 2 m: {_spread(ratio, names)}")
 
 
-def offset(results: Results) -> Judgement:
+def offset(results: Results) -> Evaluated:
     ratio = _ratio(results, ("HT0.2", "laisn-3-2"), ("5s", "laisn-3-2"))
     _require(ratio)
     change = np.abs(np.log(ratio))
-    parts = [bool(np.median(change) <= np.log(1.1)), bool(np.quantile(change, 0.9) <= np.log(1.2))]
-    return _judgement(parts, f"0.2 m over 0.1 m: {_spread(ratio, results.missions)}")
+    criteria = [
+        Criterion("median change by 0.2 m, as a factor", np.exp(_median(change)), "≤", 1.1),
+        Criterion("nine tenths of the changes", np.exp(_nine_tenths(change)), "≤", 1.2),
+    ]
+    return Evaluated(criteria, lambda: f"0.2 m over 0.1 m: {_spread(ratio, results.missions)}")
 
 
-def third(results: Results) -> Judgement:
-    parts, texts = [], []
-    for setting, title in (("base", "1 s"), ("5s", "5 s")):
-        ratio = _ratio(results, (setting, "laisn-3-2"), (setting, "laisn-2"))
-        _require(ratio)
-        parts += [bool(np.median(ratio) >= 0.95), bool(np.mean(ratio < 0.9) <= 0.1)]
-        texts.append(f"{title}: {_spread(ratio, results.missions)}")
-    return _judgement(parts, "LAISN-3(2) over LAISN-2, " + "; ".join(texts))
+def third(results: Results) -> Evaluated:
+    ratios = {
+        title: _ratio(results, (setting, "laisn-3-2"), (setting, "laisn-2"))
+        for setting, title in (("base", "1 s"), ("5s", "5 s"))
+    }
+    _require(*ratios.values())
+    criteria = []
+    for title, ratio in ratios.items():
+        criteria.append(Criterion(f"median at {title}", _median(ratio), "≥", 0.95))
+        criteria.append(
+            Criterion(f"share of missions below 0.9 at {title}", _share(ratio < 0.9), "≤", 0.1, is_share=True)
+        )
+
+    def figures() -> str:
+        told = "; ".join(f"{title}: {_spread(ratio, results.missions)}" for title, ratio in ratios.items())
+        return f"LAISN-3(2) over LAISN-2, {told}"
+
+    return Evaluated(criteria, figures)
 
 
-def worse(results: Results) -> Judgement:
-    mean, top = (
-        _ratio(results, ("base", "laisn-3-1"), ("base", "laisn-2"), metric) for metric in ("e_p_mean_m", "e_p_max_m")
+def worse(results: Results) -> Evaluated:
+    ratios = {
+        name: _ratio(results, ("base", "laisn-3-1"), ("base", "laisn-2"), metric)
+        for name, metric in (("mean", "e_p_mean_m"), ("max", "e_p_max_m"))
+    }
+    _require(*ratios.values())
+    criteria = [Criterion(f"median of the {name}", _median(r), ">", 1.0) for name, r in ratios.items()]
+    criteria += [
+        Criterion(f"share of missions with a larger {name}", _share(r > 1), "≥", 0.9, is_share=True)
+        for name, r in ratios.items()
+    ]
+    return Evaluated(
+        criteria, lambda: "; ".join(f"{name}: {_spread(r, results.missions)}" for name, r in ratios.items())
     )
-    _require(mean, top)
-    parts = [bool(np.median(r) > 1) for r in (mean, top)] + [bool(np.mean(r > 1) >= 0.9) for r in (mean, top)]
-    return _judgement(parts, f"mean: {_spread(mean, results.missions)}; max: {_spread(top, results.missions)}")
 
 
-def asymmetric(results: Results) -> Judgement:
+def asymmetric(results: Results) -> Evaluated:
     missions = results.among(results.astern)
     two, three = (results.values("asymmetric", v, "e_p_mean_m", missions) for v in ("laisn-2", "laisn-3-2"))
     _require(two, three)
     ratio = three / two
-    text = f"LAISN-3(2) over LAISN-2, mean E_P on {_named(missions)}: {_spread(ratio, missions)}"
-    return _judgement([bool(np.median(ratio) <= 0.8), bool(np.mean(ratio <= 0.8) >= 0.9)], text)
+    criteria = [
+        Criterion("median of LAISN-3(2) over LAISN-2", _median(ratio), "≤", 0.8),
+        Criterion("share of missions at 0.8 or less", _share(ratio <= 0.8), "≥", 0.9, is_share=True),
+    ]
+    return Evaluated(
+        criteria, lambda: f"LAISN-3(2) over LAISN-2, mean E_P on {_named(missions)}: {_spread(ratio, missions)}"
+    )
 
 
-def shared(results: Results) -> Judgement:
+def shared(results: Results) -> Evaluated:
     ratio = _ratio(results, ("muD0.3", "laisn-2"), ("5s", "laisn-2"))
     _require(ratio)
-    parts = [bool(np.median(ratio) <= 1.25), bool(np.quantile(ratio, 0.9) <= 1.5)]
-    return _judgement(parts, f"0.3 m over 0.1 m: {_spread(ratio, results.missions)}")
+    criteria = [
+        Criterion("median of 0.3 m over 0.1 m", _median(ratio), "≤", 1.25),
+        Criterion("nine tenths of 0.3 m over 0.1 m", _nine_tenths(ratio), "≤", 1.5),
+    ]
+    return Evaluated(criteria, lambda: f"0.3 m over 0.1 m: {_spread(ratio, results.missions)}")
 
 
-def heading(results: Results) -> Judgement:
+def heading(results: Results) -> Evaluated:
     error = results.values("heading5", "laisn-2", "e_p_mean_m")
     growth = error / results.values("base", "laisn-2", "e_p_mean_m")
     distance = results.values("base", "laisn-2", "distance_m")
     _require(error, growth, distance)
-    names = list(results.missions)
-    lateral = np.isin(names, list(results.lateral))
+    lateral = np.isin(list(results.missions), list(results.lateral))
     if lateral.all() or not lateral.any():
         raise NoDataError
-    grown = [float(np.median(growth[group])) for group in (lateral, ~lateral)]
-    dominates = grown[0] > grown[1] and grown[0] > 5
-    slope = float(error @ distance / (distance @ distance))
+    grown, elsewhere = (_median(growth[..., group]) for group in (lateral, ~lateral))
+    slope = np.sum(error * distance, axis=-1) / np.sum(distance**2, axis=-1)
     # of a line through the origin: what it leaves over the spread about the mean
-    left, spread = (float(np.sum(r**2)) for r in (error - slope * distance, error - error.mean()))
-    fit = 1 - left / spread if spread else 0.0
-    text = (
-        f"E_P grows {grown[0]:.1f} times on {_named(results.among(results.lateral))}, {grown[1]:.1f} times on the "
-        f"others (medians); "
-        f"E_P = {slope:.3f} × mean distance ({np.rad2deg(slope):.1f}°) explains {100 * fit:.0f} % of its variance"
+    left = np.sum((error - slope[..., None] * distance) ** 2, axis=-1)
+    spread = np.sum((error - error.mean(axis=-1, keepdims=True)) ** 2, axis=-1)
+    fit = 1.0 - np.divide(left, spread, out=np.ones_like(left), where=spread > 0.0)
+    criteria = [
+        Criterion("growth abeam, over that elsewhere and over 5", np.minimum(grown / elsewhere, grown / 5.0), ">", 1.0),
+        Criterion("variance that the line explains", fit, "≥", 0.8, is_share=True),
+    ]
+    return Evaluated(
+        criteria,
+        lambda: (
+            f"E_P grows {grown:.1f} times on {_named(results.among(results.lateral))}, {elsewhere:.1f} times on the "
+            f"others (medians); E_P = {slope:.3f} × mean distance ({np.rad2deg(slope):.1f}°) explains "
+            f"{100 * fit:.0f} % of its variance"
+        ),
     )
-    return _judgement([dominates, fit >= 0.8], text)
 
 
-def burst(results: Results) -> Judgement:
-    top = results.values("base", "laisn-2", "e_b_max_deg")
+def burst(results: Results) -> Evaluated:
     bursts, others = results.among(results.burst), results.others(results.burst)
     mine, theirs = (results.values("base", "laisn-2", "e_b_max_deg", m) for m in (bursts, others))
-    _require(top, mine, theirs)
-    largest = results.missions[int(np.argmax(top))]
-    parts = [bool(np.median(mine) > np.median(theirs)), largest in bursts]
-    text = (
-        f"largest E_B {top.max():.1f}° on {largest}; {_named(bursts)} {np.median(mine):.1f}°, "
-        f"others: {_spread(theirs, others)}"
-    )
-    lags = []
-    for m in bursts:
-        steps = results.steps.get(("base", m, "laisn-2"))
-        if steps is not None:
-            fastest = steps["time_s"][steps["speed_m_s"] >= 0.95 * steps["speed_m_s"].max()]
-            lags.append(float(np.min(np.abs(steps["time_s"][np.argmax(steps["e_b_max_deg"])] - fastest))))
-    if lags:
-        parts.append(float(np.median(lags)) <= 30)
-        text += f"; it peaks {np.median(lags):.0f} s from the burst"
-    return _judgement(parts, text)
+    _require(mine, theirs)
+    criteria = [
+        Criterion("largest E_B, median of the bursts over the others'", _median(mine) / _median(theirs), ">", 1.0),
+        Criterion("largest E_B of all, bursts over the others", mine.max(axis=-1) / theirs.max(axis=-1), ">", 1.0),
+    ]
+    near = results.values("base", "laisn-2", "e_b_peaks_at_burst", bursts)
+    timed = bool(np.all(np.isfinite(near)))
+    if timed:
+        what = f"share of replications with the peak within {NEAR_BURST_S:.0f} s of the burst"
+        criteria.append(Criterion(what, _share(near), ">", 0.5, is_share=True))
+
+    def figures() -> str:
+        largest = (bursts if mine.max() > theirs.max() else others)[int(np.argmax(max(mine, theirs, key=np.max)))]
+        return (
+            f"largest E_B {max(mine.max(), theirs.max()):.1f}° on {largest}; {_named(bursts)} {np.median(mine):.1f}°, "
+            f"others: {_spread(theirs, others)}"
+        )
+
+    return Evaluated(criteria, figures)

@@ -7,8 +7,12 @@ that a test needs, the same test is made on them too, so that a criterion which 
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
+from experiments.intervals import Interval
 from experiments.reproduction import claim_tests as tests
-from experiments.reproduction.verdict import Judgement, Results
+from experiments.reproduction.replications import ASTERN_DEG, LATERAL_DEG, NEAR_BURST_S, REPLICATIONS, limits
+from experiments.reproduction.verdict import Criterion, Evaluated, Judged, Judgement, Results, verdict_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,23 +22,42 @@ class Claim:
     number: int
     text: str
     criterion: str
-    test: Callable[[Results], Judgement]
+    test: Callable[[Results], Evaluated]
 
-    def judge(self, results: Results) -> Judgement:
-        """What figures come to."""
+    def judge(self, results: Results, drawn: Results | None = None, replications: int = REPLICATIONS) -> Judgement:
+        """The verdict on figures.
+
+        Args:
+            results: the figures.
+            drawn: the same in resamples of so many replications, which give every criterion its interval; None: the
+                figures are taken as exact.
+            replications: how many.
+        """
         try:
-            return self.test(results)
+            tested = self.test(results)
+            spread = tested if drawn is None else self.test(drawn)
         except tests.NoDataError:
             missing = "the rows that this test needs were not run, or are not in the tables"
             return Judgement(verdict="no data", figures=missing)
+        judged = [_judged(*pair, replications) for pair in zip(tested.criteria, spread.criteria, strict=True)]
+        verdict = verdict_of([one.outcome for one in judged])
+        return Judgement(verdict=verdict, figures=tested.figures(), criteria=judged)
+
+
+def _judged(point: Criterion, drawn: Criterion, replications: int) -> Judged:
+    value = float(point.value)
+    low, high = value, value
+    if np.ndim(drawn.value):
+        low, high = limits(value, drawn.value, replications, is_share=point.is_share)
+    return Judged(what=point.what, interval=Interval(value, low, high), relation=point.relation, bound=point.bound)
 
 
 CLAIMS = (
     Claim(
         number=1, text="Followers abeam of the leader are located better than followers astern.", test=tests.lateral,
         criterion="E_P max on T3 and T4 is below the median of the other routes, and below each of them; where "
-        f"steps are kept, mean E_P at {tests.LATERAL_DEG[0]:.0f}–{tests.LATERAL_DEG[1]:.0f}° off the bow is below that "
-        f"within {tests.ASTERN_DEG:.0f}° of astern on most missions that have both.",
+        f"steps are kept, mean E_P at {LATERAL_DEG[0]:.0f}–{LATERAL_DEG[1]:.0f}° off the bow is below that "
+        f"within {ASTERN_DEG:.0f}° of astern on most missions that have both.",
     ),
     Claim(
         number=2, text="A message interval of 5 s costs little, 10 s much.", test=tests.interval,
@@ -75,6 +98,6 @@ CLAIMS = (
     Claim(
         number=10, text="The burst of T8 gives the largest bearing error.", test=tests.burst,
         criterion="E_B max of T8 (LAISN-2, Stage 1) is above the median of the others, and the largest; where steps "
-        "are kept, it occurs within 30 s of the burst.",
+        f"are kept, it occurs within {NEAR_BURST_S:.0f} s of the burst in most replications.",
     ),
 )  # fmt: skip

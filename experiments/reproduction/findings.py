@@ -13,7 +13,7 @@ from experiments.reproduction.stages import Key, Motion, Setting
 from experiments.reproduction.verdict import Judgement, Verdict
 
 MODULES = ("experiments.reproduction.findings",)
-VERDICTS: tuple[Verdict, ...] = ("holds", "depends", "does not hold", "no data")
+VERDICTS: tuple[Verdict, ...] = ("holds", "depends", "does not hold", "undecided", "no data")
 
 
 def listed(numbers: Sequence[int]) -> str:
@@ -43,6 +43,10 @@ def findings_of(
         "runs": plain(runs, "runs of each cell"),
     }
     found |= _judged([(claim.number, ours) for claim, ours, _ in judgements], "our")
+    for claim, ours, _ in judgements:
+        for number, one in enumerate(ours.criteria, start=1):
+            what = f"{one.what}, {one.relation} {one.bound:g}: {one.outcome}; 99 %"
+            found[f"criterion {claim.number}.{number}"] = of(one.interval, what)
     found |= _judged([(claim.number, theirs) for claim, _, theirs in judgements], "the paper's")
     for setting in settings:
         for variant in setting.variants:

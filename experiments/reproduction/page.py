@@ -14,12 +14,13 @@ from experiments.reproduction import paper_tables as tables
 from experiments.reproduction.findings import listed
 from experiments.reproduction.paper_tables import VARIANT_NAMES
 from experiments.reproduction.record import FIGURES, ErrorFigure, Reproduction
+from experiments.reproduction.replications import REPLICATIONS, VERDICT_CONFIDENCE
 from experiments.reproduction.stages import METRICS, Key
-from experiments.reproduction.verdict import Judgement
+from experiments.reproduction.verdict import WORDS, Judgement
 from laisn.arrays import Floats
 from sim.trajectory import Trajectory
 
-VERDICT_TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "no data": ""}
+VERDICT_TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "undecided": "", "no data": ""}
 
 _STAGES = {
     1: "Stage 1: routes",
@@ -99,22 +100,27 @@ def _routes(flights: Mapping[str, Trajectory]) -> Figures:
 def _claims(result: Reproduction) -> Table:
     def verdict(judgement: Judgement) -> Cell:
         tone = VERDICT_TONES[judgement.verdict]
-        return Cell(text=judgement.verdict, tone=tone, title=judgement.figures)
+        return Cell(text=WORDS[judgement.verdict], tone=tone, title=judgement.figures)
 
     rows = [
         [
             number(claim.number, 0),
             words(claim.text),
             verdict(ours),
+            words("; ".join(map(str, ours.criteria))),
             words(ours.figures),
             verdict(theirs),
             words(claim.criterion),
         ]
         for claim, ours, theirs in result.judgements
     ]
-    heads = ["", "claim", "our runs", "figures", "the paper's tables", "criterion"]
+    heads = ["", "claim", "our runs", "criteria", "figures", "the paper's tables", "criterion"]
     caption = (
-        "Every part of a criterion true: holds; some: depends; none: does not hold. The same test on the published "
+        f"Figures are those of {REPLICATIONS} independent replications of {result.runs} runs, with intervals over "
+        f"replications ({VERDICT_CONFIDENCE:.0%}). A criterion is met, or not, if its whole interval is on "
+        "that side of the bound, and undecided if the interval contains it. Every criterion met: holds; some met, some "
+        "not: depends on the mission; none met: does not hold; undecided where this hangs on a criterion that is. The "
+        "same test on the published "
         "tables stands beside ours, as far as they have its figures. The criteria put the paper's words into numbers, "
         "and were set so that its own tables pass: a claim that fails on our runs fails by a measure that theirs meet."
     )

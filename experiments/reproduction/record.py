@@ -13,7 +13,7 @@ from experiments.flight.library import ROUTES
 from experiments.reproduction import stages
 from experiments.reproduction.claims import Claim
 from experiments.reproduction.stages import Key, Motion, Setting
-from experiments.reproduction.verdict import Judgement, Results
+from experiments.reproduction.verdict import Judgement
 from laisn.arrays import Floats
 from laisn.settings import Variant
 from sim.scenario.settings import Follower
@@ -54,7 +54,6 @@ class Reproduction:
     rows: Mapping[Key, Record]
     steps: Mapping[Key, Steps]
     published: Mapping[Key, dict[str, float]]
-    results: Results
     judgements: Sequence[tuple[Claim, Judgement, Judgement]]
     """Each claim with its judgement on our figures and on the published ones."""
     folder: Path
@@ -110,9 +109,3 @@ def ratios(
             if (name, flown) == (setting.name, variant) and (printed, mission, flown) in published
         ]
     )
-
-
-def mean_distance(flight: Trajectory) -> float:
-    """Mean distance of the first follower's hydrophone and the leader [m]."""
-    site = flight.site(f"{flight.names[1]}/hydrophone")
-    return float(np.hypot(*(flight.site_position[:, site, :2] - flight.position[:, 0, :2]).T).mean())

@@ -13,6 +13,7 @@ from experiments.reproduction.page import VERDICT_TONES
 from experiments.reproduction.paper_tables import METRIC_NAMES, VARIANT_NAMES
 from experiments.reproduction.routes_study import CLAIM_RESAMPLES, CONFIDENCE, Study
 from experiments.reproduction.stages import METRICS, Key
+from experiments.reproduction.verdict import WORDS
 from sim.scenario.random_routes import CLASSES
 from sim.trajectory import Trajectory
 
@@ -51,13 +52,15 @@ def _by_class(table: Sequence[Record], titles: Mapping[str, str]) -> Table:
 def _claims(result: Study) -> Table:
     rows = []
     for claim, judgement, shares in result.judgements:
-        often = ", ".join(f"{verdict} {share:.0%}" for verdict, share in sorted(shares.items(), key=lambda s: -s[1]))
+        often = ", ".join(
+            f"{WORDS[verdict]} {share:.0%}" for verdict, share in sorted(shares.items(), key=lambda s: -s[1])
+        )
         tone = VERDICT_TONES[judgement.verdict]
         rows.append(
             [
                 number(claim.number),
                 words(claim.text),
-                words(judgement.verdict, tone=tone),
+                words(WORDS[judgement.verdict], tone=tone),
                 words(often),
                 words(judgement.figures),
                 words(claim.criterion),

@@ -13,7 +13,7 @@ from experiments.campaign.store import Record
 from experiments.intervals import Interval
 from experiments.reproduction import stages
 from experiments.reproduction.claims import CLAIMS, Claim
-from experiments.reproduction.record import mean_distance
+from experiments.reproduction.replications import mean_distance
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.reproduction.verdict import Judgement, Results, Verdict
 from laisn.arrays import Floats

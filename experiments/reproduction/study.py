@@ -1,10 +1,8 @@
 """The paper's evaluation, flown again: its tables beside the published ones, its figures, and its claims judged."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Unpack
-
-import numpy as np
 
 from experiments.campaign import campaign
 from experiments.campaign.campaign import Design, ExecutionOptions, Flown
@@ -21,9 +19,9 @@ from experiments.reproduction.record import (
     Reproduction,
     fly_once,
     followers_of_the_paper,
-    mean_distance,
     plan_cells,
 )
+from experiments.reproduction.replications import by_cell, means, resampled, tasks
 from experiments.reproduction.routes_run import write_routes
 from experiments.reproduction.routes_study import draw_followers
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
@@ -60,14 +58,23 @@ def table_rows(
     return table
 
 
-def judge(results: Results, published: Mapping[Key, dict[str, float]]) -> list[tuple[Claim, Judgement, Judgement]]:
-    """Every claim on our figures and on the published ones."""
-    distance = {m: results.value("base", m, "laisn-2", "distance_m") for m in results.missions}
+def judge(
+    replications: Iterable[Record], published: Mapping[Key, dict[str, float]]
+) -> list[tuple[Claim, Judgement, Judgement]]:
+    """Every claim on our figures, with the intervals that replications give, and on the published ones.
+
+    Args:
+        replications: rows of `replications.replicate`, of all missions.
+        published: the published figures.
+    """
+    cells = by_cell(replications)
+    ours, drawn = (Results(rows=rows, missions=ROUTES) for rows in (means(cells), resampled(cells)))
+    distance = {m: ours.value("base", m, "laisn-2", "distance_m") for m in ROUTES}
     theirs = Results(
-        rows={key: {**row, "distance_m": distance.get(key[1], np.nan)} for key, row in published.items()},
+        rows={key: {**row, "distance_m": distance[key[1]]} for key, row in published.items()},
         missions=ROUTES,
     )
-    return [(claim, claim.judge(results), claim.judge(theirs)) for claim in CLAIMS]
+    return [(claim, claim.judge(ours, drawn), claim.judge(theirs)) for claim in CLAIMS]
 
 
 def reproduce(
@@ -104,10 +111,12 @@ def reproduce(
     folder = out or Path("out") / f"{name}-{motion}"
     followers = followers_of_the_paper() if missions is None else draw_followers(missions, seed)
     plans = plan_cells(settings, followers, motion=motion, runs=runs, seed=seed, keep_steps=missions is None)
-    flown = campaign.fly(Design(cells=list(plans.values())), folder, **options)
-    if missions is None:
-        return _write(settings, plans, flown)
-    return write_routes(settings, plans, flown)
+    cells = list(plans.values())
+    if missions is not None:
+        return write_routes(settings, plans, campaign.fly(Design(cells=cells), folder, **options))
+    repeated = tasks(settings, followers, motion=motion, runs=runs, seed=seed)
+    design = Design(cells=cells, tasks=repeated, what="replications")
+    return _write(settings, plans, campaign.fly(design, folder, **options))
 
 
 def _write(settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], flown: Flown) -> Path:
@@ -119,9 +128,7 @@ def _write(settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], flown: 
     kept = {key: flown.store.arrays(plan.key) for key, plan in plans.items() if plan.keep_steps}
     steps = {key: value for key, value in kept.items() if value is not None}
     flights = fly_once(plans, flown.store)
-    distance = {name: mean_distance(flight) for name, flight in flights.items()}
-    ours = {key: {**row, "distance_m": distance[key[1]]} for key, row in rows.items()}
-    results = Results(rows=ours, missions=ROUTES, steps=steps)
+    repeated = [row for found in flown.tasks.values() for row in found]
     first = next(iter(plans.values()))
     result = Reproduction(
         motion=first.scenario.motion,
@@ -132,8 +139,7 @@ def _write(settings: tuple[Setting, ...], plans: Mapping[Key, CellPlan], flown: 
         rows=rows,
         steps=steps,
         published=published,
-        results=results,
-        judgements=judge(results, published),
+        judgements=judge(repeated, published),
         folder=folder,
     )
     findings_of(settings, rows, published, result.judgements, first.scenario.motion).write(folder / FILE)

@@ -7,12 +7,15 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from experiments import findings
+from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import simulate
 from experiments.flight.library import ROUTES
-from experiments.reproduction import claims, routes_study, stages
+from experiments.reproduction import claims, replications, routes_study, seeds, stages
 from experiments.reproduction import study as reproduce
-from experiments.reproduction.claim_tests import sector_errors
+from experiments.reproduction.replications import sector_errors
 from experiments.reproduction.verdict import Results
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import Follower, Scenario
 
 
 @pytest.fixture
@@ -39,7 +42,7 @@ def test_a_reproduction_writes_tables_and_report(tmp_path, short):
     assert (row["seed"], row["runs"], row["motion"]) == (1, 2, "kinematic")
     assert row["fly_worst_run"].startswith("laisn fly T2 --run ")
     html = report.read_text(encoding="utf-8")
-    for text in ("Table 1.", "Table 4.", "Figure 2.", "Figure 3.", "Claims", "no data"):
+    for text in ("Table 1.", "Table 4.", "Figure 2.", "Figure 3.", "Claims", "no data", "independent replications"):
         assert text in html
     first = report.read_bytes()
     reproduce.reproduce([1, 2], motion="kinematic", runs=2, out=tmp_path, workers=1, quiet=True)
@@ -58,6 +61,55 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path):
         with pytest.raises(ValueError, match=message):
             reproduce.reproduce(**{"out": out, "quiet": True, **given})
         assert not out.exists()
+
+
+def test_replications_have_the_figures_of_their_runs(short):
+    """The first has those of a cell of the tables; the second those of the runs that follow."""
+    setting = stages.settings_of([1])[0]
+    followers = {"T3": Follower(route="T3")}
+    task = replications.tasks([setting], followers, motion="kinematic", runs=3, seed=2)["replications", "T3"]
+    rows = task()
+    assert len(rows) == 3 * replications.REPLICATIONS
+    own = [row for row in rows if row["variant"] == "laisn-2"]
+    scenario = stages.scenario(setting, followers["T3"], "T3", variant="laisn-2", motion="kinematic", seed=2)
+    for number in (0, 1):
+        table = simulate(Cell.of(scenario, runs=range(3 * number, 3 * number + 3)), keep_runs=True).table
+        assert own[number]["replication"] == number
+        assert own[number]["e_p_mean_m"] == pytest.approx(table.e_p_mean_m.mean(), rel=1e-12)
+        assert own[number]["e_p_max_m"] == table.e_p_max_m.max()
+        assert own[number]["e_b_max_deg"] == pytest.approx(table.e_b_max_deg.max(), rel=1e-12)
+    assert own[0]["e_p_mean_m"] != own[1]["e_p_mean_m"]
+    cells = replications.by_cell(reversed(rows))
+    assert cells["base", "T3", "laisn-2"]["e_p_mean_m"].tolist() == [row["e_p_mean_m"] for row in own]
+    assert set(replications.TIMED) <= cells["base", "T3", "laisn-2"].keys()
+    assert "e_p_abeam_m" not in cells["base", "T3", "laisn-3-2"]
+    averaged = replications.means(cells)["base", "T3", "laisn-2"]["e_p_mean_m"]
+    assert averaged == pytest.approx(np.mean([row["e_p_mean_m"] for row in own]))
+    spread = replications.resampled(cells)
+    first, other = (spread["base", "T3", v]["e_p_mean_m"] for v in ("laisn-2", "laisn-3-2"))
+    assert first.std() == pytest.approx(cells["base", "T3", "laisn-2"]["e_p_mean_m"].std() / np.sqrt(10), rel=0.1)
+    # replications are drawn alike in all cells, so that noise that both share drops out of a ratio
+    assert np.corrcoef(first, other)[0, 1] > 0.3
+
+
+def test_seeds_are_compared_by_their_verdicts_on_all_claims():
+    one, other = ["holds"] * 10, ["holds"] * 9 + ["undecided"]
+    found = seeds.findings_of({seed: other if seed == 3 else one for seed in range(20)})
+    assert (found["same"].value, found["seeds"].value) == (19, 20)
+    assert (found["same 1"].value, found["same 10"].value, found["verdict 10"].value) == (20, 19, "holds")
+
+
+def test_the_study_of_seeds_judges_each_of_them(tmp_path, short, monkeypatch):
+    monkeypatch.setattr(replications, "REPLICATIONS", 2)
+    chosen = tuple(s for s in stages.SETTINGS if s.name in ("base", "5s"))
+    monkeypatch.setattr(stages, "SETTINGS", chosen)
+    monkeypatch.setattr(stages, "published", dict)
+    monkeypatch.setattr(seeds, "followers_of_the_paper", lambda: {r: Follower(route=r) for r in ROUTES})
+    seeds.run(tmp_path, seeds=(3, 4), runs=1, workers=1, quiet=True)
+    found = findings.read(tmp_path / findings.FILE)
+    assert found["seeds"].value == 2
+    assert found["verdict 2"].value == "no data"
+    assert found["verdict 1"].value != "no data"
 
 
 def test_claims_on_the_published_tables():

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.intervals import Interval
 from experiments.reproduction import paper_tables
 from experiments.reproduction.claims import CLAIMS
 from experiments.reproduction.findings import findings_of, listed
 from experiments.reproduction.page import _claims, page_of
-from experiments.reproduction.record import Reproduction, mean_distance, ratios
+from experiments.reproduction.record import Reproduction, ratios
+from experiments.reproduction.replications import mean_distance
 from experiments.reproduction.stages import METRICS, SETTINGS, Key
-from experiments.reproduction.verdict import Judgement, Results, Verdict
+from experiments.reproduction.verdict import Judged, Judgement, Verdict
 from tests.synthetic import make_scenario, make_trajectory
 
 BASE, GATE = (
@@ -42,7 +44,6 @@ def judged(*verdicts: Verdict) -> list[tuple[Any, Judgement, Judgement]]:
 def reproduction(folder: Path) -> Reproduction:
     return Reproduction(
         motion="kinematic", runs=60, seed=1, settings=(BASE,), plans={}, rows=ROWS, steps={}, published=PUBLISHED,
-        results=Results(rows=ROWS, missions=tuple(OURS)),
         judgements=judged("holds", "depends", "does not hold", "no data"), folder=folder,
     )  # fmt: skip
 
@@ -63,17 +64,22 @@ def test_the_table_of_medians_shows_them(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_the_record_quotes_medians_captures_and_claims() -> None:
-    judgements = judged("holds", "depends", "does not hold", "no data", "holds")
+    judgements = judged("holds", "depends", "does not hold", "no data", "holds", "undecided")
+    criterion = Judged(what="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0)
+    judgements[1] = (judgements[1][0], replace(judgements[1][1], criteria=[criterion]), judgements[1][2])
     found = findings_of((BASE, GATE), ROWS, PUBLISHED, judgements, "kinematic")
     assert found.study == "reproduce-kinematic"
     ratio = found["ratio base laisn-2"]
     assert (ratio.value, ratio.low, ratio.high) == (0.9, 0.5, 3.0)
     assert found["captured base laisn-2"].value == pytest.approx(9 / 180)
     assert format(found["captured base laisn-2"], ".0% i") == "5 % (2 to 9 %)"
-    expected = {"holds": (2, "1 and 5"), "depends": (1, "2"), "does not hold": (1, "3"), "no data": (1, "4")}
+    expected = {"holds": (2, "1 and 5"), "depends": (1, "2"), "does not hold": (1, "3"), "no data": (1, "4"),
+                "undecided": (1, "6")}  # fmt: skip
     for verdict, (number, which) in expected.items():
         assert (found[f"our {verdict} number"].value, found[f"our {verdict}"].value) == (number, which)
-    assert found["the paper's holds number"].value == 5
+    assert format(found["criterion 2.1"], ".1f i") == "1.5 (1.4 to 1.6)"
+    assert found["criterion 2.1"].what == "median, ≤ 2: met; 99 %"
+    assert found["the paper's holds number"].value == 6
     assert found["the paper's depends"].value == "none"
     assert found["error measured-gate laisn-2 T2"].value == 3.0
     assert found["printed measured-gate laisn-2 T2"].value == 1.0
@@ -93,12 +99,15 @@ def test_claims_without_data_do_not_count_against_the_others(tmp_path: Path, mon
 
 def test_a_claim_has_our_verdict_and_figures_before_the_papers(tmp_path: Path) -> None:
     base = reproduction(tmp_path)
-    claim, ours = CLAIMS[2], Judgement(verdict="depends", figures="1.5")
+    criteria = [Judged(what="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0)]
+    claim, ours = CLAIMS[2], Judgement(verdict="depends", figures="1.5", criteria=criteria)
     theirs = Judgement(verdict="holds", figures="")
     ((number, text, *told),) = _claims(replace(base, judgements=[(claim, ours, theirs)])).rows
     assert (number.text, text.text) == (str(claim.number), claim.text)
-    assert [cell.text for cell in told] == ["depends", "1.5", "holds", claim.criterion]
-    assert [told[0].tone, told[2].tone] == ["maybe", "yes"]
+    assert [cell.text for cell in told] == [
+        "depends on the mission", "median: 1.50 (1.40 to 1.60) ≤ 2: met", "1.5", "holds", claim.criterion,
+    ]  # fmt: skip
+    assert [told[0].tone, told[3].tone] == ["maybe", "yes"]
 
 
 def test_numbers_in_words() -> None:

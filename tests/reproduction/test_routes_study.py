@@ -9,7 +9,7 @@ from experiments.reproduction import routes_page, routes_study
 from experiments.reproduction.claims import Claim
 from experiments.reproduction.routes_study import distributions, geometry, judge, results_of
 from experiments.reproduction.stages import METRICS, SETTINGS, Key
-from experiments.reproduction.verdict import Judgement, Results
+from experiments.reproduction.verdict import Criterion, Evaluated, Results
 from sim.geometry import attitude
 from sim.trajectory import Trajectory
 from tests import straight
@@ -72,11 +72,12 @@ def test_verdicts_are_counted_over_resampled_routes(monkeypatch: pytest.MonkeyPa
     """A claim that holds if a class's first route was drawn: of two, with a chance of 3/4."""
     first = next(iter(CLASSES))
 
-    def drawn(results: Results) -> Judgement:
+    def drawn(results: Results) -> Evaluated:
         names = list(results.missions)
         for name in routes_study.CLASSES:
             assert sum(CLASSES[m] == name for m in names) == 2
-        return Judgement(verdict="holds" if first in names else "does not hold", figures="")
+        held = Criterion("first drawn", np.asarray(1.0 * (first in names)), ">", 0.5, is_share=True)
+        return Evaluated([held], lambda: "")
 
     monkeypatch.setattr(routes_study, "CLAIMS", (Claim(number=1, text="", criterion="", test=drawn),))
     results = Results(rows={}, missions=list(CLASSES))

@@ -15,6 +15,7 @@ from experiments.estimators import study as estimators
 from experiments.findings import FILE
 from experiments.formation import study as formation
 from experiments.real_ranges import study as real_ranges
+from experiments.reproduction import seeds
 from experiments.reproduction.study import reproduce
 from experiments.route_keeping import study as route_keeping
 from tools.documents import flights, hull_trials
@@ -27,6 +28,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "coverage": coverage.run,
     "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
     "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
+    "claim-seeds": seeds.run,
     "closed-loop": closed_loop.run,
     "formation": formation.run,
     "asymmetry": asymmetry.run,
