@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.reproduction.replications import NEAR_BURST_S
 from experiments.reproduction.verdict import Criterion, Evaluated, Results
-from laisn.arrays import Floats
+from laisn.arrays import Bools, Floats
 from laisn.settings import Variant
 
 
@@ -30,7 +30,7 @@ def _nine_tenths(values: Floats) -> Floats:
     return np.asarray(np.quantile(values, 0.9, axis=-1))
 
 
-def _share(which: Floats) -> Floats:
+def _share(which: Bools | Floats) -> Floats:
     return np.asarray(np.mean(which, axis=-1))
 
 
@@ -56,7 +56,7 @@ def lateral(results: Results) -> Evaluated:
     worst, best = (results.values("base", "laisn-2", "e_p_max_m", m) for m in (lateral, others))
     _require(worst, best)
     abeam, astern = (results.values("base", "laisn-2", f"e_p_{where}_m") for where in ("abeam", "astern"))
-    both = np.isfinite(abeam + astern).reshape(-1, abeam.shape[-1]).all(axis=0)
+    both: Bools = np.asarray(np.isfinite(abeam + astern).reshape(-1, abeam.shape[-1]).all(axis=0))
     abeam, astern = abeam[..., both], astern[..., both]
     criteria = [
         Criterion("median E_P max, abeam over the others", _median(worst) / _median(best), "<", 1.0),
