@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Unpack
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, Means
+from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.intervals import proportion
 from experiments.reproduction import stages
@@ -41,7 +41,7 @@ def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
     return record("claim-seeds", COMMAND, MODULES, named)
 
 
-def run(folder: Path, seeds: Sequence[int] = SEEDS, runs: int = RUNS, **options: Unpack[Means]) -> None:
+def run(folder: Path, seeds: Sequence[int] = SEEDS, runs: int = RUNS, **options: Unpack[ExecutionOptions]) -> None:
     """Judge the claims with every seed and write the record.
 
     Args:
