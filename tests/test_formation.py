@@ -242,6 +242,22 @@ def test_after_a_long_silence_it_circles_or_surfaces_or_goes_on() -> None:
     assert wanted[1300:, 2] == pytest.approx(0.5)
 
 
+def test_a_formation_follows_a_leader_that_dives() -> None:
+    """By the leader's pitch, which is broadcast unless a key says otherwise; without it followers are led astray."""
+    dive = {"depth_profile": [[0, 5], [30, 5], [180, 40]]}
+    places = [(10.0, -20.0, 12.0), (15.0, 30.0, 13.0), (30.0, 0.0, 14.0)]
+    largest = []
+    for leader in (dive, {"broadcast_attitude": False, **dive}):
+        told = {"leader": leader, "ocean": {"floor_depth_m": 60.0}, "navigation": {"variant": "tight"}}
+        scenario = mission(duration=200.0, places=places, **told)
+        trajectory, _ = flown(scenario)
+        off = off_station(scenario, trajectory, true_stations(scenario, trajectory))
+        largest.append(off.max())
+    assert largest[0] < 2.0
+    # more than 10 m off is lost
+    assert largest[1] > 10.0
+
+
 def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:
     followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}, "steers_by": "truth"} for s, y, d in PLACES]
     leader = {"waypoints": [[0, 0, 0], [60, 60, 0], [160, 60, 100]]}

@@ -89,6 +89,8 @@ CONDITIONS = (
               settings=("ocean.waves.kind=jonswap", "ocean.waves.height_m=0.5")),
     Condition(name="high waves", title="waves, Hs 1 m",
               settings=("ocean.waves.kind=jonswap", "ocean.waves.height_m=1")),
+    Condition(name="dive", title="leader dives from 5 to 40 m in 150 s",
+              settings=("leader.depth_profile=[[0, 5], [200, 5], [350, 40]]", "ocean.floor_depth_m=60")),
     Condition(name="loss", title="20 % of messages lost", settings=_LOSS),
     Condition(name="bursts", title="40 % of messages lost, in bursts", settings=_BURSTS),
     Condition(name="long bursts", title="40 % of messages lost, in bursts of 60 s",

@@ -101,7 +101,9 @@ class Navigation(Section):
     gate: GateRule = Field(_PAPER.gate, description="gross-error gate")
     side_rule: SideRule = Field(_PAPER.side_rule, description="where a fix without clear intersections goes")
     use_attitude: bool = Field(
-        _PAPER.use_attitude, description="place the transmitters by the broadcast pitch and roll"
+        _PAPER.use_attitude,
+        description="place the transmitters by the broadcast pitch and roll; default where followers are on stations: "
+        "leader.broadcast_attitude",
     )
     expected_pitch_deg: NonNegative = Field(_degrees(_PAPER.expected_pitch), description="pitch that inflates σp")
     use_single_range: bool = Field(

@@ -45,6 +45,24 @@ _STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
 """A follower in place of those of a shape that is at fault."""
 
 
+def _has_stations(data: dict[str, Any]) -> bool:
+    """Whether a scenario, not yet validated, has followers on stations."""
+    formation, followers = data.get("formation"), data.get("followers")
+    if isinstance(formation, dict) and formation.get("shape"):
+        return True
+    tables = followers if isinstance(followers, (list, tuple)) else ()
+    return any(f.get("station") if isinstance(f, dict) else getattr(f, "station", None) for f in tables)
+
+
+def _with_default(table: Any, key: str, value: Any) -> Any:
+    """A table with a value for a key that it does not have; what is no table is left to the validation."""
+    if table is None or isinstance(table, dict):
+        return {key: value, **(table or {})}
+    if isinstance(table, Section) and key not in table.model_fields_set:
+        return table.model_copy(update={key: value})
+    return table
+
+
 class Scenario(Section):
     """One mission, complete: with the same scenario and version the same bytes come out."""
 
@@ -94,6 +112,21 @@ class Scenario(Section):
             # the shape is told; that it has made no followers is no other fault
             return {**data, "followers": [_STAND_IN]}
         return {**data, "followers": followers, "formation": {**formation, "shape": None}}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _attitude_in_formations(cls, data: Any) -> Any:
+        """Leaders of formations broadcast pitch and roll, and followers use them, where no key says otherwise."""
+        if not isinstance(data, dict) or not _has_stations(data):
+            return data
+        leader = _with_default(data.get("leader"), "broadcast_attitude", True)
+        broadcast = (
+            leader.get("broadcast_attitude")
+            if isinstance(leader, dict)
+            else getattr(leader, "broadcast_attitude", False)
+        )
+        navigation = _with_default(data.get("navigation"), "use_attitude", broadcast)
+        return {**data, "leader": leader, "navigation": navigation}
 
     @field_validator("epoch")
     @classmethod

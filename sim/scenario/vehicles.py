@@ -85,7 +85,9 @@ class Leader(Vehicle):
     middle_offset_m: Annotated[float, Field(ge=0.001, le=0.5)] = Field(
         0.1, description="H_T, middle transmitter to port of the axis"
     )
-    broadcast_attitude: bool = Field(False, description="messages carry the measured pitch and roll")
+    broadcast_attitude: bool = Field(
+        False, description="messages carry the measured pitch and roll; default where followers are on stations: true"
+    )
 
 
 class Follower(Vehicle):

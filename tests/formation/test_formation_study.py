@@ -52,6 +52,8 @@ def test_numbers_of_a_title_are_those_of_its_condition(condition: Condition) -> 
     assert made.navigation.assume.current != ("known to be still" in title)
     assert sensors.speed_drift_m_s == told(r"drift by ([\d.]+) m/s")
     assert sensors.heading_drift_deg == told(r"m/s and (\d)°")
+    dive = [[0.0, 5.0], [200.0, 5.0], [350.0, 40.0]] if "dives from 5 to 40 m in 150 s" in title else []
+    assert [list(point) for point in made.leader.depth_profile] == dive
     assert condition.share == (5 if "50 followers" in title else 1)
 
 

@@ -14,6 +14,7 @@ from sim.flight import navigation_settings
 from sim.motion import simulate_motion
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
+from sim.scenario.settings import Follower, Leader, Scenario, Station
 from sim.sensing.observation import errors_of
 from sim.sensing.sensor_errors import SensorErrors
 
@@ -71,6 +72,14 @@ def test_defaults_are_the_papers() -> None:
         ({"followers": [{"waypoints": [[0, 0, 0], [0, 1, 1]]}]}, "waypoint 2 at 0 s is not later"),
         ({"navigation": {"variant": "laisn-4"}}, "navigation.variant: Input should be 'laisn-2', 'laisn-3-1'"),
         ({"navigation": {"use_attitude": True}}, "needs leader.broadcast_attitude = true"),
+        (
+            {
+                "followers": [{"station": {"behind_m": 9.0, "depth_m": 9.0}}],
+                "leader": {"broadcast_attitude": False},
+                "navigation": {"use_attitude": True},
+            },
+            "needs leader.broadcast_attitude = true",
+        ),
         ({"leader": {"depth_m": 40.0}}, "leader would dive to 40 m"),
         ({"sensors": {"speed_bias_m_s": 1e308}}, "sensors.speed_bias_m_s: Input should be less than or equal to 10"),
         ({"leader": {"depth_profile": [[0, 5], [0, 6]]}}, "leader.depth_profile: depth 2 at 0 s is not later"),
@@ -142,3 +151,19 @@ def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
         scenario_file.read(broken)
     with pytest.raises(ScenarioError, match="unknown scenario 'T1'; available: T2, T3"):
         library.load("T1", ())
+
+
+def test_formations_broadcast_attitude_where_no_key_says_otherwise() -> None:
+    station, shape = {"station": {"behind_m": 9.0, "depth_m": 9.0}}, {"shape": {"kind": "line", "count": 2}}
+    for table, expected in (
+        ({"followers": [{"route": "T2"}]}, (False, False)),
+        ({"followers": [{"route": "T2"}, station]}, (True, True)),
+        ({"followers": (Follower(station=Station(behind_m=9.0, depth_m=9.0)),), "leader": Leader()}, (True, True)),
+        ({"formation": shape}, (True, True)),
+        ({"followers": [station], "leader": {"broadcast_attitude": False}}, (False, False)),
+        ({"followers": [station], "navigation": {"use_attitude": False}}, (True, False)),
+    ):
+        scenario = Scenario.model_validate(table, strict=False)
+        assert (scenario.leader.broadcast_attitude, scenario.navigation.use_attitude) == expected
+        # what is kept of it says the same
+        assert Scenario.model_validate(scenario.model_dump(), strict=False) == scenario
