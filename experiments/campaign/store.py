@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from experiments.campaign.version import code_version
-from laisn.failure import LaisnError
+from laisn.failure import LaisnError, LaisnWarning
 from sim.files import atomic_write, locked, remove_stale_parts
 from sim.trajectory import Trajectory
 
@@ -38,7 +38,7 @@ _RECORD = "record"
 """Array that holds the JSON of a stored record."""
 
 
-class DamagedResult(UserWarning):
+class DamagedResult(LaisnWarning):
     """A stored result cannot be read; the text names the file, the reason and what is done about it."""
 
 

@@ -10,7 +10,7 @@ import typer
 
 from experiments.command import studying
 from experiments.command.endings import run
-from experiments.command.errors import plain_errors
+from experiments.command.errors import report_errors
 from experiments.command.logs import log_app
 from experiments.command.options import OutOption, SetOption, say
 
@@ -45,7 +45,7 @@ ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-
 
 
 @app.command()
-@plain_errors
+@report_errors
 def fly(
     scenario: ScenarioArgument,
     set_: SetOption = None,
@@ -67,7 +67,7 @@ def fly(
 
 
 @app.command()
-@plain_errors
+@report_errors
 def scenarios(
     name: Annotated[str | None, typer.Argument(help="print this one as TOML, a start for your own")] = None,
 ) -> None:
@@ -83,7 +83,7 @@ def scenarios(
 
 
 @app.command()
-@plain_errors
+@report_errors
 def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
     """Validate a scenario without flying it."""
     from experiments.flight import library
@@ -93,7 +93,7 @@ def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
 
 
 @app.command()
-@plain_errors
+@report_errors
 def doctor() -> None:
     """Say what this machine can do, and what to install for the rest."""
     from experiments.command.doctor import examine
@@ -102,7 +102,7 @@ def doctor() -> None:
 
 
 @app.command()
-@plain_errors
+@report_errors
 def render(
     source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
     set_: SetOption = None,
@@ -122,7 +122,7 @@ def render(
 
 
 @app.command()
-@plain_errors
+@report_errors
 def replay(
     log: Annotated[Path, typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels")],
     variant: Annotated[
@@ -165,7 +165,7 @@ def replay(
 
 @app.command("anatomy", hidden=True)
 @app.command("range-budget")
-@plain_errors
+@report_errors
 def range_budget(
     source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
     set_: SetOption = None,
@@ -177,14 +177,14 @@ def range_budget(
     show_range_budget(source, set_ or (), out)
 
 
-app.command()(plain_errors(studying.reproduce))
-app.command()(plain_errors(studying.asymmetry))
-app.command()(plain_errors(studying.estimators))
-app.command()(plain_errors(studying.formation))
+app.command()(report_errors(studying.reproduce))
+app.command()(report_errors(studying.asymmetry))
+app.command()(report_errors(studying.estimators))
+app.command()(report_errors(studying.formation))
 
 
 @app.command()
-@plain_errors
+@report_errors
 def bound(
     scenario: ScenarioArgument,
     set_: SetOption = None,
@@ -197,8 +197,8 @@ def bound(
     show_bound(scenario, set_ or (), runs, out)
 
 
-app.command()(plain_errors(studying.study))
-app.command()(plain_errors(studying.compare))
+app.command()(report_errors(studying.study))
+app.command()(report_errors(studying.compare))
 
 
 def main() -> None:

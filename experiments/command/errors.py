@@ -1,4 +1,4 @@
-"""How the command tells what went wrong: one message on one screen, and the traceback of a fault of ours in a file."""
+"""Errors of the command: one message on one screen, and one exit code for each kind."""
 
 import os
 import platform
@@ -7,75 +7,34 @@ import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from functools import wraps
-from typing import Any, TextIO, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import typer
 
-from experiments.command.endings import told
-from laisn.failure import LaisnError
+from experiments.command.endings import received
+from laisn.failure import LaisnError, LaisnWarning
 from sim.screen import plain, screenful
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-MENDABLE, OURS, INTERRUPTED = 2, 1, 130
-"""Exit codes: what the user can do something about, a bug, Ctrl-C."""
+USER_ERROR, INTERNAL_ERROR, INTERRUPTED = 2, 1, 130
+"""Exit codes: an error that the user can correct, a bug, Ctrl-C."""
 
 
-def _tell(lines: Iterable[str], colour: str) -> None:
+def _print(lines: Iterable[str], colour: str) -> None:
     typer.secho("\n".join(screenful(lines)), fg=colour, err=True)
 
 
-@contextmanager
-def _plain_warnings() -> Iterator[None]:
-    """Show a damaged result as one line; other warnings as Python does."""
-
-    def damaged(category: type[Warning]) -> bool:
-        # what reads results takes long to import; where none was read, none is damaged
-        store = sys.modules.get("experiments.campaign.store")
-        return store is not None and issubclass(category, store.DamagedResult)
-
-    with warnings.catch_warnings():
-        usual = warnings.showwarning
-
-        def show(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
-        ) -> None:
-            if damaged(category):
-                _tell([f"laisn: {plain(message)}"], "yellow")
-            else:
-                usual(message, category, filename, lineno, file, line)
-
-        warnings.showwarning = show
-        yield
-
-
-def _notes(error: BaseException) -> list[str]:
-    """What was added to an exception on its way, such as what is kept of a flight that failed."""
-    return list(getattr(error, "__notes__", ()))
-
-
-def _mendable(error: Exception) -> list[str] | None:
-    """What a user is told who can do something about it; None if nobody but us can.
-
-    An `OSError` with a number comes from the system: a full disk, a folder that is not theirs.
-    """
-    if isinstance(error, LaisnError):
-        return str(error).splitlines()
-    if isinstance(error, OSError) and error.errno is not None:
-        return [f"{error.filename or 'output'}: {error.strerror}"]
-    return None
+def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """Print a warning of this project; those of libraries are for developers."""
+    if issubclass(category, LaisnWarning):
+        _print([f"laisn: {plain(message)}"], "yellow")
 
 
 def _version() -> str:
-    """Version of the code; whatever is broken, this must not keep the report from being written."""
+    """Version of the code; a failure here must not prevent the report."""
     from experiments.campaign.version import code_version
 
     try:
@@ -84,8 +43,8 @@ def _version() -> str:
         return f"of unknown version ({error})"
 
 
-def _report(error: Exception) -> str:
-    """Write what a developer needs into a file that only this user can read; its path, or why there is none."""
+def _report(error: BaseException) -> str:
+    """Write the traceback into a file that only this user can read; its path, or why there is none."""
     text = (
         f"laisn {_version()}, Python {platform.python_version()} on {platform.platform()}\n"
         f"{shlex.join(sys.argv)}\n\n{''.join(traceback.format_exception(error))}"
@@ -99,35 +58,44 @@ def _report(error: Exception) -> str:
     return f"the traceback is in {path}"
 
 
-def plain_errors(command: Command) -> Command:
-    """Show an error as one message: exit code 2 for what a user can do something about, 1 for a bug.
+def _outcome(error: BaseException) -> tuple[int, list[str]]:
+    """Exit code and message for an exception, with the notes that were added to it."""
+    notes = list(getattr(error, "__notes__", ()))
+    signalled = received()
+    if signalled is not None or isinstance(error, KeyboardInterrupt):
+        kept = notes or ["finished files are kept, none is half-written"]
+        return signalled.code if signalled else INTERRUPTED, ["; ".join(["interrupted", *kept])]
+    if isinstance(error, LaisnError):
+        return USER_ERROR, [*(str(error).splitlines() or [type(error).__name__]), *notes]
+    if isinstance(error, OSError) and error.errno is not None:
+        # from the system: a full disk, a folder without permission
+        return USER_ERROR, [f"{error.filename or 'output'}: {error.strerror}", *notes]
+    what = f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__
+    return INTERNAL_ERROR, [f"this is a bug in the program ({what[:200]}); {_report(error)}", *notes]
 
-    The traceback of such a fault goes into a file that the message names. LAISN_DEBUG=1 shows tracebacks instead.
+
+def report_errors(command: Command) -> Command:
+    """Make a command print its errors as one message and exit with their code.
+
+    The traceback of a bug goes into a file that the message names. LAISN_DEBUG=1 shows tracebacks and all warnings
+    instead.
     """
 
     @wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> Any:
-        try:
-            with _plain_warnings():
+        debug = bool(os.environ.get("LAISN_DEBUG"))
+        with warnings.catch_warnings():
+            if not debug:
+                warnings.showwarning = _show_warning
+            try:
                 return command(*args, **kwargs)
-        except (typer.Exit, typer.Abort, BrokenPipeError):
-            raise
-        except (Exception, KeyboardInterrupt) as error:
-            ending = told()
-            if ending is not None or isinstance(error, KeyboardInterrupt):
-                kept = _notes(error) or ["finished files are kept, none is half-written"]
-                _tell(["; ".join(["laisn: interrupted", *kept])], "yellow")
-                if ending is not None:
-                    ending.acknowledged = True
-                raise typer.Exit(ending.code if ending else INTERRUPTED) from None
-            if os.environ.get("LAISN_DEBUG"):
+            except (typer.Exit, typer.Abort, BrokenPipeError):
                 raise
-            words = _mendable(error)
-            if words is not None:
-                _tell([f"laisn: {words[0] if words else type(error).__name__}", *words[1:], *_notes(error)], "red")
-                raise typer.Exit(MENDABLE) from None
-            what = f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__
-            _tell([f"laisn: this is a bug in the program ({what[:200]}); {_report(error)}", *_notes(error)], "red")
-            raise typer.Exit(OURS) from None
+            except (Exception, KeyboardInterrupt) as error:
+                if debug and not isinstance(error, KeyboardInterrupt):
+                    raise
+                code, lines = _outcome(error)
+        _print([f"laisn: {lines[0]}", *lines[1:]], "red" if code in (USER_ERROR, INTERNAL_ERROR) else "yellow")
+        raise typer.Exit(code)
 
     return cast(Command, wrapped)

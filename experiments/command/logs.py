@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.command.errors import plain_errors
+from experiments.command.errors import report_errors
 from experiments.command.options import folder_option, say
 
 log_app = typer.Typer(help="Look into logs, export and mend them, and make them of data sets.", no_args_is_help=True)
@@ -15,7 +15,7 @@ LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 
 
 @log_app.command("info")
-@plain_errors
+@report_errors
 def log_info(log: LogArgument) -> None:
     """Say what a log holds."""
     from experiments.command import replaying
@@ -24,7 +24,7 @@ def log_info(log: LogArgument) -> None:
 
 
 @log_app.command("export")
-@plain_errors
+@report_errors
 def log_export(
     log: LogArgument,
     out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
@@ -48,7 +48,7 @@ def log_export(
 
 
 @log_app.command("import")
-@plain_errors
+@report_errors
 def log_import(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="a factor graph (.pyfg), or NAME.mat or NAME_DR.txt")],
     out: Annotated[Path, typer.Option(help="the log to write (.mcap)")],
@@ -63,7 +63,7 @@ def log_import(
 
 
 @log_app.command("recover")
-@plain_errors
+@report_errors
 def log_recover(log: LogArgument) -> None:
     """Finish a log that a crash, a full disk or Ctrl-C left behind."""
     from sim.log.recovery import recover

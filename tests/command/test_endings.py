@@ -1,10 +1,10 @@
-"""However the command ends, nobody is left behind, nothing is hidden, and no traceback is shown for a signal."""
+"""Ends of the command: no process and no partial file is left, and a signal shows no traceback."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 
 from experiments.campaign.version import ROOT
 from experiments.command import endings
-from experiments.command.errors import plain_errors
-from laisn.whole_files import scratch, sweep_scratch
+from experiments.command.errors import report_errors
 
 LAISN = [sys.executable, "-c", "from laisn_sim import main; main()"]
 WITHOUT_REPORT = """
@@ -57,7 +56,7 @@ def work(number):
 
 if __name__ == "__main__":
     from experiments.command import endings
-    endings.obey_signals()
+    endings.handle_signals()
     with Pool(2) as pool:
         list(pool.each(work, [(1,), (2,)]))
 """
@@ -98,20 +97,6 @@ def test_a_child_ends_with_a_parent_that_was_killed() -> None:
         child = int(parent.stdout.readline())
         parent.kill()
     assert all_gone([child])
-
-
-def test_scratch_that_a_kill_left_is_swept_by_the_next_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with scratch() as held:
-        assert held.stat().st_mode & 0o777 == 0o700
-        (held / "job").touch()
-        left = tmp_path / "laisn-scratch-left"
-        left.mkdir()
-        (left / "frames").touch()
-        (tmp_path / "laisn-failure-1.txt").touch()
-        sweep_scratch()
-        assert {path.name for path in tmp_path.iterdir()} == {held.name, "laisn-failure-1.txt"}
-    assert not held.exists()
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
@@ -192,21 +177,21 @@ run(app)
 """
 
 
-def test_ctrl_c_before_a_command_begins_is_acknowledged() -> None:
+def test_ctrl_c_before_a_command_begins_ends_it() -> None:
     done = subprocess.run([sys.executable, "-c", BETWEEN], cwd=ROOT, capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "laisn: interrupted\n")
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 def test_what_a_library_makes_of_a_signal_is_no_fault_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     app = typer.Typer()
 
     @app.command()
-    @plain_errors
+    @report_errors
     def command() -> None:
         raise ImportError("initialisation failed")
 
     assert CliRunner().invoke(app).exit_code == 1
-    monkeypatch.setattr(endings, "_told", [endings.Told(signal.SIGTERM)])
+    monkeypatch.setattr(endings, "_received", [endings.SignalInterrupt(signal.SIGTERM)])
     result = CliRunner().invoke(app)
     assert result.exit_code == 143
     assert result.stderr == "laisn: interrupted; finished files are kept, none is half-written\n"
@@ -222,21 +207,10 @@ main()
 """
 
 
-def test_ctrl_c_at_the_very_end_has_the_code_of_any_other() -> None:
+def test_ctrl_c_at_the_very_end_kills_without_a_traceback() -> None:
     done = subprocess.run([sys.executable, "-c", LATE], cwd=ROOT, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (130, "")
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
     assert done.stdout.startswith("laisn-sim ")
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
-def test_a_full_disk_behind_standard_output_hides_no_result(tmp_path: Path) -> None:
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run([*FLY, str(tmp_path / "out")], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert done.returncode == 1
-    assert done.stderr.startswith("laisn: output: No space left on device; it goes on here\n")
-    assert "E_P max" in done.stderr
-    assert done.stderr.endswith(f"results in {tmp_path / 'out'}\n")
-    assert (tmp_path / "out" / "summary.json").exists()
 
 
 def test_a_poor_encoding_costs_letters_and_nothing_else(tmp_path: Path) -> None:
@@ -247,13 +221,70 @@ def test_a_poor_encoding_costs_letters_and_nothing_else(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "summary.json").exists()
 
 
-def test_nobody_needs_to_listen(tmp_path: Path) -> None:
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
+def test_a_full_disk_behind_standard_output_is_reported_and_costs_no_file(tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([*FLY, str(tmp_path / "out")], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
+        listed = subprocess.run([*LAISN, "scenarios"], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, listed.returncode) == (2, 2)
+    assert done.stderr == listed.stderr == "laisn: output: No space left on device\n"
+    assert (tmp_path / "out" / "summary.json").exists()
+
+
+def test_a_closed_standard_output_costs_no_file(tmp_path: Path) -> None:
     closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *FLY, str(tmp_path / "closed")], cwd=ROOT, check=False)
     assert closed.returncode == 0
     read, write = os.pipe()
     os.close(read)
-    deaf = subprocess.run([*FLY, str(tmp_path / "deaf")], cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
+    broken = subprocess.run([*FLY, str(tmp_path / "pipe")], cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
     os.close(write)
-    assert (deaf.returncode, deaf.stderr) == (0, "")
-    for name in ("closed", "deaf"):
+    assert (broken.returncode, broken.stderr) == (1, "")
+    for name in ("closed", "pipe"):
         assert (tmp_path / name / "summary.json").exists()
+
+
+STUDY = """
+name = "mine"
+question = "?"
+scenario = "T5"
+runs = 2000
+[set]
+motion = "kinematic"
+[vary]
+"followers.0.depth_m" = [10, 12, 14, 16, 18, 20]
+"""
+
+
+def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
+    """No worker, no partial file, one line and exit code 130; what is stored is complete."""
+    (tmp_path / "mine.toml").write_text(STUDY)
+    command = [*LAISN, "study", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "out"), "--workers", "2"]
+    child = subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while child.poll() is None and not list(tmp_path.glob("out/cells/*.npz")):
+        time.sleep(0.01)
+    os.killpg(child.pid, signal.SIGINT)
+    said, told = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert said == ""
+    lines = [line for line in told.splitlines() if not re.match(r"missions: |cells: |compiling", line)]
+    assert lines == ["laisn: interrupted; finished files are kept, none is half-written"]
+    assert not [path for path in (tmp_path / "out").rglob("*") if path.suffix not in {".npz", ".json", ""}]
+    until = time.monotonic() + 10.0
+    while time.monotonic() < until and processes_of(child.pid):
+        time.sleep(0.1)
+    assert processes_of(child.pid) == []
+
+
+def processes_of(session: int) -> list[int]:
+    """Processes of a session that still run."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, _, own = path.read_text().rpartition(")")[2].split()[:4]
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if own == str(session) and state not in "ZX":
+            found.append(int(path.parent.name))
+    return found

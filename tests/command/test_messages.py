@@ -4,6 +4,7 @@ import errno
 import stat
 import tempfile
 import warnings
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -127,6 +128,22 @@ def test_no_message_is_longer_than_a_screen(monkeypatch: pytest.MonkeyPatch) -> 
     assert len(long) <= 24
     wide = failing(LaisnError("x" * 10**6), monkeypatch).output
     assert len(wide) <= 24 * 80
+
+
+@pytest.mark.parametrize("debug", [False, True])
+def test_warnings_of_libraries_are_shown_to_developers_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, debug: bool
+) -> None:
+    def warn(*_: object, **__: object) -> Path:
+        warnings.warn("A worker stopped while some jobs were given to the executor.", UserWarning, stacklevel=1)
+        return tmp_path
+
+    monkeypatch.setattr("experiments.reproduction.study.reproduce", warn)
+    monkeypatch.setenv("LAISN_DEBUG", "1" if debug else "")
+    with pytest.warns(UserWarning, match="A worker stopped") if debug else nullcontext():
+        result = CliRunner().invoke(app, ["reproduce"])
+    assert result.exit_code == 0
+    assert result.stderr == ""
 
 
 def test_a_damaged_result_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
