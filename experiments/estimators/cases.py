@@ -19,6 +19,10 @@ ECHO_CHANCE = 0.05
 """Chance of each range that it is that of an echo."""
 ECHO_EXCESS = (0.3, 4.8)
 """Least and largest excess of an echo's range, drawn evenly between them [m]."""
+COMMON_CHANCE = 0.1
+"""Chance of each message that all its ranges have the same excess, drawn likewise."""
+CLOCK_OFFSET, CLOCK_DRIFT = 1.5, 1.5e-3
+"""Clock offset of 1 ms at the start, as a range [m], and drift of 1 ppm [m/s]."""
 LOSS_CHANCE = 0.2
 """Chance of each message that none of its pings is heard."""
 
@@ -40,11 +44,16 @@ class Case:
     losses: bool = False
     late: bool = False
     """A transmitter that is late by a constant time."""
+    common: bool = False
+    """Echoes that all ranges of a message have in common."""
+    clock: bool = False
+    """The follower's clock is off and drifts."""
 
     @property
     def sound(self) -> bool:
         """Whether nothing is wrong, so that there is a bound: on who takes as given what is assumed."""
-        return not (self.drift or self.deviation or self.echoes or self.losses or self.late or self.leader_heading_deg)
+        wrong = (self.drift, self.deviation, self.echoes, self.losses, self.late, self.common, self.clock)
+        return not (any(wrong) or self.leader_heading_deg)
 
 
 _WARY = Assume(exact_leader=False, drift=True, offsets=True)
@@ -72,6 +81,9 @@ WRONG = tuple(
         ("deviation", "a compass with a deviation of 1.7°", {"deviation": True}, Assume(deviation=True)),
         ("late", "a transmitter 10 mm late", {"late": True}, Assume(offsets=True)),
         ("echoes", "5 % echoes", {"echoes": True}, Assume()),
+        ("common", "10 % echoes common to all ranges of a message", {"common": True}, Assume()),
+        ("common-2", "the same, 2 transmitters", {"common": True, "transmitters": 2}, Assume()),
+        ("clock", "a clock 1 ms off that drifts by 1 ppm", {"clock": True}, Assume(clock=True)),
         ("losses", "20 % of messages lost", {"losses": True}, Assume()),
     )
     for who, words, assume in (("unaware", "not assumed", Assume()), ("aware", "assumed", aware))
@@ -95,9 +107,15 @@ def spoiled(measurements: Measurements, case: Case, seed: int, run: int) -> Meas
         turned = np.random.default_rng([seed, run, 1]).uniform(0.0, 2.0 * np.pi)
         off = DEVIATION * np.sin(measurements.heading + turned)
         measurements = replace(measurements, heading=measurements.heading + off)
-    if not (case.late or case.echoes or case.losses):
+    if not (case.late or case.echoes or case.losses or case.common or case.clock):
         return measurements
     ranges = measurements.ranges.copy()
+    if case.clock:
+        ranges += CLOCK_OFFSET + CLOCK_DRIFT * measurements.dt * measurements.message_step[:, None]
+    if case.common:
+        late = np.random.default_rng([seed, run, 2])
+        excess = late.uniform(*ECHO_EXCESS, (ranges.shape[0], 1))
+        ranges += np.where(late.random((ranges.shape[0], 1)) < COMMON_CHANCE, excess, 0.0)
     ranges[:, 1] += LATE if case.late else 0.0
     # drawn in any case, so that what is wrong alone is wrong alike among others
     echo = rng.random(ranges.shape) < ECHO_CHANCE

@@ -42,7 +42,8 @@ def _weaving(route: Route) -> tuple[tuple[float, float, float], ...]:
 
 
 @cache
-def _asked(route: str, interval: float, leader_heading_deg: float, middle_offset: float, weave: bool) -> Scenario:
+def asked_for(route: str, interval: float, leader_heading_deg: float, middle_offset: float, weave: bool) -> Scenario:
+    """The scenario of `mission`, with the same arguments."""
     setting = Setting(
         name="estimators", stage=1, table="text", title="estimators",
         keys={
@@ -71,7 +72,7 @@ def mission(
         middle_offset: H_T [m].
         weave: the leader weaves about its route.
     """
-    asked = _asked(route, interval, leader_heading_deg, middle_offset, weave)
+    asked = asked_for(route, interval, leader_heading_deg, middle_offset, weave)
     _, truth = mission_of(motion_of(asked)).seen(asked, 0)
     return truth, errors_of(asked)
 
@@ -112,7 +113,7 @@ def bound_rms(
     Arguments as of `mission`, and what is taken as given; None: all. With a lag [s] messages of up to so much later are
     used too.
     """
-    asked = _asked(route, interval, 0.0, middle_offset, weave)
+    asked = asked_for(route, interval, 0.0, middle_offset, weave)
     trajectory, _ = mission_of(motion_of(asked)).seen(asked, 0)
     geometry = geometry_of(trajectory, Hearing.of(asked), transmitters=transmitters)
     return float(np.sqrt(np.mean(least_rms(geometry, noise_known(assume or Assume()), lag) ** 2)))

@@ -12,6 +12,7 @@ from experiments.campaign.missions import mission_of, motion_of
 from experiments.campaign.tasks import Task
 from experiments.estimators import paired
 from experiments.estimators.cases import CASES, WRONG, Case
+from experiments.estimators.clock import clock_cost
 from experiments.flight.library import ROUTES, load
 from laisn.tight.settings import TightSettings
 from sim.flight import laisn_settings, navigation_settings
@@ -115,6 +116,8 @@ def tasks(size: Size) -> Iterator[Named]:
         for interval in INTERVALS:
             for route in size.routes:
                 yield ("case", case.name, interval, route), partial(seven, case, route, interval, size.runs)
+    for route in size.routes:
+        yield ("clock", route), partial(clock_cost, route, 5.0, 3, size.varied, SEED)
     for route in size.few:
         varied = partial(compare, route=route, interval=5.0, runs=size.varied)
         for wrong in WRONG:

@@ -12,6 +12,7 @@ from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.store import Record
 from experiments.campaign.tasks import with_arrays
 from experiments.estimators.cases import CASES
+from experiments.estimators.clock import ClockCost
 from experiments.estimators.paired import Captured, Paired
 from experiments.estimators.plan import INTERVALS, ON_AXIS, QUICK, SEAS, SEED, SIGMAS, Size, first_look, tasks
 from experiments.findings import FILE, Finding, Findings, of, plain, record
@@ -84,6 +85,22 @@ def _of_missions(key: str, missions: Sequence[Paired], named: dict[str, Finding]
         named[f"bound-worst {key}"] = plain(max(least), f"the same, largest of {several}")
 
 
+def _of_clocks(costs: Sequence[ClockCost]) -> dict[str, Finding]:
+    """What an unknown clock costs before the leader's first turn and after it."""
+    named, several = {}, f"{len(costs)} missions"
+    runs = min(one.after_exact.size for one in costs)
+    for part in ("before", "after"):
+        unknown = np.stack([getattr(one, f"{part}_unknown")[:runs] for one in costs], axis=1)
+        exact = np.stack([getattr(one, f"{part}_exact")[:runs] for one in costs], axis=1)
+        ratios, bounds = unknown.mean(axis=0) / exact.mean(axis=0), [getattr(one, f"{part}_bound") for one in costs]
+        what = f"mean E_P with an unknown clock over that with exact ones, {part} the leader's first turn"
+        named[f"clock {part}"] = plain(float(np.median(ratios)), f"{what}, median of {several}")
+        named[f"clock-worst {part}"] = plain(float(ratios.max()), f"the same, largest of {several}")
+        named[f"clock-bound {part}"] = plain(median(bounds), f"RMS of the bound likewise, median of {several}")
+        named[f"clock-bound-worst {part}"] = plain(max(bounds), f"the same, largest of {several}")
+    return named
+
+
 def findings_of(found: Found) -> Findings:
     """The record of what the tasks came to."""
     named: dict[str, Finding] = {"seed": plain(SEED, "of all noise")}
@@ -100,6 +117,7 @@ def findings_of(found: Found) -> Findings:
     for sigma in SIGMAS:
         for factor in (0.5, 2.0):
             _of_missions(f"sigma {sigma} {factor:g}", chosen(found, "sigma", sigma, factor), named)
+    named |= _of_clocks(chosen(found, "clock"))
     for weave in (False, True):
         for route in ON_AXIS:
             one: Paired = found["weave", weave, route]
@@ -118,7 +136,9 @@ def findings_of(found: Found) -> Findings:
     return record("estimators", COMMAND, MODULES, named)
 
 
-def _result(name: tuple[Any, ...], row: Record) -> Paired | Captured:
+def _result(name: tuple[Any, ...], row: Record) -> Paired | Captured | ClockCost:
+    if name[0] == "clock":
+        return ClockCost(**with_arrays(row))
     return Captured(**row) if name[0] == "captures" else Paired(**with_arrays(row))
 
 

@@ -35,6 +35,25 @@ def test_spoiled_ranges_are_late_echoes_or_lost_as_often_as_said() -> None:
     assert echoes / (3 * (total - lost)) == pytest.approx(ECHO_CHANCE, abs=5 * np.sqrt(0.0475 / (3 * total)))
 
 
+def test_a_clock_and_common_echoes_move_all_ranges_of_a_message_alike() -> None:
+    truth, errors = mission("T7", 1.0, 0.0)
+    clean = measure(truth, errors, seed=1, run=0)
+    late = spoiled(clean, Case(name="clock", title="", clock=True), 1, 0).ranges - clean.ranges
+    # 1500 m/s times 1 ms, and 1 ppm of the time
+    expected = 1500.0 * (1e-3 + 1e-6 * clean.dt * clean.message_step)
+    np.testing.assert_allclose(late, np.repeat(expected[:, None], 3, axis=1), rtol=0, atol=1e-9)
+    excess, n = [], clean.message_step.size
+    for run in range(3):
+        clean = measure(truth, errors, seed=1, run=run)
+        longer = spoiled(clean, Case(name="common", title="", common=True), 1, run).ranges - clean.ranges
+        np.testing.assert_allclose(longer, np.repeat(longer[:, :1], 3, axis=1), rtol=0, atol=1e-9)
+        excess.append(longer[longer[:, 0] > 1e-9, 0])
+    heard = np.concatenate(excess)
+    assert heard.min() > 0.3 - 1e-9
+    assert heard.max() < 4.8 + 1e-9
+    assert heard.size / (3 * n) == pytest.approx(0.1, abs=5 * np.sqrt(0.09 / (3 * n)))
+
+
 def test_drift_is_the_same_for_the_same_run_and_leaves_ranges_alone() -> None:
     truth, errors = mission("T7", 5.0, 0.0)
     clean = measure(truth, errors, seed=1, run=0)

@@ -13,6 +13,7 @@ from experiments.campaign.tasks import key_of
 from experiments.command.cli import app
 from experiments.estimators import missions, paired, plan, report, study
 from experiments.estimators.cases import CASES
+from experiments.estimators.clock import ClockCost, clock_cost
 from experiments.estimators.missions import WEAVE
 from experiments.estimators.paired import Captured, Paired, captures, compare
 from experiments.estimators.plan import QUICK, SEAS, SIGMAS, Size, at_sea, tasks
@@ -216,17 +217,21 @@ def test_the_bound_of_a_mission_is_that_of_its_transmitters_over_all_instants(mo
     assert asdict(asked[1][1]) == pytest.approx(asdict(unknown) | walks, rel=1e-12)
 
 
-@pytest.mark.parametrize("state", ["leader_heading_bias", "current", "range_offset"])
+@pytest.mark.parametrize("state", ["leader_heading_bias", "current", "range_offset", "clock_offset", "clock_drift"])
 def test_a_bound_leaves_open_what_is_not_assumed_to_be_known(state: str) -> None:
     """Each alone beside what is open in any case; a current and a leader's compass show in the leader's way."""
     assume = {"leader_heading_bias": Assume(exact_leader=False), "current": Assume(current=True),
-              "range_offset": Assume(offsets=True)}[state]  # fmt: skip
+              "range_offset": Assume(offsets=True), "clock_offset": Assume(clock=True),
+              "clock_drift": Assume(clock=True)}[state]  # fmt: skip
     told, noise = TightSettings(), missions.noise_known(assume)
     usual = {"leader_heading_bias": told.leader_heading_bias_sigma, "current": told.current_sigma,
-             "range_offset": told.offset_sigma}  # fmt: skip
+             "range_offset": told.offset_sigma, "clock_offset": told.clock_offset_sigma,
+             "clock_drift": told.clock_drift_sigma}  # fmt: skip
     for name, sigma in usual.items():
-        assert getattr(noise, name) == (sigma if name == state else 0.0)
-    assert (noise.leader_way_sigma > 0.0) == (state != "range_offset")
+        both = name.startswith("clock") and state.startswith("clock")
+        assert getattr(noise, name) == (sigma if name == state or both else 0.0)
+    assert (noise.clock_walk > 0.0) == state.startswith("clock")
+    assert (noise.leader_way_sigma > 0.0) == (state in ("leader_heading_bias", "current"))
     assert (noise.current_walk > 0.0) == (state == "current")
     assert noise.speed_walk == noise.heading_walk == 0.0
 
@@ -250,6 +255,29 @@ def test_the_plan_names_every_task_once_and_flies_every_case() -> None:
     assert QUICK.varied > 1, "of one run there is no scatter"
 
 
+def cost(route: str) -> ClockCost:
+    """Twice the error before the turn, and 1.2 or 1.6 times after it."""
+    exact, after = np.array([0.3, 0.5]), 1.2 if route == "T2" else 1.6
+    return ClockCost(
+        route=route, before_exact=exact, before_unknown=2.0 * exact, after_exact=exact, after_unknown=after * exact,
+        before_bound=2.5, after_bound=1.1,
+    )  # fmt: skip
+
+
+def test_what_a_clock_costs_is_the_ratio_of_the_same_runs(found: dict[tuple[Any, ...], Any]) -> None:
+    findings = study.findings_of(found)
+    for name, value in (("clock before", 2.0), ("clock after", 1.4), ("clock-worst after", 1.6),
+                        ("clock-bound before", 2.5), ("clock-bound-worst after", 1.1)):  # fmt: skip
+        assert findings[name].value == pytest.approx(value)
+
+
+def test_an_unknown_clock_costs_more_before_the_first_turn_than_after_it() -> None:
+    one = clock_cost("T3", 5.0, 3, runs=4, seed=3)
+    assert 1.0 < one.after_bound < 1.5 < one.before_bound
+    assert one.after_unknown.mean() < 2.0 * one.after_exact.mean()
+    assert one.before_unknown.mean() > 1.3 * one.before_exact.mean()
+
+
 @pytest.fixture(scope="module")
 def found() -> dict[tuple[Any, ...], Any]:
     """What a study might have come to, without flying it."""
@@ -257,6 +285,8 @@ def found() -> dict[tuple[Any, ...], Any]:
     return {
         name: Captured(runs=QUICK.captures, laisn=7, tight=0)
         if name[0] == "captures"
+        else cost(name[1])
+        if name[0] == "clock"
         else replace(made(rng, runs=25), smoothing=0.6 if name[0] == "case" else float("nan"))
         for name, _ in tasks(QUICK)
     }
