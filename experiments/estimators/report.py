@@ -139,6 +139,16 @@ def _varied(findings: Findings) -> list[Section]:
         Section(title="What can go wrong", blocks=[
             Text(text="One thing at a time, messages every 5 s; whether the navigator was told to reckon with it."),
             Table(heads=["what", *_HEADS], rows=wrong)]),
+        Section(title="An unknown clock", blocks=[
+            Text(text="A clock 1 ms off that drifts by 1 ppm, estimated, over exact clocks; messages every 5 s. On a "
+                 "straight leg the clock's drift and the log's bias move all ranges alike: only a turn of the leader "
+                 "separates them. The offset itself is not separated from the mean scale error, which is harmless: "
+                 "only their sum enters a range."),
+            Table(heads=["", "E_P over that with exact clocks", "largest of the routes", "of the bound", "largest"],
+                  rows=[[words(f"{part} the leader's first turn"),
+                         *(_value(findings, f"{name} {part}")
+                           for name in ("clock", "clock-worst", "clock-bound", "clock-bound-worst"))]
+                        for part in ("before", "after")])]),
         Section(title="Wrong settings", blocks=[
             Text(text="Each σ that the navigator is told, halved and doubled, while the sensors stay as they are."),
             Table(heads=["setting", "", *_HEADS], rows=sigma)]),

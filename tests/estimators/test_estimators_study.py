@@ -313,6 +313,7 @@ def test_the_page_tells_all_of_it(found: dict[tuple[Any, ...], Any], tmp_path: P
     for words in (
         "At sea",
         "What can go wrong",
+        "An unknown clock",
         "Wrong settings",
         "A leader that weaves",
         "Route by route",
