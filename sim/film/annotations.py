@@ -1,4 +1,4 @@
-"""What a study adds to a film: other estimates beside the follower's own, and errors that colour its rays."""
+"""Colours of a film, and what a study adds: other estimates beside the follower's own, errors that colour its rays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +11,15 @@ from laisn.records import own_arrays
 
 RGB = tuple[float, float, float]
 """Red, green, blue, each in [0, 1]."""
+
+LEADER: RGB = (1.0, 0.68, 0.20)
+"""Trail and label of the leader, after its hull."""
+TRUTH: RGB = (1.0, 0.95, 0.25)
+"""Trail and position of a follower, after its hull."""
+ESTIMATE: RGB = (1.0, 0.25, 0.85)
+"""A follower's estimate of its own position."""
+TRANSMITTER_COLOURS: tuple[RGB, ...] = ((0.95, 0.97, 1.0), (0.35, 1.0, 0.55), (0.45, 0.70, 1.0))
+"""Rear, front and middle transmitter and their rays; distinct from leader and follower, also to colour-blind eyes."""
 
 _SHARES = (-1.0, 0.0, 1.0)
 _COLOURS = np.array([[0.22, 0.56, 1.0], [0.97, 0.97, 0.95], [1.0, 0.26, 0.20]])
@@ -27,7 +36,7 @@ def diverging(shares: npt.ArrayLike) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class OtherEstimate:
-    """What another navigator made of the filmed follower's measurements."""
+    """Another navigator's estimate from the filmed follower's measurements."""
 
     label: str
     colour: RGB

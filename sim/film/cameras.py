@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from sim.film.footage import Footage, Moment
+from sim.film.film_data import FilmData, FrameState
 from sim.geometry import attitude
 from sim.scenario.video import CAMERAS
 
@@ -106,26 +106,26 @@ class Shot(NamedTuple):
     """Whether insets begin at the left edge, for a view whose vehicles keep to the right."""
 
 
-class Director:
-    """Places a named camera at any instant of the footage.
+class CameraRig:
+    """Places a named camera at any instant of the data.
 
     Args:
-        footage: what is filmed.
+        data: what is filmed.
         follower: index of the follower that cameras keep to.
         aspect: width by height of the frame.
     """
 
-    def __init__(self, footage: Footage, follower: int, aspect: float) -> None:
+    def __init__(self, data: FilmData, follower: int, aspect: float) -> None:
         self._aspect = aspect
         self._vehicle = follower + 1
-        truth = footage.flight.trajectory
-        self._floor = -footage.flight.scenario.ocean.floor_depth_m
-        every = max(1, round(0.05 * footage.speed_up / truth.dt))
+        truth = data.flight.trajectory
+        self._floor = -data.flight.scenario.ocean.floor_depth_m
+        every = max(1, round(0.05 * data.speed_up / truth.dt))
         self._time = truth.time[::every]
         # here, for only the children that render place cameras; this import takes a fifth of a second
         from scipy.ndimage import gaussian_filter1d
 
-        sigma = _SMOOTHING_S * footage.speed_up / (truth.dt * every)
+        sigma = _SMOOTHING_S * data.speed_up / (truth.dt * every)
 
         def smooth(values: Floats) -> Floats:
             return np.asarray(gaussian_filter1d(values, sigma, axis=0, mode="nearest"))
@@ -142,11 +142,11 @@ class Director:
         ahead = np.stack([np.sin(heading[:, 0]), np.cos(heading[:, 0])], axis=1)
         starboard = ahead[:, 1] * self._separation[:, 0] - ahead[:, 0] * self._separation[:, 1] < 0
         self._side = 1.0 if starboard.mean() >= 0.5 else -1.0
-        error = np.nan_to_num(footage.position_error[follower])
-        steps = footage.start + footage.flight.measurements[0].dt * np.arange(1, error.size + 1)
+        error = np.nan_to_num(data.position_error[follower])
+        steps = data.start + data.flight.measurements[0].dt * np.arange(1, error.size + 1)
         self._error = smooth(np.interp(self._time, steps, error))
         # how far the estimate lies to the right of the follower, seen towards the leader
-        away = footage.flight.estimates[follower].state[:, :2] - footage.flight.hydrophone(follower)[:, :2]
+        away = data.flight.estimates[follower].state[:, :2] - data.flight.hydrophone(follower)[:, :2]
         east, north = (np.interp(self._time, steps, np.nan_to_num(along)) for along in away.T)
         towards = self._separation[:, :2] / np.maximum(np.hypot(*self._separation[:, :2].T), 1e-6)[:, None]
         self._aside = smooth(east * towards[:, 1] - north * towards[:, 0])
@@ -168,16 +168,16 @@ class Director:
         length = np.linalg.norm(flat)
         return flat / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
 
-    def _close(self, moment: Moment, vehicle: int, distance: float = 3.4) -> View:
+    def _close(self, state: FrameState, vehicle: int, distance: float = 3.4) -> View:
         """A vehicle from its quarter, turning with its heading."""
-        heading = float(self._now(self._heading, moment.time)[vehicle])
+        heading = float(self._now(self._heading, state.time)[vehicle])
         side = np.array([np.sin(heading + 2.2), np.cos(heading + 2.2), 0.28])
-        at = moment.position[vehicle]
+        at = state.position[vehicle]
         return View(position=self._in_water(at + distance * side), target=at, fovy_deg=40.0)
 
-    def _profile(self, moment: Moment) -> View:
+    def _profile(self, state: FrameState) -> View:
         """The leader from the bow quarter away from the follower; steady, so that waves move the hull in the frame."""
-        leader, back = self._now(self._leader, moment.time), -self._now(self._separation, moment.time)
+        leader, back = self._now(self._leader, state.time), -self._now(self._separation, state.time)
         bearing = np.arctan2(back[0], back[1]) + self._side * _PROFILE_TURN
         eye = self._in_water(leader + 6.6 * np.array([np.sin(bearing), np.cos(bearing), 0.0]))
         look = bearing + np.pi + self._side * _PROFILE_LEADER
@@ -186,10 +186,10 @@ class Director:
         forward = np.array([np.sin(look), np.cos(look), np.tan(down)])
         return View(position=eye, target=eye + forward, fovy_deg=45.0)
 
-    def _beliefs(self, moment: Moment) -> View:
+    def _estimate_from_above(self, state: FrameState) -> View:
         """The follower and its estimate from above, north up."""
-        at = moment.hydrophone[self._vehicle - 1]
-        reach = 1.5 + 1.6 * float(np.clip(self._now(self._error, moment.time), 1.0, 8.0))
+        at = state.hydrophone[self._vehicle - 1]
+        reach = 1.5 + 1.6 * float(np.clip(self._now(self._error, state.time), 1.0, 8.0))
         height = reach / np.tan(np.radians(60.0) / 2)
         eye = self._in_water(at + np.array([0.0, 0.0, height]))
         plane = float(eye[2] - at[2])
@@ -222,10 +222,10 @@ class Director:
     def _span(self, time: float) -> tuple[Floats, Floats]:
         return self._now(self._centre, time), self._now(self._half, time)
 
-    def _top(self, moment: Moment, bottom: float) -> tuple[View, tuple[float, float]]:
+    def _top(self, state: FrameState, bottom: float) -> tuple[View, tuple[float, float]]:
         """View from above, vehicles within the part of the frame that panels leave free, down to the share `bottom`."""
         left, right, top = _FREE
-        centre, half = self._span(moment.time)
+        centre, half = self._span(state.time)
         across, down = (right - left) * self._aspect, bottom - top
         frame = max(1.25 * 2 * half[0] / across, 1.25 * 2 * half[1] / down, 14.0) + 3.0
         aside = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
@@ -235,53 +235,53 @@ class Director:
         view = View(position=eye, target=target, up=up, plane_m=height)
         return view, (height - 5.0, height + _SIGHT_DOWN_M)
 
-    def shot(self, camera: str, moment: Moment) -> Shot:
-        """The camera `camera` of CAMERAS at a moment.
+    def shot(self, camera: str, state: FrameState) -> Shot:
+        """The camera `camera` of CAMERAS at a state.
 
         Raises:
             ValueError: there is no such camera; the message lists those that exist.
         """
         follower, leader = self._vehicle, 0
-        close_leader = (self._close(moment, leader), leader)
-        close_follower = (self._close(moment, follower, 2.9), follower)
+        close_leader = (self._close(state, leader), leader)
+        close_follower = (self._close(state, follower, 2.9), follower)
         near_fog = (3.0, 150.0)
-        at = moment.position[follower]
+        at = state.position[follower]
         if camera == "chase":
-            ahead = self._towards_leader(moment.time)
+            ahead = self._towards_leader(state.time)
             side = np.array([ahead[1], -ahead[0], 0.0])
             # far enough back to keep the estimate in the picture
-            back = 5.0 + 1.2 * min(float(self._now(self._error, moment.time)), 12.0)
+            back = 5.0 + 1.2 * min(float(self._now(self._error, state.time)), 12.0)
             # and aside, so that follower and estimate both stand clear of the panels, most of which are at the left
-            aside = float(np.clip(self._now(self._aside, moment.time), -10.0, 10.0))
+            aside = float(np.clip(self._now(self._aside, state.time), -10.0, 10.0))
             between = at + (0.5 if aside > 0 else 0.9) * aside * side
             eye = self._in_water(between - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back])
             view = View(position=eye, target=between + 9.0 * ahead - 0.6 * side + [0, 0, 0.2])
             return Shot(view, (close_leader,), near_fog, True)
         if camera in ("top", "pip"):
-            view, fog = self._top(moment, 0.66 if camera == "pip" else 0.95)
+            view, fog = self._top(state, 0.66 if camera == "pip" else 0.95)
             return Shot(view, (close_follower, close_leader) if camera == "pip" else (), fog, False)
         if camera == "follower":
-            eye = at + attitude.rotate(moment.quaternion[follower], np.array([-1.1, 0.0, 0.55]))
-            target = at + attitude.rotate(moment.quaternion[follower], np.array([6.0, 0.0, 0.0]))
-            up = attitude.rotate(moment.quaternion[follower], np.array([0.0, 0.0, 1.0]))
+            eye = at + attitude.rotate(state.quaternion[follower], np.array([-1.1, 0.0, 0.55]))
+            target = at + attitude.rotate(state.quaternion[follower], np.array([6.0, 0.0, 0.0]))
+            up = attitude.rotate(state.quaternion[follower], np.array([0.0, 0.0, 1.0]))
             return Shot(View(position=eye, target=target, up=up, fovy_deg=55.0), (close_leader,), near_fog, True)
         if camera == "profile":
-            inset = (self._beliefs(moment), follower)
-            return Shot(self._profile(moment), (inset,), near_fog, True, insets_left=self._side > 0)
+            inset = (self._estimate_from_above(state), follower)
+            return Shot(self._profile(state), (inset,), near_fog, True, insets_left=self._side > 0)
         if camera == "leader":
-            return Shot(self._close(moment, leader, 4.6), (close_follower,), near_fog, True)
+            return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
         if camera not in CAMERAS:
             raise ValueError(f"unknown camera {camera!r}; available: {', '.join(CAMERAS)}")
-        centre, half = self._span(moment.time)
+        centre, half = self._span(state.time)
         # to the ends of the hulls
         radius, high = float(np.hypot(half[0], half[1])) + 1.0, float(half[2])
         if camera == "side":
-            ahead = self._towards_leader(moment.time)
+            ahead = self._towards_leader(state.time)
             view = self._beside(centre, np.array([ahead[1], -ahead[0], 0.0]), 40.0, radius, high, 0.0)
             distance = float(np.linalg.norm(view.target - view.position))
             view = replace(view, plane_m=distance)
             return Shot(view, (close_follower,), (0.3 * distance, max(150.0, 2.2 * distance)), True)
-        angle = 2 * np.pi * moment.film_time / 40.0
+        angle = 2 * np.pi * state.film_time / 40.0
         around = np.array([np.cos(angle), np.sin(angle), 0.10])
         view = self._beside(centre, around, 50.0, radius, high, radius)
         distance = float(np.linalg.norm(view.target - view.position))

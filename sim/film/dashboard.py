@@ -1,122 +1,391 @@
-"""The panels of a film, where they lie, and what of them stays as it is from frame to frame."""
+"""The panels of a film: numbers and curves at the left, map and colour bar at the right, a caption between them.
+
+All that stays as it is from frame to frame, curves of the whole mission included, is drawn once by matplotlib; a frame
+adds the numbers, cursors on the curves, and vehicles on the map.
+"""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import IdentityTransform
 
-from laisn.arrays import Floats
-from sim.film.annotations import Annotations
-from sim.film.canvas import Canvas, Colour, Layer
-from sim.film.curve import Curve
-from sim.film.footage import Footage, Moment
-from sim.film.formation.marks import STATION
-from sim.film.numbers import HEIGHT, SHORT_HEIGHT, Numbers
-from sim.film.panels import LEADER, TRUTH, Map, Place, caption, colour_bar
-from sim.film.scene import ESTIMATE
+from laisn.arrays import Bytes, Floats
+from laisn.estimates import FixKind
+from sim.film.annotations import ESTIMATE, LEADER, TRUTH, Annotations, RayErrors, diverging
+from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure, panel_colours
+from sim.film.film_data import FilmData, FrameState
+from sim.film.formation import STATION
 
+Trail = tuple[Floats, Colour]
+"""Positions, shape (p, 3), [m], and the colour of their line."""
+
+SIGMAS = 2.0
+"""Half axes of the ellipse of uncertainty in standard deviations."""
+_FIX_WORDS = {
+    FixKind.TWO_POINTS: "two points",
+    FixKind.TANGENT: "circles touch",
+    FixKind.ASTERN: "on the axis, astern",
+    FixKind.FUSED: "weighted mean",
+    FixKind.GATED: "rejected",
+    FixKind.SINGULAR: "already exact",
+    FixKind.LOST: "ranges missing",
+    FixKind.ONE_RANGE: "one range alone",
+    FixKind.RANGES: "ranges themselves",
+    FixKind.PARTLY: "ranges, but for echoes",
+}
 _SHORT = 576
-"""Frames of fewer rows have the short panel of numbers and one curve: words that can be read leave no room for more."""
+"""Frames of fewer rows have the short panel of numbers and one curve: text that can be read leaves no room for more."""
+_GRID: Colour = (0.55, 0.80, 0.90, 0.22)
+_FUTURE_OPACITY = 0.3
+_FLEET_SHARE = 0.25
+"""A map of the whole mission shows several followers apart if they take at least this share of it."""
+_TRANSMITTERS = ("rear", "front", "middle")
+_MOTION = ((84.0, "depth [m]"), (103.0, "pitch [°]"), (122.0, "heading [°]"), (141.0, "speed [m/s]"))
+"""Baselines and names of rows."""
+_MARGIN_PX = 2
+
+
+def clock(seconds: float) -> str:
+    """Time as [hours:]minutes:seconds."""
+    whole = int(seconds + 1e-9)
+    hours = f"{whole // 3600}:" if whole >= 3600 else ""
+    return f"{hours}{whole % 3600 // 60:02d}:{whole % 60:02d}"
+
+
+def format_half_axes(*half_axes: float) -> str:
+    """Half axes of an ellipse [m], the longest last, in millimetres while that is below a metre."""
+    longest = half_axes[-1]
+    if longest < 0.0005:
+        return "below 1 mm"
+    unit, scale, digits = ("mm", 1e3, 0) if longest < 0.9995 else ("m", 1.0, 2)
+    return f"{' by '.join(f'±{scale * half:.{digits}f}' for half in half_axes)} {unit}"
+
+
+def round_length(longest_m: float) -> float:
+    """The greatest 1, 2 or 5 times a power of ten up to a length [m]."""
+    power = 10.0 ** np.floor(np.log10(longest_m))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest_m))
 
 
 class Dashboard:
-    """Numbers and curves at the left edge, map and colour bar at the right, a caption between them.
+    """Panels of one film.
 
     Args:
-        footage: what is filmed.
+        data: what is filmed.
         follower: index of the follower whose numbers are shown.
         canvas: of the frames.
         annotations: what a study adds.
-        off_station: distance of the follower from its station at filter steps, shape (n,), [m]; None: it has none.
+        station_error: distance of the follower from its station at filter steps, shape (n,), [m]; None: it has none.
     """
 
     def __init__(
         self,
-        footage: Footage,
+        data: FilmData,
         follower: int,
         canvas: Canvas,
         annotations: Annotations,
-        off_station: Floats | None = None,
+        station_error: Floats | None = None,
     ) -> None:
-        self._footage, self._follower, self._added = footage, follower, annotations
-        self._off_station = off_station
+        self._data, self._follower, self._added = data, follower, annotations
         s, t = canvas.scale, canvas.text_scale
-        short = canvas.height < _SHORT
+        self._s, self._t, self._size, self._short = s, t, (canvas.width, canvas.height), canvas.height < _SHORT
         left, top, width, gap, side = 16 * s, 16 * s, 292 * s, 6 * s, 232 * s
-        self._numbers = Numbers(
-            footage, follower, (left, top, width, (SHORT_HEIGHT if short else HEIGHT) * t), short=short
-        )
-        first, height = top + self._numbers.place[3] + gap, 92 * t
-        self._curves = self._made([(left, first + n * (height + gap), width, height) for n in range(1 if short else 2)])
+        self._numbers: Place = (left, top, width, (118 if self._short else 258) * t)
+        first, height = top + self._numbers[3] + gap, 92 * t
+        curves: list[Place] = [(left, first + n * (height + gap), width, height) for n in range(2 - self._short)]
         corner = canvas.width - side - left
-        self._map = Map(footage, follower, (corner, top, side, side), annotations.others)
-        self._bar = (corner, top + side + gap, side, 72 * t)
+        self._map: Place = (corner, top, side, side)
+        bar: Place = (corner, top + side + gap, side, 72 * t)
         beside = left + width + gap
-        self._caption = (beside, top, corner - gap - beside, 60 * s)
+        caption: Place = (beside, top, corner - gap - beside, 60 * s)
         self.scale: Place = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
-        bar, words = ([self._bar] if annotations.rays else []), ([self._caption] if annotations.caption else [])
-        lefts = [self._numbers.place, *(curve.place for curve in self._curves)]
-        self.places: list[Place] = [*lefts, self._map.place, *bar, *words]
+        lefts, rights = [self._numbers, *curves], [self._map, *([bar] if annotations.rays else [])]
+        words = [caption] if annotations.caption else []
+        self.places: list[Place] = [*lefts, *rights, *words]
         """Places of all panels."""
-        lower_left, lower_right = (max(y + h for _, y, _, h in column) for column in (lefts, [self._map.place, *bar]))
+        lower_left, lower_right = (max(y + h for _, y, _, h in column) for column in (lefts, rights))
         self.covered: list[Place] = [
             (0.0, 0.0, left + width, lower_left),
             (corner, 0.0, canvas.width - corner, lower_right),
             *words,
         ]
         """Where no lines are drawn, for between panels snippets of them would remain."""
-        self._layers = self._ground(canvas)
 
-    def _made(self, places: Sequence[Place]) -> list[Curve]:
-        """Curves over the mission: the position error, and where there is room another."""
-        footage, added, follower = self._footage, self._added, self._follower
-        dt, start, truth = footage.flight.measurements[0].dt, footage.start, footage.flight.hydrophone(follower)[:, :2]
-        errors: list[tuple[Colour, Floats]] = [
-            *((o.colour, np.linalg.norm(o.position - truth, axis=1)) for o in added.others),
-            (ESTIMATE, footage.position_error[follower]),
-        ]
-        if added.level_axis:
-            pitch = np.degrees(footage.flight.trajectory.pitch[footage.flight.step_index(), 0])
-            second: tuple[str, list[tuple[Colour, Floats]]] = ("leader's pitch [°]", [(LEADER, pitch)])
-        elif self._off_station is not None:
-            second = ("off its station [m]", [(STATION, self._off_station)])
-        else:
-            bearing = np.degrees(np.abs(footage.bearing_error[follower]))
-            second = ("bearing error E_B [°]", [(ESTIMATE, bearing)])
-        # pitch is the cause of what the errors show, and stands above them
-        order = reversed(places) if added.level_axis else places
-        return [
-            Curve(label, dt, values, place, start=start)
-            for (label, values), place in zip((("position error E_P [m]", errors), second), order, strict=False)
-        ]
-
-    def _ground(self, canvas: Canvas) -> list[Layer]:
-        """Panels before anything moves on them."""
-        moving: tuple[Numbers | Curve | Map, ...] = (self._numbers, *self._curves, self._map)
-        layers = [canvas.layer(panel.place, panel.ground) for panel in moving]
-        added = self._added
-        if rays := added.rays:
-            layers.append(canvas.layer(self._bar, lambda other: colour_bar(other, rays, self._bar)))
-        if added.caption:
-            others = [("◆", o.colour, o.label) for o in added.others]
-            legend = [("●", TRUTH, "truth"), ("◆", ESTIMATE, added.label), *others]
-            layers.append(
-                canvas.layer(self._caption, lambda other: caption(other, added.caption, legend, self._caption))
+        self.figure = new_figure(*self._size)
+        """Static content of all panels."""
+        for place in self.places:
+            x, y, width, height = place
+            face, edge = panel_colours(0.6 if place in words else 0.5)
+            below = canvas.height - y - height
+            self.figure.add_artist(
+                Rectangle((x, below), width, height, fc=face, ec=edge, lw=s, zorder=-1, transform=IdentityTransform())
             )
-        return layers
+        self._label_numbers()
+        self._curves = [
+            (place, self._add_curve(place, label, values), values)
+            for place, (label, values) in zip(curves, self._quantities(station_error), strict=False)
+        ]
+        self._add_map()
+        if annotations.rays:
+            self._add_colour_bar(bar, annotations.rays)
+        if annotations.caption:
+            self._add_caption(caption)
+        lines = [line for _, axes, _ in self._curves for line in axes.get_lines()]
+        past = self._drawn()
+        for line in lines:
+            line.set_alpha(_FUTURE_OPACITY)
+        self._layers = list(zip(self.places, past, self._drawn(), strict=True))
 
-    def draw(self, canvas: Canvas, moment: Moment, rays: Sequence[Colour], others: Sequence[Floats]) -> None:
-        """All panels.
+    # what stays
+
+    def _drawn(self) -> list[tuple[int, int, Bytes]]:
+        """The figure as an image with straight alpha for each panel: left, top [px] and rows, the lowest first."""
+        agg: Any = FigureCanvasAgg(self.figure)
+        agg.draw()
+        whole, found = np.asarray(agg.buffer_rgba()), []
+        for x, y, width, height in self.places:
+            left, top = (max(0, int(v) - _MARGIN_PX) for v in (x, y))
+            part = whole[top : int(y + height) + _MARGIN_PX, left : int(x + width) + _MARGIN_PX]
+            found.append((left, top, np.ascontiguousarray(part[::-1])))
+        return found
+
+    def _write(self, at: tuple[float, float], words: str, colour: Colour, size: float, anchor: str = "lt") -> None:
+        """Static text; anchors by letters: left, right or centre, and top, middle or baseline; bold if size < 0."""
+        self.figure.text(
+            at[0] / self._size[0],
+            1 - at[1] / self._size[1],
+            words,
+            color=colour,
+            fontsize=abs(size) * self._t,
+            fontweight="bold" if size < 0 else "normal",
+            ha={"l": "left", "r": "right", "c": "center"}[anchor[0]],
+            va={"t": "top", "m": "center_baseline", "b": "baseline"}[anchor[1]],
+        )
+
+    def _axes(self, place: Place) -> Axes:
+        """Axes without a frame at a place."""
+        (x, y, width, height), (columns, rows) = place, self._size
+        axes = self.figure.add_axes((x / columns, 1 - (y + height) / rows, width / columns, height / rows))
+        axes.set_frame_on(False)
+        axes.tick_params(length=0, pad=3, colors=DIM, labelsize=10.5 * self._t)
+        return axes
+
+    def _number_place(self, x: float, y: float) -> tuple[tuple[float, float], str]:
+        """Place [px] and side of a number whose x counts from the left edge, or from the right one if negative."""
+        left, top, width, _ = self._numbers
+        return (left + x * self._t if x > 0 else left + width + x * self._t, top + y * self._t), "l" if x > 0 else "r"
+
+    def _label_numbers(self) -> None:
+        """Names of the numbers: x, baseline, text, colour and size of each."""
+        data, end = self._data, f"of {clock(self._data.end)}"
+        bold_p, bold_b, sigma = r"$\mathbf{E_P}$", r"$\mathbf{E_B}$", f"{SIGMAS:g}σ"
+        labels: list[tuple[float, float, str, Colour, float]]
+        if self._short:
+            labels = [(-6, 22, end, DIM, 11), (6, 50, bold_p, ESTIMATE, 14), (6, 70, bold_b, ESTIMATE, 14),
+                      (6, 89, sigma, DIM, 12)]  # fmt: skip
+        else:
+            leader, follower = (data.flight.trajectory.names[v][:12] for v in (0, self._follower + 1))
+            labels = [(-12, 34, end, DIM, 13), (-106, 64, leader, LEADER, -12), (-12, 64, follower, TRUTH, -12),
+                      (12, 180, "ranges [m]", DIM, 13), (12, 199, "fix", DIM, 13), (12, 225, bold_p, ESTIMATE, 16),
+                      (192, 225, bold_b, ESTIMATE, 16), (12, 245, f"filter's own {sigma}", DIM, 13),
+                      *((12.0, y, words, DIM, 13.0) for y, words in _MOTION)]  # fmt: skip
+        for x, y, words, colour, size in labels:
+            at, side = self._number_place(x, y)
+            self._write(at, words, colour, size, f"{side}b")
+
+    def _quantities(self, station_error: Floats | None) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
+        """Label and curves, each a colour and values at filter steps, of what the panels of curves show."""
+        data, added, follower = self._data, self._added, self._follower
+        truth = data.flight.hydrophone(follower)[:, :2]
+        errors: list[tuple[Colour, Floats]] = [
+            *((other.colour, np.linalg.norm(other.position - truth, axis=1)) for other in added.others),
+            (ESTIMATE, data.position_error[follower]),
+        ]
+        position = ("position error $E_P$ [m]", errors)
+        if added.level_axis:
+            # pitch is the cause of what the errors show, and stands above them
+            pitch = np.degrees(data.flight.trajectory.pitch[data.flight.step_index(), 0])
+            return [("leader's pitch [°]", [(LEADER, pitch)]), position]
+        if station_error is not None:
+            return [position, ("distance from station [m]", [(STATION, station_error)])]
+        bearing = np.degrees(np.abs(data.bearing_error[follower]))
+        return [position, ("bearing error $E_B$ [°]", [(ESTIMATE, bearing)])]
+
+    def _add_curve(self, place: Place, label: str, curves: list[tuple[Colour, Floats]]) -> Axes:
+        left, top, width, height = place
+        t, data = self._t, self._data
+        axes = self._axes((left + 46 * t, top + 26 * t, width - 66 * t, height - 45 * t))
+        time = data.start + data.flight.measurements[0].dt * (1 + np.arange(curves[0][1].size))
+        for colour, values in curves:
+            axes.plot(time, values, color=colour, lw=1.5 * self._s, clip_on=False)
+        finite = np.concatenate([values[np.isfinite(values)] for _, values in curves])
+        low, high = 1.08 * finite.min(initial=0.0), 1.08 * finite.max(initial=0.0)
+        axes.set_ylim(low, high if high > low else 1.0)
+        axes.set_xlim(data.start, float(time[-1]))
+        axes.tick_params(axis="y", pad=7 * t)
+        axes.grid(axis="y", color=_GRID, lw=self._s)
+        axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+        axes.xaxis.set_major_locator(MaxNLocator(2 if self._s < self._t else 5, steps=[1, 2, 5, 10]))
+        self._write((left + 12 * self._s, top + 17 * t), label, PALE, 12, "lb")
+        if self._s >= self._t:
+            self._write((left + width - 12 * t, top + 17 * t), "time [s]", DIM, 11, "rb")
+        return axes
+
+    def _add_map(self) -> None:
+        data, (left, top, width, _), s = self._data, self._map, self._s
+        tracks = data.flight.trajectory.position[..., :2]
+        low, high = tracks.min(axis=(0, 1)), tracks.max(axis=(0, 1))
+        self._centre = (low + high) / 2
+        self._reach = 0.55 * float(max((high - low).max(), 20.0))
+        fleet = float(np.ptp(tracks, axis=1).max())
+        self._moves = tracks.shape[1] > 2 and fleet < _FLEET_SHARE * 2 * self._reach
+        if self._moves:
+            self._reach = 0.75 * fleet
+        else:
+            axes = self._axes(self._map)
+            axes.set_axis_off()
+            axes.set_xlim(self._centre[0] - self._reach, self._centre[0] + self._reach)
+            axes.set_ylim(self._centre[1] - self._reach, self._centre[1] + self._reach)
+            for v in range(tracks.shape[1]):
+                shown = v in (0, self._follower + 1)
+                axes.plot(*tracks[:, v].T, color=TRUTH if v else LEADER, alpha=0.7 if shown else 0.35, lw=1.6 * s)
+            own = data.flight.estimates[self._follower].state
+            for colour, track in [*((o.colour, o.position) for o in self._added.others), (ESTIMATE, own)]:
+                axes.plot(*track[:, :2].T, color=colour, alpha=0.6, lw=1.1 * s)
+        length = round_length(0.4 * 2 * self._reach)
+        x, y, across = left + 12 * s, self._size[1] - top - 14 * s, length / 2 / self._reach * width
+        bar = ([x, x, x + across, x + across], [y + 4 * s, y, y, y + 4 * s])
+        look: Any = {"color": PALE, "lw": 2 * s, "transform": IdentityTransform()}
+        self.figure.add_artist(Line2D(*bar, **look))
+        self._write((x, top + 18 * s), f"{length:g} m", PALE, 12)
+        self._write((left + width - 10 * s, top + 10 * s), "N ↑", PALE, -12, "rt")
+
+    def _add_colour_bar(self, place: Place, rays: RayErrors) -> None:
+        """What the colours of the rays mean."""
+        (left, top, width, _), t = place, self._t
+        axes = self._axes((left + 24 * t, top + 29 * t, width - 48 * t, 9 * t))
+        gradient = diverging(np.linspace(-1.0, 1.0, 256))[None]
+        axes.imshow(gradient, aspect="auto", extent=(-rays.limit, rays.limit, 0.0, 1.0))
+        axes.set_yticks([])
+        axes.set_xticks([-rays.limit, 0.0, rays.limit], [f"−{rays.limit:g}", "0", f"+{rays.limit:g}"])
+        self._write((left + 12 * t, top + 8 * t), f"{rays.label} [m]", PALE, 12)
+        self._write((left + 12 * t, top + 68 * t), "too short", PALE, 11, "lb")
+        self._write((left + width - 12 * t, top + 68 * t), "too long", PALE, 11, "rb")
+
+    def _add_caption(self, place: Place) -> None:
+        """What the film is about, and below it what its marks mean."""
+        (left, top, width, height), s = place, self._s
+        middle = left + width / 2
+        self._write((middle, top + 25 * s), self._added.caption, (1, 1, 1), -16 * s / self._t, "cb")
+        others = [("D", o.colour, o.label) for o in self._added.others]
+        marks = [("o", TRUTH, "truth"), ("D", ESTIMATE, self._added.label), *others]
+        self.figure.legend(
+            handles=[Line2D([], [], marker=m, ls="", ms=7 * s, color=colour, label=name) for m, colour, name in marks],
+            loc="lower center",
+            bbox_to_anchor=(middle / self._size[0], 1 - (top + height) / self._size[1]),
+            ncols=len(marks),
+            frameon=False,
+            labelcolor="linecolor",
+            prop={"size": 13 * s, "weight": "bold"},
+            handletextpad=0.1,
+        )
+
+    # what changes
+
+    def draw(self, canvas: Canvas, state: FrameState, rays: Sequence[Colour], others: Sequence[Floats],
+             trails: Sequence[Trail]) -> None:  # fmt: skip
+        """Draw all panels.
 
         Args:
             canvas: the frame.
-            moment: what it shows.
+            state: what it shows.
             rays: colours of the follower's rays.
             others: positions of the other estimates, each of shape (3,), [m].
+            trails: recent tracks of vehicles and estimates.
         """
-        for layer in self._layers:
-            canvas.lay(layer)
-        self._numbers.draw(canvas, moment, rays)
-        for curve in self._curves:
-            curve.draw(canvas, moment.time - self._footage.start)
-        self._map.draw(canvas, moment, others)
+        curves = {place: self._cursor(axes, state.time) for place, axes, _ in self._curves}
+        for place, (left, top, past), (_, _, future) in self._layers:
+            now = round(curves[place]) - left if place in curves else past.shape[1]
+            canvas.image(np.ascontiguousarray(past[:, :now]), left, top)
+            if now < past.shape[1]:
+                canvas.image(np.ascontiguousarray(future[:, now:]), left + now, top)
+        self._draw_cursors(canvas, state.time)
+        self._draw_map(canvas, state, others, trails)
+        self._draw_numbers(canvas, state, rays)
+
+    def _cursor(self, axes: Axes, time: float) -> float:
+        """Column of a time on a curve [px]."""
+        return float(axes.transData.transform((time, 0.0))[0])
+
+    def _draw_cursors(self, canvas: Canvas, time: float) -> None:
+        dt, strokes, dots = self._data.flight.measurements[0].dt, [], []
+        for _, axes, curves in self._curves:
+            step = min(int((time - self._data.start) / dt + 1e-9), curves[0][1].size)
+            ends = axes.transData.transform([(time, limit) for limit in axes.get_ylim()])
+            strokes.append(Stroke(self._downward(ends), (*PALE, 0.5), 1.0))
+            for colour, values in curves:
+                if step and np.isfinite(values[step - 1]):
+                    now = axes.transData.transform([(self._data.start + dt * step, values[step - 1])])
+                    dots.append(canvas.disc(self._downward(now)[0], 3.0, colour))
+        canvas.strokes(strokes)
+        canvas.shapes(dots)
+
+    def _downward(self, points: Floats) -> Floats:
+        """Points of the figure, shape (n, 2), counted from the top left [px]."""
+        return np.asarray(points * [1.0, -1.0] + [0.0, self._size[1]])
+
+    def _draw_map(self, canvas: Canvas, state: FrameState, others: Sequence[Floats], trails: Sequence[Trail]) -> None:
+        left, top, width, height = self._map
+        fleet = state.position[:, :2]
+        centre = (fleet.min(axis=0) + fleet.max(axis=0)) / 2 if self._moves else self._centre
+
+        def pixels(points: Floats) -> Floats:
+            shifted = (points[..., :2] - centre) * (width / 2 / self._reach)
+            return np.asarray(shifted * [1.0, -1.0] + [left + width / 2, top + height / 2])
+
+        if self._moves:
+            lines = [Stroke(pixels(points), (*colour[:3], 0.5), 1.2) for points, colour in trails]
+            canvas.strokes(lines, self._map)
+        estimates = [(o.colour, now) for o, now in zip(self._added.others, others, strict=True)]
+        marks = [canvas.diamond(pixels(now), 4.5, colour)
+                 for colour, now in [*estimates, (ESTIMATE, state.estimate[self._follower])]]  # fmt: skip
+        marks += [canvas.disc(at, 3.4, TRUTH if v else LEADER) for v, at in enumerate(pixels(fleet))]
+        canvas.shapes(marks, self._map)
+
+    def _draw_numbers(self, canvas: Canvas, state: FrameState, rays: Sequence[Colour]) -> None:
+        f = self._follower
+        kind, position, bearing = state.fix_kind[f], state.position_error[f], state.bearing_error[f]
+        fix = "–" if kind is None else _FIX_WORDS[kind]
+        e_p = "–" if np.isnan(position) else f"{position:.2f} m"
+        e_b = "–" if np.isnan(bearing) else f"{abs(np.degrees(bearing)):.1f}°"
+        half_axes = SIGMAS * np.sqrt(np.maximum(np.linalg.eigvalsh(state.covariance[f]), 0.0))
+        sigma = "" if np.isnan(position) else format_half_axes(*half_axes[self._short :])
+        numbers: list[tuple[float, float, str, Colour, float]]
+        if self._short:
+            numbers = [(6, 22, clock(state.time), PALE, -18), (34, 50, e_p, ESTIMATE, -14), (6, 108, fix, PALE, 12),
+                       (34, 70, e_b, ESTIMATE, -14), (-6, 89, sigma, ESTIMATE, 12)]  # fmt: skip
+        else:
+            numbers = [(12, 34, clock(state.time), (1, 1, 1), -26), (46, 225, e_p, ESTIMATE, -16),
+                       (-12, 225, e_b, ESTIMATE, -16), (-12, 245, sigma, ESTIMATE, 13),
+                       (-12, 199, fix, PALE, 13)]  # fmt: skip
+            for v, x in ((0, -106.0), (f + 1, -12.0)):
+                pitch = round(float(np.degrees(state.pitch[v])), 1) + 0.0
+                heading = round(float(np.degrees(state.heading[v]))) % 360
+                motion = (f"{-state.position[v, 2]:.1f}", f"{pitch:+.1f}", f"{heading}", f"{state.speed[v]:.1f}")
+                numbers += [(x, y, words, PALE, 13) for (y, _), words in zip(_MOTION, motion, strict=True)]
+            transmitters = self._data.flight.scenario.navigation.transmitters
+            for i in range(transmitters):
+                # names in the colours of the rays, as their legend
+                value, x = state.ranges[f, i], -12.0 - 65.0 * (transmitters - 1 - i)
+                numbers.append((x, 162, _TRANSMITTERS[i], rays[i], 11))
+                numbers.append((x, 180, "–" if np.isnan(value) else f"{value:.2f}", rays[i], 13))
+        for x, y, words, colour, size in numbers:
+            at, side = self._number_place(x, y)
+            canvas.text(at, words, colour, size, f"{side}s")

@@ -6,10 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from sim.film.canvas import Canvas, Colour
-
-Area = tuple[float, float, float, float]
-"""Left, top, width, height [px]."""
+from sim.film.canvas import Canvas, Colour, Place, Shape, Stroke, corners
 
 _SIZE = 13
 _GAP = 3.0
@@ -35,12 +32,12 @@ class Label(NamedTuple):
     """Length of the line to the words [px]; above the point if negative, below it if positive."""
 
 
-def _overlap(a: Area, b: Area) -> bool:
+def _overlap(a: Place, b: Place) -> bool:
     return a[0] < b[0] + b[2] and b[0] < a[0] + a[2] and a[1] < b[1] + b[3] and b[1] < a[1] + a[3]
 
 
-def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Area, Floats]]:
-    """Areas for the words, the most wanted first, with the end of the line that leads there."""
+def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Place, Floats]]:
+    """Places for the words, the most wanted first, with the end of the line that leads there."""
     found = []
     rows = [
         side * label.rise + np.sign(side * label.rise) * _STEP * scale * n for side in (1, -1) for n in range(_ROWS)
@@ -54,7 +51,7 @@ def _places(label: Label, width: float, height: float, scale: float) -> list[tup
     return found
 
 
-def place(labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas) -> list[tuple[Label, Area, Floats]]:
+def place(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> list[tuple[Label, Place, Floats]]:
     """Place labels by a pure function of one frame, so that frames may be drawn in any order.
 
     Args:
@@ -87,14 +84,15 @@ def place(labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas) -> lis
 def plate(canvas: Canvas, words: str, colour: Colour, at: tuple[float, float]) -> None:
     """Words on a dark ground with its upper left corner `at` [px]."""
     gap, (left, top), (width, height) = _GAP * canvas.scale, at, canvas.extent(words, -_SIZE)
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [width + 2 * gap, height + 2 * gap]
-    canvas.shape(corners + np.array(at), _GROUND)
+    canvas.shapes([Shape(corners((left, top, width + 2 * gap, height + 2 * gap)), _GROUND)])
     canvas.text((left + gap, top + gap + height / 2), words, colour, -_SIZE, "lm", moves=True)
 
 
-def draw(labels: Iterable[Label], taken: Iterable[Area], canvas: Canvas) -> None:
+def draw(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> None:
     """Put labels on the canvas, each at the end of a line from its point."""
-    for label, (left, top, _, _), end in place(labels, taken, canvas):
-        start = label.at + canvas.scale * np.array([4.0, 7.5]) * np.sign(end - label.at)
-        canvas.line(np.array([start, end]), (*label.colour[:3], 0.8), 1.2)
+    placed = place(labels, taken, canvas)
+    starts = [label.at + canvas.scale * np.array([4.0, 7.5]) * np.sign(end - label.at) for label, _, end in placed]
+    canvas.strokes([Stroke(np.array([start, end]), (*label.colour[:3], 0.8), 1.2)
+                    for start, (label, _, end) in zip(starts, placed, strict=True)])  # fmt: skip
+    for label, (left, top, _, _), _ in placed:
         plate(canvas, label.words, label.colour, (left, top))

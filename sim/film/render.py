@@ -19,7 +19,7 @@ from laisn.failure import LaisnError
 from laisn.whole_files import replaced, scratch
 from sim.film import graphics
 from sim.film.annotations import NOTHING, Annotations
-from sim.film.studio import GROUP, Job, group_file
+from sim.film.frame_renderer import GROUP, Job, group_file
 from sim.flight import Flight
 from sim.scenario.settings import Video
 from sim.scenario.video import CAMERAS
@@ -27,7 +27,7 @@ from sim.scenario.video import CAMERAS
 Errors = Sequence[tuple[Floats, Floats]]
 Progress = Callable[[float], None]
 
-_IMPORTS = "from pathlib import Path; from sim.film import studio"
+_IMPORTS = "from pathlib import Path; from sim.film import frame_renderer"
 """First line of the program that a child process runs."""
 _STILL_SAMPLES = 4
 _LAST_WORDS = 12
@@ -129,7 +129,7 @@ def _rendered(job: Job, progress: Progress | None) -> Iterator[Path]:
     """A folder with all groups of pictures of the job, rendered by its children."""
     frames, done = job.times.size, 0
     workers = min(job.workers, job.groups)
-    program = f"{_IMPORTS}; studio.main(Path(sys.argv[1]), int(sys.argv[2]))"
+    program = f"{_IMPORTS}; frame_renderer.main(Path(sys.argv[1]), int(sys.argv[2]))"
     with (
         _children(job, [(program, str(w)) for w in range(workers)]) as (folder, children),
         selectors.DefaultSelector() as selector,
@@ -249,7 +249,7 @@ def still(
     start, end = float(flight.trajectory.time[0]), float(flight.trajectory.time[-1])
     if not start <= time_s <= end:
         raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
-    program = f"{_IMPORTS}; studio.main_still(Path(sys.argv[1]), float(sys.argv[2]))"
+    program = f"{_IMPORTS}; frame_renderer.main_still(Path(sys.argv[1]), float(sys.argv[2]))"
     with _children(job, [(program, repr(float(time_s)))]) as (folder, (child,)):
         _require_success(folder, 0, child)
         with replaced(path) as part:

@@ -8,19 +8,14 @@ import numpy as np
 
 from laisn.arrays import Bytes, Floats
 from sim.film import antialiasing, seascape
+from sim.film.annotations import ESTIMATE
 from sim.film.cameras import Shot, View
-from sim.film.footage import Moment
+from sim.film.film_data import FrameState
 from sim.geometry import attitude
 from sim.vehicle.mjcf import THRUSTERS, resolve
 from sim.water.ocean import Ocean
 
 Box = tuple[int, int, int, int]
-
-ESTIMATE = (1.0, 0.25, 0.85)
-"""Colour of what a follower believes."""
-TRANSMITTER_COLOURS = ((0.95, 0.97, 1.0), (0.35, 1.0, 0.55), (0.45, 0.70, 1.0))
-"""Rear, front and middle transmitter and their rays; none is near the leader's orange or a follower's yellow, also to
-colour-blind eyes."""
 
 _WASH = (0.85, 0.97, 1.0)
 _GHOST_ALPHA = 0.30
@@ -55,7 +50,7 @@ def _along(direction: Floats) -> Floats:
     return np.column_stack([x, _cross(direction, x), direction])
 
 
-class Stage:
+class GlScene:
     """Owns the model, the graphics context and the frame buffer. A context manager.
 
     Args:
@@ -107,45 +102,45 @@ class Stage:
         self._context.free()
         self._gl.free()
 
-    def picture(self, moment: Moment, shot: Shot, insets: tuple[Box, ...]) -> Bytes:
-        """Render a moment; insets lie in boxes (left, top, width, height) [px].
+    def picture(self, state: FrameState, shot: Shot, insets: tuple[Box, ...]) -> Bytes:
+        """Render a state; insets lie in boxes (left, top, width, height) [px].
 
         Returns:
             Pixels, bottom row first, shape (height, width, 3); the same array at every call.
         """
-        for vehicle, position, quaternion in zip(self._vehicles, moment.position, moment.quaternion, strict=True):
+        for vehicle, position, quaternion in zip(self._vehicles, state.position, state.quaternion, strict=True):
             self._data.qpos[vehicle.qpos : vehicle.qpos + 3] = position
             self._data.qpos[vehicle.qpos + 3 : vehicle.qpos + 7] = quaternion
         self._sea.show_surface(shot.surface)
         self._fog(*shot.fog)
         # what a wide lens sees before the fog closes lies within this square
         looked_at = shot.view.position + 0.4 * shot.fog[1] * shot.view.axes[2]
-        self._sea.show(looked_at, 0.9 * shot.fog[1], moment.time, moment.film_time, self._context)
+        self._sea.show(looked_at, 0.9 * shot.fog[1], state.time, state.film_time, self._context)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        self._render(moment, shot.view, (0, 0, self.width, self.height))
+        self._render(state, shot.view, (0, 0, self.width, self.height))
         self._fog(*_INSET_FOG)
         # insets look at a hull from above, or from close by
         self._sea.show_surface(False)
         for (view, _), box in zip(shot.insets, insets, strict=True):
             if not self._sea.covers(view.target, 0.8 * _INSET_FOG[1]):
-                self._sea.show(view.target, _INSET_FOG[1], moment.time, moment.film_time, self._context)
+                self._sea.show(view.target, _INSET_FOG[1], state.time, state.film_time, self._context)
                 mujoco.mj_kinematics(self._model, self._data)  # floor and surface have moved
-            self._render(moment, view, box)
+            self._render(state, view, box)
         frame = mujoco.MjrRect(0, 0, self.width, self.height)
         mujoco.mjr_readPixels(self._pixels, None, frame, self._context)
         if self._sampled:
             return self._pixels
         self._smooth[:] = self._pixels
-        self._smooth_hulls(moment, shot.view, (0, 0, self.width, self.height))
+        self._smooth_hulls(state, shot.view, (0, 0, self.width, self.height))
         for (view, _), box in zip(shot.insets, insets, strict=True):
-            self._smooth_hulls(moment, view, box)
+            self._smooth_hulls(state, view, box)
         return self._smooth
 
-    def _smooth_hulls(self, moment: Moment, view: View, box: Box) -> None:
+    def _smooth_hulls(self, state: FrameState, view: View, box: Box) -> None:
         """Smooth the edges of what is seen near a vehicle; all else is water, without edges."""
         left, top, width, height = box
-        pixels, ahead = view.project(moment.position, width, height)
+        pixels, ahead = view.project(state.position, width, height)
         focal = height / 2 / np.tan(np.radians(view.fovy_deg) / 2)
         for (x, y), distance in zip(pixels, ahead, strict=True):
             if distance < -_HULL_REACH_M:
@@ -179,7 +174,7 @@ class Stage:
                 GL.glBindTexture(GL.GL_TEXTURE_2D, int(texture))
                 GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST)
 
-    def _render(self, moment: Moment, view: View, box: Box) -> None:
+    def _render(self, state: FrameState, view: View, box: Box) -> None:
         left, top, width, height = box
         scene, model = self._scene, self._model
         model.vis.global_.fovy = view.fovy_deg
@@ -191,9 +186,9 @@ class Stage:
         for eye in scene.camera:
             eye.pos[:], eye.up[:], eye.forward[:] = view.position, up, forward
         self._add_backdrop(view)
-        self._add_propellers(moment)
-        self._add_wash(moment)
-        self._add_beliefs(moment)
+        self._add_propellers(state)
+        self._add_wash(state)
+        self._add_ghosts(state)
         mujoco.mjr_render(mujoco.MjrRect(left, self.height - top - height, width, height), scene, self._context)
 
     def _add(self, shape: int, size: Floats, at: Floats, turn: Floats, rgba: tuple[float, ...]) -> Any:
@@ -214,27 +209,27 @@ class Stage:
         turn = np.column_stack([right, up, -forward])
         self._add(mujoco.mjtGeom.mjGEOM_BOX.value, size, view.position + distance * forward, turn, (0, 0, 0, 1))
 
-    def _add_propellers(self, moment: Moment) -> None:
+    def _add_propellers(self, state: FrameState) -> None:
         blade = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value
         for v, vehicle_sites in enumerate(self._thruster):
-            turn = _matrix(moment.quaternion[v])
+            turn = _matrix(state.quaternion[v])
             length = 0.055 if v else 0.075
             for b in range(_BLADES):
-                angle = moment.spin[v] + 2 * np.pi * b / _BLADES
+                angle = state.spin[v] + 2 * np.pi * b / _BLADES
                 radial = np.array([0.0, np.cos(angle), np.sin(angle)])
-                at = moment.position[v] + turn @ (vehicle_sites[0] + [-0.045, 0, 0] + length * radial)
+                at = state.position[v] + turn @ (vehicle_sites[0] + [-0.045, 0, 0] + length * radial)
                 # pitched blades: twisted 35° about their own length
                 across = _cross(radial, np.array([1.0, 0, 0]))
                 chord = 0.82 * across + 0.57 * np.array([1.0, 0, 0])
                 frame = turn @ np.column_stack([chord, _cross(radial, chord), radial])
                 self._add(blade, np.array([0.4 * length, 0.006, length]), at, frame, (0.72, 0.58, 0.30, 1.0))
 
-    def _add_wash(self, moment: Moment) -> None:
+    def _add_wash(self, state: FrameState) -> None:
         """Water set in motion: a plume against the thrust, as long and bright as the root of its share of the limit."""
         plume = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value
         for v, sites in enumerate(self._thruster):
-            turn = _matrix(moment.quaternion[v])
-            for site, thrust, limit, axis in zip(sites, moment.thrust[v], self._limit[v], _AXES, strict=True):
+            turn = _matrix(state.quaternion[v])
+            for site, thrust, limit, axis in zip(sites, state.thrust[v], self._limit[v], _AXES, strict=True):
                 share = min(1.0, float(np.sqrt(abs(thrust) / limit)))
                 if share < 0.05:
                     continue
@@ -242,17 +237,17 @@ class Stage:
                 outside = 0.1 if axis[0] == 0 else 0.06
                 length = 0.55 * share
                 half = length / 2
-                at = moment.position[v] + turn @ (site + (outside + half) * direction)
+                at = state.position[v] + turn @ (site + (outside + half) * direction)
                 size = np.array([0.05, 0.05, half])
                 geom = self._add(plume, size, at, _along(turn @ direction), (*_WASH, 0.28 * share))
                 if geom is not None:
                     geom.emission = 0.8
 
-    def _add_beliefs(self, moment: Moment) -> None:
-        """A ghost hull where each follower believes to be."""
+    def _add_ghosts(self, state: FrameState) -> None:
+        """A ghost hull at each follower's estimate."""
         scene = self._scene
         drawn = scene.ngeom
-        shift = moment.estimate - moment.hydrophone
+        shift = state.estimate - state.hydrophone
         # hull and ghost in one place would hide each other
         alpha = _GHOST_ALPHA * np.minimum(1.0, np.linalg.norm(shift, axis=1) / _GHOST_FULL_M)
         seen = {vehicle.body: f for f, vehicle in enumerate(self._vehicles[1:]) if alpha[f] > _GHOST_LEAST}

@@ -48,7 +48,7 @@ def test_an_edit_of_what_computes_makes_another_version(tree: Path, unedited: st
 
 
 def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
-    modules = ("film/studio", "film/render", "film/overlay", "film/scene", "film/graphics", "log/writer", "log/scene")
+    modules = ("film/frame_renderer", "film/render", "film/overlay", "film/scene", "log/writer", "log/scene")
     others = ("pages/page.py", "command/cli.py", "pages/flight_report.py", "pages/templates/page.css",
               "reproduction/data/published_tables.csv")  # fmt: skip
     edited = [*(f"sim/{name}.py" for name in modules), *(f"experiments/{name}" for name in others)]

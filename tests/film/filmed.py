@@ -1,13 +1,13 @@
 """What tests of the film share: errors and settings of small films, and a canvas that keeps what is drawn."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from laisn.arrays import Floats
 from sim.film import canvas
-from sim.film.canvas import Canvas, Colour
-from sim.film.labels import Area
+from sim.film.canvas import Canvas, Colour, Place, Shape, Stroke
 from sim.scenario.settings import Video
 
 WHITE: Colour = (1.0, 1.0, 1.0)
@@ -19,17 +19,17 @@ class Notebook(Canvas):
     def __init__(self, width: int = 1280, height: int = 720) -> None:
         super().__init__(width, height)
         self.lines: list[Floats] = []
-        self.dots: list[Floats] = []
+        self.polygons: list[Floats] = []
         self.words: list[str] = []
-        self.boxes: list[Area] = []
+        self.boxes: list[Place] = []
         """What the words take."""
         self.sizes: list[float] = []
 
-    def line(self, points: Floats, colour: Colour, width: float = 2.0, dash: tuple[float, ...] | None = None) -> None:
-        self.lines.append(np.array(points))
+    def strokes(self, strokes: Sequence[Stroke], box: Place | None = None) -> None:
+        self.lines += [np.array(stroke.points) for stroke in strokes]
 
-    def dot(self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None) -> None:
-        self.dots.append(np.array(at))
+    def shapes(self, shapes: Sequence[Shape], box: Place | None = None) -> None:
+        self.polygons += [np.array(shape.points) for shape in shapes]
 
     def text(
         self,
@@ -48,7 +48,7 @@ class Notebook(Canvas):
         self.sizes.append(font.size)
 
 
-def overlap(a: Area, b: Area) -> bool:
+def overlap(a: Place, b: Place) -> bool:
     return not (a[0] + a[2] <= b[0] or b[0] + b[2] <= a[0] or a[1] + a[3] <= b[1] or b[1] + b[3] <= a[1])
 
 

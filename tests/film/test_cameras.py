@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim.film.cameras import Director, View
-from sim.film.footage import Footage
+from sim.film.cameras import CameraRig, View
+from sim.film.film_data import FilmData
 from tests.film.filmed import errors_of
 
 
@@ -35,12 +35,12 @@ def test_a_camera_cannot_stand_on_its_target():
 
 @pytest.mark.parametrize("camera", ["chase", "top", "pip", "side", "profile", "orbit"])
 def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
-    footage = Footage(flight, errors_of(flight), 20.0)
-    director = Director(footage, 0, 16 / 9)
+    data = FilmData(flight, errors_of(flight), 20.0)
+    rig = CameraRig(data, 0, 16 / 9)
     for t in np.linspace(0.0, 60.0, 25):
-        moment = footage.at(t)
-        shot = director.shot(camera, moment)
-        pixels, ahead = shot.view.project(moment.position, 1280, 720)
+        state = data.at(t)
+        shot = rig.shot(camera, state)
+        pixels, ahead = shot.view.project(state.position, 1280, 720)
         assert (ahead > 0.5).all()
         assert (pixels >= 0).all()
         assert (pixels <= [1280, 720]).all()
@@ -57,12 +57,12 @@ def test_the_chasing_camera_keeps_the_estimate_clear_of_the_panels(flight, aside
     state = found.state.copy()
     state[:, :2] = flight.hydrophone(0)[:, :2] + aside * right
     parted = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
-    footage = Footage(parted, errors_of(parted), 20.0)
-    director = Director(footage, 0, 16 / 9)
+    data = FilmData(parted, errors_of(parted), 20.0)
+    rig = CameraRig(data, 0, 16 / 9)
     for t in np.linspace(5.0, 55.0, 11):
-        moment = footage.at(t)
-        view = director.shot("chase", moment).view
-        pixels, _ = view.project(np.stack([moment.hydrophone[0], moment.estimate[0]]), 1280, 720)
+        state = data.at(t)
+        view = rig.shot("chase", state).view
+        pixels, _ = view.project(np.stack([state.hydrophone[0], state.estimate[0]]), 1280, 720)
         # panels take the left, and the upper and lower right corners
         assert (pixels[:, 0] > 308).all()
         assert (pixels[:, 0] < 1032).all()

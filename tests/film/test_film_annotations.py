@@ -21,11 +21,10 @@ from experiments.command.cli import app
 from laisn.geometry import horizontal_range
 from sim.excerpt import excerpt
 from sim.film import graphics, render
-from sim.film.annotations import NOTHING, Annotations, OtherEstimate, RayErrors, diverging
-from sim.film.cameras import Director
-from sim.film.footage import Footage
-from sim.film.scene import ESTIMATE
-from sim.film.studio import Job
+from sim.film.annotations import ESTIMATE, NOTHING, Annotations, OtherEstimate, RayErrors, diverging
+from sim.film.cameras import CameraRig
+from sim.film.film_data import FilmData
+from sim.film.frame_renderer import Job
 from sim.scenario.settings import Video
 from sim.trajectory import leveled
 
@@ -92,17 +91,17 @@ def test_annotations_that_do_not_fit_are_refused(flight, tmp_path):
 
 
 def test_positions_between_steps_lie_on_the_line_between_them(flight):
-    footage = Footage(flight, errors_of(flight), 4.0)
+    data = FilmData(flight, errors_of(flight), 4.0)
     n = np.arange(1.0, 601.0)
-    places = footage.on_plane(0, np.stack([n, -2 * n], axis=1), np.array([0.0, 10.0, 10.05, 60.0]))
+    places = data.on_plane(0, np.stack([n, -2 * n], axis=1), np.array([0.0, 10.0, 10.05, 60.0]))
     assert_allclose(places[:, 0], [1.0, 100.0, 100.5, 600.0])
     assert_allclose(places[:, 1], -2 * places[:, 0])
-    assert_allclose(places[1:, 2], [footage.at(t).hydrophone[0, 2] for t in (10.0, 10.05, 60.0)])
+    assert_allclose(places[1:, 2], [data.at(t).hydrophone[0, 2] for t in (10.0, 10.05, 60.0)])
 
 
 def test_a_moment_knows_its_message(flight):
-    footage = Footage(flight, errors_of(flight), 4.0)
-    assert [footage.at(t).message[0] for t in (0.5, 1.0, 1.95, 2.0, 60.0)] == [-1, 0, 0, 1, 59]
+    data = FilmData(flight, errors_of(flight), 4.0)
+    assert [data.at(t).message[0] for t in (0.5, 1.0, 1.95, 2.0, 60.0)] == [-1, 0, 0, 1, 59]
 
 
 # excerpt
@@ -112,8 +111,8 @@ def test_an_excerpt_shows_what_the_whole_shows(flight):
     part = excerpt(flight, 20.0, 41.0)
     assert_allclose(part.trajectory.time[[0, -1]], [20.0, 41.0])
     assert part.measurements[0].speed.size == 210
-    whole = Footage(flight, errors_of(flight), 4.0)
-    cut = Footage(part, errors_of(part), 4.0)
+    whole = FilmData(flight, errors_of(flight), 4.0)
+    cut = FilmData(part, errors_of(part), 4.0)
     for time in (21.0, 30.03, 41.0):
         there, here = whole.at(time), cut.at(time)
         for name in ("position", "quaternion", "estimate", "covariance", "ray", "ranges", "position_error"):
@@ -152,10 +151,10 @@ def added(flight):
 TOGETHER = """
 import pickle
 import numpy as np
-from sim.film.studio import Studio, open_stage
+from sim.film.frame_renderer import FrameRenderer, open_scene
 jobs, when = pickle.load(open(sys.argv[1], "rb"))
-with open_stage(jobs["plain"]) as stage:
-    np.savez(sys.argv[2], **{name: Studio(job, stage).frame(when, title=False) for name, job in jobs.items()})
+with open_scene(jobs["plain"]) as scene:
+    np.savez(sys.argv[2], **{name: FrameRenderer(job, scene).frame(when, title=False) for name, job in jobs.items()})
 """
 
 
@@ -179,13 +178,13 @@ def shown(flight, tmp_path_factory):
 def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(flight, shown, camera):
     when, video, errors = WHEN, Video(camera=camera), errors_of(flight)
     image = shown[camera]
-    footage = Footage(flight, errors, video.speed_up)
-    moment = footage.at(when)
-    view = Director(footage, 0, 1280 / 720).shot(camera, moment).view
-    (place,), _ = view.project(moment.hydrophone[0] + [2.5, 0.0, 0.0], 1280, 720)
+    data = FilmData(flight, errors, video.speed_up)
+    state = data.at(when)
+    view = CameraRig(data, 0, 1280 / 720).shot(camera, state).view
+    (place,), _ = view.project(state.hydrophone[0] + [2.5, 0.0, 0.0], 1280, 720)
     assert_allclose(colour_near(image, place), 255 * np.array(COLOUR), atol=12)
     # transmitters lie under nothing, in the colours of their rays
-    ends, _ = view.project(moment.transmitter, 1280, 720)
+    ends, _ = view.project(state.transmitter, 1280, 720)
     rear, front = (colour_near(image, end, radius=0) for end in ends[:2])
     assert_allclose(rear, 255 * diverging(-1.0), atol=30)
     assert_allclose(front, 255 * diverging(1.0), atol=30)

@@ -7,11 +7,10 @@ import pytest
 from synthetic import make_flight
 
 from sim.film.annotations import NOTHING
-from sim.film.cameras import Director, View
-from sim.film.footage import Footage
-from sim.film.formation import marks
-from sim.film.formation.stations import Stations
-from sim.film.overlay import Overlay, _metres_per_pixel
+from sim.film.cameras import CameraRig, View
+from sim.film.film_data import FilmData
+from sim.film.formation import Stations, dashes, nearest, station_rings
+from sim.film.overlay import Overlay, metres_per_pixel
 from sim.flight import Flight
 from sim.scenario.formation import Station
 from sim.scenario.settings import Follower
@@ -28,9 +27,9 @@ def in_formation() -> Flight:
     return dataclasses.replace(flight, scenario=scenario)
 
 
-def footage_of(flight: Flight) -> Footage:
+def film_data_of(flight: Flight) -> FilmData:
     n = flight.measurements[0].speed.size
-    return Footage(flight, [(np.zeros(n), np.zeros(n))] * len(flight.estimates), 20.0)
+    return FilmData(flight, [(np.zeros(n), np.zeros(n))] * len(flight.estimates), 20.0)
 
 
 def test_a_station_straight_behind_is_where_the_leader_was() -> None:
@@ -46,23 +45,23 @@ def test_a_station_straight_behind_is_where_the_leader_was() -> None:
 def test_the_distance_from_a_station_is_that_of_the_hydrophone() -> None:
     flight = in_formation()
     stations = Stations(flight)
-    off = stations.off(1)
+    off = stations.error(1)
     assert off is not None
     # step k = 400 is at 40 s
     expected = np.hypot(*(flight.hydrophone(1)[399] - stations.at(40.0)[1])[:2])
     assert off[399] == pytest.approx(expected, abs=1e-9)
-    assert stations.off(0) is None
+    assert stations.error(0) is None
 
 
 def test_the_nearest_pair_is_joined_from_one_to_the_other() -> None:
     """Of points 9 m apart in a row the last is 2 m above the second."""
     points = np.array([[0.0, 0, 0], [9.0, 0, 0], [18.0, 0, 0], [9.0, 0, 2.0]])
-    pair = marks.nearest(points)
+    pair = nearest(points)
     np.testing.assert_array_equal(pair, points[[1, 3]])
-    dashes = [mark.points for mark in marks.between(pair)]
-    np.testing.assert_allclose([dashes[0][0], dashes[-1][-1]], pair)
+    drawn = dashes(pair, 7)
+    np.testing.assert_allclose([drawn[0][0], drawn[-1][-1]], pair)
     # as much water as line, but for the ends
-    assert sum(np.linalg.norm(b - a) for a, b in dashes) == pytest.approx(2.0 * 7 / 13)
+    assert sum(np.linalg.norm(b - a) for a, b in drawn) == pytest.approx(2.0 * 7 / 13)
 
 
 @pytest.mark.parametrize("away", [4.0, 400.0])
@@ -70,7 +69,7 @@ def test_a_ring_lies_about_the_station_and_can_be_seen_from_afar(away: float) ->
     """A metre wide, or so wide that it has 9 pixels of a frame of 720 rows, which sees 45°."""
     station = np.array([3.0, -8.0, -12.0])
     view = View(position=station + np.array([0.0, 0.0, away]), target=station, up=np.array([0.0, 1.0, 0.0]))
-    ring = marks.of_stations(station[None], station[None], lambda place: _metres_per_pixel(view, place))[0].points
+    ring = station_rings(station[None], station[None], lambda at: metres_per_pixel(view, at))[0].points
     np.testing.assert_allclose(ring[:-1].mean(axis=0), station, atol=1e-9)
     pixels, _ = view.project(ring, 1280, 720)
     seen = np.hypot(*(pixels - [640, 360]).T)
@@ -80,12 +79,12 @@ def test_a_ring_lies_about_the_station_and_can_be_seen_from_afar(away: float) ->
 def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
     """On a black picture a ring is bright in the colour of stations, and the labels tell distances."""
     flight = in_formation()
-    footage = footage_of(flight)
-    overlay = Overlay(footage, 1, (1280, 720), 3.0, NOTHING)
-    moment = footage.at(30.0)
-    shot = Director(footage, 1, 16 / 9).shot("top", moment)
+    data = film_data_of(flight)
+    overlay = Overlay(data, 1, (1280, 720), 3.0, NOTHING)
+    state = data.at(30.0)
+    shot = CameraRig(data, 1, 16 / 9).shot("top", state)
     overlay.canvas.load(np.zeros((720, 1280, 3), dtype=np.uint8))
-    overlay.draw(moment, shot, title=False)
+    overlay.draw(state, shot, title=False)
     stations = Stations(flight).at(30.0)
     (centre,), (ahead,) = shot.view.project(stations[1], 1280, 720)
     angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
@@ -98,10 +97,10 @@ def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
         lit += bool(((blue > 0.5) & (blue > 1.5 * red)).any())
     # trails and labels cover a few places of it
     assert lit > 24
-    off = float(np.hypot(*(stations[1] - moment.hydrophone[1])[:2]))
-    words = [label.words for label in overlay._labels(moment, shot.view)]
+    off = float(np.hypot(*(stations[1] - state.hydrophone[1])[:2]))
+    words = [label.words for label in overlay._labels(state, shot.view)]
     assert f"station, {off:.1f} m off" in words
     # lanes of followers are 9 m apart, each a metre deeper, and the leader is farther off: √82 m, but for a wobble
     assert "9.1 m apart, the nearest" in words
-    others = [label.words for label in Overlay(footage, 0, (1280, 720), 3.0, NOTHING)._labels(moment, shot.view)]
+    others = [label.words for label in Overlay(data, 0, (1280, 720), 3.0, NOTHING)._labels(state, shot.view)]
     assert not [word for word in others if word.startswith("station")]

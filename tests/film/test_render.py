@@ -14,12 +14,11 @@ import pytest
 from PIL import Image
 
 from sim.film import graphics, render
-from sim.film.cameras import Director
-from sim.film.footage import Footage
-from sim.film.overlay import TRUTH
-from sim.film.scene import ESTIMATE
+from sim.film.annotations import ESTIMATE, TRUTH
+from sim.film.cameras import CameraRig
+from sim.film.film_data import FilmData
+from sim.film.frame_renderer import GROUP, Job
 from sim.film.seascape import WATER
-from sim.film.studio import GROUP, Job
 from sim.scenario.settings import Video
 from sim.scenario.video import CAMERAS
 from tests.film.filmed import apart, errors_of, small
@@ -85,11 +84,11 @@ def test_a_still_shows_markers_where_the_vehicles_are_and_no_band_at_the_horizon
     assert [p.name for p in tmp_path.iterdir()] == ["still.png"]
     image = Image.open(path)
     assert image.size == (1280, 720)
-    footage = Footage(shifted, errors, video.speed_up)
-    moment = footage.at(when)
-    view = Director(footage, 0, 1280 / 720).shot("chase", moment).view
-    (truth,), _ = view.project(moment.hydrophone, 1280, 720)
-    (belief,), _ = view.project(moment.estimate, 1280, 720)
+    data = FilmData(shifted, errors, video.speed_up)
+    state = data.at(when)
+    view = CameraRig(data, 0, 1280 / 720).shot("chase", state).view
+    (truth,), _ = view.project(state.hydrophone, 1280, 720)
+    (belief,), _ = view.project(state.estimate, 1280, 720)
     np.testing.assert_allclose(colour_near(image, truth), 255 * np.array(TRUTH), atol=12)
     np.testing.assert_allclose(colour_near(image, belief), 255 * np.array(ESTIMATE), atol=12)
     # open water between the panels: the level line has the colour of the water, and fades into it without a step
@@ -112,19 +111,19 @@ def test_every_camera_gives_a_picture_and_the_same_one_every_time(flight, tmp_pa
 import dataclasses, pickle
 import numpy as np
 from sim.scenario.video import CAMERAS
-from sim.film.studio import Studio, open_stage
+from sim.film.frame_renderer import FrameRenderer, open_scene
 job = pickle.load(open(sys.argv[1], "rb"))
 pictures = {}
-with open_stage(job) as stage:
+with open_scene(job) as scene:
     for camera in CAMERAS:
-        studio = Studio(dataclasses.replace(job, video=job.video.model_copy(update={"camera": camera})), stage)
-        first = studio.frame(20.0).copy()
-        studio.frame(35.0)
-        assert np.array_equal(first, studio.frame(20.0)), camera
+        renderer = FrameRenderer(dataclasses.replace(job, video=job.video.model_copy(update={"camera": camera})), scene)
+        first = renderer.frame(20.0).copy()
+        renderer.frame(35.0)
+        assert np.array_equal(first, renderer.frame(20.0)), camera
         pictures[camera] = first
     # floor and surface move on by whole tiles as the camera travels, here after 11 s: that must not show
-    studio = Studio(job, stage)
-    frames = [studio.frame(t)[..., :3].astype(int) for t in np.arange(5.0, 25.0, 0.6667)]
+    renderer = FrameRenderer(job, scene)
+    frames = [renderer.frame(t)[..., :3].astype(int) for t in np.arange(5.0, 25.0, 0.6667)]
     pictures["steps"] = np.array([np.abs(b - a).mean() for a, b in zip(frames[:-1], frames[1:])])
 np.savez(sys.argv[2], **pictures)
 """
@@ -214,8 +213,8 @@ from synthetic import make_flight
 from sim.film import render
 from sim.scenario.settings import Video
 # one that is never done, and has nothing to load
-render._IMPORTS = "import os, sys, time; from pathlib import Path; studio = time; " + \
-    "studio.main = lambda *_: (os.write(sys.stdout.fileno(), b'.'), time.sleep(60))"
+render._IMPORTS = "import os, sys, time; from pathlib import Path; frame_renderer = time; " + \
+    "frame_renderer.main = lambda *_: (os.write(sys.stdout.fileno(), b'.'), time.sleep(60))"
 flight = make_flight(10.0)
 errors = [(np.zeros(100), np.zeros(100))]
 def progress(share):

@@ -21,7 +21,7 @@ from laisn.settings import NavigationSettings
 from laisn.tight.estimates import TightEstimates
 from laisn.tight.settings import TightSettings
 from sim.excerpt import excerpt
-from sim.film.footage import Footage
+from sim.film.film_data import FilmData
 from sim.flight import SLIP_M_SQRT_S, Flight, laisn_settings, navigate, navigation_settings
 from sim.log import reader, writer
 from sim.log.file import LogError
@@ -166,14 +166,14 @@ def test_an_excerpt_keeps_the_mixtures_of_its_messages(flight: Flight) -> None:
 
 
 def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: Flight, errors: list[Any]) -> None:
-    footage, estimates = Footage(flight, errors, 10.0), estimates_of(flight)
+    data, estimates = FilmData(flight, errors, 10.0), estimates_of(flight)
     several = 0
     for time in np.arange(1.05, 40.0, 1.7):
-        moment = footage.at(float(time))
-        (sides,) = moment.sides
+        state = data.at(float(time))
+        (sides,) = state.hypotheses
         weight, places = np.array([s.weight for s in sides]), np.stack([s.centre for s in sides])
         # those of less than a hundredth are left out
-        assert np.hypot(*((weight @ places) / weight.sum() - moment.estimate[0])[:2]) < 0.5
+        assert np.hypot(*((weight @ places) / weight.sum() - state.estimate[0])[:2]) < 0.5
         several += len(sides) > 1
     assert several > 3
     assert estimates.weight.shape[1] == 4

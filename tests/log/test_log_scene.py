@@ -10,7 +10,7 @@ import pytest
 from synthetic import make_flight, messages, short_flight, write_log
 
 import models
-from sim.film import panels, scene
+from sim.film import annotations as film
 from sim.flight import Flight
 from sim.geometry.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
 from sim.log.contents import contents
@@ -144,5 +144,5 @@ def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(followers:
 
 
 def test_the_layout_has_the_colours_of_the_film() -> None:
-    for written, (r, g, b) in ((LEADER, panels.LEADER), (FOLLOWER, panels.TRUTH), (ESTIMATE, scene.ESTIMATE)):
+    for written, (r, g, b) in ((LEADER, film.LEADER), (FOLLOWER, film.TRUTH), (ESTIMATE, film.ESTIMATE)):
         np.testing.assert_allclose([int(written[i : i + 2], 16) for i in (1, 3, 5)], 255 * np.array([r, g, b]), atol=1)

@@ -11,8 +11,7 @@ from experiments.pages import figures, flight_figures
 from experiments.pages.flight_figures import without_wraps
 from experiments.pages.flight_report import flight_report
 from experiments.pages.style import ESTIMATE, FOLLOWER, FRONT, LEADER, MIDDLE, TRANSMITTERS
-from sim.film import panels as filmed
-from sim.film import scene
+from sim.film import annotations as film
 from sim.flight import Outcome
 from tests.pages.markup import checked
 from tests.synthetic import make_flight
@@ -102,11 +101,11 @@ def test_a_transmitter_that_is_not_used_is_not_drawn(tmp_path, variant, transmit
 @pytest.mark.parametrize(
     ("colour", "filmed"),
     [
-        (LEADER, filmed.LEADER),
-        (FOLLOWER, filmed.TRUTH),
-        (ESTIMATE, scene.ESTIMATE),
-        (FRONT, scene.TRANSMITTER_COLOURS[1]),
-        (MIDDLE, scene.TRANSMITTER_COLOURS[2]),
+        (LEADER, film.LEADER),
+        (FOLLOWER, film.TRUTH),
+        (ESTIMATE, film.ESTIMATE),
+        (FRONT, film.TRANSMITTER_COLOURS[1]),
+        (MIDDLE, film.TRANSMITTER_COLOURS[2]),
     ],
 )
 def test_pages_have_the_hues_of_the_film(colour, filmed):

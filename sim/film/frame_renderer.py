@@ -3,7 +3,7 @@
 import os
 import pickle
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -14,12 +14,11 @@ from PIL import Image
 
 from laisn.arrays import Bytes, Floats
 from sim.assembly import models_of, ocean_of
-from sim.film import pixels
 from sim.film.annotations import NOTHING, Annotations
-from sim.film.cameras import Director
-from sim.film.footage import Footage
+from sim.film.cameras import CameraRig
+from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
-from sim.film.scene import Stage
+from sim.film.scene import GlScene
 from sim.flight import Flight
 from sim.scenario.settings import Video
 
@@ -66,65 +65,68 @@ class Job:
         return -(-self.times.size // GROUP)
 
 
-class Studio:
-    """Stage, cameras and overlay of one film, put together; a context manager through its stage.
+class FrameRenderer:
+    """Scene, cameras and overlay of one film, put together.
 
     Args:
         job: the film.
-        stage: the open stage.
+        scene: the open scene.
     """
 
-    def __init__(self, job: Job, stage: Stage) -> None:
+    def __init__(self, job: Job, scene: GlScene) -> None:
         video = job.video
         size = (video.width_px, video.height_px)
-        self._footage = Footage(job.flight, job.errors, video.speed_up)
-        self._director = Director(self._footage, job.follower, size[0] / size[1])
+        self._data = FilmData(job.flight, job.errors, video.speed_up)
+        self._cameras = CameraRig(self._data, job.follower, size[0] / size[1])
         film_s = job.times.size / video.frame_rate_hz
-        self._overlay = Overlay(self._footage, job.follower, size, film_s, job.annotations)
-        self._stage, self._camera = stage, video.camera
+        self._overlay = Overlay(self._data, job.follower, size, film_s, job.annotations)
+        self._scene, self._camera = scene, video.camera
 
     def frame(self, time: float, title: bool = True) -> Bytes:
-        """The frame at `time` [s] of the mission, top row first, shape (height, width, 4); reused at every call."""
-        moment = self._footage.at(time)
-        shot = self._director.shot(self._camera, moment)
-        picture = self._stage.picture(moment, shot, self._overlay.inset_boxes(shot))
-        self._overlay.canvas.load(picture)
-        self._overlay.draw(moment, shot, title)
+        """The frame at mission time `time` [s], top row first, shape (height, width, 4); reused at every call."""
+        state = self._data.at(time)
+        shot = self._cameras.shot(self._camera, state)
+        self._overlay.canvas.load(self._scene.picture(state, shot, self._overlay.inset_boxes(shot)))
+        self._overlay.draw(state, shot, title)
         return self._overlay.canvas.pixels
 
 
-def open_stage(job: Job) -> Stage:
-    """The stage for a job, in this process."""
-    size = (job.video.width_px, job.video.height_px)
-    scenario = job.flight.scenario
-    return Stage(job.flight.trajectory.names, models_of(scenario), ocean_of(scenario), size, job.samples)
+def open_scene(job: Job) -> GlScene:
+    """The scene for a job, in this process."""
+    size, scenario = (job.video.width_px, job.video.height_px), job.flight.scenario
+    return GlScene(job.flight.trajectory.names, models_of(scenario), ocean_of(scenario), size, job.samples)
 
 
-def encoder(video: Video) -> Any:
-    """An H.264 encoder for one group of pictures: Annex B, no B-frames, a packet for each frame."""
+def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
+    """Encode one group of pictures.
+
+    Args:
+        frames: shape (height, width, 4) each.
+        video: size and frame rate.
+
+    Returns:
+        H.264 access units, one for each frame: Annex B, no B-frames, ITU-R BT.709 in limited range.
+    """
     # codecs are for children: whoever starts them imports this file too
     import av
+    from av.video.reformatter import VideoReformatter
 
-    codec = av.CodecContext.create("libx264", "w")
+    codec: Any = av.CodecContext.create("libx264", "w")
     codec.width, codec.height, codec.pix_fmt = video.width_px, video.height_px, "yuv420p"
-    codec.time_base = Fraction(1, video.frame_rate_hz)
     codec.framerate = Fraction(video.frame_rate_hz)
+    codec.time_base = 1 / codec.framerate
     codec.colorspace = codec.color_primaries = codec.color_trc = _BT709
     codec.color_range = _LIMITED
     codec.options = _X264
-    return codec
-
-
-def encode(frames: Iterator[Bytes], video: Video) -> Iterator[bytes]:
-    """Access units of one group of pictures, in Annex B form, one for each frame."""
-    # as in `encoder`
-    import av
-
-    codec = encoder(video)
-    planes = np.empty((video.height_px * 3 // 2, video.width_px), np.uint8)
-    for number, shown in enumerate(frames):
-        pixels.to_yuv420(shown, planes)
-        picture = av.VideoFrame.from_ndarray(planes, format="yuv420p")
+    # one for all frames: a new one costs a millisecond
+    reformatter = VideoReformatter()
+    for number, pixels in enumerate(frames):
+        picture = reformatter.reformat(
+            av.VideoFrame.from_ndarray(pixels, format="rgba"),
+            format="yuv420p",
+            dst_colorspace=_BT709,
+            dst_color_range=_LIMITED,
+        )
         picture.pts, picture.time_base = number, codec.time_base
         yield from (bytes(packet) for packet in codec.encode(picture))
     yield from (bytes(packet) for packet in codec.encode(None))
@@ -140,16 +142,16 @@ def main(folder: Path, worker: int) -> None:
     job: Job = pickle.loads((folder / "job").read_bytes())
     times = job.times
 
-    def frames(studio: Studio, group: int) -> Iterator[Bytes]:
+    def frames(renderer: FrameRenderer, group: int) -> Iterator[Bytes]:
         for time in times[group * GROUP : (group + 1) * GROUP]:
-            yield studio.frame(float(time))
+            yield renderer.frame(float(time))
             # a parent that is gone ends the child here
             os.write(sys.stdout.fileno(), b".")
 
-    with open_stage(job) as stage:
-        studio = Studio(job, stage)
+    with open_scene(job) as scene:
+        renderer = FrameRenderer(job, scene)
         for group in range(worker, job.groups, job.workers):
-            units = list(encode(frames(studio, group), job.video))
+            units = list(encode(frames(renderer, group), job.video))
             # the name appears when the content is whole
             part = folder / f"{worker}.part"
             part.write_bytes(pickle.dumps(units))
@@ -159,6 +161,6 @@ def main(folder: Path, worker: int) -> None:
 def main_still(folder: Path, time: float) -> None:
     """Render one frame of the job in `folder` into its file "still.png"."""
     job: Job = pickle.loads((folder / "job").read_bytes())
-    with open_stage(job) as stage:
-        shown = Studio(job, stage).frame(time, title=False)
-        Image.fromarray(shown).convert("RGB").save(folder / "still.png")
+    with open_scene(job) as scene:
+        pixels = FrameRenderer(job, scene).frame(time, title=False)
+        Image.fromarray(pixels).convert("RGB").save(folder / "still.png")

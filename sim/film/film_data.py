@@ -1,4 +1,4 @@
-"""What a film shows of a flight at any instant: a pure function of time, so that frames may be made in any order."""
+"""What a film shows of a flight at any instant: a pure function of time, so that frames may be drawn in any order."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,8 +25,8 @@ _SPIN_RAD_S_N = 1.6
 """Turning rate of a drawn propeller, in film time, for one √N of thrust; slow enough for the eye."""
 
 
-class Side(NamedTuple):
-    """One of the places where a follower believes that it may be."""
+class Hypothesis(NamedTuple):
+    """One component of a follower's position estimate."""
 
     weight: float
     centre: Floats
@@ -36,7 +36,7 @@ class Side(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Moment:
+class FrameState:
     """Everything one frame shows; v vehicles, f followers. Angles in [rad]."""
 
     time: float
@@ -65,8 +65,8 @@ class Moment:
     """Estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar."""
     covariance: Floats
     """Covariance of the estimated position, shape (f, 2, 2), [m²]."""
-    sides: tuple[tuple[Side, ...], ...]
-    """Where else the follower may be, as it believes, per follower; its one estimate if it believes in one place."""
+    hypotheses: tuple[tuple[Hypothesis, ...], ...]
+    """Hypotheses of each follower's position; the estimate alone if there is only one."""
     ray: Floats
     """Strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)."""
     ranges: Floats
@@ -74,14 +74,14 @@ class Moment:
     message: Ints
     """Index of the last message, shape (f,); -1 before the first."""
     fix_kind: tuple[FixKind | None, ...]
-    """What became of the last message, per follower."""
+    """Outcome of the last message, per follower."""
     position_error: Floats
     """E_P, shape (f,), [m]; NaN before the first step."""
     bearing_error: Floats
     """E_B, shape (f,); NaN before the first step."""
 
 
-class Footage:
+class FilmData:
     """A flight, ready to be filmed.
 
     Args:
@@ -113,11 +113,10 @@ class Footage:
         main = truth.thrust[..., 0]
         rate = _SPIN_RAD_S_N * np.sign(main) * np.sqrt(np.abs(main))
         self._spin = np.cumsum(rate, axis=0) * truth.dt / speed_up
-        self._believed: dict[int, Floats] = {}
         self._trail_every = max(1, round(_TRAIL_POINT_S * speed_up / truth.dt))
 
-    def at(self, time: float) -> Moment:
-        """The moment `time` [s] of the mission.
+    def at(self, time: float) -> FrameState:
+        """State at mission time `time` [s].
 
         Raises:
             ValueError: the time lies outside the mission.
@@ -128,12 +127,15 @@ class Footage:
         sites = position[truth.site_vehicle] + attitude.rotate(quaternion[truth.site_vehicle], truth.site_offset)
         place = (time - self.start) / truth.dt
         i = min(round(place), truth.time.size - 1)
+        j, u = min(int(place), truth.time.size - 1), place % 1.0
         k = min(int((time - self.start) / self._dt + 1e-9), self.position_error.shape[1])
         followers = range(len(self._hydrophones))
         hydrophone = sites[self._hydrophones]
+        now = np.array([time])
+        estimate = np.array([[*self._estimate(f, now)[0], hydrophone[f, 2]] for f in followers])
         ray, ranges, message, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
         before = k == 0
-        return Moment(
+        return FrameState(
             time=time,
             film_time=(time - self.start) / self.speed_up,
             position=position,
@@ -142,11 +144,11 @@ class Footage:
             pitch=attitude.pitch(quaternion),
             speed=truth.forward_speed[i],
             thrust=truth.thrust[i],
-            spin=np.array([np.interp(place, np.arange(s.size), s) for s in self._spin.T]),
+            spin=(1 - u) * self._spin[j] + u * self._spin[min(j + 1, truth.time.size - 1)],
             transmitter=sites[self._transmitters],
             hydrophone=hydrophone,
-            estimate=np.stack([self._estimate(f, time, float(hydrophone[f, 2])) for f in followers]),
-            sides=tuple(self._sides(f, max(k, 1), time, float(hydrophone[f, 2])) for f in followers),
+            estimate=estimate,
+            hypotheses=tuple(self._hypotheses(f, max(k, 1), estimate[f]) for f in followers),
             covariance=np.stack([self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]),
             ray=np.stack(ray),
             ranges=np.stack(ranges),
@@ -156,28 +158,27 @@ class Footage:
             bearing_error=np.full(len(followers), np.nan) if before else self.bearing_error[:, k - 1],
         )
 
-    def _estimate(self, follower: int, time: float, z: float) -> Floats:
-        """Estimated position, carried on by the estimated velocity from the last step to `time`."""
-        state = self.flight.estimates[follower].state
-        k = min(max(int((time - self.start) / self._dt + 1e-9), 1), state.shape[0])
-        x, y, vx, vy = state[k - 1]
-        late = time - self.start - k * self._dt
-        return np.array([x + vx * late, y + vy * late, z])
+    def _estimate(self, follower: int, time: Floats) -> Floats:
+        """Estimated positions, carried on by the estimated velocity from the last step, shape (m, 2), [m]."""
+        state, elapsed = self.flight.estimates[follower].state, time - self.start
+        k = np.clip((elapsed / self._dt + 1e-9).astype(np.int64), 1, len(state))
+        return np.asarray(state[k - 1, :2] + (elapsed - k * self._dt)[:, None] * state[k - 1, 2:4])
 
-    def _sides(self, follower: int, k: int, time: float, z: float) -> tuple[Side, ...]:
-        """Hypotheses after the last message before step k, moved as the estimate has moved since."""
-        estimates, now = self.flight.estimates[follower], self._estimate(follower, time, z)
-        one = (Side(1.0, now, estimates.covariance[k - 1, :2, :2]),)
-        made = int(np.searchsorted(estimates.fix_step, k, side="right")) - 1
-        if not isinstance(estimates, TightEstimates) or made < 0:
-            return one
-        believed = np.flatnonzero(estimates.weight[made] > _LEAST_WEIGHT)
-        if believed.size < 2:
-            return one
-        moved = now - [*estimates.full_state[made, :2], z]
-        places = np.column_stack([estimates.hypothesis[made], np.full(len(estimates.weight[made]), z)]) + moved
-        spread = estimates.hypothesis_covariance[made]
-        return tuple(Side(float(estimates.weight[made, h]), places[h], spread[h]) for h in believed.tolist())
+    def _hypotheses(self, follower: int, k: int, now: Floats) -> tuple[Hypothesis, ...]:
+        """Hypotheses after the last message before step k, moved as the estimate has moved since, to `now`."""
+        estimates = self.flight.estimates[follower]
+        single = (Hypothesis(1.0, now, estimates.covariance[k - 1, :2, :2]),)
+        last = int(np.searchsorted(estimates.fix_step, k, side="right")) - 1
+        if not isinstance(estimates, TightEstimates) or last < 0:
+            return single
+        shown = np.flatnonzero(estimates.weight[last] > _LEAST_WEIGHT)
+        if shown.size < 2:
+            return single
+        moved = now[:2] - estimates.full_state[last, :2]
+        centre = [np.array([*(estimates.hypothesis[last, h] + moved), now[2]]) for h in shown]
+        covariance = estimates.hypothesis_covariance[last]
+        weight = estimates.weight[last]
+        return tuple(Hypothesis(float(weight[h]), c, covariance[h]) for h, c in zip(shown, centre, strict=True))
 
     def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, int, FixKind | None]:
         measured = self.flight.measurements[follower]
@@ -204,38 +205,26 @@ class Footage:
         """Instants of the points of all trails, shape (g,), [s]."""
         return self.flight.trajectory.time[:: self._trail_every]
 
-    def _places(self, vehicle: int, times: Floats) -> Floats:
-        """Where a trail runs: the leader's body origin, or a follower's hydrophone; shape (n, 3), [m]."""
-        truth = self.flight.trajectory
-        if vehicle:
-            return truth.site_at(f"{truth.names[vehicle]}/hydrophone", times)
-        return np.asarray(truth.at(times)[0][:, 0])
-
     @cached_property
-    def _trails(self) -> list[Floats]:
-        """All points of each vehicle's trail, shapes (g, 3), [m]."""
-        return [self._places(v, self._trail_grid) for v in range(len(self.flight.trajectory.names))]
+    def _tracks(self) -> list[Floats]:
+        """Points of the trails of the leader's body origin and of each follower's hydrophone, shapes (g, 3), [m]."""
+        truth = self.flight.trajectory
+        hydrophones = [truth.site_at(f"{name}/hydrophone", self._trail_grid) for name in truth.names[1:]]
+        return [np.asarray(truth.at(self._trail_grid)[0][:, 0]), *hydrophones]
 
-    def _estimates(self, follower: int) -> Floats:
-        """All points of the trail of a follower's estimate, at the true depth, shape (g, 3), [m]."""
-        if follower not in self._believed:
-            points = zip(self._trail_grid.tolist(), self._trails[follower + 1][:, 2].tolist(), strict=True)
-            self._believed[follower] = np.array([self._estimate(follower, t, z) for t, z in points])
-        return self._believed[follower]
-
-    def trail(self, vehicle: int, time: float, film_seconds: float) -> Floats:
+    def trail(self, vehicle: int, state: FrameState, film_seconds: float) -> Floats:
         """Positions of a vehicle in the last `film_seconds` of film, oldest first, shape (p, 3), [m].
 
         They are those of the leader's body origin, but of a follower's hydrophone, for that is what it estimates.
         """
-        past = self._trails[vehicle][self._trail_part(time, film_seconds)]
-        return np.vstack([past, self._places(vehicle, np.array([time]))])
+        now = state.hydrophone[vehicle - 1] if vehicle else state.position[0]
+        return np.vstack([self._tracks[vehicle][self._trail_part(state.time, film_seconds)], now])
 
-    def estimate_trail(self, follower: int, time: float, film_seconds: float) -> Floats:
+    def estimate_trail(self, follower: int, state: FrameState, film_seconds: float) -> Floats:
         """Estimated positions in the last `film_seconds` of film, at the true depth, shape (p, 3), [m]."""
-        past = self._estimates(follower)[self._trail_part(time, film_seconds)]
-        depth = float(self._places(follower + 1, np.array([time]))[0, 2])
-        return np.vstack([past, self._estimate(follower, time, depth)])
+        part = self._trail_part(state.time, film_seconds)
+        past = self._estimate(follower, self._trail_grid[part])
+        return np.vstack([np.column_stack([past, self._tracks[follower + 1][part, 2]]), state.estimate[follower]])
 
     def on_plane(self, follower: int, positions: Floats, times: Floats) -> Floats:
         """Positions known at filter steps, at other times and at the hydrophone's depth; shapes (n, 2) to (p, 3), [m].

@@ -5,53 +5,53 @@ import pytest
 from synthetic import make_flight
 
 from sim.assembly import ocean_of
-from sim.film.footage import Footage
+from sim.film.film_data import FilmData
 from sim.film.seascape import _RIPPLES, Sea
 from sim.scenario.settings import Waves
 from tests.film.filmed import errors_of
 
 
 def test_a_moment_interpolates_truth_and_carries_the_estimate_on(flight):
-    footage = Footage(flight, errors_of(flight), 20.0)
-    moment = footage.at(30.05)
-    np.testing.assert_allclose(moment.position, flight.trajectory.at(30.05)[0][0])
-    np.testing.assert_allclose(moment.hydrophone[0], flight.trajectory.site_at("follower/hydrophone", 30.05)[0])
+    data = FilmData(flight, errors_of(flight), 20.0)
+    state = data.at(30.05)
+    np.testing.assert_allclose(state.position, flight.trajectory.at(30.05)[0][0])
+    np.testing.assert_allclose(state.hydrophone[0], flight.trajectory.site_at("follower/hydrophone", 30.05)[0])
     x, y, vx, vy = flight.estimates[0].state[299]
-    np.testing.assert_allclose(moment.estimate[0, :2], [x + 0.05 * vx, y + 0.05 * vy], atol=1e-9)
-    assert moment.position_error[0] == footage.position_error[0, 299]
-    assert np.isnan(footage.at(0.0).position_error[0])
+    np.testing.assert_allclose(state.estimate[0, :2], [x + 0.05 * vx, y + 0.05 * vy], atol=1e-9)
+    assert state.position_error[0] == data.position_error[0, 299]
+    assert np.isnan(data.at(0.0).position_error[0])
 
 
 def test_rays_are_one_at_the_ping_fade_and_are_absent_where_nothing_was_heard(flight):
-    footage = Footage(flight, errors_of(flight), 1.0)
-    np.testing.assert_allclose(footage.at(5.0).ray[0], 1.0)
-    fading = [footage.at(5.0 + dt).ray[0, 0] for dt in (0.0, 0.3, 0.6, 0.9)]
+    data = FilmData(flight, errors_of(flight), 1.0)
+    np.testing.assert_allclose(data.at(5.0).ray[0], 1.0)
+    fading = [data.at(5.0 + dt).ray[0, 0] for dt in (0.0, 0.3, 0.6, 0.9)]
     assert (np.diff(fading) < 0).all()
     assert fading[-1] < 0.2
-    assert (footage.at(0.5).ray == 0).all()
+    assert (data.at(0.5).ray == 0).all()
     # the 13th message lacks the front range
-    lost = footage.at(13.0)
+    lost = data.at(13.0)
     assert np.isnan(lost.ranges[0, 1])
     assert lost.ray[0, 1] == 0
     assert lost.ray[0, 0] == pytest.approx(1.0)
 
 
 def test_rays_of_frequent_pings_do_not_flicker(flight):
-    footage = Footage(flight, errors_of(flight), 20.0)
-    strength = [footage.at(t).ray[0, 0] for t in np.arange(10.0, 40.0, 20 / 30)]
+    data = FilmData(flight, errors_of(flight), 20.0)
+    strength = [data.at(t).ray[0, 0] for t in np.arange(10.0, 40.0, 20 / 30)]
     assert np.ptp(strength) < 0.15
 
 
 def test_trail_points_stay_in_place_while_time_goes_on(flight):
-    footage = Footage(flight, errors_of(flight), 20.0)
-    early, late = footage.trail(1, 30.0, 1.0), footage.trail(1, 30.7, 1.0)
+    data = FilmData(flight, errors_of(flight), 20.0)
+    early, late = (data.trail(1, data.at(time), 1.0) for time in (30.0, 30.7))
     old = {tuple(p) for p in early[:-1]}
     assert len(old & {tuple(p) for p in late[:-1]}) >= len(old) - 1
 
 
 def test_errors_of_the_wrong_shape_are_refused(flight):
     with pytest.raises(ValueError, match="600 steps"):
-        Footage(flight, [(np.zeros(5), np.zeros(5))], 20.0)
+        FilmData(flight, [(np.zeros(5), np.zeros(5))], 20.0)
 
 
 def test_the_drawn_sea_is_the_simulated_sea():
