@@ -96,13 +96,18 @@ class Canvas:
         self.scale = height / 720
         self.text_scale = max(self.scale, _LEAST_TEXT)
         """Pixels to a unit of text size: text shrinks with the frame only as far as it can be read."""
-        self._figure = new_figure(width, height)
+        figure = new_figure(width, height)
         # matplotlib's own classes carry few types
         make: Any = FigureCanvasAgg
-        self._agg = make(self._figure)
-        self._renderer = self._agg.get_renderer()
-        self._upward = Affine2D().scale(1, -1).translate(0, height)
-        self.pixels: Bytes = np.asarray(self._agg.buffer_rgba())
+        agg = make(figure)
+        self._renderer = agg.get_renderer()
+        # kept, for making one takes longer than drawing what a frame has
+        self._lines: Any = LineCollection([], capstyle="butt", joinstyle="round")
+        self._polygons: Any = PolyCollection([])
+        for collection in (self._lines, self._polygons):
+            collection.set_transform(Affine2D().scale(1, -1).translate(0, height))
+            collection.set_figure(figure)
+        self.pixels: Bytes = np.asarray(agg.buffer_rgba())
         """The frame, top row first, shape (height, width, 4)."""
 
     def load(self, picture: Bytes) -> None:
@@ -114,31 +119,22 @@ class Canvas:
 
     def strokes(self, strokes: Sequence[Stroke], box: Place | None = None) -> None:
         """Draw polylines in their order, only inside `box` if given."""
-        lines = LineCollection(
-            [stroke.points for stroke in strokes],
-            colors=[stroke.colour for stroke in strokes],
-            linewidths=[stroke.width * self.scale for stroke in strokes],
-            capstyle="butt",
-            joinstyle="round",
-        )
-        self._draw(lines, box)
+        self._lines.set_segments([stroke.points for stroke in strokes])
+        self._lines.set_color([stroke.colour for stroke in strokes])
+        self._lines.set_linewidth([stroke.width * self.scale for stroke in strokes])
+        self._draw(self._lines, box)
 
     def shapes(self, shapes: Sequence[Shape], box: Place | None = None) -> None:
         """Draw filled polygons in their order, only inside `box` if given."""
-        polygons = PolyCollection(
-            [shape.points for shape in shapes],
-            facecolors=[shape.fill for shape in shapes],
-            edgecolors=[shape.edge or (0, 0, 0, 0) for shape in shapes],
-            linewidths=[1.5 * self.scale if shape.edge else 0.0 for shape in shapes],
-        )
-        self._draw(polygons, box)
+        self._polygons.set_verts([shape.points for shape in shapes])
+        self._polygons.set_facecolor([shape.fill for shape in shapes])
+        self._polygons.set_edgecolor([shape.edge or (0, 0, 0, 0) for shape in shapes])
+        self._polygons.set_linewidth([1.5 * self.scale if shape.edge else 0.0 for shape in shapes])
+        self._draw(self._polygons, box)
 
-    def _draw(self, collection: LineCollection | PolyCollection, box: Place | None) -> None:
-        collection.set_transform(self._upward)
-        collection.set_figure(self._figure)
-        if box:
-            left, top, width, height = box
-            collection.set_clip_box(Bbox.from_bounds(left, self.height - top - height, width, height))
+    def _draw(self, collection: Any, box: Place | None) -> None:
+        left, top, width, height = box or (0, 0, self.width, self.height)
+        collection.set_clip_box(Bbox.from_bounds(left, self.height - top - height, width, height))
         collection.draw(self._renderer)
 
     def disc(self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None) -> Shape:

@@ -1,6 +1,6 @@
 """Labels of what a frame shows: each beside its point, clear of panels, of markers and of one another."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -81,11 +81,13 @@ def place(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> li
     return placed
 
 
-def plate(canvas: Canvas, words: str, colour: Colour, at: tuple[float, float]) -> None:
-    """Words on a dark ground with its upper left corner `at` [px]."""
-    gap, (left, top), (width, height) = _GAP * canvas.scale, at, canvas.extent(words, -_SIZE)
-    canvas.shapes([Shape(corners((left, top, width + 2 * gap, height + 2 * gap)), _GROUND)])
-    canvas.text((left + gap, top + gap + height / 2), words, colour, -_SIZE, "lm", moves=True)
+def plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]]) -> None:
+    """Draw texts, each with its colour and the left and upper edge [px] of its dark ground."""
+    gap, extents = _GAP * canvas.scale, [canvas.extent(words, -_SIZE) for words, *_ in texts]
+    canvas.shapes([Shape(corners((left, top, width + 2 * gap, height + 2 * gap)), _GROUND)
+                   for (_, _, left, top), (width, height) in zip(texts, extents, strict=True)])  # fmt: skip
+    for (words, colour, left, top), (_, height) in zip(texts, extents, strict=True):
+        canvas.text((left + gap, top + gap + height / 2), words, colour, -_SIZE, "lm", moves=True)
 
 
 def draw(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> None:
@@ -94,5 +96,4 @@ def draw(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> Non
     starts = [label.at + canvas.scale * np.array([4.0, 7.5]) * np.sign(end - label.at) for label, _, end in placed]
     canvas.strokes([Stroke(np.array([start, end]), (*label.colour[:3], 0.8), 1.2)
                     for start, (label, _, end) in zip(starts, placed, strict=True)])  # fmt: skip
-    for label, (left, top, _, _), _ in placed:
-        plate(canvas, label.words, label.colour, (left, top))
+    plates(canvas, [(label.words, label.colour, area[0], area[1]) for label, area, _ in placed])

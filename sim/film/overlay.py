@@ -82,7 +82,7 @@ class Overlay:
             edge = corners(box)
             c.strokes([Stroke(np.vstack([edge, edge[:1]]), (0.7, 0.9, 1.0, 0.8), 1.5)])
             words = self._data.flight.trajectory.names[vehicle] + (", from above" if view.plane_m else "")
-            labels.plate(c, words, TRUTH if vehicle else LEADER, (left + 5 * c.scale, top + 4 * c.scale))
+            labels.plates(c, [(words, TRUTH if vehicle else LEADER, left + 5 * c.scale, top + 4 * c.scale)])
             self._scale_bar(view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35)
         if board:
             board.draw(c, state, self._ray_colours(state, self._follower), self._others(state), trails)

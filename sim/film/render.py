@@ -4,13 +4,12 @@ import os
 import pickle
 import selectors
 import subprocess
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -254,30 +253,3 @@ def still(
         _require_success(folder, 0, child)
         with replaced(path) as part:
             part.write_bytes((folder / "still.png").read_bytes())
-
-
-class FilmSpeed(NamedTuple):
-    """What a film costs here."""
-
-    frames: int
-    frames_per_second: float
-    """Rendered and encoded, from the first frame to the last."""
-    start_s: float
-    """Time until the first frame is there."""
-
-
-def film_speed(
-    flight: Flight, *, errors: Errors, video: Video | None = None, frames: int = 300, workers: int = 2
-) -> FilmSpeed:
-    """Measure rendering and encoding on the first `frames` frames' worth of mission, spread over all of it."""
-    video = video or flight.scenario.video
-    length = float(flight.trajectory.time[-1] - flight.trajectory.time[0])
-    paced = video.model_copy(update={"speed_up": length * video.frame_rate_hz / frames})
-    marks: list[tuple[float, float]] = []
-    begun = time.perf_counter()
-    with _rendered(
-        _job(flight, errors, paced, workers=workers), lambda share: marks.append((time.perf_counter(), share))
-    ):
-        pass
-    (first, already), (last, _) = marks[0], marks[-1]
-    return FilmSpeed(frames, frames * (1.0 - already) / max(last - first, 1e-9), first - begun)
