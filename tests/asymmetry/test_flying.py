@@ -1,6 +1,6 @@
 """Missions of the pitch study: what becomes of an arm's settings, and of the results of its runs."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -55,6 +55,13 @@ def mission() -> Pair:
     """Behind a leader that pitches by 6° all the time."""
     motion = tilted(make_trajectory(make_scenario(20.0)), np.deg2rad(6.0))
     return Pair(motion=motion, condition=QUICK_CONDITIONS[0], route="T6", offset=5.0)
+
+
+def test_a_mission_takes_as_long_as_its_motion(mission: Pair) -> None:
+    """Times of instants add up with rounding; a scenario takes a whole number of control steps."""
+    longer = replace(mission, motion=replace(mission.motion, time=mission.motion.time * (1.0 + 1e-10)))
+    assert longer.motion.time[-1] > 20.0
+    assert mission.scenario().duration_s == longer.scenario().duration_s == 20.0
 
 
 def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it(mission: Pair) -> None:

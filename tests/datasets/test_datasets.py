@@ -72,6 +72,21 @@ def test_a_factor_graph_is_read_as_it_is_written(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("pose", "time", "taken"),
+    [
+        ("A0", 9.5, 10.0), ("A0", 10.4, 10.4), ("A0", 11.0, 10.0), ("A1", 9.5, 11.0), ("A1", 10.4, 10.4),
+        ("A1", 12.9, 12.9), ("A1", 13.0, 11.0), ("A2", 10.5, 13.0), ("A2", 11.5, 11.5), ("A2", 13.5, 13.0),
+    ],
+)  # fmt: skip
+def test_the_time_of_a_range_is_believed_between_the_poses_beside_its_own(
+    tmp_path: Path, pose: str, time: float, taken: float
+) -> None:
+    text = "\n".join(line for line in GRAPH.splitlines() if not line.startswith("EDGE_RANGE"))
+    data = read_data_set(graph(tmp_path, f"{text}\nEDGE_RANGE {time} {pose} L1 24.0 0.25\n"))
+    assert data.range_time.tolist() == [taken]
+
+
 def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
     text = GRAPH.replace("VERTEX_SE2 11.0", "VERTEX_SE2 10.0").replace("VERTEX_SE2 13.0", "VERTEX_SE2 10.0")
     data = read_data_set(graph(tmp_path, text))

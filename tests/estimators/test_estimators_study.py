@@ -16,7 +16,7 @@ from experiments.estimators.cases import CASES
 from experiments.estimators.clock import ClockCost, clock_cost
 from experiments.estimators.missions import WEAVE
 from experiments.estimators.paired import Captured, Paired, captures, compare
-from experiments.estimators.plan import QUICK, SEAS, SIGMAS, Size, at_sea, tasks
+from experiments.estimators.plan import OFFSETS_M, QUICK, SEAS, SIGMAS, Size, at_sea, tasks
 from experiments.estimators.report import write_page
 from experiments.findings import Findings
 from laisn.bound import TrueNoise
@@ -305,6 +305,10 @@ def test_none_of_n_captured_has_the_interval_of_clopper_and_pearson(found: dict[
         assert findings[f"rms {how} T5"].value == pytest.approx(np.sqrt(np.mean(one.tight_means**2)), rel=1e-5)
         assert findings[f"rms-bound {how} T5"].value == 0.15
     assert {f"nees sea {sea}" for sea in SEAS} <= set(findings.findings)
+    for offset in OFFSETS_M:
+        flown = study.chosen(found, "offset", offset)
+        expected = np.mean([one.tight_means for one in flown])
+        assert findings[f"error offset {offset:g}"].value == pytest.approx(expected, rel=1e-5)
 
 
 def test_the_page_tells_all_of_it(found: dict[tuple[Any, ...], Any], tmp_path: Path) -> None:

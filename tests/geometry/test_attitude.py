@@ -71,6 +71,14 @@ def test_slerp_agrees_with_scipy_and_takes_the_short_way() -> None:
     np.testing.assert_array_equal(attitude.between(start, start, 0.3), start / np.linalg.norm(start))
 
 
+def test_attitudes_that_are_a_little_too_long_are_interpolated() -> None:
+    """Their product is above 1, of which there is no arc cosine."""
+    longer = attitude.from_euler(0.4, 0.1, -0.2) * (1.0 + 1e-9)
+    assert longer @ longer > 1.0
+    for sign in (1.0, -1.0):
+        assert attitude.between(longer, sign * longer, 0.3) == pytest.approx(longer / np.linalg.norm(longer), rel=1e-12)
+
+
 def test_angles_of_many_attitudes_have_their_shape() -> None:
     quaternion = Rotation.random(24, rng=np.random.default_rng(6)).as_quat()[:, [3, 0, 1, 2]].reshape(2, 3, 4, 4)
     for angle in (attitude.heading, attitude.pitch, attitude.roll):

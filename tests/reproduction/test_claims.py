@@ -46,6 +46,8 @@ TWO, THREE, BOTH = ("laisn-2",), ("laisn-3-2",), ("laisn-2", "laisn-3-2")
     [
         (2, lambda s, m, v, x: {"5s": 2.0, "10s": 4.0}.get(s), "holds"),
         (2, lambda s, m, v, x: {"5s": 2.01, "10s": 4.0}.get(s), "depends"),
+        # one mission far off moves the mean to 3.4, and the median not at all
+        (2, lambda s, m, v, x: {"5s": 20.0 if m == "T2" else 1.0, "10s": 4.0}.get(s), "holds"),
         (2, lambda s, m, v, x: {"5s": 2.0, "10s": 3.99}.get(s), "depends"),
         (3, on_routes("L1", BOTH, 1.25), "holds"),
         (3, on_routes("L1", BOTH, 1.26), "depends"),
@@ -177,6 +179,30 @@ def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
     assert found.figures == ("largest E_B 2.0° on T8; T8 2.0°, others: median 1.00, from 1.00 (T2) to 1.00 (T2)")
     assert judged(10, bearing(0.5, 3.0)).figures.startswith("largest E_B 3.0° on T2; T8 0.5°")
     assert judged(10, bearing(2.0), peak(31.0)).verdict == "depends"
+
+
+@pytest.mark.parametrize(
+    ("number", "group", "setting", "metric", "values", "verdict"),
+    [
+        # LAISN-3(2) over LAISN-2 of three astern: median 0.5, mean 0.9; at 0.8 or less on two of three
+        (7, "astern", "asymmetric", "e_p_mean_m", (0.5, 0.5, 1.7), "depends"),
+        # E_B max of three bursts: median 0.9, mean 1.6; of all the largest
+        (10, "burst", "base", "e_b_max_deg", (0.9, 0.9, 3.0), "depends"),
+        (10, "burst", "base", "e_b_max_deg", (1.1, 1.1, 3.0), "holds"),
+    ],
+)  # fmt: skip
+def test_groups_of_missions_are_judged_by_their_median(
+    number: int, group: str, setting: str, metric: str, values: tuple[float, ...], verdict: str
+) -> None:
+    chosen = dict(zip(("T2", "T5", "T8"), values, strict=True))
+    rows = {
+        (s, m, v): dict.fromkeys((*METRICS, "distance_m"), 1.0)
+        for s in ("base", "asymmetric") for m in ROUTES for v in ("laisn-2", "laisn-3-2")
+    }  # fmt: skip
+    for m, value in chosen.items():
+        rows[setting, m, "laisn-3-2" if number == 7 else "laisn-2"][metric] = value
+    results = Results(rows=rows, missions=ROUTES, **{group: tuple(chosen)})  # type: ignore[arg-type]
+    assert CLAIMS[number - 1].judge(results).verdict == verdict
 
 
 def test_every_judged_figure_decides_a_criterion() -> None:

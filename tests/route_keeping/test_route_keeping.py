@@ -34,6 +34,13 @@ def setups(routes, **options):
     ]
 
 
+def test_the_study_flies_all_routes_of_the_paper_for_1000_s() -> None:
+    """Missions of the paper take 1000 s (Section 3.1)."""
+    mission = study.scenario()
+    assert mission.duration_s == 1000.0
+    assert [follower.route for follower in mission.followers] == [f"T{number}" for number in range(2, 10)]
+
+
 @pytest.mark.parametrize("name", names()[:-1])
 def test_leader_and_follower_fly_their_routes(name):
     """They keep to what the README says: 0.07 to 0.21 m off the legs, 0.1 s, 1.6° of pitch and 2.7° of roll."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.campaign.store import columns_of, write_table
+from experiments.campaign.store import columns_of, read_table, write_table
 from experiments.command.cli import app
 from experiments.command.fly import fly_and_write
 from experiments.flight.library import load
@@ -14,7 +14,7 @@ from experiments.pages.figures import Line
 from experiments.study import compare
 from experiments.study.compare import differing, page_of, paired
 from experiments.study.file import of_table
-from experiments.study.study import RESULTS, RUNS, run_study
+from experiments.study.study import RESULTS, RUNS, STUDY, run_study
 from laisn.failure import LaisnError
 from sim.log.reader import read
 
@@ -114,6 +114,27 @@ def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
     sigma = 0.1 * np.sqrt((30**2 - 1) / 12)
     assert apart.value == pytest.approx(1.55)
     assert (apart.high - apart.low) / 2 == pytest.approx(1.96 * sigma / np.sqrt(30), rel=0.1)
+
+
+def test_differences_of_captures_have_the_limits_of_paired_shares(tmp_path):
+    """Of 30 runs 3 more are captured: Bonett & Price 2012 add a run for either side; a share alone has other limits."""
+    folders = [kept(tmp_path / name, (7,), 0.0) for name in "ab"]
+    table = read_table(folders[1] / RUNS)
+    write_table(folders[1] / RUNS, columns_of([row | {"captured": row["run"] < 3} for row in table]))
+    none, apart = next(iter(paired(folders, "captured").values()))
+    assert (none.value, none.low) == (0.0, 0.0)
+    assert none.high == pytest.approx(1 - 0.025 ** (1 / 30))
+    values = np.array([1.0] * 3 + [0.0] * 27 + [1.0, -1.0])
+    half = 1.959964 * values.std() / np.sqrt(32)
+    assert tuple(apart) == pytest.approx((0.1, values.mean() - half, values.mean() + half), rel=1e-6)
+
+
+def test_a_page_is_named_after_all_that_it_compares(tmp_path):
+    folders = [kept(tmp_path / name, (7,), 0.0) for name in "abc"]
+    for folder in folders:
+        (folder / STUDY).write_text("runs = 30\n", encoding="utf-8")
+    assert page_of([str(folder) for folder in folders]).title == "a, b and c"
+    assert page_of([str(folder) for folder in folders[:2]]).title == "a and b"
 
 
 def test_what_is_neither_is_refused(tmp_path):

@@ -36,6 +36,12 @@ def test_the_peak_is_that_of_a_processor() -> None:
     assert 1e9 < peak_flops() < 2 * 16 * 6e9
 
 
+def test_the_peak_is_measured_for_longer_than_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fastest processor of all takes five ticks of 10 ms for the operations of one measurement."""
+    monkeypatch.setattr(peak, "least_time", lambda work: 1.0)
+    assert peak_flops() >= 0.05 * 2 * 16 * 6e9
+
+
 def test_table_shows_every_row_and_leaves_out_what_is_unknown() -> None:
     lines = table([Row("one", 2.5, "ns/step", 10.0, "another", 1.25), Row("two", 3.0, "s")]).splitlines()
     assert lines[1].split() == ["one", "2.5", "ns/step", "10.0x", "another", "1.2"]

@@ -61,6 +61,7 @@ def test_a_missing_site_is_named(role: str, text: str, name: str) -> None:
     (FOLLOWER.replace('<asset>', '<include file="other.xml"/><asset>'), "names other files"),
     (FOLLOWER.replace('dyntype="filterexact" dynprm="0.3"', ""), "a state of its own"),
     (FOLLOWER.replace("0 29.43764 0 0 0 0", "0.1 29.43764 0 0 0 0"), "added_mass must be symmetric"),
+    (FOLLOWER.replace("0 29.43764 0 0 0 0", "0 -0.5 0 0 0 0"), "hull: added_mass must be symmetric and positive semi"),
     (FOLLOWER.replace('<camera name="chase"', '<body name="arm"/><camera name="chase"'), "no body beside 'hull'"),
     (FOLLOWER.replace('<asset>', '<asset><hfield name="h" nrow="30000" ncol="30000" size="1 1 1 1"/>'), "<hfield>"),
     (FOLLOWER.replace('<asset>', '<asset><mesh name="m" builtin="cone" params="1e6 0.3"/>'), "may be 64 at most"),

@@ -274,11 +274,12 @@ def test_lost_state_names_vehicle_time_and_last_good_state(either_way: None) -> 
     np.testing.assert_array_equal(caught.value.last_pose, good)
 
 
-def test_command_that_is_not_finite_is_refused(either_way: None) -> None:
+@pytest.mark.parametrize(("vehicle", "name"), [(0, "leader"), (1, "T2")])
+def test_command_that_is_not_finite_is_refused(either_way: None, vehicle: int, name: str) -> None:
     plant = Plant(setups(), Ocean.calm())
     command = np.zeros((2, 5))
-    command[1, 3] = np.inf
-    with pytest.raises(PlantError, match="the command of T2 is not finite"):
+    command[vehicle, 3] = np.inf
+    with pytest.raises(PlantError, match=f"the command of {name} is not finite"):
         plant.step(command)
 
 

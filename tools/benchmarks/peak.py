@@ -20,6 +20,9 @@ def _peak(values: Floats, repeats: int) -> None:
 
 
 def peak_flops() -> float:
-    """Floating-point operations that one core does in a second, measured on fused multiply-adds."""
-    values, repeats = np.ones(LANES), 200_000
+    """Floating-point operations that one core does in a second, measured on fused multiply-adds.
+
+    A measurement takes 0.05 s or more: processor time may be counted in ticks of some milliseconds.
+    """
+    values, repeats = np.ones(LANES), 10_000_000
     return 16 * LANES * repeats / least_time(lambda: _peak(values, repeats))
