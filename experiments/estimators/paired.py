@@ -12,6 +12,7 @@ from experiments.estimators.cases import Case, spoiled
 from experiments.estimators.missions import MIDDLE_OFFSET, bound_rms, mission
 from laisn import lanes, metrics
 from laisn.arrays import Bools, Floats
+from laisn.ekf import filter_runs
 from laisn.lane_rows import LANES
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings
@@ -112,6 +113,23 @@ class Captured:
     """Captured runs of LAISN-2."""
     tight: int
     """Captured runs of the tightly coupled navigator."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plain:
+    """Figures of R runs of one mission by a plain extended Kalman filter, as in `Paired`; arrays of shape (R,)."""
+
+    route: str
+    interval: float
+    means: Floats
+    squares: Floats
+    normalised: Floats
+    lost: Bools
+
+    @property
+    def runs(self) -> int:
+        """R."""
+        return self.means.size
 
 
 def nees(error: Floats, spread: Floats) -> Floats:
@@ -229,6 +247,37 @@ def compare(
     if case.sound:
         least = bound_rms(route, interval, case.transmitters, middle_offset, weave, case.assume)
     return paired(route, interval, pair(truth, measured, given, round(interval / truth.dt)), least)
+
+
+def plain_filter(case: Case, route: str, interval: float, *, runs: int, seed: int) -> Plain:
+    """Fly the runs of one mission by a plain extended Kalman filter, with the noise that `compare` gives them.
+
+    Args:
+        case: nothing in it may be wrong, and all be given that `Assume` has by default.
+        route: T2 … T9.
+        interval: of messages [s].
+        runs: how many.
+        seed: of all noise.
+    """
+    truth, errors = mission(route, interval, case.leader_heading_deg)
+    settings = TightSettings(middle_offset=MIDDLE_OFFSET).assuming(case.assume, case.transmitters)
+    measured = [measure(truth, errors, seed=seed, run=run) for run in range(runs)]
+    found = filter_runs(settings, measured, truth.start)
+    off = [metrics.position_errors(position, truth.hydrophone) for position in found.position]
+    steps = round(interval / truth.dt)
+    return Plain(
+        route=route,
+        interval=interval,
+        means=np.array([error.mean() for error in off]),
+        squares=np.array([np.mean(error**2) for error in off]),
+        normalised=np.array(
+            [
+                nees(p - truth.hydrophone, spread).mean()
+                for p, spread in zip(found.position, found.covariance, strict=True)
+            ]
+        ),
+        lost=np.array([_captured(position, truth, steps) for position in found.position]),
+    )
 
 
 def captures(route: str, interval: float, transmitters: int, runs: range, seed: int) -> Captured:

@@ -23,6 +23,8 @@ from sim.sensing.sensor_errors import measure
 SEED = 12
 """Seed of all noise: not the one on which the navigator was developed."""
 INTERVALS = (1.0, 5.0)
+BASELINED = CASES[:2]
+"""Cases of which a plain extended Kalman filter has the states: constant biases, exact leader, 3 or 2 transmitters."""
 FEW = ("T2", "T5", "T6", "T8")
 """Routes on which settings are varied: two about the leader's axis, and two aside of it."""
 ON_AXIS = ("T2", "T5")
@@ -118,6 +120,11 @@ def tasks(size: Size) -> Iterator[Named]:
                 yield ("case", case.name, interval, route), partial(seven, case, route, interval, size.runs)
     for route in size.routes:
         yield ("clock", route), partial(clock_cost, route, 5.0, 3, size.varied, SEED)
+    for case in BASELINED:
+        for interval in INTERVALS:
+            for route in size.routes:
+                plain_filter = partial(paired.plain_filter, case, route, interval, runs=size.runs, seed=SEED)
+                yield ("ekf", case.name, interval, route), plain_filter
     for route in size.few:
         varied = partial(compare, route=route, interval=5.0, runs=size.varied)
         for wrong in WRONG:

@@ -9,7 +9,7 @@ import numpy as np
 from experiments.estimators.cases import CASES, WRONG
 from experiments.estimators.figures import picture
 from experiments.estimators.paired import Paired
-from experiments.estimators.plan import INTERVALS, OFFSETS_M, ON_AXIS, SEAS, SIGMAS
+from experiments.estimators.plan import BASELINED, INTERVALS, OFFSETS_M, ON_AXIS, SEAS, SIGMAS
 from experiments.findings import Findings
 from experiments.pages.figures import svg
 from experiments.pages.page import (
@@ -75,8 +75,32 @@ def _cases(findings: Findings) -> Table:
     return Table(heads=["", "case", "every [s]", *_HEADS, "smoothing"], rows=rows, caption=caption)
 
 
+_PLAIN = (
+    "Five states (position, bias of log and compass, scale of the ranges), one Gaussian, all ranges of a message in "
+    "one update: the textbook filter for the same sensors, on the same noise. The tightly coupled navigator adds two "
+    "transmitters, by hypotheses on both sides of the leader's axis, and a covariance that stays consistent."
+)
+
+
+def _plain(findings: Findings) -> Table:
+    f, rows = findings, []
+    for case in BASELINED:
+        for interval in INTERVALS:
+            key = f"{case.name} {interval:g}"
+            cells = [words(case.name), words(case.title), number(interval, 0), with_limits(f[f"ekf {key}"])]
+            cells += [
+                with_limits(f[f"error {key}"]),
+                with_limits(f[f"over-ekf {key}"]),
+                with_limits(f[f"ekf-nees {key}"]),
+            ]
+            rows.append([*cells, share_of(f[f"ekf-captured {key}"]), share_of(f[f"captured {key}"])])
+    heads = ["", "case", "every [s]", "plain EKF: E_P [m]", "tight: E_P [m]", "tight over EKF", "NEES of the EKF",
+             "EKF captured [%]", "tight captured [%]"]  # fmt: skip
+    return Table(heads=heads, rows=rows, caption="Mean over routes; brackets hold 95 % intervals.")
+
+
 def _limits(findings: Findings) -> str:
-    """What no navigator could do much better, in sentences."""
+    """How far the bound is away, in sentences."""
     f = findings
     general = (
         f"In G7 the bound is {f['least G7 5']:.2f} of LAISN-2's RMS error with messages every 5 s. It is the mean over "
@@ -180,7 +204,8 @@ def write_page(findings: Findings, found: Mapping[tuple[Any, ...], Any], path: P
     runs = findings["runs"]
     page = Page(
         title="Estimators",
-        summary="LAISN-2, the tightly coupled navigator, and the least error that is possible, on the same noise."
+        summary="LAISN-2, the tightly coupled navigator, and the Cramér–Rao bound of dead reckoning with log and "
+        "compass as inputs, corrected by these ranges, on the same noise."
         + (" A first look: too few runs and routes to go by." if quick else ""),
         facts=[
             ("Seed", str(findings["seed"].value)),
@@ -190,6 +215,13 @@ def write_page(findings: Findings, found: Mapping[tuple[Any, ...], Any], path: P
         ],
         sections=[
             Section(title="Seven cases", blocks=blocks),
+            Section(
+                title="A plain extended Kalman filter",
+                blocks=[
+                    Text(text=_PLAIN),
+                    _plain(findings),
+                ],
+            ),
             Section(title="Captures", blocks=[_many(findings)]),
             *_varied(findings),
             Section(title="Route by route", blocks=[_routes(found)]),

@@ -13,8 +13,19 @@ from experiments.campaign.store import Record
 from experiments.campaign.tasks import with_arrays
 from experiments.estimators.cases import CASES
 from experiments.estimators.clock import ClockCost
-from experiments.estimators.paired import Captured, Paired
-from experiments.estimators.plan import INTERVALS, ON_AXIS, QUICK, SEAS, SEED, SIGMAS, Size, first_look, tasks
+from experiments.estimators.paired import Captured, Paired, Plain
+from experiments.estimators.plan import (
+    BASELINED,
+    INTERVALS,
+    ON_AXIS,
+    QUICK,
+    SEAS,
+    SEED,
+    SIGMAS,
+    Size,
+    first_look,
+    tasks,
+)
 from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.intervals import Interval, mean_interval, proportion, ratio_intervals
 
@@ -101,6 +112,32 @@ def _of_clocks(costs: Sequence[ClockCost]) -> dict[str, Finding]:
     return named
 
 
+def _of_plain(key: str, missions: Sequence[Plain], tight: Sequence[Paired], named: dict[str, Finding]) -> None:
+    """What is said of a plain extended Kalman filter, beside the tightly coupled navigator on the same noise."""
+    several, runs = f"{len(missions)} missions", missions[0].runs
+    means = np.stack([one.means for one in missions], axis=1)
+    theirs = np.stack([one.tight_means[:runs] for one in tight], axis=1)
+    named[f"ekf {key}"] = of(
+        mean_interval(means.mean(axis=1)), f"mean E_P of a plain EKF, mean of {several}, 95 %", "m"
+    )
+    limits = zip(missions, ratio_intervals(theirs, means), strict=True)
+    for one, ratio_to_plain in limits:
+        what = "mean E_P of the tightly coupled navigator over a plain EKF's, 95 %"
+        named[f"over-ekf {key} {one.route}"] = of(ratio_to_plain, what)
+    whole = ratio_intervals(theirs.sum(axis=1, keepdims=True), means.sum(axis=1, keepdims=True))[0]
+    named[f"over-ekf {key}"] = of(
+        whole, f"mean E_P of the tightly coupled navigator over a plain EKF's, {several}, 95 %"
+    )
+    for one in missions:
+        named[f"ekf {key} {one.route}"] = of(mean_interval(one.means), "mean E_P of a plain EKF, 95 %", "m")
+    normalised = np.mean([one.normalised for one in missions], axis=0)
+    named[f"ekf-nees {key}"] = of(mean_interval(normalised), f"mean eᵀP⁻¹e of a plain EKF, {several}, 95 %; right: 2")
+    lost = sum(int(one.lost.sum()) for one in missions)
+    named[f"ekf-captured {key}"] = of(
+        proportion(lost, sum(one.runs for one in missions)), "share of a plain EKF's runs captured, 95 %"
+    )
+
+
 def findings_of(found: Found) -> Findings:
     """The record of what the tasks came to."""
     named: dict[str, Finding] = {"seed": plain(SEED, "of all noise")}
@@ -108,6 +145,10 @@ def findings_of(found: Found) -> Findings:
     for case in CASES:
         for interval in INTERVALS:
             _of_missions(f"{case.name} {interval:g}", chosen(found, "case", case.name, interval), named)
+    for case in BASELINED:
+        for interval in INTERVALS:
+            flown = chosen(found, "ekf", case.name, interval), chosen(found, "case", case.name, interval)
+            _of_plain(f"{case.name} {interval:g}", *flown, named)
     for sea in SEAS:
         _of_missions(f"sea {sea}", chosen(found, "sea", sea), named)
     for name in dict.fromkeys(name[1] for name in found if name[0] == "wrong"):
@@ -136,10 +177,11 @@ def findings_of(found: Found) -> Findings:
     return record("estimators", COMMAND, MODULES, named)
 
 
-def _result(name: tuple[Any, ...], row: Record) -> Paired | Captured | ClockCost:
-    if name[0] == "clock":
-        return ClockCost(**with_arrays(row))
-    return Captured(**row) if name[0] == "captures" else Paired(**with_arrays(row))
+def _result(name: tuple[Any, ...], row: Record) -> Paired | Captured | ClockCost | Plain:
+    if name[0] == "captures":
+        return Captured(**row)
+    kinds: dict[str, type[Paired | ClockCost | Plain]] = {"clock": ClockCost, "ekf": Plain}
+    return kinds.get(name[0], Paired)(**with_arrays(row))
 
 
 def fly(size: Size, folder: Path, **options: Unpack[ExecutionOptions]) -> dict[tuple[Any, ...], Any]:

@@ -15,13 +15,15 @@ from experiments.estimators import missions, paired, plan, report, study
 from experiments.estimators.cases import CASES
 from experiments.estimators.clock import ClockCost, clock_cost
 from experiments.estimators.missions import WEAVE
-from experiments.estimators.paired import Captured, Paired, captures, compare
+from experiments.estimators.paired import Captured, Paired, Plain, captures, compare, nees, plain_filter
 from experiments.estimators.plan import OFFSETS_M, QUICK, SEAS, SIGMAS, Size, at_sea, tasks
 from experiments.estimators.report import write_page
 from experiments.findings import Findings
 from laisn.bound import TrueNoise
+from laisn.ekf import filter_runs
 from laisn.tight.settings import Assume, TightSettings
 from sim.scenario.routes import library_route
+from sim.sensing.sensor_errors import measure
 
 
 def made(rng: np.random.Generator, *, scale: float = 1.0, runs: int = 40, route: str = "T2", lost: int = 0) -> Paired:
@@ -287,9 +289,49 @@ def found() -> dict[tuple[Any, ...], Any]:
         if name[0] == "captures"
         else cost(name[1])
         if name[0] == "clock"
+        else plain(name[-1], name[-2])
+        if name[0] == "ekf"
         else replace(made(rng, runs=25), smoothing=0.6 if name[0] == "case" else float("nan"))
         for name, _ in tasks(QUICK)
     }
+
+
+def plain(route: str, interval: float) -> Plain:
+    """Ten of 25 runs captured, with errors of 2 m and NEES of 6."""
+    each = np.ones(25)
+    return Plain(route=route, interval=interval, means=2.0 * each, squares=5.0 * each, normalised=6.0 * each,
+                 lost=np.arange(25) < 10)  # fmt: skip
+
+
+def test_a_plain_filter_is_held_against_the_tightly_coupled_navigator_route_by_route() -> None:
+    tight, plains = (
+        [of_hand("T2", 0.5, 1.0, 0, 0, 25), of_hand("T5", 1.5, 1.0, 0, 0, 25)],
+        [plain("T2", 1.0), plain("T5", 1.0)],
+    )
+    named: dict[str, Any] = {}
+    study._of_plain("G", plains, tight, named)
+    values = {key: finding.value for key, finding in named.items()}
+    assert values == pytest.approx(
+        {"ekf G": 2.0, "over-ekf G": 0.5, "over-ekf G T2": 0.25, "over-ekf G T5": 0.75, "ekf G T2": 2.0,
+         "ekf G T5": 2.0, "ekf-nees G": 6.0, "ekf-captured G": 0.4}
+    )  # fmt: skip
+
+
+def test_a_plain_filter_flies_the_noise_of_the_others() -> None:
+    """Its runs are those that `filter_runs` makes of the measurements that `compare` takes."""
+    found = plain_filter(CASES[1], "T3", 5.0, runs=2, seed=3)
+    truth, errors = missions.mission("T3", 5.0, 0.0)
+    given = [measure(truth, errors, seed=3, run=run) for run in range(2)]
+    flown = filter_runs(TightSettings(transmitters=2), given, truth.start)
+    error = np.linalg.norm(flown.position - truth.hydrophone, axis=-1)
+    assert found.means == pytest.approx(error.mean(axis=1), rel=1e-12)
+    assert found.squares == pytest.approx(np.mean(error**2, axis=1), rel=1e-12)
+    away = flown.position[0, -1] - truth.hydrophone[-1]
+    xx, xy, yy = flown.covariance[0, -1]
+    spread = np.array([[xx, xy], [xy, yy]])
+    assert nees(away[None], flown.covariance[0, -1:])[0] == pytest.approx(away @ np.linalg.solve(spread, away))
+    assert found.normalised.shape == found.lost.shape == (2,)
+    assert not found.lost.any()
 
 
 def test_none_of_n_captured_has_the_interval_of_clopper_and_pearson(found: dict[tuple[Any, ...], Any]) -> None:
