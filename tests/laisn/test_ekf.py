@@ -25,7 +25,7 @@ def by_filterpy(settings: TightSettings, mission: Measurements, start: Floats) -
     dt = mission.dt
 
     def velocity(x: Floats, speed: float, heading: float) -> Floats:
-        return (speed - x[2]) * np.array([np.sin(heading - x[3]), np.cos(heading - x[3])])
+        return np.asarray((speed - x[2]) * np.array([np.sin(heading - x[3]), np.cos(heading - x[3])]))
 
     def derivative(function, x: Floats) -> Floats:  # type: ignore[no-untyped-def]
         steps = 1e-6 * np.eye(5)
@@ -37,7 +37,7 @@ def by_filterpy(settings: TightSettings, mission: Measurements, start: Floats) -
 
         def moved(x: Floats, before=before, now=now) -> Floats:  # type: ignore[no-untyped-def]
             way = 0.5 * dt * (velocity(x, *before) + velocity(x, *now))
-            return np.r_[x[:2] + way, x[2:]]
+            return np.asarray(np.r_[x[:2] + way, x[2:]])
 
         heading = now[1] - kalman.x[3]
         turn = np.array([[np.sin(heading), np.cos(heading)], [-np.cos(heading), np.sin(heading)]])
