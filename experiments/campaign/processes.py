@@ -3,9 +3,6 @@
 import asyncio
 import importlib.util
 import os
-import signal
-import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from types import TracebackType
@@ -17,31 +14,15 @@ from joblib.externals.loky import get_reusable_executor
 from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
+from sim.processes import exit_with_parent
 
 Result = TypeVar("Result")
 
 _CONNECT_S = 3
-_CHECK_PARENT_S = 0.5
 
 
 class WorkerDiedError(CampaignError):
     """A process that computed has died; everything it had reported is stored."""
-
-
-def exit_with(parent: int) -> None:
-    """Initialise a worker: it leaves Ctrl-C to its parent, and exits when the parent has ended.
-
-    Args:
-        parent: number of the process that started this one.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(_CHECK_PARENT_S)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def _with_version(function: Callable[..., Result], *arguments: Any) -> tuple[str, Result]:
@@ -92,7 +73,7 @@ class Pool:
         if self._client is not None:
             options = {"backend": "dask"}
         elif self.size > 1:
-            options = {"backend": "loky", "initializer": exit_with, "initargs": (os.getpid(),)}
+            options = {"backend": "loky", "initializer": exit_with_parent, "initargs": (os.getpid(),)}
         with joblib.parallel_config(n_jobs=self.size, **options):
             parallel = joblib.Parallel(
                 return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs", max_nbytes=None

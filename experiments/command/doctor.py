@@ -7,13 +7,14 @@ import sys
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from experiments.campaign.version import PACKAGES
-from laisn.whole_files import scratch
 
 _PROJECT, _ABSENT = "laisn-sim", "is not installed"
 
@@ -107,8 +108,8 @@ def _try_to_fly() -> tuple[str, str]:
         from experiments.command.fly import write_flight
         from experiments.flight.library import load_flyable
 
-        with scratch() as folder, compiling_shown():
-            written = write_flight(load_flyable("T5", small), folder, Console(quiet=True), with_video=True)
+        with TemporaryDirectory(prefix="laisn-") as folder, compiling_shown():
+            written = write_flight(load_flyable("T5", small), Path(folder), Console(quiet=True), with_video=True)
     except Exception as error:
         # whatever may be wrong with a machine, the doctor's part is to say so
         return _first_line(error), "no flight, no film"

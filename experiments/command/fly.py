@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,9 +23,9 @@ from experiments.flight.summary import (
 )
 from laisn.arrays import Floats
 from laisn.navigators import new_navigator
-from laisn.parent import alongside
 from sim.flight import Flight, Outcome, navigate
 from sim.log.events import Event
+from sim.processes import background_process
 from sim.scenario.file import dumps
 from sim.scenario.settings import Scenario
 
@@ -122,11 +122,14 @@ def _film(
     return "", None
 
 
-def _report_drawing() -> Callable[..., None]:
-    """What draws the report; it imports the libraries of figures and pages."""
+def _import_report() -> None:
+    import experiments.pages.flight_report  # noqa: F401
+
+
+def _draw_report(*arguments: Any) -> None:
     from experiments.pages.flight_report import flight_report
 
-    return flight_report
+    flight_report(*arguments)
 
 
 def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
@@ -145,11 +148,8 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
     from sim.log.layout import layout
 
     watch = Stopwatch()
-    # a report without a film is drawn beside the log, by a process that gets ready while the mission is flown
-    with (
-        nullcontext() if with_video else alongside(_report_drawing) as beside,
-        phases(console) as shown,
-    ):
+    # a report without a film is drawn beside the log, by a process that imports libraries while the mission is flown
+    with background_process(None if with_video else _import_report) as background, phases(console) as shown:
 
         @contextmanager
         def phase(name: str) -> Iterator[Callable[[float], None]]:
@@ -171,19 +171,21 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, errors=errors, events=events)
         film, no_film, fault = folder / FILM, "not asked for", None
-        told = (flight, errors, summary, folder / REPORT)
 
         # the log comes first: whatever happens to the film, what was flown is kept
-        if beside is None:
+        if with_video:
             with phase("log"):
                 write_log()
             with phase("video") as update:
                 no_film, fault = _film(flight, film, errors, update, write_log)
             with phase("report"):
-                _report_drawing()(*told, None if no_film else film, bounds)
+                _draw_report(flight, errors, summary, folder / REPORT, None if no_film else film, bounds)
         else:
-            with phase("report"), beside(*told, None, bounds), phase("log"):
-                write_log()
+            with phase("report"):
+                drawn = background.submit(_draw_report, flight, errors, summary, folder / REPORT, None, bounds)
+                with phase("log"):
+                    write_log()
+                drawn.result()
     factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
     timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
     names = flight.trajectory.names

@@ -18,7 +18,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.datasets.range_data import RangeData
-from sim.plain_file import text_of
+from sim.files import read_text
 
 LARGEST_BYTES = 500_000_000
 """Larger files are refused [bytes]."""
@@ -151,7 +151,7 @@ def read_factor_graph(path: Path) -> RangeData:
     """
     source = str(path)
     try:
-        text = text_of(path, LARGEST_BYTES)
+        text = read_text(path, LARGEST_BYTES)
     except LaisnError as error:
         raise LaisnError(f"{path}: cannot be read: {error}") from None
     lines = _parsed(text, source)

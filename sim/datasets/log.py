@@ -16,10 +16,10 @@ from mcap_protobuf.schema import register_schema
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, Ranges
-from laisn.whole_files import replaced
 from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData
 from sim.datasets.range_tables import read_range_tables
+from sim.files import atomic_write
 from sim.flight import Outcome
 from sim.log.clock import timestamp
 from sim.log.contents import Contents, contents
@@ -157,7 +157,7 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "start_north": repr(float(data.start[1])),
         "range_sigma": "" if data.range_sigma is None else repr(data.range_sigma),
     }
-    with faults(path), replaced(path) as part, part.open("wb") as stream:
+    with faults(path), atomic_write(path) as part, part.open("wb") as stream:
         writer = ProvingWriter(stream)
         writer.add_metadata(_RECORD, facts)
         _write_messages(writer, _messages(data))

@@ -9,13 +9,14 @@ from contextlib import contextmanager
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from laisn.whole_files import replaced, scratch
+from sim.files import atomic_write
 from sim.film import graphics
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.frame_renderer import GROUP, Job, group_file
@@ -98,10 +99,11 @@ def _children(job: Job, programs: Sequence[tuple[str, ...]]) -> Iterator[tuple[P
     backend = _backend()
     threads = max(1, (os.cpu_count() or 1) // len(programs))
     children: list[Any] = []
-    with scratch() as folder:
+    with TemporaryDirectory(prefix="laisn-") as name:
+        folder = Path(name)
         (folder / "job").write_bytes(pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL))
         try:
-            ending = f"from laisn.parent import end_with; end_with({os.getpid()})"
+            ending = f"from sim.processes import exit_with_parent; exit_with_parent({os.getpid()})"
             for number, (program, *arguments) in enumerate(programs):
                 words = (str(folder), *arguments)
                 command, environment = graphics.child(f"{ending}; {program}", words, backend, threads)
@@ -190,7 +192,7 @@ def render(
     _check_file(path, ".mp4")
     with _rendered(job, progress) as folder:
         units = list(_units(folder, job))
-    with replaced(path) as part:
+    with atomic_write(path) as part:
         _write_mp4(part, units, job.video)
     return list(zip(job.times.tolist(), units, strict=True))
 
@@ -251,5 +253,5 @@ def still(
     program = f"{_IMPORTS}; frame_renderer.main_still(Path(sys.argv[1]), float(sys.argv[2]))"
     with _children(job, [(program, repr(float(time_s)))]) as (folder, (child,)):
         _require_success(folder, 0, child)
-        with replaced(path) as part:
+        with atomic_write(path) as part:
             part.write_bytes((folder / "still.png").read_bytes())

@@ -5,5 +5,5 @@ Takes a file or keyword arguments; gives a `Scenario` (`settings`; its tables st
 plan by which a point with limits swims a route (`point_motion`). All faults of a file are named at once (`file`). It
 knows neither MuJoCo nor water nor sensors: settings are numbers until somebody flies them.
 
-Imports: laisn sim.plain_file sim.screen
+Imports: laisn sim.files sim.screen
 """

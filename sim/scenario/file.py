@@ -12,7 +12,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from laisn.failure import LaisnError
-from sim.plain_file import text_of
+from sim.files import read_text
 from sim.scenario import own_hull
 from sim.scenario.settings import KEYS_ALONE, Scenario
 from sim.scenario.validation_errors import lines_of
@@ -135,7 +135,7 @@ def parse(text: str, source: str) -> dict[str, Any]:
 def read(path: Path) -> dict[str, Any]:
     """The table in a TOML file; ScenarioError if it cannot be read, is no plain file or larger than any scenario."""
     try:
-        text = text_of(path, LARGEST_BYTES)
+        text = read_text(path, LARGEST_BYTES)
     except LaisnError as error:
         raise ScenarioError(f"{path}: cannot be read: {error}") from None
     return parse(text, str(path))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from laisn.failure import LaisnError
-from sim.plain_file import text_of
+from sim.files import read_text
 from sim.screen import plain, shortened
 
 MODEL = "model"
@@ -61,7 +61,7 @@ def embed(table: dict[str, Any]) -> list[str]:
         if is_mjcf(name):
             continue
         try:
-            text = text_of(Path(name), LONGEST)
+            text = read_text(Path(name), LONGEST)
             reason = "" if is_mjcf(text) else "it is no XML"
         except LaisnError as error:
             text, reason = "", str(error)

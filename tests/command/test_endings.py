@@ -83,7 +83,7 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path, how: sig
 
 CHILD = """
 import os, subprocess, sys, time
-code = f"from laisn.parent import end_with; end_with({os.getpid()}); import time; time.sleep(60)"
+code = f"from sim.processes import exit_with_parent; exit_with_parent({os.getpid()}); import time; time.sleep(60)"
 child = subprocess.Popen([sys.executable, "-c", code])
 print(child.pid, flush=True)
 time.sleep(60)
@@ -108,7 +108,7 @@ def test_a_signal_ends_a_flight_like_ctrl_c(tmp_path: Path, how: signal.Signals)
         command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(how, signal.SIG_DFL),
     )  # fmt: skip
-    while not list(folder.glob("unfinished-*")) and child.poll() is None:
+    while not list(folder.glob("unfinished")) and child.poll() is None:
         time.sleep(0.002)
     child.send_signal(how)
     _, told = child.communicate(timeout=60)

@@ -64,26 +64,26 @@ def test_a_signal_that_comes_while_an_object_goes_is_obeyed(
 
 def test_ctrl_c_in_the_simulation_leaves_nothing(tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
-    assert "nothing of this flight is kept" in interrupted(folder, "unfinished-*", "--no-video")
+    assert "nothing of this flight is kept" in interrupted(folder, "unfinished", "--no-video")
     assert list(folder.iterdir()) == []
 
 
 def test_ctrl_c_in_the_log_leaves_the_earlier_flight(flown: Path, tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
     shutil.copytree(flown / "first", folder)
-    told = interrupted(folder, "unfinished-*/flight.mcap.partial", "--no-video")
+    told = interrupted(folder, "unfinished/flight.mcap.partial", "--no-video")
     assert f"the earlier flight in {folder} is as it was" in told
     left = files(folder)
     assert {name: left.pop(name) for name in files(flown / "first")} == files(flown / "first")
-    assert all(name.startswith("unfinished-") for name in left)
+    assert all(name.startswith("unfinished/") for name in left)
 
 
 @pytest.mark.skipif(graphics.working() is None, reason=graphics.MISSING)
 def test_ctrl_c_in_the_film_leaves_the_earlier_flight_and_the_new_log(flown: Path, tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
     shutil.copytree(flown / "first", folder)
-    told = interrupted(folder, "unfinished-*/flight.mcap", "--set", "duration_s=200")
-    [log] = folder.glob("unfinished-*/*")
+    told = interrupted(folder, "unfinished/flight.mcap", "--set", "duration_s=200")
+    [log] = folder.glob("unfinished/*")
     assert f"what there is of this flight is in {log.parent}; the earlier flight in {folder} is as it was" in told
     left = files(folder)
     assert reader.read(log).trajectory.time[-1] == 200

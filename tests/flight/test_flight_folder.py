@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from experiments.flight.folder import FILES, FILM, LOG, REPORT, SCENARIO, SUMMARY, one_flight, require_safe
+from experiments.campaign.version import ROOT
+from experiments.flight.folder import FILES, FILM, LOG, REPORT, SCENARIO, SUMMARY, UNFINISHED, one_flight, require_safe
 from laisn.failure import LaisnError
-from laisn.whole_files import new_folder
 from sim.log.file import partial_path
 
 
@@ -62,7 +62,7 @@ def test_a_log_that_was_begun_is_kept_and_named(folder: Path, log: str) -> None:
     before = contents(folder)
     with pytest.raises(KeyboardInterrupt) as raised:
         fly(folder, "new", (log,), KeyboardInterrupt)
-    work = folder / f"unfinished-{os.getpid()}"
+    work = folder / UNFINISHED
     assert contents(folder) == before | {f"{work.name}/{log}": "new"}
     assert raised.value.__notes__ == [
         f"what there is of this flight is in {work}; the earlier flight in {folder} is as it was"
@@ -100,7 +100,7 @@ def test_an_interrupt_between_any_two_moves_leaves_the_earlier_flight(
     there = contents(folder)
     assert {name: text for name, text in there.items() if name in before} == before
     assert {name: text for name, text in there.items() if name not in before} == {
-        f"unfinished-{os.getpid()}/{name}": "new" for name in FILES
+        f"{UNFINISHED}/{name}": "new" for name in FILES
     }
 
 
@@ -119,42 +119,37 @@ def test_no_instant_sees_files_of_two_flights(folder: Path, monkeypatch: pytest.
     assert all(len(flights) <= 1 for flights in seen)
 
 
-def test_what_dead_processes_left_is_removed_and_what_others_write_is_not(folder: Path) -> None:
-    """Numbers of processes say nothing: another machine that shares the folder has its own."""
-    for name in ("unfinished-1", f"unfinished-{os.getpid()}"):
-        (folder / name).mkdir()
-    with new_folder(folder / "unfinished-2") as work:
-        write(work, "others")
-        fly(folder, "new")
-        assert [p for p in folder.iterdir() if p.is_dir()] == [work]
-        assert contents(work) == dict.fromkeys(FILES, "others")
-    fly(folder, "whole")
-    assert [p for p in folder.iterdir() if p.is_dir()] == []
+def test_what_a_killed_flight_left_is_removed_by_the_next(folder: Path) -> None:
+    (folder / UNFINISHED / "earlier").mkdir(parents=True)
+    (folder / UNFINISHED / LOG).write_text("killed")
+    fly(folder, "new")
+    assert contents(folder) == dict.fromkeys(FILES, "new") | {"notes.txt": "mine"}
 
 
-FLIGHTS = """
+FLIGHT = """
 import sys
 from pathlib import Path
-from experiments.flight.folder import FILES, one_flight, require_safe
-folder, word = Path(sys.argv[1]), sys.argv[2]
-for _ in range(150):
-    require_safe(folder)
-    with one_flight(folder) as work:
-        for name in FILES:
-            (work / name).write_text(word)
+from experiments.campaign.version import ROOT
+from experiments.flight.folder import FILES, one_flight
+with one_flight(Path(sys.argv[1])) as work:
+    (work / FILES[0]).write_text("other")
+    print("ready", flush=True)
+    sys.stdin.readline()
 """
 
 
-def test_flights_into_one_folder_at_once_never_fail_and_leave_one_of_them(tmp_path: Path) -> None:
-    children = [
-        subprocess.Popen([sys.executable, "-c", FLIGHTS, str(tmp_path), word], stderr=subprocess.PIPE, text=True)
-        for word in ("one", "two")
-    ]
-    for child in children:
-        _, words = child.communicate(timeout=120)
-        assert child.returncode == 0, words
-    assert contents(tmp_path) in [dict.fromkeys(FILES, word) for word in ("one", "two")]
-    assert [p for p in tmp_path.iterdir() if p.is_dir()] == []
+def test_a_second_flight_into_a_folder_is_refused_until_the_first_ends_or_is_killed(tmp_path: Path) -> None:
+    other = subprocess.Popen([sys.executable, "-c", FLIGHT, str(tmp_path)], cwd=ROOT, stdin=subprocess.PIPE,
+                             stdout=subprocess.PIPE, text=True)  # fmt: skip
+    assert other.stdout is not None
+    with other:
+        assert other.stdout.readline() == "ready\n"
+        with pytest.raises(LaisnError, match="another process writes a flight into this folder"):
+            fly(tmp_path, "new")
+        assert contents(tmp_path) == {f"{UNFINISHED}/{FILES[0]}": "other"}
+        other.kill()
+    fly(tmp_path, "new")
+    assert contents(tmp_path) == dict.fromkeys(FILES, "new")
 
 
 def test_a_folder_that_is_new_empty_or_holds_a_flight_is_safe(folder: Path, tmp_path: Path) -> None:
@@ -168,7 +163,7 @@ def test_a_folder_that_is_new_empty_or_holds_a_flight_is_safe(folder: Path, tmp_
 
 def test_what_a_kill_left_between_two_moves_is_safe(folder: Path) -> None:
     (folder / SUMMARY).unlink()
-    (folder / "unfinished-1").mkdir()
+    (folder / UNFINISHED).mkdir()
     require_safe(folder)
 
 
