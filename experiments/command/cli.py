@@ -1,4 +1,4 @@
-"""The `laisn` command. Heavy imports stay inside the commands, so that `--help` answers at once."""
+"""The `laisn` command. Heavy imports stay inside the commands, so that `--help` is quick."""
 
 import gc
 import os
@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.command import studying
+from experiments.command import studies
 from experiments.command.endings import run
 from experiments.command.errors import report_errors
 from experiments.command.logs import log_app
@@ -42,6 +42,7 @@ def every_command(
 app.add_typer(log_app, name="log")
 
 ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
+SourceArgument = Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")]
 
 
 @app.command()
@@ -50,20 +51,20 @@ def fly(
     scenario: ScenarioArgument,
     set_: SetOption = None,
     seed: Annotated[int | None, typer.Option(help="key of all random numbers")] = None,
-    run: Annotated[int | None, typer.Option(help="fly with the noise of this run of a campaign")] = None,
+    run: Annotated[int | None, typer.Option(help="number of the Monte Carlo run whose noise is used")] = None,
     out: OutOption = None,
     video: Annotated[bool, typer.Option("--video/--no-video", help="render the film")] = True,
 ) -> None:
-    """Fly one mission; write log, film, report and numbers."""
-    from experiments.command import fly as flying
+    """Simulate one mission; write log, film, report and numbers."""
+    from experiments.command.fly import fly_and_write
     from experiments.flight.library import load_flyable, name_of
 
     extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
     checked = load_flyable(scenario, [*(set_ or []), *extra])
     source = Path(scenario)
-    # a file keeps its own folder, whatever name it was copied with
+    # a copied file keeps the name that is written in it, so the folder is named after the file
     name = name_of(source) if source.suffix == ".toml" else checked.name
-    flying.fly_and_write(checked, out or Path("out") / name, with_video=video, source=source)
+    fly_and_write(checked, out or Path("out") / name, with_video=video, source=source)
 
 
 @app.command()
@@ -85,17 +86,17 @@ def scenarios(
 @app.command()
 @report_errors
 def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
-    """Validate a scenario without flying it."""
-    from experiments.flight import library
+    """Validate a scenario without simulating it."""
+    from experiments.flight.library import load_flyable
 
-    checked = library.load_flyable(scenario, set_ or ())
+    checked = load_flyable(scenario, set_ or ())
     say(f"{scenario}: fine ({checked.duration_s:g} s, {len(checked.followers)} follower(s))")
 
 
 @app.command()
 @report_errors
 def doctor() -> None:
-    """Say what this machine can do, and what to install for the rest."""
+    """Report what works on this machine, and what to install for the rest."""
     from experiments.command.doctor import examine
 
     raise typer.Exit(examine())
@@ -104,18 +105,18 @@ def doctor() -> None:
 @app.command()
 @report_errors
 def render(
-    source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
+    source: SourceArgument,
     set_: SetOption = None,
     camera: Annotated[
         str | None, typer.Option(help="chase, pip, top, side, follower, leader, profile or orbit")
     ] = None,
     size: Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="such as 1920x1080")] = None,
     speed_up: Annotated[float | None, typer.Option(help="seconds of mission in a second of film")] = None,
-    follower: Annotated[int, typer.Option(help="index of the follower to keep to")] = 0,
+    follower: Annotated[int, typer.Option(help="index of the follower that the camera follows")] = 0,
     still: Annotated[float | None, typer.Option(metavar="T", help="one picture at mission time T [s]")] = None,
     out: Annotated[Path | None, typer.Option(help="file (default NAME.mp4 or NAME.png)")] = None,
 ) -> None:
-    """Film a scenario or a log, or take a picture of it."""
+    """Render a film or a picture of a scenario or a log."""
     from experiments.command import filming
 
     filming.film(source, set_ or (), filming.FilmOptions(camera, size, speed_up, follower, still, out))
@@ -127,7 +128,7 @@ def replay(
     log: Annotated[Path, typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels")],
     variant: Annotated[
         str | None,
-        typer.Option(help="laisn-2 (default), laisn-3-1, laisn-3-2, tight or another; any other word lists them"),
+        typer.Option(help="laisn-2 (default), laisn-3-1, laisn-3-2, tight or another; unknown names print the list"),
     ] = None,
     set_: SetOption = None,
     scenario: Annotated[
@@ -135,39 +136,38 @@ def replay(
         typer.Option(metavar="SCENARIO", help="for a log of measurements alone: start, baseline, navigation"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="write the flight with the new estimates as a log; with --scenario a CSV file")
+        Path | None, typer.Option(help="log of the flight with the new estimates; CSV with --scenario and of data sets")
     ] = None,
     longest_gap: Annotated[
         float,
-        typer.Option(min=0.0, help="with --scenario: bridge gaps between own measurements of up to so many seconds"),
+        typer.Option(min=0.0, help="bridge gaps of up to this many seconds in a vehicle's own measurements"),
     ] = 10.0,
     smooth: Annotated[
         float | None,
-        typer.Option(min=0.0, metavar="SECONDS", help="tight: use messages of up to so many seconds later, too"),
+        typer.Option(min=0.0, metavar="SECONDS", help="tight: also use messages of up to this much later"),
     ] = None,
 ) -> None:
-    """Navigate once more on the measurements of a log, with another variant or other settings."""
+    """Navigate on the measurements of a log with another variant or other settings."""
     from experiments.command import datasets, replaying
+    from laisn.failure import LaisnError
     from sim.datasets.log import is_data_set
 
-    if scenario is None and is_data_set(log):
-        if smooth is not None:
-            from laisn.failure import LaisnError
-
-            raise LaisnError(f"--smooth with {log}: a data set's navigator among beacons cannot be smoothed")
-        datasets.replay_data_set(log, variant or "laisn-2", set_ or (), out, longest_gap)
-    elif scenario is None:
-        replaying.replay(log, variant or "laisn-2", set_ or (), out, smooth)
-    else:
+    if scenario is not None:
         chosen = [f"navigation.variant={variant}"] if variant else []
         replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out, longest_gap, smooth)
+    elif not is_data_set(log):
+        replaying.replay(log, variant or "laisn-2", set_ or (), out, smooth)
+    elif smooth is None:
+        datasets.replay_data_set(log, variant or "laisn-2", set_ or (), out, longest_gap)
+    else:
+        raise LaisnError(f"--smooth with {log}: a data set's navigator among beacons cannot be smoothed")
 
 
 @app.command("anatomy", hidden=True)
 @app.command("range-budget")
 @report_errors
 def range_budget(
-    source: Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")],
+    source: SourceArgument,
     set_: SetOption = None,
     out: Annotated[Path | None, typer.Option(help="write every share of every ping to this .csv or .parquet")] = None,
 ) -> None:
@@ -177,35 +177,31 @@ def range_budget(
     show_range_budget(source, set_ or (), out)
 
 
-app.command()(report_errors(studying.reproduce))
-app.command()(report_errors(studying.asymmetry))
-app.command()(report_errors(studying.estimators))
-app.command()(report_errors(studying.formation))
-
-
 @app.command()
 @report_errors
 def bound(
     scenario: ScenarioArgument,
     set_: SetOption = None,
-    runs: Annotated[int, typer.Option(min=0, max=1_000_000, help="fly so many runs beside it")] = 0,
+    runs: Annotated[int, typer.Option(min=0, max=1_000_000, help="also run the navigator this many times")] = 0,
     out: Annotated[Path | None, typer.Option(help="write the bound over time to this .csv")] = None,
 ) -> None:
-    """Say how good an estimate of a mission could be: its Cramér–Rao bound."""
+    """Compute the Cramér–Rao bound of a mission's position errors."""
     from experiments.command.bound import show_bound
 
     show_bound(scenario, set_ or (), runs, out)
 
 
-app.command()(report_errors(studying.study))
-app.command()(report_errors(studying.compare))
+for _study in (
+    studies.study, studies.compare, studies.reproduce, studies.asymmetry, studies.estimators, studies.formation,
+):  # fmt: skip
+    app.command()(report_errors(_study))
 
 
 def main() -> None:
     """Entry point of the console script."""
-    # Films are rendered by child processes, which choose their own; here a library that is missing must break nothing.
+    # Child processes that render choose their own library; a missing one must not break other commands.
     os.environ["MUJOCO_GL"] = "disable"
-    # What modules define lives to the end; to look through it for garbage costs each mission a quarter of a second.
+    # Modules stay loaded to the end; searching them for garbage costs each mission a quarter of a second.
     gc.set_threshold(100_000, 50, 50)
     run(app)
 

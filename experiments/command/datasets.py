@@ -1,4 +1,4 @@
-"""Data sets of real ranges: made into logs, and navigated on."""
+"""Data sets of real ranges: import as logs, and navigation on these."""
 
 from collections.abc import Iterable, Sequence
 from math import isnan
@@ -8,12 +8,12 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from experiments.campaign.progress import literal, tell
-from experiments.command.replaying import STATE_COLUMNS, require_own_file
+from experiments.command.replaying import require_own_file, write_states
 from laisn.failure import LaisnError
 
 _TIGHT = "tight"
-_MANY = 1e5
-"""Larger figures are told by their magnitude alone."""
+_LARGE = 1e5
+"""Errors beyond this are printed by their order of magnitude [m]."""
 
 
 def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
@@ -25,7 +25,7 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
         beacons: names of those whose ranges are kept, with commas between; None: all.
 
     Raises:
-        LaisnError: the file cannot be read, lacks a beacon, or the log has the wrong name.
+        LaisnError: the file cannot be read or lacks a beacon, or the log's name is invalid.
     """
     from sim.datasets.log import VEHICLE, read_data_set, write_data_set
 
@@ -35,13 +35,10 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
         data = data.among([name.strip() for name in beacons.split(",") if name.strip()])
     write_data_set(data, out)
     console = Console()
-    duration = data.time[-1] - data.time[0]
-    tell(console, f"{VEHICLE}: {len(data.odometry)} steps of odometry in {duration:.1f} s")
-    for i, name in enumerate(data.beacons):
-        east, north = data.places[i]
-        tell(
-            console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {(data.range_beacon == i).sum()} ranges"
-        )
+    tell(console, f"{VEHICLE}: {len(data.odometry)} steps of odometry in {data.time[-1] - data.time[0]:.1f} s")
+    for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
+        ranges = (data.range_beacon == i).sum()
+        tell(console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges")
     tell(console, f"surveyed path: {len(data.truth)} places")
     for remark in data.remarks:
         tell(console, remark, "note:")
@@ -49,20 +46,20 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
 
 
 def _split(assignments: Iterable[str]) -> tuple[list[str], dict[str, object]]:
-    """Assignments to navigation as they are, and values of `beacons` by key; LaisnError naming any other."""
+    """Assignments `navigation.…`, and values of `beacons.…` by key; LaisnError naming any other key."""
     from sim.scenario.file import values_of
 
     navigation: list[str] = []
     beacons: dict[str, object] = {}
     for assignment in assignments:
-        (key, value), *_ = values_of([assignment]).items()
+        ((key, value),) = values_of([assignment]).items()
         section, _, name = key.partition(".")
         if section == "beacons":
             beacons[name] = value
         elif section == "navigation":
             navigation.append(assignment)
         else:
-            raise LaisnError(f"--set {key}: a replay of a data set knows navigation.… (LAISN) and beacons.… (tight)")
+            raise LaisnError(f"--set {key}: a replay of a data set takes navigation.… (LAISN) and beacons.… (tight)")
     return navigation, beacons
 
 
@@ -73,16 +70,14 @@ def replay_data_set(
 
     Args:
         path: log that `import_data_set` wrote.
-        variant: which LAISN, or "tight".
+        variant: name of a LAISN variant, or "tight".
         assignments: overrides, `navigation.key=value` of LAISN or `beacons.key=value` of the navigator among beacons.
         out: CSV file for the estimates; None: none.
-        longest_gap_s: between own measurements [s].
+        longest_gap_s: longest gap between own measurements that is bridged [s].
 
     Raises:
-        LogError: the log cannot be read.
-        LaisnError: variant, overrides or the file for the estimates are at fault.
+        LaisnError: the log cannot be read, or an argument is invalid.
     """
-    from experiments.campaign.store import write_csv
     from experiments.flight.library import load_flyable
     from experiments.real_ranges.navigating import among_beacons, by_laisn, dead_reckoning, score
     from experiments.real_ranges.settings import beacons_of
@@ -93,19 +88,19 @@ def replay_data_set(
 
     require_own_file(out, ".csv", path)
     navigation, beacons = _split(assignments)
-    told = beacons_of(beacons)
+    settings_of_beacons = beacons_of(beacons)
     recorded = read_data_set_log(path, longest_gap_s)
     if variant == _TIGHT:
         if navigation:
             raise LaisnError(f"--set {navigation[0]}: the variant {_TIGHT} takes beacons.… in a data set")
-        estimates, medium = among_beacons(recorded, told)
+        estimates, medium = among_beacons(recorded, settings_of_beacons)
         title = f"{variant}, in {medium}"
     else:
         if beacons:
             raise LaisnError(f"--set beacons.{next(iter(beacons))}: is for the variant {_TIGHT}")
-        # a mission of which only the settings of navigation are wanted
-        chosen = [f"navigation.variant={variant}", "navigation.use_single_range=true", *navigation]
-        scenario = load_flyable("T5", [*chosen, "motion=kinematic", "duration_s=2"])
+        # of this scenario only the settings of navigation are used
+        changes = [f"navigation.variant={variant}", "navigation.use_single_range=true", *navigation]
+        scenario = load_flyable("T5", [*changes, "motion=kinematic", "duration_s=2"])
         settings = navigation_settings(scenario, simulate_motion(scenario), 0)
         assert isinstance(settings, NavigationSettings)
         estimates, title = by_laisn(recorded, settings), variant
@@ -114,16 +109,12 @@ def replay_data_set(
     table = Table(*(Column(literal(head)) for head in heads), box=None, pad_edge=False)
     for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
         errors = score(found, measured, recorded.truth)
-        figures = ["–" if isnan(value) else f"{value:.2f}" if value < _MANY else f"{value:.0e}" for value in errors]
-        last = found.state[-1]
-        table.add_row(literal(name), *figures, f"{last[0]:.2f}, {last[1]:.2f}")
+        figures = ["–" if isnan(value) else f"{value:.2f}" if value < _LARGE else f"{value:.0e}" for value in errors]
+        x, y = found.state[-1, :2]
+        table.add_row(literal(name), *figures, f"{x:.2f}, {y:.2f}")
     console.print(table)
     for remark in recorded.remarks:
         tell(console, remark, "note:")
     if out is not None:
-        states = zip(measured.time.tolist(), estimates.state.tolist(), strict=True)
-        write_csv(
-            out,
-            [{"follower": VEHICLE, "time_s": t, **dict(zip(STATE_COLUMNS, state, strict=True))} for t, state in states],
-        )
+        write_states(out, [(VEHICLE, measured.time, estimates.state)])
         tell(console, out)

@@ -29,6 +29,7 @@ OutOption = Annotated[
 WorkersOption = Annotated[
     int | None, typer.Option(min=1, max=1024, help="local processes (default: one for each core)")
 ]
+QuickOption = Annotated[bool, typer.Option("--quick", help="fewer and shorter runs")]
 ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
 ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]
 

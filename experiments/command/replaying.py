@@ -1,22 +1,22 @@
-"""Navigation once more on a log, and what a log holds."""
+"""Navigation on the measurements of a log, and the contents of a log."""
 
 import json
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from experiments.campaign.progress import literal, tell
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.scenario.file import values_of
 
-STATE_COLUMNS = ("x_m", "y_m", "vx_m_s", "vy_m_s")
-
 
 def require_own_file(out: Path | None, suffix: str, source: Path) -> None:
-    """LaisnError if what is to be written is named as something else, or would replace the log that is read."""
+    """LaisnError if an output file has the wrong suffix or is the log that is read."""
     if out is None:
         return
     if out.suffix != suffix:
@@ -25,23 +25,33 @@ def require_own_file(out: Path | None, suffix: str, source: Path) -> None:
         raise LaisnError(f"--out {out}: is the log that is read; give the new one another name")
 
 
+def write_states(out: Path, states: Iterable[tuple[str, Floats, Floats]]) -> None:
+    """Write estimates as CSV: of each follower its name, times, shape (n,), and states [x, y, vx, vy], shape (n, 4)."""
+    from experiments.campaign.store import write_csv
+
+    columns = ("x_m", "y_m", "vx_m_s", "vy_m_s")
+    rows = [
+        {"follower": name, "time_s": time_s, **dict(zip(columns, values, strict=True))}
+        for name, times, state in states
+        for time_s, values in zip(times.tolist(), state.tolist(), strict=True)
+    ]
+    write_csv(out, rows)
+
+
 def replay(
     path: Path, variant: str, assignments: Iterable[str], out: Path | None, smooth_s: float | None = None
 ) -> None:
-    """Navigate on the measurements of a log and print errors beside those of the log.
+    """Navigate on the measurements of a flight's log and print errors beside those of the log.
 
     Args:
         path: log of a flight.
-        variant: which LAISN, or "tight".
+        variant: name of the navigator.
         assignments: overrides of the scenario's navigation, `navigation.key=value`.
         out: log for the new estimates, smoothed if they are; None: none.
-        smooth_s: smooth with messages of up to so much later [s], and print what that changes; None: not.
+        smooth_s: smooth with messages of up to this much later [s], and print the effect; None: no smoothing.
 
     Raises:
-        LogError: the log cannot be read.
-        LaisnError: the new log would replace the one that is read, or its name does not end in .mcap; or the variant
-            cannot be smoothed.
-        ScenarioError: variant or overrides are at fault, or touch more than navigation.
+        LaisnError: the log cannot be read, an argument is invalid, or the variant cannot be smoothed.
     """
     from experiments.command.fly import show
     from experiments.command.smoothing import show_smoothing, smoothing_factory
@@ -68,32 +78,24 @@ def replay(
 
 
 def replay_measurements(
-    path: Path,
-    source: str,
-    assignments: Iterable[str],
-    out: Path | None,
-    longest_gap_s: float,
-    smooth_s: float | None = None,
+    path: Path, source: str, assignments: Iterable[str], out: Path | None, longest_gap_s: float, smooth_s: float | None
 ) -> None:
-    """Navigate on the measurements of a real vehicle's log and print where that ends; nothing is known of the truth.
+    """Navigate on the log of a real vehicle, without a true path, and print the last estimates.
 
-    A range that arrives alone is used, unless the scenario says that it is not.
+    A single range of a message is used, unless the scenario sets `use_single_range = false`.
 
     Args:
         path: log with `/NAME/motion` and `/NAME/reception` of every follower of the scenario.
-        source: scenario; its followers' names and starts, the leader's baseline and the navigation are used. The
+        source: scenario, of which followers' names and starts, the leader's baseline and the navigation are used; the
             filter steps are the log's.
         assignments: overrides of the scenario.
-        out: CSV file for the estimates (x, y, vx, vy after each step); None: none.
-        longest_gap_s: between own measurements [s].
-        smooth_s: smooth with messages of up to so much later [s]; None: not.
+        out: CSV file for the estimates after each step; None: none.
+        longest_gap_s: longest gap between own measurements that is bridged [s].
+        smooth_s: as of `replay`.
 
     Raises:
-        LogError: the log cannot be read, has too long a gap or lacks a channel.
-        ScenarioError: the scenario is at fault.
-        LaisnError: the name of the file for the estimates does not end in .csv, or the variant cannot be smoothed.
+        LaisnError: as of `replay`; the scenario is invalid, or the log has too long a gap or lacks a channel.
     """
-    from experiments.campaign.store import write_csv
     from experiments.command.smoothing import smoothing_factory
     from experiments.flight.library import load_flyable
     from laisn.estimates import FixKind
@@ -107,18 +109,14 @@ def replay_measurements(
     require_own_file(out, ".csv", path)
     scenario = load_flyable(source, assignments)
     make = smoothing_factory(smooth_s) or new_navigator
-    # the starts alone are wanted of the routes
-    begin = simulate_motion(
-        scenario.model_copy(update={"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s})
-    )
-    told = scenario.navigation
-    single = told.use_single_range or "use_single_range" not in told.model_fields_set
-    rows: list[dict[str, str | float]] = []
+    # two steps are enough for the starts of the routes
+    short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
+    begin = simulate_motion(scenario.model_copy(update=short))
+    single = scenario.navigation.use_single_range or "use_single_range" not in scenario.navigation.model_fields_set
+    heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
+    table = Table(*(Column(literal(head)) for head in heads), box=None, pad_edge=False)
+    states: list[tuple[str, Floats, Floats]] = []
     remarks: list[str] = []
-    table = Table(box=None, pad_edge=False)
-    for head in ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]"):
-        # a unit in brackets would be read as markup
-        table.add_column(literal(head))
     for i, name in enumerate(begin.names[1:]):
         measured, found = reader.read_recording(path, name, longest_gap_s)
         remarks += found
@@ -126,25 +124,18 @@ def replay_measurements(
         if isinstance(settings, NavigationSettings):
             settings = replace(settings, use_single_range=single)
         estimates = make(settings, start_of(begin, i)).run(measured)
-        kinds = [FixKind(kind) for kind in estimates.fix_kind.tolist()]
-        counts = ", ".join(f"{kinds.count(k)} {k.name.lower().replace('_', ' ')}" for k in FixKind if k in kinds)
-        last = estimates.state[-1]
-        table.add_row(
-            literal(name),
-            str(len(estimates.state)),
-            f"{measured.dt:g}",
-            counts or "none",
-            f"{last[0]:.2f}",
-            f"{last[1]:.2f}",
-        )
-        for time_s, state in zip(measured.time.tolist(), estimates.state.tolist(), strict=True):
-            rows.append({"follower": name, "time_s": time_s, **dict(zip(STATE_COLUMNS, state, strict=True))})
+        kinds = Counter(estimates.fix_kind.tolist())
+        counts = ", ".join(f"{kinds[kind]} {kind.name.lower().replace('_', ' ')}" for kind in FixKind if kinds[kind])
+        x, y = estimates.state[-1, :2]
+        steps = str(len(estimates.state))
+        table.add_row(literal(name), steps, f"{measured.dt:g}", counts or "none", f"{x:.2f}", f"{y:.2f}")
+        states.append((name, measured.time, estimates.state))
     console = Console()
     console.print(table)
     for remark in dict.fromkeys(remarks):
         tell(console, remark, "note:")
     if out is not None:
-        write_csv(out, rows)
+        write_states(out, states)
         tell(console, out)
 
 

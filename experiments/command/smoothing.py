@@ -1,4 +1,4 @@
-"""Replays of the tightly coupled navigator after the fact: which navigator smooths, and what smoothing changes."""
+"""Fixed-lag smoothing of replays by the tightly coupled navigator, and its effect on errors."""
 
 import math
 
@@ -19,9 +19,9 @@ from sim.flight import Flight
 
 
 def smoothing_factory(lag_s: float | None) -> NavigatorFactory | None:
-    """What makes navigators that smooth with messages of up to a lag later [s]; None where none is asked for.
+    """A factory of navigators that smooth with messages of up to a lag later [s]; None without a lag.
 
-    Raises LaisnError if the lag is not finite; what it returns does so for settings of LAISN.
+    Raises LaisnError if the lag is not finite; the factory does so for settings of LAISN.
     """
     if lag_s is None:
         return None
@@ -30,7 +30,7 @@ def smoothing_factory(lag_s: float | None) -> NavigatorFactory | None:
 
     def make(settings: AnySettings, start: Floats) -> AnyNavigator:
         if not isinstance(settings, TightSettings):
-            raise LaisnError("--smooth: LAISN's covariances cannot carry it; add --variant tight")
+            raise LaisnError("--smooth: LAISN cannot be smoothed; add --variant tight")
         return SmoothingNavigator(settings, start, lag_s)
 
     return make
@@ -40,19 +40,19 @@ def _consistency(estimates: Estimates, truth: Floats) -> tuple[str, str]:
     """RMS of E_P [m], and mean NEES, from the first estimate on."""
     squares = metrics.position_errors(estimates.state[:, :2], truth)[estimates.unknown :] ** 2
     normalised = metrics.nees(estimates, truth)
-    told = normalised[np.isfinite(normalised)]
+    known = normalised[np.isfinite(normalised)]
     rms = f"{math.sqrt(squares.mean()):.3f}" if squares.size else "–"
-    return rms, f"{told.mean():.3g}" if told.size else "–"
+    return rms, f"{known.mean():.3g}" if known.size else "–"
 
 
 def _least(flight: Flight, follower: int, lag_s: float) -> str:
-    """RMS over the flight of the least error that any estimator can have [m]."""
+    """RMS over the flight of the Cramér–Rao bound [m]."""
     bound = flight_bound(flight, follower, lag_s)[flight.estimates[follower].unknown :]
     return f"{math.sqrt(np.mean(bound**2)):.3f}" if bound.size else "–"
 
 
 def show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: float) -> None:
-    """Print RMS errors of every follower, the least that there could be, and NEES, filtered and smoothed."""
+    """Print RMS errors of every follower, their bounds, and NEES, filtered and smoothed."""
     heads = ("RMS E_P [m]", "smoothed", "bound [m]", "smoothed", "NEES", "smoothed")
     table = Table("follower", *heads, box=None, pad_edge=False)
     for i, name in enumerate(filtered.trajectory.names[1:]):

@@ -141,8 +141,8 @@ def read(path: Path) -> dict[str, Any]:
     return parse(text, str(path))
 
 
-def _value(text: str, source: str) -> Any:
-    """Value of an assignment: TOML, or text without quotes."""
+def value_of(text: str, source: str) -> Any:
+    """A value on the command line: TOML, or text without quotes; `source` is for messages."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -209,18 +209,18 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
     return result
 
 
-def _assignment(text: str) -> tuple[str, Any]:
+def _assignment(text: str, option: str = "--set") -> tuple[str, Any]:
     """Key and value of `key.path=value`."""
-    source = f"--set {shortened(plain(text), 200)}"
+    source = f"{option} {shortened(plain(text), 200)}"
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
         raise ScenarioError(f"{source}: expected key=value, such as sensors.speed_bias_m_s=0.1")
-    return path, plain_values({"value": _value(value.strip(), source)}, source)["value"]
+    return path, plain_values({"value": value_of(value.strip(), source)}, source)["value"]
 
 
-def values_of(assignments: Iterable[str]) -> dict[str, Any]:
+def values_of(assignments: Iterable[str], option: str = "--set") -> dict[str, Any]:
     """Values by dotted key of assignments `key.path=value`, as `override` takes them; errors as of that."""
-    return {path.strip(): value for path, value in map(_assignment, assignments)}
+    return {path.strip(): value for path, value in (_assignment(text, option) for text in assignments)}
 
 
 def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:

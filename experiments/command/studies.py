@@ -1,12 +1,19 @@
-"""The subcommands of studies: `laisn study` for a user's own, those that ship, and `laisn compare`."""
+"""Subcommands that run studies: `laisn study` for study files, the studies that ship, and `laisn compare`."""
 
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from experiments.command.options import ClusterOption, ForceOption, OutOption, SetOption, WorkersOption, say
+from experiments.command.options import (
+    ClusterOption,
+    ForceOption,
+    OutOption,
+    QuickOption,
+    SetOption,
+    WorkersOption,
+    say,
+)
 
 if TYPE_CHECKING:
     from experiments.study.estimate import Results
@@ -14,31 +21,19 @@ if TYPE_CHECKING:
     from experiments.study.plan import Plan
 
 
-def _value(text: str) -> Any:
-    """A value of the command line: TOML, or text without quotes."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except ValueError:
-        return text
+def _factors(assignments: list[str]) -> dict[str, Any]:
+    """Lists of values by key; a list is TOML, or values with commas between them."""
+    from sim.scenario.file import value_of, values_of
+
+    def listed(value: Any) -> Any:
+        if isinstance(value, str):
+            return [value_of(part.strip(), "--vary") for part in value.split(",")]
+        return value if isinstance(value, list | dict) else [value]
+
+    return {key: listed(value) for key, value in values_of(assignments, "--vary").items()}
 
 
-def _pairs(assignments: list[str] | None, option: str, *, several: bool) -> dict[str, Any]:
-    """Values by key; `several`: values with commas between them make a list."""
-    from laisn.failure import LaisnError
-
-    found: dict[str, Any] = {}
-    for assignment in assignments or []:
-        key, equals, text = assignment.partition("=")
-        if not equals or not key.strip() or not text.strip():
-            raise LaisnError(f"--{option} {assignment}: expected KEY=VALUE, such as followers.0.depth_m=10,15,20")
-        if several and not text.strip().startswith(("[", "{")):
-            found[key.strip()] = [_value(part.strip()) for part in text.split(",")]
-        else:
-            found[key.strip()] = _value(text.strip())
-    return found
-
-
-def _dry(study: "Study", workers: int | None) -> None:
+def _print_effort(study: "Study", workers: int | None) -> None:
     import os
 
     from experiments.study.plan import many, plan_of
@@ -46,7 +41,7 @@ def _dry(study: "Study", workers: int | None) -> None:
 
     plan = plan_of(study)
     effort = effort_of(plan, workers or len(os.sched_getaffinity(0)))
-    typer.echo(
+    say(
         f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, {many(study.seas, 'sea')}, "
         f"{many(study.runs, 'run')} of noise; {many(effort.flights, 'flight')}, {many(effort.cells, 'cell')}, "
         f"{many(effort.runs, 'run')}; about {max(effort.seconds, 1):.0f} s and {effort.megabytes:.0f} MB, if nothing "
@@ -54,16 +49,24 @@ def _dry(study: "Study", workers: int | None) -> None:
     )
 
 
-def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path | None:
-    """Film the worst run of the worst place into the folder."""
-    from experiments.flight.fly import fly
-    from experiments.flight.summary import position_and_bearing_errors
-    from experiments.study.notable import worst_entry
+def _can_film() -> bool:
+    """Whether films can be rendered; prints why not."""
     from sim.film import graphics
-    from sim.film.render import render
 
     if graphics.working() is None:
         typer.echo(f"no film: {graphics.MISSING}", err=True)
+        return False
+    return True
+
+
+def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path | None:
+    """Film the worst run of the worst point into the folder."""
+    from experiments.flight.fly import fly
+    from experiments.flight.summary import position_and_bearing_errors
+    from experiments.study.notable import worst_entry
+    from sim.film.render import render
+
+    if not _can_film():
         return None
     entry, run, _ = worst_entry(plan, results)
     flight, _ = fly(entry.scenario.model_copy(update={"run": run}))
@@ -78,42 +81,42 @@ def study(
         list[str] | None, typer.Option("--vary", metavar="KEY=A,B,…", help="a factor: these values of a scenario's key")
     ] = None,
     draw: Annotated[
-        list[str] | None, typer.Option("--draw", metavar="KEY={uniform=[A,B]}", help="every sea draws this key anew")
+        list[str] | None,
+        typer.Option("--draw", metavar="KEY={uniform=[A,B]}", help="a random value of this key for each sea"),
     ] = None,
     set_: SetOption = None,
     runs: Annotated[int | None, typer.Option(min=1, max=1_000_000, help="runs of noise at each point")] = None,
     seas: Annotated[int | None, typer.Option(min=1, max=100_000, help="seas at each point: waves, and draws")] = None,
     seed: Annotated[int | None, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="say what it would take, and fly nothing")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="print the size of the study and stop")] = False,
     film: Annotated[str | None, typer.Option(metavar="worst", help="film the worst run of the worst point")] = None,
     workers: WorkersOption = None,
     out: OutOption = None,
     force: ForceOption = False,
     cluster: ClusterOption = None,
 ) -> None:
-    """Fly a study of your own: factors, draws and arms of a file; tables, intervals and a page."""
+    """Run a study: factors, draws and arms of a file; write tables, intervals and a page."""
     from experiments.study.file import study_of
     from experiments.study.study import run_study
     from laisn.failure import LaisnError
+    from sim.scenario.file import values_of
 
     if film not in (None, "worst"):
-        raise LaisnError(f"--film {film}: only the worst run can be asked for: --film worst")
+        raise LaisnError(f"--film {film}: expected --film worst")
     keys = {
-        "vary": _pairs(vary, "vary", several=True),
-        "draw": _pairs(draw, "draw", several=False),
-        "set": _pairs(set_, "set", several=False),
+        "vary": _factors(vary or []),
+        "draw": values_of(draw or (), "--draw"),
+        "set": values_of(set_ or ()),
         "runs": runs,
         "seas": seas,
         "seed": seed,
     }
     asked = study_of(source, keys)
     if dry_run:
-        _dry(asked, workers)
+        _print_effort(asked, workers)
         return
-    report = run_study(
-        asked, out or Path("out") / asked.name, workers=workers, cluster=cluster, force=force,
-        film=_film_worst if film else None,
-    )  # fmt: skip
+    folder, film_of = out or Path("out") / asked.name, _film_worst if film else None
+    report = run_study(asked, folder, workers=workers, cluster=cluster, force=force, film=film_of)
     say(f"report in {report}")
 
 
@@ -121,7 +124,7 @@ def compare(
     sources: Annotated[list[str], typer.Argument(metavar="A B …", help="folders of flights, or of studies; or logs")],
     out: Annotated[Path, typer.Option(help="the page")] = Path("compare.html"),
 ) -> None:
-    """Set flights or studies side by side on one page: errors, paired differences, settings that differ."""
+    """Compare flights or studies on one page: errors, paired differences, settings that differ."""
     from experiments.pages.page import write
     from experiments.study.compare import page_of
 
@@ -145,25 +148,18 @@ def reproduce(
     force: ForceOption = False,
     cluster: ClusterOption = None,
 ) -> None:
-    """Fly the paper's five stages; tables beside the published ones, figures, and its claims judged."""
+    """Run the paper's five stages; write tables beside the published ones, figures, and verdicts on its claims."""
     from experiments.reproduction import study as reproduction
 
     report = reproduction.reproduce(
-        stage,
-        motion=motion,  # type: ignore[arg-type]  # reproduce names the motions
-        runs=runs,
-        missions=missions,
-        seed=seed,
-        workers=workers,
-        out=out,
-        force=force,
-        cluster=cluster,
-    )
+        stage, motion=motion,  # type: ignore[arg-type]  # reproduce refuses other motions
+        runs=runs, missions=missions, seed=seed, workers=workers, out=out, force=force, cluster=cluster,
+    )  # fmt: skip
     say(f"report in {report}")
 
 
 def asymmetry(
-    quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
+    quick: QuickOption = False,
     workers: WorkersOption = None,
     out: OutOption = None,
     force: ForceOption = False,
@@ -172,34 +168,25 @@ def asymmetry(
         bool | None, typer.Option("--film/--no-film", help="film one condition (default: unless --quick)")
     ] = None,
 ) -> None:
-    """Study what a leader that pitches does to the ranges, and what helps."""
+    """Run the study of range errors from a pitching leader, and of remedies."""
     from experiments.asymmetry import film as asymmetry_film
     from experiments.asymmetry import study
-    from sim.film import graphics
 
+    wanted = (not quick if film is None else film) and _can_film()
+    film_of = asymmetry_film.film if wanted else None
     folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
-    wanted = not quick if film is None else film
-    if wanted and graphics.working() is None:
-        typer.echo(f"no film: {graphics.MISSING}", err=True)
-    report = study.run(
-        folder,
-        quick=quick,
-        workers=workers,
-        cluster=cluster,
-        force=force,
-        film=asymmetry_film.film if wanted else None,
-    )
+    report = study.run(folder, quick=quick, workers=workers, cluster=cluster, force=force, film=film_of)
     say(f"report in {report}")
 
 
 def estimators(
-    quick: Annotated[bool, typer.Option("--quick", help="a first look in seconds")] = False,
+    quick: QuickOption = False,
     workers: WorkersOption = None,
     out: OutOption = None,
     force: ForceOption = False,
     cluster: ClusterOption = None,
 ) -> None:
-    """Compare LAISN-2, the tightly coupled navigator, and the least error that is possible."""
+    """Run the comparison of LAISN-2, the tightly coupled navigator and the Cramér–Rao bound."""
     from experiments.estimators import report, study
     from experiments.findings import FILE, read
 
@@ -209,7 +196,7 @@ def estimators(
 
 
 def formation(
-    quick: Annotated[bool, typer.Option("--quick", help="two runs of 100 s, a first look")] = False,
+    quick: QuickOption = False,
     runs: Annotated[
         int | None, typer.Option(min=1, max=10_000, help="runs of each condition, in place of the study's own number")
     ] = None,
@@ -218,7 +205,7 @@ def formation(
     force: ForceOption = False,
     cluster: ClusterOption = None,
 ) -> None:
-    """Fly ten followers in formation through currents, waves, losses and navigators."""
+    """Run the study of ten followers in formation: currents, waves, losses and navigators."""
     from experiments.findings import FILE, read
     from experiments.formation import report, study
 
