@@ -321,7 +321,7 @@ def test_the_command_names_what_it_cannot_do(tmp_path: Path) -> None:
     assert "beacons.slip: Extra inputs are not permitted; known: medium, " in run(*tight, "beacons.slip=1")
     assert "Input should be 'auto', 'air' or 'water'" in run(*tight, "beacons.medium=mud")
     assert "the variant tight takes beacons.…" in run(*tight, "navigation.threshold_m=1")
-    assert "knows navigation.… (LAISN) and beacons.… (tight)" in run(*tight, "sensors.speed_bias_m_s=1")
+    assert "takes navigation.… (LAISN) and beacons.… (tight)" in run(*tight, "sensors.speed_bias_m_s=1")
     assert "is for the variant tight" in run("replay", log, "--set", "beacons.medium=air")
     with pytest.raises(LogError, match="no log of a data set"):
         foreign(tmp_path)
