@@ -1,4 +1,4 @@
-"""`laisn log`: what a log holds, its tables, logs of data sets, and logs that were left unfinished."""
+"""`laisn log`: inspect, export, repair and import logs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +8,7 @@ import typer
 from experiments.command.errors import report_errors
 from experiments.command.options import folder_option, say
 
-log_app = typer.Typer(help="Look into logs, export and mend them, and make them of data sets.", no_args_is_help=True)
+log_app = typer.Typer(help="Inspect, export, repair and import logs.", no_args_is_help=True)
 
 
 LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
@@ -17,7 +17,7 @@ LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 @log_app.command("info")
 @report_errors
 def log_info(log: LogArgument) -> None:
-    """Say what a log holds."""
+    """Print the contents of a log."""
     from experiments.command import replaying
 
     replaying.show_info(log)
@@ -29,11 +29,9 @@ def log_export(
     log: LogArgument,
     out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
-    rerun: Annotated[
-        bool, typer.Option("--rerun", help="write one recording that Rerun draws in place of tables")
-    ] = False,
+    rerun: Annotated[bool, typer.Option("--rerun", help="write one Rerun recording in place of tables")] = False,
 ) -> None:
-    """Write every channel of numbers as a table, or a flight as a recording for Rerun."""
+    """Export every numeric channel as a table, or a flight as a recording for Rerun."""
     from sim.log.export import export
 
     if rerun:
@@ -56,7 +54,7 @@ def log_import(
         str | None, typer.Option(metavar="NAME,NAME", help="keep the ranges to these beacons (default: to all)")
     ] = None,
 ) -> None:
-    """Make a log of a data set: odometry and ranges to beacons, to replay navigation on."""
+    """Import a data set of odometry and ranges to beacons as a log, on which `laisn replay` navigates."""
     from experiments.command import datasets
 
     datasets.import_data_set(source, out, beacons)
@@ -65,7 +63,7 @@ def log_import(
 @log_app.command("recover")
 @report_errors
 def log_recover(log: LogArgument) -> None:
-    """Finish a log that a crash, a full disk or Ctrl-C left behind."""
+    """Recover a log that a crash, a full disk or Ctrl-C left unfinished."""
     from sim.log.recovery import recover
 
     say(recover(log, lambda remark: say(f"note: {remark}")))
