@@ -1,24 +1,12 @@
-"""What a terminal shows while a command works: how far it is, how long that will take, what is compiled on first use.
-
-Words of ours may be styled; what files, paths and users say stands as it is.
-"""
+"""Progress of a command on a terminal or in a log, and literal text for both."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from datetime import timedelta
 from typing import Protocol
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    ProgressColumn,
-    Task,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 from rich.text import Text
 
@@ -29,14 +17,14 @@ _COMPILING = "compiling (once)"
 
 
 class Advance(Protocol):
-    """Told how much more is done."""
+    """Reports finished items."""
 
     def __call__(self, count: int = 1) -> None:
-        """`count` more are done."""
+        """`count` more are finished."""
 
 
 Update = Callable[[float], None]
-"""Told the share that is done, 0 … 1."""
+"""Reports the share that is done, 0 … 1."""
 Phase = Callable[[str], AbstractContextManager[Update]]
 """Shows a named phase for as long as its context lasts."""
 
@@ -47,95 +35,83 @@ def literal(text: object, style: str = "") -> Text:
 
 
 def tell(console: Console, text: object, label: str = "", style: str = "yellow") -> None:
-    """Print a line of literal text, behind a styled label of ours if there is one."""
+    """Print a line of literal text, after a styled label if there is one."""
     console.print(Text.assemble((f"{label} ", style) if label else "", literal(text)), soft_wrap=True)
 
 
-class _Rate(ProgressColumn):
-    """Items a second."""
-
-    def render(self, task: Task) -> Text:
-        speed = task.finished_speed or task.speed
-        return Text(f"{speed:.1f}/s" if speed else "–/s", style="progress.data.speed")
-
-
-class _Left(ProgressColumn):
-    """Time left, where it can be told."""
-
-    def render(self, task: Task) -> Text:
-        left = task.time_remaining
-        told = "" if left is None or task.finished else f"{timedelta(seconds=round(left))} left"
-        return Text(told, style="progress.remaining")
-
-
-def _compiling(functions: int) -> str:
+def _count(functions: int) -> str:
     return f"{_COMPILING}: {functions} function{'s' if functions > 1 else ''}"
+
+
+@contextmanager
+def _compiling(console: Console, show: Callable[[int], None]) -> Iterator[None]:
+    """Report compilation: `show` gets the number of functions on a terminal, 0 at the end; a log has one line."""
+    # a process that only shows progress does not load the compiler
+    from laisn.compiled import compiling
+
+    printed = False
+
+    def listener(functions: int) -> None:
+        nonlocal printed
+        if console.is_terminal:
+            show(functions)
+        elif functions and not printed:
+            console.print(_COMPILING)
+            printed = True
+
+    with compiling(listener):
+        yield
 
 
 @contextmanager
 def compiling_shown() -> Iterator[None]:
     """Print on standard error that code is compiled, and count the functions on a terminal while it is."""
-    # a process that only shows progress does not load the compiler
-    from laisn.compiled import compiling
-
     console = Console(stderr=True)
     status = console.status(_COMPILING)
-    told = False
 
-    def tell(functions: int) -> None:
-        nonlocal told
-        if functions and console.is_terminal:
-            status.update(_compiling(functions))
-            status.start()
-        elif functions and not told:
-            console.print(_COMPILING)
-        elif not functions:
-            status.stop()
-        told = told or functions > 0
+    def show(functions: int) -> None:
+        status.update(_count(functions))
+        (status.start if functions else status.stop)()
 
-    with compiling(tell):
-        try:
+    try:
+        with _compiling(console, show):
             yield
-        finally:
-            status.stop()
+    finally:
+        status.stop()
 
 
 @contextmanager
 def phases(console: Console) -> Iterator[Phase]:
-    """A bar for each phase of a flight, with its time, what is left of it, and whether it is compiling.
-
-    On a terminal the bars stay; in a log there is only a line where code is compiled.
-    """
-    from laisn.compiled import compiling
-
-    width = len(_compiling(100))
-    columns = (TextColumn(f"{{task.description:<{width}}}"), BarColumn(), TimeElapsedColumn(), _Left())
-    told = False
+    """A bar for each phase of a flight, with the time left or taken, and whether it is compiling; none in a log."""
+    columns = (
+        TextColumn(f"{{task.description:<{len(_count(100))}}}"),
+        BarColumn(),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    current: list[tuple[TaskID, str]] = []
     with Bars(*columns, console=console, disable=not console.is_terminal) as bars:
+
+        def show(functions: int) -> None:
+            for task, name in current[-1:]:
+                bars.update(task, description=_count(functions) if functions else name, refresh=True)
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:
             task = bars.add_task(name, total=1.0)
-
-            def tell(functions: int) -> None:
-                nonlocal told
-                bars.update(task, description=_compiling(functions) if functions else name, refresh=True)
-                if functions and not (console.is_terminal or told):
-                    console.print(_COMPILING)
-                told = told or functions > 0
-
-            with compiling(tell):
-                yield lambda done: bars.update(task, completed=done)
+            current.append((task, name))
+            yield lambda done: bars.update(task, completed=done)
+            current.pop()
             bars.update(task, completed=1.0)
 
-        yield phase
+        with _compiling(console, show):
+            yield phase
 
 
 @contextmanager
 def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
-    """A bar on a terminal, a line every ten seconds in a log; nothing where there is nothing to do.
+    """A bar on a terminal, a line every ten seconds in a log; nothing if there is nothing to do.
 
-    Rate and time left are those since the first item was done, which has waited for processes and compilers to start.
+    In a log, rate and time left do not count the first item, which waited for processes and compilers to start.
 
     Args:
         what: is counted, such as "cells".
@@ -147,7 +123,7 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
         yield lambda count=1: None
         return
     if console.is_terminal:
-        columns = (TextColumn(f"{what:<8}"), BarColumn(), MofNCompleteColumn(), _Rate(), TimeRemainingColumn())
+        columns = (TextColumn(f"{what:<8}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Bars(*columns, console=console) as bars:
             task = bars.add_task(what, total=total)
             yield lambda count=1: bars.advance(task, count)

@@ -38,7 +38,7 @@ def gone(pid: int) -> bool:
         return True
 
 
-def all_gone(pids: list[int], seconds: float = 20.0) -> bool:
+def all_gone(pids: list[int], seconds: float = 10.0) -> bool:
     until = time.monotonic() + seconds
     while time.monotonic() < until and not all(gone(pid) for pid in pids):
         time.sleep(0.05)
