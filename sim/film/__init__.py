@@ -1,8 +1,7 @@
 """Flights as films and stills, offscreen and without a GPU.
 
-Takes a `Flight`; gives frames and an H.264 file (`render`). Frames are drawn by child processes (`studio`), so that a
-graphics library that is missing or broken breaks nothing else: no module here loads one when it is imported. Pictures
-show what was flown and change nothing.
+Takes a `Flight`; gives frames and an H.264 file (`render`). Frames are drawn by child processes (`frame_renderer`), so
+that a missing or broken graphics library breaks nothing else: no module here loads one when it is imported.
 
-Imports: laisn sim.assembly sim.files sim.flight sim.geometry sim.scenario sim.vehicle sim.water
+Imports: laisn sim.assembly sim.files sim.flight sim.geometry sim.scenario sim.station_keeping sim.vehicle sim.water
 """

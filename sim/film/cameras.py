@@ -21,10 +21,6 @@ _FREE = (0.26, 0.79, 0.04)
 """Left, right and upper edge of what the panels leave free, as shares of the frame."""
 _SIGHT_DOWN_M = 42.0
 """How far below the vehicles the view from above reaches."""
-_LOW = (0.23, 0.30)
-"""Where vehicles this share of the frame's height off its middle may pass below the map: the half of the width that
-they take with the map in the way, and without."""
-_BELOW_MAP = 0.13
 _PROFILE_TURN = np.radians(152.0)
 """From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
 the leader at one side of the frame's middle and a far follower some 27° from it, at the other."""
@@ -197,26 +193,17 @@ class CameraRig:
 
     def _beside(self, target: Floats, direction: Floats, fovy_deg: float, wide: float, high: float, deep: float
                 ) -> View:  # fmt: skip
-        """A view of vehicles between panels: within `wide` across, `high` up and `deep` along the line of sight, [m].
-
-        They begin beside the panels at the left, and end before the map or, where all pass below it, further right.
-        """
-        upward = np.tan(np.radians(fovy_deg) / 2)
-
-        def distance(share: float) -> float:
-            slope = share * 2 * upward * self._aspect
-            return float(np.hypot(wide / slope, deep))
-
-        vertical = high / (_BELOW_MAP * 2 * upward) + deep
-        far = max(float(np.clip(vertical, distance(_LOW[1]), distance(_LOW[0]))), 6.0)
-        # half the width that the vehicles take from there
-        share = wide / max(np.sqrt(max(far**2 - deep**2, 0.0)), 1e-6) / (2 * upward * self._aspect)
+        """A view of vehicles between the panels: `wide` across, `high` up and `deep` along the line of sight [m]."""
+        left, right, _ = _FREE
+        slope = np.tan(np.radians(fovy_deg) / 2)
+        across = wide / ((right - left) * slope * self._aspect)
+        far = max(float(np.hypot(across, deep)), high / (0.25 * slope) + deep, 6.0)
         eye = self._in_water(target + far * direction)
         # close below the surface, that would end in a line
         eye[2] = min(eye[2], 0.5 * target[2])
         view = View(position=eye, target=target, fovy_deg=fovy_deg)
-        frame = 2 * float(np.linalg.norm(target - eye)) * upward * self._aspect
-        shift = (0.5 - (_FREE[0] + share)) * frame * view.axes[0]
+        frame = 2 * float(np.linalg.norm(target - eye)) * slope * self._aspect
+        shift = (0.5 - (left + right) / 2) * frame * view.axes[0]
         return replace(view, position=eye + shift, target=target + shift)
 
     def _span(self, time: float) -> tuple[Floats, Floats]:

@@ -86,17 +86,12 @@ def _check_file(path: Path, suffix: str) -> None:
         raise RenderError(f"the folder {path.resolve().parent} does not exist")
 
 
-def _backend() -> str:
-    found = graphics.working()
-    if found is None:
-        raise RenderError(graphics.MISSING)
-    return found.name
-
-
 @contextmanager
 def _children(job: Job, programs: Sequence[tuple[str, ...]]) -> Iterator[tuple[Path, list[Any]]]:
     """A folder with the job, and a child for each of the programs; none outlives the block."""
-    backend = _backend()
+    backend = graphics.working()
+    if backend is None:
+        raise RenderError(graphics.MISSING)
     threads = max(1, (os.cpu_count() or 1) // len(programs))
     children: list[Any] = []
     with TemporaryDirectory(prefix="laisn-") as name:
@@ -106,7 +101,7 @@ def _children(job: Job, programs: Sequence[tuple[str, ...]]) -> Iterator[tuple[P
             ending = f"from sim.processes import exit_with_parent; exit_with_parent({os.getpid()})"
             for number, (program, *arguments) in enumerate(programs):
                 words = (str(folder), *arguments)
-                command, environment = graphics.child(f"{ending}; {program}", words, backend, threads)
+                command, environment = graphics.child(f"{ending}; {program}", words, backend.name, threads)
                 with (folder / f"{number}.log").open("wb") as log:
                     children.append(subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=log))
             yield folder, children
@@ -149,11 +144,6 @@ def _rendered(job: Job, progress: Progress | None) -> Iterator[Path]:
         yield folder
 
 
-def _units(folder: Path, job: Job) -> Iterator[bytes]:
-    for group in range(job.groups):
-        yield from pickle.loads(group_file(folder, group).read_bytes())
-
-
 def render(
     flight: Flight,
     path: Path,
@@ -191,7 +181,7 @@ def render(
     job = _job(flight, errors, video, follower=follower, workers=workers, annotations=annotations)
     _check_file(path, ".mp4")
     with _rendered(job, progress) as folder:
-        units = list(_units(folder, job))
+        units = [unit for g in range(job.groups) for unit in pickle.loads(group_file(folder, g).read_bytes())]
     with atomic_write(path) as part:
         _write_mp4(part, units, job.video)
     return list(zip(job.times.tolist(), units, strict=True))

@@ -34,22 +34,22 @@ _RIPPLES = np.array(
     ]
 )
 """Looks only: they keep a calm sea from being a mirror."""
+_HILLS = np.array(
+    [
+        (1.0, 0.071, 0.023, 0.0, 0.0),
+        (0.9, -0.031, 0.083, 0.0, 1.3),
+        (0.5, 0.113, -0.137, 0.0, 2.1),
+        (0.3, 0.211, 0.171, 0.0, 0.4),
+        (0.2, -0.293, 0.247, 0.0, 4.0),
+        (0.15, 0.391, -0.083, 0.0, 5.1),
+    ]
+) - [0.0, 0.0, 0.0, 0.0, np.pi / 2]
+"""As `_RIPPLES`; incommensurate waves of 15–90 m give hills that never repeat within sight."""
 
 
 def relief(x: Floats, y: Floats) -> Floats:
-    """Height of the sea floor above its deepest point, as a share of the relief, in [0, 1]; x and y broadcast, [m]."""
-    # incommensurate waves of 15–90 m: hills that never repeat within sight
-    terms = (
-        (0.071, 0.023, 0.0, 1.0),
-        (-0.031, 0.083, 1.3, 0.9),
-        (0.113, -0.137, 2.1, 0.5),
-        (0.211, 0.171, 0.4, 0.3),
-        (-0.293, 0.247, 4.0, 0.2),
-        (0.391, -0.083, 5.1, 0.15),
-    )
-    height = sum(a * np.sin(kx * x + ky * y + phase) for kx, ky, phase, a in terms)
-    total = sum(a for *_, a in terms)
-    return np.asarray(0.5 + 0.5 * height / total)
+    """Height of the sea floor above its deepest point, as a share of the relief, over the grid x by y [m]."""
+    return np.asarray(0.5 + 0.5 * _sum_of_waves(_HILLS, x, y, 0.0) / _HILLS[:, 0].sum())
 
 
 def _tile(size: int, wavelength: float, seed: int) -> Floats:
@@ -191,7 +191,7 @@ class Sea:
         place = (float(middle[0]), float(middle[1]), half)
         shapes = {"sea": 0.5 - self.elevation(x, y, time, film_time)[::-1] / _CREST_M}
         if place != self._shown:
-            shapes["seabed"] = relief(x[None, :], y[:, None])
+            shapes["seabed"] = relief(x, y)
             self._shown = place
         for name, share in shapes.items():
             field = self._field[name]

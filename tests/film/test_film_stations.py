@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from synthetic import make_flight
 
+from sim.film import labels
 from sim.film.annotations import NOTHING
 from sim.film.cameras import CameraRig, View
 from sim.film.film_data import FilmData
@@ -104,3 +105,12 @@ def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
     assert "9.1 m apart, the nearest" in words
     others = [label.words for label in Overlay(data, 0, (1280, 720), 3.0, NOTHING)._labels(state, shot.view)]
     assert not [word for word in others if word.startswith("station")]
+
+
+def test_every_follower_of_ten_has_a_label() -> None:
+    """All ten stand in the picture from above, and there is room for a label of each."""
+    data = film_data_of(make_flight(60.0, 10))
+    overlay, state = Overlay(data, 0, (1280, 720), 3.0, NOTHING), data.at(30.0)
+    wanted = overlay._labels(state, CameraRig(data, 0, 16 / 9).shot("top", state).view)
+    placed = {label.words for label, _, _ in labels.place(wanted, [], overlay.canvas)}
+    assert set(data.flight.trajectory.names[1:]) <= placed
