@@ -49,8 +49,17 @@ NEAR_AXIS = ("T2", "T5", "T7", "T8", "T9")
 
 CONCLUSIONS = (
     Conclusion(
-        "README.md", "LAISN-2's excess in Table 7 comes with captures", "reproduce-physics",
+        "README.md", "then jump to the mirror image of the truth", "reproduce-physics",
         lambda r: r.low("captured asymmetric laisn-2") > 2 * r.high("captured 5s laisn-2"),
+    ),
+    Conclusion(
+        "README.md", "with the error of Eq. 28 centred", "reproduce-physics",
+        lambda r: all(0.8 < r.value(f"ratio asymmetric-centred {v}") < 1.25 < r.value(f"ratio asymmetric {v}")
+                      for v in ("laisn-2", "laisn-3-2")),
+    ),
+    Conclusion(
+        "README.md", "But LAISN-2 collapses as well", "reproduce-physics",
+        lambda r: r.value("error 10s-slow-beta300 laisn-2 T3") > 5 * r.value("printed 10s-slow-beta300 laisn-2 T3"),
     ),
     Conclusion(
         "README.md", "collapses at 10 s as printed", "reproduce-physics",

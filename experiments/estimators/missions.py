@@ -1,4 +1,4 @@
-"""The missions on which both navigators are compared, and the least error that is possible on them."""
+"""The missions on which both navigators are compared, and the Cramér–Rao bound on them."""
 
 import math
 from functools import cache

@@ -142,8 +142,8 @@ def _weaves(findings: Findings) -> list[Text | Table]:
         ])  # fmt: skip
     about = (
         "On the axis of two transmitters a follower can tell neither port from starboard nor well how far it is aside. "
-        "A leader that weaves turns that axis away from it. The table has the least error that any estimator can have "
-        "(Cramér–Rao), over the first five minutes, of a follower in the leader's trail that starts at a known place "
+        "A leader that weaves turns that axis away from it. The table has the Cramér–Rao bound of dead reckoning with "
+        "these ranges, over the first five minutes, of a follower in the leader's trail that starts at a known place "
         "with a message every second and constant biases of log and compass in water that stands still."
     )
     heads = ["heading swings by [°]", "each [s]", *(f"{metres} m behind: least RMS error [m]" for metres in BEHIND),

@@ -72,7 +72,7 @@ def section(flight: Flight, errors: Sequence[tuple[Floats, Floats]], bounds: Seq
     figure = Figures(
         panels=panels,
         caption="E_P, the root of the trace of the estimate's own covariance, and the Cramér–Rao bound: the least RMS "
-        "that any estimator of these ranges can have, with constant biases.",
+        "of dead reckoning with log and compass as inputs, corrected by these ranges, with constant biases.",
         legend=[(ESTIMATE, "E_P"), (INK, "what the covariance says"), (MUTED, "bound")],
     )
     return Section(title="What was possible", blocks=[figure, *_found(flight, range(drawn))])

@@ -29,7 +29,7 @@ _ERRORS = {
     "captured_runs": Metric("runs captured", "number of such runs"),
     "gated": Metric("gated fixes of a run", "fixes that the gate rejected"),
     "nees": Metric("NEES", "mean normalised squared position error; 2 if the covariance is right"),
-    "bound_rms_m": Metric("Cramér–Rao bound [m]", "least RMS position error that any estimator can have; tight only"),
+    "bound_rms_m": Metric("Cramér–Rao bound [m]", "least RMS position error of dead reckoning with ranges; tight only"),
     "rms_over_bound": Metric("RMS E_P over the bound", "RMS position error over that of the Cramér–Rao bound"),
     "nis": Metric("NIS", "mean normalised squared innovation; 2 if its covariance is right"),
 }
