@@ -39,7 +39,7 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
         ranges = (data.range_beacon == i).sum()
         tell(console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges")
-    tell(console, f"surveyed path: {len(data.truth)} places")
+    tell(console, f"path to compare with: {len(data.truth)} places")
     for remark in data.remarks:
         tell(console, remark, "note:")
     tell(console, f"log in {out}")

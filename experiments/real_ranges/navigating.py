@@ -17,7 +17,7 @@ from sim.datasets.log import Replayable
 
 
 class Score(NamedTuple):
-    """How far estimates are from a surveyed path, at its times."""
+    """How far estimates are from a path, surveyed or stated by the data set, at its times."""
 
     mean: float
     """Mean distance [m]."""
@@ -81,8 +81,8 @@ def by_laisn(recorded: Replayable, told: NavigationSettings) -> Estimates:
 
 def _settings(recorded: Replayable, told: Beacons, medium: str) -> BeaconSettings:
     base = replace(MEDIA[medium], dt=recorded.measurements.dt)
-    if recorded.range_sigma is not None:
-        base = replace(base, range_sigma=recorded.range_sigma)
+    stated = {name: getattr(recorded, name) for name in ("range_sigma", "slip", "heading_walk")}
+    base = replace(base, **{name: value for name, value in stated.items() if value is not None})
     return told.over(base)
 
 

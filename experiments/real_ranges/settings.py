@@ -11,7 +11,14 @@ from laisn.beacons.settings import BeaconSettings
 from laisn.failure import LaisnError
 from sim.scenario.section import NonNegative, Positive, Section
 
-_EDGES = (("_deg_s", np.pi / 180), ("_deg", np.pi / 180), ("_m_sqrt_s", 1.0), ("_m_s", 1.0), ("_m", 1.0))
+_EDGES = (
+    ("_deg_sqrt_s", np.pi / 180),
+    ("_deg_s", np.pi / 180),
+    ("_deg", np.pi / 180),
+    ("_m_sqrt_s", 1.0),
+    ("_m_s", 1.0),
+    ("_m", 1.0),
+)
 """Units in which keys end, and how many of SI one of them is."""
 
 
@@ -27,6 +34,7 @@ class Beacons(Section):
     gyro_bias_sigma_deg_s: NonNegative | None = Field(None, description="σ of a gyro's drift; 0 for a compass")
     speed_scale_sigma: NonNegative | None = Field(None, description="σ of the logarithm of true over measured speed")
     slip_m_sqrt_s: NonNegative | None = Field(None, description="motion that odometry does not see, in a second")
+    heading_walk_deg_sqrt_s: NonNegative | None = Field(None, description="random walk of the heading, in a second")
     current_sigma_m_s: NonNegative | None = Field(None, description="σ of a current along each axis")
     range_sigma_m: Positive | None = Field(None, description="σ of a range; default: the data set's, or 0.5 m")
     range_scale_sigma: NonNegative | None = Field(None, description="σ of the scale that all ranges share")

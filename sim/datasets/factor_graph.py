@@ -6,6 +6,9 @@ headings are anticlockwise from east. Noise is given as the upper triangle of a 
     VERTEX_SE2 time pose x y heading            VERTEX_XY landmark x y
     VERTEX_SE2:PRIOR time pose x y heading …    VERTEX_XY:PRIOR time landmark x y …
     EDGE_SE2 time pose pose ahead port turn …   EDGE_RANGE time one other range variance
+
+Times are in s, or in ns where one is too large for s. Vertices of poses are the true path in simulated graphs; in
+others they may be the file's own estimate, which no line says.
 """
 
 import re
@@ -17,7 +20,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.datasets.range_data import RangeData
+from sim.datasets.range_data import RangeData, compose, join_equal_times
 from sim.files import read_text
 
 LARGEST_BYTES = 500_000_000
@@ -27,6 +30,10 @@ _WORDS = {
     "VERTEX_XY:PRIOR": (1, 1, 2, 3), "EDGE_SE2": (1, 2, 3, 6), "EDGE_RANGE": (1, 2, 1, 1), "EDGE_SE2_XY": (1, 2, 2, 3),
 }  # fmt: skip
 """How many times, names, measured numbers and numbers of noise a line of each kind has."""
+_LATEST_S = 4e9
+"""A later time is in nanoseconds [s]."""
+_SAME_PATH = 1e-4
+"""Vertices that differ from the odometry by less than this share of the way are composed of it."""
 _POSE = re.compile(r"([A-KM-Za-km-z])(\d+)")
 
 
@@ -70,6 +77,13 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
     return lines
 
 
+def _in_seconds(lines: dict[str, list[_Line]]) -> dict[str, list[_Line]]:
+    """Lines with times in s, of which some may be in ns."""
+    if max((abs(line.time) for kind in lines.values() for line in kind), default=0.0) <= _LATEST_S:
+        return lines
+    return {kind: [line._replace(time=1e-9 * line.time) for line in some] for kind, some in lines.items()}
+
+
 def _compass(heading: float) -> float:
     """Clockwise from north, of a heading anticlockwise from east [rad]."""
     return 0.5 * np.pi - heading
@@ -95,14 +109,16 @@ def _times(poses: list[_Line], source: str) -> tuple[Floats, list[str]]:
     return np.arange(time.size, dtype=np.float64), [f"{source} has no times: poses are taken to be a second apart"]
 
 
-def _odometry(lines: dict[str, list[_Line]], order: dict[str, int], source: str) -> tuple[Floats, list[str]]:
-    """Steps from each pose to the next, and what to say of other edges."""
-    steps = np.full((len(order) - 1, 3), np.nan)
+def _odometry(lines: dict[str, list[_Line]], order: dict[str, int], source: str) -> tuple[Floats, Floats, list[str]]:
+    """Steps from each pose to the next, variances of their three numbers, and what to say of other edges."""
+    steps, variances = np.full((2, len(order) - 1, 3), np.nan)
     closures = 0
     for line in lines["EDGE_SE2"]:
         first, second = (order.get(name) for name in line.names)
         if first is not None and second == first + 1:
             steps[first] = line.values
+            # of the upper triangle xx, xy, xθ, yy, yθ, θθ
+            variances[first] = line.noise[0], line.noise[3], line.noise[5]
         else:
             closures += 1
     gaps = np.flatnonzero(np.isnan(steps[:, 0]))
@@ -112,7 +128,29 @@ def _odometry(lines: dict[str, list[_Line]], order: dict[str, int], source: str)
             f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor in "
             f"{gaps.size - 1} other places of {len(steps)}"
         )
-    return steps, [f"edges left out that are no steps of odometry: {closures}"] if closures else []
+    return steps, variances, [f"edges left out that are no steps of odometry: {closures}"] if closures else []
+
+
+def _walks(time: Floats, variances: Floats) -> tuple[float | None, float | None]:
+    """Random walks of position [m/√s] and heading [rad/√s] that steps have in the median; None where that is zero."""
+    lasted = np.diff(time)
+    rates = variances[lasted > 0.0] / lasted[lasted > 0.0, None]
+    if not rates.size:
+        return None, None
+    slip, turn = float(np.median(rates[:, :2].mean(axis=1))), float(np.median(rates[:, 2]))
+    return (float(np.sqrt(slip)) if slip > 0.0 else None), (float(np.sqrt(turn)) if turn > 0.0 else None)
+
+
+def _path(poses: list[_Line], odometry: Floats) -> tuple[Floats, str]:
+    """East and north of the path to compare with, shape (n + 1, 2) or (0, 2), [m], and what to say of it."""
+    vertices = np.array([line.values for line in poses])
+    composed = [vertices[0]]
+    for step in odometry:
+        composed.append(compose(composed[-1], step))
+    off = np.hypot(*(np.array(composed) - vertices)[:, :2].T)
+    if off.max() <= _SAME_PATH * np.hypot(*odometry[:, :2].T).sum():
+        return np.empty((0, 2)), "vertices are composed of the odometry: there is no path to compare with"
+    return vertices[:, :2], "the path to compare with is that of the vertices, which may be the file's own estimate"
 
 
 def _ranges(
@@ -143,8 +181,9 @@ def _ranges(
 def read_factor_graph(path: Path) -> RangeData:
     """The odometry and ranges of one robot in a planar factor graph.
 
-    Places of landmarks are those of their priors, or else of their vertices; vertices of poses are the true path. The
-    start is that of the first pose's prior, or else of its vertex.
+    Places of landmarks are those of their priors, or else of their vertices. The path to compare with is that of the
+    poses' vertices, unless these are only composed of the odometry. The start is that of the first pose's prior, or
+    else of its vertex. Odometry's covariances give `slip` and `heading_walk`, their medians per second.
 
     Raises:
         LaisnError: the file cannot be read, is no planar graph, or lacks odometry or ranges; the text names the line.
@@ -154,7 +193,7 @@ def read_factor_graph(path: Path) -> RangeData:
         text = read_text(path, LARGEST_BYTES)
     except LaisnError as error:
         raise LaisnError(f"{path}: cannot be read: {error}") from None
-    lines = _parsed(text, source)
+    lines = _in_seconds(_parsed(text, source))
     robot, remarks = _robot(lines, source)
     poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot)]
     poses.sort(key=lambda line: int(line.names[0][1:]))
@@ -162,16 +201,21 @@ def read_factor_graph(path: Path) -> RangeData:
     if len(order) < len(poses):
         raise LaisnError(f"{source}: {len(poses) - len(order)} poses have the name of another one")
     time, untimed = _times(poses, source)
-    odometry, closures = _odometry(lines, order, source)
+    odometry, spread, closures = _odometry(lines, order, source)
+    slip, heading_walk = _walks(time, spread)
+    path, compared = _path(poses, odometry)
     places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
     beacons = {name: i for i, name in enumerate(places)}
     table, variances, left_out = _ranges(lines, order, time, beacons)
     begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
-    truth = np.column_stack([time, [line.values[:2] for line in poses]])
+    kept, odometry = join_equal_times(time, odometry)
+    joined = np.count_nonzero(~kept)
+    equal = [f"poses at the time of the one before, joined to it: {joined}"] if joined else []
+    truth = np.column_stack([time, path])[kept] if len(path) else np.empty((0, 3))
     return RangeData(
         source=source,
         start=np.array([begin[0], begin[1], _compass(begin[2])]),
-        time=time,
+        time=time[kept],
         odometry=odometry,
         beacons=tuple(beacons),
         places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
@@ -180,5 +224,7 @@ def read_factor_graph(path: Path) -> RangeData:
         ranges=table[:, 2].copy(),
         range_sigma=float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else None,
         truth=truth,
-        remarks=(*remarks, *untimed, *closures, *left_out),
+        slip=slip,
+        heading_walk=heading_walk,
+        remarks=(*remarks, *untimed, *closures, *left_out, *equal, compared),
     )

@@ -35,6 +35,8 @@ VEHICLE = "vehicle"
 _READERS = {".pyfg": read_factor_graph, ".mat": read_range_tables, ".txt": read_range_tables, ".csv": read_range_tables}
 _RECORD = "data set"
 """Metadata record by which such a log is known."""
+_STATED = ("range_sigma", "slip", "heading_walk")
+"""What it holds of the sensors' errors, as the data set states them."""
 _SLOTS = Ranges._fields
 _APART = 1e-6
 """Between ranges of one instant that one reception cannot hold [s]."""
@@ -63,6 +65,10 @@ class Replayable(NamedTuple):
     """x, y [m] and velocity [m/s] at step 0, shape (4,)."""
     range_sigma: float | None
     """Random error of a range as the data set states it [m]."""
+    slip: float | None
+    """Random walk of the position in its odometry [m/√s]."""
+    heading_walk: float | None
+    """Random walk of the heading likewise [rad/√s]."""
     truth: Floats
     """Time since the start [s], east and north [m], shape (t, 3)."""
     remarks: tuple[str, ...]
@@ -155,7 +161,7 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "beacons": ",".join(data.beacons),
         "start_east": repr(float(data.start[0])),
         "start_north": repr(float(data.start[1])),
-        "range_sigma": "" if data.range_sigma is None else repr(data.range_sigma),
+        **{name: "" if (value := getattr(data, name)) is None else repr(value) for name in _STATED},
     }
     with faults(path), atomic_write(path) as part, part.open("wb") as stream:
         writer = ProvingWriter(stream)
@@ -194,7 +200,7 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             since = (poses.time_ns - begin_ns) / 1e9 + measured.dt
             truth = np.column_stack([since, poses.columns(("pose.position.x", "pose.position.y"))])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
-        sigma = float(facts["range_sigma"]) if facts["range_sigma"] else None
+        stated = (float(value) if (value := facts.get(name)) else None for name in _STATED)
     if proved is None:
         remarks = (*remarks, "nothing proves that start, beacons and measurements are those that were written")
-    return Replayable(measured, start, sigma, truth, remarks)
+    return Replayable(measured, start, *stated, truth, remarks)

@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Bools, Floats, Ints
 from laisn.failure import LaisnError
 from laisn.records import own_arrays
 
@@ -20,6 +20,32 @@ class Legs(NamedTuple):
     """Shape (k,), [m/s]."""
     heading: Floats
     """Compass direction of the way, shape (k,), [rad]."""
+
+
+def compose(first: Floats, second: Floats) -> Floats:
+    """Two steps of odometry as one: way ahead and to port [m] and turn anticlockwise [rad], shape (3,) each."""
+    c, s = np.cos(first[2]), np.sin(first[2])
+    return first + np.array([c * second[0] - s * second[1], s * second[0] + c * second[1], second[2]])
+
+
+def join_equal_times(time: Floats, odometry: Floats) -> tuple[Bools, Floats]:
+    """Leave out poses at the time of the one before; their steps join the step that follows.
+
+    Args:
+        time: of each pose, shape (n + 1,), [s].
+        odometry: steps between them as of `RangeData`, shape (n, 3).
+
+    Returns:
+        Which poses stay, shape (n + 1,), and the steps between those.
+    """
+    kept = np.concatenate([[True], np.diff(time) != 0.0])
+    steps, way = [], np.zeros(3)
+    for stays, step in zip(kept[1:].tolist(), odometry, strict=True):
+        way = compose(way, step)
+        if stays:
+            steps.append(way)
+            way = np.zeros(3)
+    return kept, np.array(steps).reshape(-1, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +76,11 @@ class RangeData:
     range_sigma: float | None
     """Random error of a range as the data set states it [m]; None: it does not."""
     truth: Floats
-    """Time [s], east and north [m] of the surveyed path, shape (t, 3); empty if nobody surveyed it."""
+    """Time [s], east and north [m] of the path to compare with, shape (t, 3); empty if there is none."""
+    slip: float | None = None
+    """Random walk of the position that the data set states for its odometry, along each axis [m/√s]; None: none."""
+    heading_walk: float | None = None
+    """Random walk of the heading likewise [rad/√s]."""
     remarks: tuple[str, ...] = ()
     """What was left out or taken for granted, a sentence each."""
 

@@ -233,6 +233,26 @@ def test_an_unknown_start_is_found_though_its_first_ranges_are_wrong() -> None:
     assert np.all(found.fix_kind[:3] != FixKind.LOST)
 
 
+def test_media_differ_in_what_their_evidence_may_be_compared_by() -> None:
+    """Densities of wrong ranges are one: they would add to the evidence of one medium alone."""
+    assert len({(told.outlier_chance, told.outlier_span) for told in MEDIA.values()}) == 1
+
+
+def test_under_water_a_known_start_is_no_worse_than_none() -> None:
+    """With a compass, whose error does not grow at a rate, in the mean over runs; both after a minute."""
+    told = MEDIA["water"]
+    assert told.gyro_bias_sigma == 0.0
+    off: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(4):
+        measured, truth = round_trip(Errors.drawn(told, seed), seconds=600, seed=seed, slip=told.slip)
+        place = truth[0] + told.start_sigma * np.random.default_rng(seed).standard_normal(2)
+        for known, errors in off.items():
+            start = np.array([*place, 0.0, 0.0]) if known else None
+            found = BeaconNavigator(replace(told, known_start=known), start).run(measured)
+            errors.append(float(np.hypot(*(found.state[600:, :2] - truth[601:]).T).mean()))
+    assert np.mean(off[True]) <= 1.02 * np.mean(off[False])
+
+
 def test_echoes_are_left_out_and_a_vehicle_carried_away_is_found_again() -> None:
     measured, truth = round_trip(Errors(), seconds=400)
     start = np.array([*truth[0], 0.0, 0.0])

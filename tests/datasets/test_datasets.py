@@ -12,6 +12,8 @@ from scipy.io import loadmat
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
+from experiments.real_ranges.navigating import _settings
+from experiments.real_ranges.settings import Beacons
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.datasets.log import is_data_set, read_data_set, read_data_set_log, write_data_set
@@ -69,7 +71,60 @@ def test_a_factor_graph_is_read_as_it_is_written(tmp_path: Path) -> None:
         "of several robots A is taken; left out: B",
         "edges left out that are no steps of odometry: 1",
         "ranges left out that are not to a beacon of known place: 2",
+        "the path to compare with is that of the vertices, which may be the file's own estimate",
     )
+    # 0.01 m² in 1 s and in 2 s, along either axis; 1e-4 rad²
+    assert data.slip == pytest.approx(math.sqrt(0.0075))
+    assert data.heading_walk == pytest.approx(math.sqrt(0.75e-4))
+
+
+def test_times_in_nanoseconds_are_read_in_seconds(tmp_path: Path) -> None:
+    """As a clock counts them that began in 1970; poses and ranges alike."""
+    words = [line.split() for line in GRAPH.splitlines()]
+    timed = [w for w in words if w and w[0] not in ("VERTEX_XY", "#")]
+    for w in timed:
+        w[1] = f"{1_600_000_000 + float(w[1]):.1f}".replace(".", "") + "00000000"
+    data = read_data_set(graph(tmp_path, "\n".join(" ".join(w) for w in words)))
+    np.testing.assert_allclose(data.time - 1.6e9, [10.0, 11.0, 13.0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(data.range_time - 1.6e9, [11.2, 12.5, 13.0], rtol=0, atol=1e-6)
+    assert data.slip == pytest.approx(math.sqrt(0.0075), rel=1e-6)
+
+
+def test_poses_of_one_time_are_joined(tmp_path: Path) -> None:
+    """A1 is at the time of A0 or of A2: the way ends where it did, in one step; its range keeps its time."""
+    for at, first in (("10.0", "11.2"), ("13.0", "13.0")):
+        text = GRAPH.replace("VERTEX_SE2 11.0 A1", f"VERTEX_SE2 {at} A1") + (
+            f"VERTEX_SE2 15.0 A3 3.0 9.0 1.57\nEDGE_SE2 15.0 A2 A3 1.0 0.0 0.2 {NOISE}\n"
+        )
+        data = read_data_set(graph(tmp_path, text))
+        assert data.time.tolist() == [10.0, 13.0, 15.0]
+        assert data.truth[:, 0].tolist() == [10.0, 13.0, 15.0]
+        place, facing = 0j, 1.0 + 0j
+        for ahead, port, turn in data.odometry:
+            place, facing = place + facing * complex(ahead, port), facing * np.exp(1j * turn)
+        # 2 m ahead, a quarter turn to port, then 4 m and ½ m to port, and 1 m more
+        whole = 2.0 + 1j * complex(4.0, 0.5) + 1j
+        assert place == pytest.approx(whole, abs=1e-9)
+        assert first in [str(t) for t in data.range_time.tolist()]
+        assert "poses at the time of the one before, joined to it: 1" in data.remarks
+
+
+def test_vertices_composed_of_the_odometry_are_no_path_to_compare_with(tmp_path: Path) -> None:
+    data = read_data_set(graph(tmp_path, GRAPH.replace("A2 3.0 6.0", "A2 2.5 6.0")))
+    assert data.truth.shape == (0, 3)
+    assert data.remarks[-1] == "vertices are composed of the odometry: there is no path to compare with"
+
+
+def test_what_a_graph_states_of_its_odometry_is_navigated_by(tmp_path: Path) -> None:
+    steps = [f"EDGE_SE2 {k}.0 A{k - 1} A{k} 1.0 0.0 0.0 0.0004 0 0 0.0004 0 0.000009" for k in range(1, 21)]
+    poses = [f"VERTEX_SE2 {k}.0 A{k} {k}.0 {0.1 * k} 0.0" for k in range(21)]
+    text = "\n".join([*poses, *steps, "VERTEX_XY L0 20.0 9.0", "EDGE_RANGE 5.0 A5 L0 17.0 0.09"])
+    write_data_set(read_data_set(graph(tmp_path, text)), tmp_path / "a.mcap")
+    recorded = read_data_set_log(tmp_path / "a.mcap")
+    told = _settings(recorded, Beacons(), "water")
+    assert (told.range_sigma, told.slip, told.heading_walk) == pytest.approx((0.3, 0.02, 0.003))
+    told = _settings(recorded, Beacons(slip_m_sqrt_s=0.07, heading_walk_deg_sqrt_s=2.0), "water")
+    assert (told.slip, told.heading_walk) == pytest.approx((0.07, math.radians(2.0)))
 
 
 @pytest.mark.parametrize(
