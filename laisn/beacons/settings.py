@@ -31,7 +31,7 @@ class BeaconSettings:
     """Standard deviation of the logarithm of true over measured speed."""
     slip: float = 0.05
     """Motion that odometry does not see, in a second, along each axis [m/√s]."""
-    heading_walk: float = 1e-3
+    heading_walk: float = float(np.deg2rad(0.0573))
     """Random walk of the heading's error beside that rate, in a second [rad/√s]."""
     current_sigma: float = 0.0
     """Standard deviation of a current that carries the vehicle, along each axis [m/s]; 0 for none."""

@@ -163,7 +163,7 @@ def test_settings_of_media_are_those_of_the_documents() -> None:
         for medium, column in zip(("air", "water"), columns, strict=True):
             for key, value in zip(re.findall(r"`(\w+)`", keys), column.split(", "), strict=True):
                 expected = np.deg2rad(float(value)) if "_deg" in key else float(value)
-                found = getattr(MEDIA[medium], re.sub(r"_(m|m_s|m_sqrt_s|deg|deg_s)$", "", key))
+                found = getattr(MEDIA[medium], re.sub(r"_(m|m_s|m_sqrt_s|deg|deg_s|deg_sqrt_s)$", "", key))
                 assert found == pytest.approx(expected), key
                 told += 1
     others = {"dt", "hydrophone_height", "known_start"}
