@@ -15,7 +15,7 @@ from laisn.settings import NavigationSettings
 from laisn.tuning import Tuning
 
 
-class Heard(NamedTuple):
+class RangeCircles(NamedTuple):
     """What a reception tells about the follower's horizontal position."""
 
     circles: Circles
@@ -23,7 +23,7 @@ class Heard(NamedTuple):
     """The leader's."""
     depth_difference: float
     """Δz, depth of the hydrophone less that of the leader [m]."""
-    free: bool = False
+    off_hull: bool = False
     """The transmitters sit on no leader's hull, so that nothing is known of the side that the follower is on."""
 
     def pairs(self) -> tuple[Pair, Pair, Pair]:
@@ -51,7 +51,7 @@ def _attitude(message: LeaderMessage, settings: NavigationSettings) -> tuple[flo
     return (message.heading, message.pitch, message.roll) if known else None
 
 
-def hear(reception: Reception, own_depth: float, settings: NavigationSettings) -> Heard:
+def to_circles(reception: Reception, own_depth: float, settings: NavigationSettings) -> RangeCircles:
     """Transmitters where the follower believes them to be, and horizontal ranges to them.
 
     They are where the message says; if it does not, on the leader, which is taken as level unless its attitude is
@@ -64,13 +64,13 @@ def hear(reception: Reception, own_depth: float, settings: NavigationSettings) -
     depth_difference = hydrophone - message.depth
     if told is None and not settings.transmitter_offsets:
         origin, arms = Point(message.east, message.north), _arms(attitude, heading, t)
-        return Heard(fix.circles(origin, arms, reception.ranges, depth_difference), heading, depth_difference)
+        return RangeCircles(fix.circles(origin, arms, reception.ranges, depth_difference), heading, depth_difference)
     if told is None:
         offsets = np.full((3, 3), np.nan)
         offsets[: len(settings.transmitter_offsets)] = settings.transmitter_offsets
         origin_3 = (message.east, message.north, message.depth)
         told = place_on_body(origin_3, attitude or (message.heading, 0.0, 0.0), offsets)
-    return Heard(_about(told.tolist(), reception.ranges, hydrophone), heading, depth_difference, free=True)
+    return RangeCircles(_about(told.tolist(), reception.ranges, hydrophone), heading, depth_difference, off_hull=True)
 
 
 def _on_line(pair: Pair, kind: float) -> Fix:
@@ -95,10 +95,10 @@ def _on_line(pair: Pair, kind: float) -> Fix:
     return Fix(rear.east + share * way[0], rear.north + share * way[1], 0.0, kind, -1.0)
 
 
-def pair_fix(pair: Pair, heard: Heard, predicted: Point, t: Tuning) -> Fix:
+def pair_fix(pair: Pair, heard: RangeCircles, predicted: Point, t: Tuning) -> Fix:
     """Fix of a pair by `fix.pair_fix`; transmitters on no hull have no side behind them, but a line they are on."""
     found = fix.pair_fix(pair, heard.heading, predicted, t)
-    beacons = heard.free and found.kind == FixKind.ASTERN and pair.rear.centre != pair.front.centre
+    beacons = heard.off_hull and found.kind == FixKind.ASTERN and pair.rear.centre != pair.front.centre
     return _on_line(pair, found.kind) if beacons else found
 
 

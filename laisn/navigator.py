@@ -14,7 +14,7 @@ from laisn.filter import Filter
 from laisn.fix import Fix, fix_variance
 from laisn.gate import Gate
 from laisn.geometry import Point
-from laisn.hearing import Heard, hear, one_range, pair_fix
+from laisn.hearing import RangeCircles, one_range, pair_fix, to_circles
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.online import Online, require_own, require_time
 from laisn.settings import NavigationSettings
@@ -155,7 +155,7 @@ class Navigator(Online):
         return Point(*self._filter.state[POSITION].tolist())
 
     def _update_position(self, own: OwnMotion, reception: Reception) -> list[FixRecord]:
-        heard = hear(reception, own.depth, self.settings)
+        heard = to_circles(reception, own.depth, self.settings)
         if self.settings.variant != SEQUENTIAL:
             predicted = self._position()
             first, second, third = (pair_fix(pair, heard, predicted, self._tuning) for pair in heard.pairs())
@@ -173,7 +173,7 @@ class Navigator(Online):
             self._gate.accept(self._position(), self._step)
         return records
 
-    def _use(self, found: Fix, heard: Heard, own: OwnMotion) -> FixRecord:
+    def _use(self, found: Fix, heard: RangeCircles, own: OwnMotion) -> FixRecord:
         """Gate a fix and update the filter with it; where there is none, with one range alone, if that may be."""
         one = None
         place, kind = Point(found.east, found.north), FixKind(int(found.kind))

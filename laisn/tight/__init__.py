@@ -1,4 +1,4 @@
-"""A tightly coupled navigator: it uses the ranges themselves, carries the sensors' biases, and knows how wrong it is.
+"""A tightly coupled navigator: it uses the ranges themselves, estimates the sensors' biases, and is consistent.
 
 Takes `Measurements`, as a whole or step by step (`navigator`); gives `TightEstimates`: position and velocity with a
 covariance that can be believed, biases, and both sides of the leader's axis while two transmitters leave them open.

@@ -1,4 +1,4 @@
-"""What a follower believes: a mixture of Gaussians in arrays of fixed size, and what it has sensed since a message."""
+"""A mixture of Gaussians in arrays of fixed size, and the dead reckoning since the last message."""
 
 from typing import Any, TypeAlias
 
@@ -10,12 +10,12 @@ from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.model import ABSENT, COMPASS, LOG, SCALE, Model, X, Y
 from laisn.tight.settings import TightSettings
 
-ROOM = 2 * HYPOTHESES
+CAPACITY = 2 * HYPOTHESES
 """Hypotheses that there is room for while they are split."""
 
 MOST_STATES = 12
 """Room for n; the arrays of a belief have one shape for all settings, so that all share one compiled code."""
-_COMPONENTS = 2 * ROOM
+_COMPONENTS = 2 * CAPACITY
 _T = 3
 
 # A belief is one record of fixed layout: compiled functions take a pointer to it, and it can be copied as a whole.
@@ -80,12 +80,13 @@ _BELIEF = np.dtype((np.record, np.dtype([
     ("evidence", np.float64, _COMPONENTS),  # logarithm of what a message says for each component
     ("taken", np.int64, _COMPONENTS),  # ranges that each used
     ("squared", np.float64, _COMPONENTS),  # their squared residuals, in units of S
-    ("surprise", np.float64, _COMPONENTS),  # the same for each range received, an echo counting as what it costs
+    # the same for each range received, an echo counting as what it costs
+    ("normalised_innovation", np.float64, _COMPONENTS),
     ("turn_excess", np.float64, _COMPONENTS),  # by how much `leader_variance` should be larger [rad²]
     ("alive", np.int64),  # hypotheses
-    ("smoothed", np.float64),  # surprise over some messages
-    ("rejected", np.float64),  # messages in a row without a range that was believed
-    ("leader_variance", np.float64),  # of the random error of the leader's heading, as learnt so far [rad²]
+    ("smoothed_nis", np.float64),  # NIS over some messages
+    ("missed_updates", np.float64),  # messages in a row without an accepted range
+    ("leader_variance", np.float64),  # estimated, of the random error of the leader's heading [rad²]
     ("turn", _TURN), ("leader_turn", _TURN),  # that either compass is in, or the last one
     ("motion", _MOTION), ("leader", _LEADER), ("output", _OUTPUT), ("work", _WORK),
     ("now", np.float64, 4), ("now_covariance", np.float64, (4, 4)),  # x, y, vx, vy over the mixture, at the last step
@@ -144,7 +145,7 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
         sigma[clock : clock + 2] = settings.clock_offset_sigma, settings.clock_drift_sigma
     made = np.zeros(1, dtype=_BELIEF)
     belief: Belief = made[0]
-    made["smoothed"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, sigma**2
+    made["smoothed_nis"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, sigma**2
     made["motion"]["speed"] = np.nan
     about = made["leader"]
     about["window_time"] = about["at_x"] = about["track"] = np.nan

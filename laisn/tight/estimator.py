@@ -1,4 +1,4 @@
-"""One message: move, split, learn, tidy. What `TightNavigator` does online and campaigns do in a loop."""
+"""One message: predict, split, update, prune and merge; online in `TightNavigator`, and in a loop in campaigns."""
 
 import math
 
@@ -9,24 +9,24 @@ from laisn.elementary import sin_cos
 from laisn.geometry import hull_to_world
 from laisn.tight.belief import Belief, refresh_output
 from laisn.tight.deviation import deviate
-from laisn.tight.leader_way import watch_leader
-from laisn.tight.leg import steady
+from laisn.tight.leader_way import update_current_from_leader_track
+from laisn.tight.leg import average_leader_heading
 from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
 from laisn.tight.modes import mix_modes
 from laisn.tight.own_motion import begin_interval, move
-from laisn.tight.ranging import Heard, learn
-from laisn.tight.ring import add_ring, think_again
-from laisn.tight.sides import normalise, split, tidy
+from laisn.tight.ranging import Heard, update
+from laisn.tight.ring import add_ring, reinitialise_if_inconsistent
+from laisn.tight.sides import normalise, prune_and_merge, split
 
 _BEND = 0.003
 """A compass bias so uncertain that the way bends by more than this is taken from the message first [m]."""
 _SMOOTHING = 0.15
-"""Gain of the smoothed surprise."""
+"""Gain of the smoothed NIS."""
 _LEARNING = 0.1
-"""Gain of the learnt variance of the leader's heading, which never exceeds that of the settings."""
+"""Gain of the estimated variance of the leader's heading, which never exceeds that of the settings."""
 _LEAST_LEADER_VARIANCE = math.radians(0.1) ** 2
 _PATIENCE = 3
-"""Messages in a row without a believed range after which the belief is widened."""
+"""Messages in a row without an accepted range after which the covariance is inflated."""
 _WIDER_POSITION, _WIDER_COMPASS = 1.0, math.radians(2.0) ** 2
 """Variances that each widening adds, of position along each axis [m²] and of the compass's bias [rad²]."""
 
@@ -60,9 +60,9 @@ def place_arms(heard: Heard, m: Model, pitch: float, roll: float, deeper: float)
 
 
 @compiled
-def loosen(b: Belief, m: Model, heard: Heard) -> None:
-    """What a message does to biases before it is learnt from: deviations, and b_L, which goes with the heading that
-    stands for the broadcast one.
+def inflate_bias_covariance(b: Belief, m: Model, heard: Heard) -> None:
+    """Inflate bias covariances before an update: by deviations, and by the error of the heading that stands for the
+    broadcast one, with which b_L moves.
     """
     if m.deviation > 0.0:
         deviate(b, m, heard)
@@ -73,8 +73,8 @@ def loosen(b: Belief, m: Model, heard: Heard) -> None:
 
 
 @compiled
-def _move_and_look(b: Belief, m: Model, k: int, heard: Heard) -> bool:
-    """Move component k; where its compass bias bends the way too much, at the biases that the message suggests."""
+def _propagate_iterated(b: Belief, m: Model, k: int, heard: Heard) -> bool:
+    """Predict component k; where its compass bias bends the way too much, at the biases of a first update."""
     way = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
     x, P, n = b.state, b.covariance, m.states
     log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
@@ -86,7 +86,7 @@ def _move_and_look(b: Belief, m: Model, k: int, heard: Heard) -> bool:
         for j in range(n):
             b.before_covariance[i, j] = P[k, i, j]
     move(b, m, k, log_bias, compass_bias)
-    healthy = learn(b, m, k, heard) >= 0
+    healthy = update(b, m, k, heard) >= 0
     log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
     for i in range(n):
         x[k, i] = b.before_state[i]
@@ -113,8 +113,8 @@ def _reweigh(b: Belief, m: Model) -> bool:
 
 
 @compiled
-def learn_leader(b: Belief, m: Model) -> None:
-    """Learn how much the leader's heading errs from message to message: at most what readings on legs scatter by."""
+def update_leader_variance(b: Belief, m: Model) -> None:
+    """Estimate the variance of the leader's heading error per message: at most the scatter of readings on legs."""
     excess = 0.0
     for k in range(b.alive * m.modes):
         excess += b.weight[k] * b.turn_excess[k]
@@ -134,15 +134,15 @@ def count_received(m: Model, heard: Heard) -> int:
 
 @compiled
 def _check_health(b: Belief, m: Model, heard: Heard, received: int, used: int) -> bool:
-    """Remember how much the ranges surprise, and doubt a belief that they do not fit; False if that failed."""
-    surprise = 0.0
+    """Smooth the NIS, and reinitialise or inflate a belief that the ranges do not fit; False if that failed."""
+    normalised_innovation = 0.0
     for k in range(b.alive * m.modes):
-        surprise += b.weight[k] * b.surprise[k]
-    b.smoothed += _SMOOTHING * (surprise - b.smoothed)
-    if received > 1 and not think_again(b, m, heard):
+        normalised_innovation += b.weight[k] * b.normalised_innovation[k]
+    b.smoothed_nis += _SMOOTHING * (normalised_innovation - b.smoothed_nis)
+    if received > 1 and not reinitialise_if_inconsistent(b, m, heard):
         return False
-    b.rejected = 0.0 if used > 0 else b.rejected + 1.0
-    if b.rejected >= _PATIENCE:
+    b.missed_updates = 0.0 if used > 0 else b.missed_updates + 1.0
+    if b.missed_updates >= _PATIENCE:
         for k in range(b.alive * m.modes):
             b.covariance[k, X, X] += _WIDER_POSITION
             b.covariance[k, Y, Y] += _WIDER_POSITION
@@ -167,7 +167,7 @@ def _begin(b: Belief, m: Model, heard: Heard, received: int) -> int:
 
 @compiled
 def receive(b: Belief, m: Model, heard: Heard) -> int:
-    """Take a message: all components move to its instant and learn from its ranges.
+    """Take a message: predict all components to its instant and update them with its ranges.
 
     A message of which no ping was heard says nothing: the way since the last one goes on. With an unknown start the
     first message with two ranges makes the belief.
@@ -183,16 +183,16 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
         return _begin(b, m, heard, received)
     mix_modes(b, m)
     if m.leader != ABSENT:
-        steady(b, m, heard)
-    loosen(b, m, heard)
+        average_leader_heading(b, m, heard)
+    inflate_bias_covariance(b, m, heard)
     for k in range(b.alive * m.modes):
-        if not _move_and_look(b, m, k, heard):
+        if not _propagate_iterated(b, m, k, heard):
             return -1
     if not math.isnan(heard.ranges[0] + heard.ranges[1]):
         split(b, m, heard)
     most = 0
     for k in range(b.alive * m.modes):
-        used = learn(b, m, k, heard)
+        used = update(b, m, k, heard)
         if used < 0:
             return -1
         if used > most:
@@ -200,13 +200,13 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
     if b.alive * m.modes > 1 and not _reweigh(b, m):
         return -1
     if m.leader != ABSENT:
-        learn_leader(b, m)
+        update_leader_variance(b, m)
     if b.alive > 1:
-        tidy(b, m)
+        prune_and_merge(b, m)
     if not _check_health(b, m, heard, received, most):
         return -1
     if m.current != ABSENT or m.leader != ABSENT:
-        watch_leader(b, m, heard)
+        update_current_from_leader_track(b, m, heard)
     begin_interval(b)
     refresh_output(b, m)
     return most

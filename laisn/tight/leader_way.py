@@ -65,7 +65,7 @@ def _learn_component(
 
 
 @compiled
-def watch_leader(b: Belief, m: Model, heard: Heard) -> None:
+def update_current_from_leader_track(b: Belief, m: Model, heard: Heard) -> None:
     """Take a message's pose and speed; at the end of a window update all components with the current it shows."""
     o = b.leader
     sx, sy = heard.speed * math.sin(heard.heading), heard.speed * math.cos(heard.heading)

@@ -49,7 +49,7 @@ def _turn_arms(heard: Heard, angle: float) -> None:
 
 
 @compiled
-def steady(b: Belief, m: Model, heard: Heard) -> None:
+def average_leader_heading(b: Belief, m: Model, heard: Heard) -> None:
     """Replace the heading of a message by the leg's, with the arms; sets `heard.shift` and `heard.wander`."""
     o, told = b.leader, m.leader_variance
     bend = _bend(b, heard)

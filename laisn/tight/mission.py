@@ -34,7 +34,7 @@ class Found(NamedTuple):
 
 
 @compiled
-def note(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
+def record_outcome(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
     """Note what became of a message: a row of `Found.outcome`, shape (3,); `used` is what `receive` gave."""
     outcome[0] = count_received(m, heard)
     outcome[1], outcome[2] = 0, np.nan
@@ -89,7 +89,7 @@ def filter_mission(
             if used < 0:
                 return k + 1
             if outcome.shape[0] > 0:
-                note(b, m, heard, used, outcome[i])
+                record_outcome(b, m, heard, used, outcome[i])
             i += 1
         if covariances.shape[0] > 0:
             moments(b, m)

@@ -11,11 +11,11 @@ from laisn.failure import LaisnError
 from laisn.geometry import place_on_body
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.online import FARTHEST, Online, require_readings, require_time
-from laisn.tight.alone import advance, alone, moments, place_arms, receive
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
 from laisn.tight.model import canonical, model_of
 from laisn.tight.ranging import new_heard
+from laisn.tight.scalar_records import advance, moments, place_arms, receive, scalar_record
 from laisn.tight.settings import TightSettings
 
 _NOTHING = np.empty(0), np.empty((0, 2)), np.empty((0, 2, 2))
@@ -105,8 +105,8 @@ class TightNavigator(Online):
         self.settings = settings
         self._model = model = model_of(settings)
         self._places = canonical(model)
-        self._heard = alone(new_heard())
-        self._alone = b, _ = alone(new_belief(settings, model, self._start)), alone(model)
+        self._heard = scalar_record(new_heard())
+        self._records = b, _ = scalar_record(new_belief(settings, model, self._start)), scalar_record(model)
         self._belief: Belief = b[0]
         self._moments = b["now"][0], b["now_covariance"][0]
         self._sizes = int(model.modes), int(model.states)
@@ -130,9 +130,9 @@ class TightNavigator(Online):
         _check(self._step, own, reception)
         own = self._with_depth(own)
         require_time(self._step, duration)
-        advance(*self._alone, own.speed, own.heading, self.settings.dt if duration is None else duration)
+        advance(*self._records, own.speed, own.heading, self.settings.dt if duration is None else duration)
         updates = [] if reception is None else [self._receive(own, reception)]
-        moments(*self._alone)
+        moments(*self._records)
         self._state, self._covariance = (moment.copy() for moment in self._moments)
         return updates
 
@@ -168,7 +168,7 @@ class TightNavigator(Online):
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
         message, settings = reception.message, self.settings
-        heard, (belief, model) = self._heard, self._alone
+        heard, (belief, model) = self._heard, self._records
         heard["time"], heard["east"], heard["north"] = message.timestamp, message.east, message.north
         heard["heading"], heard["speed"], heard["ranges"] = message.heading, message.speed, reception.ranges
         if not self._place_anywhere(own, reception):
@@ -181,7 +181,7 @@ class TightNavigator(Online):
         return self._update(received, used)
 
     def _update(self, received: int, used: int) -> Update:
-        (b, _), (modes, n) = self._alone, self._sizes
+        (b, _), (modes, n) = self._records, self._sizes
         components = int(b["alive"][0]) * modes
         full_state, full_sigma = np.full((2, len(TightEstimates.names)), np.nan)
         if not components:

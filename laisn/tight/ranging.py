@@ -1,4 +1,4 @@
-"""Ranges: what a component expects of them, and what they teach it.
+"""Ranges: predicted for a component, and the update with them.
 
 A range is z_i = ρ_i (1 + b_r / max ρ) + d_i with ρ_i = |p − o − Rot(b_L) a_i|: o is the leader's origin, a_i the arm
 from it to a transmitter as the broadcast heading places it, and Rot turns anticlockwise by the leader's compass bias.
@@ -44,7 +44,7 @@ def new_heard() -> Heard:
 
 
 @compiled
-def expect(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance: float) -> int:
+def predict_ranges(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance: float) -> int:
     """Residuals of the ranges for component k, with rows of derivatives and covariances; all into `b.work`.
 
     Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001 (second-order EKF): ½ tr(H P) in the mean and
@@ -333,20 +333,20 @@ def _choose(b: Belief, m: Model, k: int, heard: Heard, received: int, density: f
 
 
 @compiled
-def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
+def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
     """Update component k with the ranges of a message, of which it leaves out those that look like echoes.
 
-    Sets `taken`, `evidence`, `squared`, `surprise` and `turn_excess` of it. Where the leader's heading errs at
-    random and the ranges tell by how much, they are linearised about that: about the broadcast heading, the derivatives
-    would err together with the residuals, which in hundreds of messages adds up to a bias.
+    Sets `taken`, `evidence`, `squared`, `normalised_innovation` and `turn_excess` of it. Where the leader's heading
+    errs at random and the ranges tell by how much, they are linearised about that: about the broadcast heading, the
+    derivatives would err together with the residuals, which in hundreds of messages adds up to a bias.
 
     Returns:
         How many ranges it used; −1 if a covariance was not positive definite.
     """
     v = b.leader_variance
     b.work.shared = 0
-    received = expect(b, m, k, heard, 0.0, v)
-    b.taken[k], b.evidence[k], b.surprise[k], b.turn_excess[k] = 0, 0.0, 0.0, 0.0
+    received = predict_ranges(b, m, k, heard, 0.0, v)
+    b.taken[k], b.evidence[k], b.normalised_innovation[k], b.turn_excess[k] = 0, 0.0, 0.0, 0.0
     if received == 0:
         return 0
     density, squared = _likelihood(b, received)
@@ -362,13 +362,13 @@ def learn(b: Belief, m: Model, k: int, heard: Heard) -> int:
     # a common echo costs one number
     numbers = used - b.work.shared
     b.taken[k], b.squared[k] = numbers, squared
-    b.surprise[k] = (squared + 2.0 * (received - numbers) * (m.log_accepted - m.log_rejected)) / received
+    b.normalised_innovation[k] = (squared + 2.0 * (received - numbers) * (m.log_accepted - m.log_rejected)) / received
     if m.leader != ABSENT and used > 0:
         turn, left = _leader_turn(b, used)
         b.turn_excess[k] = turn * turn + left - v
         if left < _TELLING * v:
             u0, u1, u2 = b.work.used[0], b.work.used[1], b.work.used[2]
-            expect(b, m, k, heard, turn, left)
+            predict_ranges(b, m, k, heard, turn, left)
             b.work.used[0], b.work.used[1], b.work.used[2] = u0, u1, u2
             if b.work.shared:
                 _tilt_common(b, heard, used, b.work.share)

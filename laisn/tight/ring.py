@@ -1,4 +1,4 @@
-"""Where one message alone puts the follower: for a start that nobody knows, and for a belief that has lost its way.
+"""Initialisation from one message: for an unknown start, and for a mixture that is inconsistent with the ranges.
 
 The prior is a ring about the nearest transmitter, as a sum of Gaussians with fresh biases, one for each bearing. Each
 is updated with the ranges; what is left on either side of the leader's axis is taken together as one hypothesis.
@@ -8,10 +8,10 @@ import math
 
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
-from laisn.tight.belief import ROOM, Belief, refresh_output
+from laisn.tight.belief import CAPACITY, Belief, refresh_output
 from laisn.tight.model import ABSENT, Model, X, Y
-from laisn.tight.ranging import Heard, learn
-from laisn.tight.sides import copy, normalise, tidy
+from laisn.tight.ranging import Heard, update
+from laisn.tight.sides import copy, normalise, prune_and_merge
 
 _BEARINGS = 96
 _OVERLAP = 0.6
@@ -19,7 +19,7 @@ _OVERLAP = 0.6
 _RADIAL_VARIANCE = 25.0
 """Variance of a hypothesis's distance before the update [m²]: wide beside all errors of a range."""
 _ALARM = 3.0
-"""Smoothed surprise, of which 1 is expected, above which a belief is taken to have lost its way."""
+"""Smoothed NIS, of which 1 is expected, above which the mixture is inconsistent."""
 _SECOND_THOUGHT = 0.002
 """Weight that the hypotheses of the ring are given after an alarm."""
 _ASTRAY = 10.0
@@ -54,7 +54,7 @@ def _try_bearing(b: Belief, m: Model, k: int, heard: Heard, nearest: int, distan
     b.covariance[k, X, X] = _RADIAL_VARIANCE * ux * ux + across * uy * uy
     b.covariance[k, Y, Y] = _RADIAL_VARIANCE * uy * uy + across * ux * ux
     b.covariance[k, X, Y] = b.covariance[k, Y, X] = (_RADIAL_VARIANCE - across) * ux * uy
-    return learn(b, m, k, heard) >= 0
+    return update(b, m, k, heard) >= 0
 
 
 @compiled
@@ -111,7 +111,7 @@ def _walk_round(b: Belief, m: Model, heard: Heard, first: int, here: tuple[float
     distance = math.sqrt(max(shortest * shortest - deeper * deeper, 1.0))
     ax, ay = heard.arms[0, 0], heard.arms[0, 1]
     ex, ey = heard.arms[1, 0] - ax, heard.arms[1, 1] - ay
-    trial, healthy, best = (ROOM - 1) * m.modes, True, -math.inf
+    trial, healthy, best = (CAPACITY - 1) * m.modes, True, -math.inf
     for gathering in (False, True):
         for j in range(_BEARINGS):
             healthy &= _try_bearing(b, m, trial, heard, nearest, distance, 2.0 * math.pi * (j + 0.5) / _BEARINGS)
@@ -163,15 +163,15 @@ def add_ring(b: Belief, m: Model, heard: Heard, weight: float) -> bool:
                 copy(b, m, k, k + mode)
             b.alive += 1
     normalise(b, m)
-    tidy(b, m)
+    prune_and_merge(b, m)
     return True
 
 
 @compiled
-def think_again(b: Belief, m: Model, heard: Heard) -> bool:
-    """Where the ranges surprise for too long, take up what this message alone says; False as of `add_ring`."""
-    if b.smoothed < _ALARM:
+def reinitialise_if_inconsistent(b: Belief, m: Model, heard: Heard) -> bool:
+    """Add the hypotheses of this message alone where the smoothed NIS is too large; False as of `add_ring`."""
+    if b.smoothed_nis < _ALARM:
         return True
-    b.smoothed = 1.0
+    b.smoothed_nis = 1.0
     refresh_output(b, m)
     return add_ring(b, m, heard, _SECOND_THOUGHT)

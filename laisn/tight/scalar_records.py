@@ -7,34 +7,34 @@ import numpy as np
 from laisn.compiled import compiled
 from laisn.tight import estimator, own_motion
 
-Alone: TypeAlias = Any
+ScalarRecord: TypeAlias = Any
 """A record as the only element of an array, shape (1,)."""
 
 
-def alone(record: Any) -> Alone:
+def scalar_record(record: Any) -> ScalarRecord:
     """A copy of a record, as an array of one; its element is a record over the same memory."""
     return np.array([record], dtype=record.dtype)
 
 
 @compiled
-def advance(b: Alone, m: Alone, speed: float, heading: float, dt: float) -> None:
+def advance(b: ScalarRecord, m: ScalarRecord, speed: float, heading: float, dt: float) -> None:
     """`laisn.tight.own_motion.advance` of a belief."""
     own_motion.advance(b[0], m[0], speed, heading, dt)
 
 
 @compiled
-def moments(b: Alone, m: Alone) -> None:
+def moments(b: ScalarRecord, m: ScalarRecord) -> None:
     """`laisn.tight.own_motion.moments` of a belief."""
     own_motion.moments(b[0], m[0])
 
 
 @compiled
-def place_arms(heard: Alone, m: Alone, pitch: float, roll: float, deeper: float) -> None:
+def place_arms(heard: ScalarRecord, m: ScalarRecord, pitch: float, roll: float, deeper: float) -> None:
     """`laisn.tight.estimator.place_arms` of a message."""
     estimator.place_arms(heard[0], m[0], pitch, roll, deeper)
 
 
 @compiled
-def receive(b: Alone, m: Alone, heard: Alone) -> int:
+def receive(b: ScalarRecord, m: ScalarRecord, heard: ScalarRecord) -> int:
     """`laisn.tight.estimator.receive` of a message."""
     return estimator.receive(b[0], m[0], heard[0])

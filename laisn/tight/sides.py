@@ -8,7 +8,7 @@ import math
 
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
-from laisn.tight.belief import ROOM, Belief
+from laisn.tight.belief import CAPACITY, Belief
 from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.gaussian import blend, half_moments
 from laisn.tight.model import ABSENT, Model, X, Y
@@ -43,9 +43,9 @@ def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, f
 
 @inlined
 def _copy_outcome(b: Belief, source: int, target: int) -> None:
-    """Copy what the last message was to a component."""
+    """Copy the result of the last update."""
     b.taken[target], b.squared[target] = b.taken[source], b.squared[source]
-    b.surprise[target] = b.surprise[source]
+    b.normalised_innovation[target] = b.normalised_innovation[source]
 
 
 @compiled
@@ -127,7 +127,7 @@ def hypothesis_weight(b: Belief, m: Model, h: int) -> float:
 def split(b: Belief, m: Model, heard: Heard) -> None:
     """Split every hypothesis that reaches across the leader's axis."""
     for h in range(b.alive):
-        if b.alive < ROOM and _reaches_across(b, m, heaviest(b, m, h), heard):
+        if b.alive < CAPACITY and _reaches_across(b, m, heaviest(b, m, h), heard):
             other = b.alive
             b.alive += 1
             _copy_hypothesis(b, m, h, other)
@@ -196,8 +196,8 @@ def _lightest(b: Belief, m: Model) -> int:
 
 
 @compiled
-def tidy(b: Belief, m: Model) -> None:
-    """Drop hypotheses without weight, merge those in the same place, and keep the heaviest few."""
+def prune_and_merge(b: Belief, m: Model) -> None:
+    """Prune hypotheses without weight, merge those at the same position, and keep the heaviest few."""
     h = 0
     while h < b.alive:
         if b.alive > 1 and hypothesis_weight(b, m, h) < _LEAST_WEIGHT:

@@ -12,16 +12,16 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.smoothing import Chain, smooth
-from laisn.tight.alone import Alone, alone, moments
 from laisn.tight.belief import Belief
 from laisn.tight.estimates import TightEstimates
 
 # a helper of the filter, so that what it does to a covariance stands once
-from laisn.tight.estimator import loosen
+from laisn.tight.estimator import inflate_bias_covariance
 from laisn.tight.model import COMPASS, LOG, Model
 from laisn.tight.modes import mix_modes
 from laisn.tight.navigator import TightNavigator, Update
 from laisn.tight.own_motion import move
+from laisn.tight.scalar_records import ScalarRecord, moments, scalar_record
 from laisn.tight.settings import TightSettings
 
 _SAME_TIME = 5e-4
@@ -29,14 +29,14 @@ _SAME_TIME = 5e-4
 
 
 @compiled
-def _move_all(b: Alone, m: Alone, count: int, log_bias: float, compass_bias: float) -> None:
+def _move_all(b: ScalarRecord, m: ScalarRecord, count: int, log_bias: float, compass_bias: float) -> None:
     """Move the first components by the way in the belief's motion, linearised at some biases."""
     for k in range(count):
         move(b[0], m[0], k, log_bias, compass_bias)
 
 
 @compiled
-def _leave(rest: Alone, whole: Alone, part: Alone) -> None:
+def _leave(rest: ScalarRecord, whole: ScalarRecord, part: ScalarRecord) -> None:
     """Make of a motion what is left of the whole way to the next message after a part of it."""
     r, w, p = rest[0], whole[0], part[0]
     r.ax, r.ay, r.bx, r.by = w.ax - p.ax, w.ay - p.ay, w.bx - p.bx, w.by - p.by
@@ -55,10 +55,10 @@ def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
 class _Leg:
     """The way from one message to the next, linearised at the biases that the next one leaves."""
 
-    def __init__(self, b: Alone, heard: Alone, m: Model, biases: tuple[float, float]) -> None:
+    def __init__(self, b: ScalarRecord, heard: ScalarRecord, m: Model, biases: tuple[float, float]) -> None:
         """Take the belief just before a message, which is used up, and the message."""
         self._biases, self._n, count = biases, int(m.states), int(m.modes)
-        self._alone, before = (b, alone(m)), b[0]
+        self._records, before = (b, scalar_record(m)), b[0]
         # views of the belief, which is room to move components from here on
         self._motion, self._state = b["motion"], b["state"][0, :, : self._n]
         self._spread, self._rows = b["covariance"][0, :count, : self._n, : self._n], b["rows"][0, :, : self._n]
@@ -72,7 +72,7 @@ class _Leg:
         before.weight[:count] = self._modes
         self.onward = self.covariance @ self._matrix().T
         self._begin()
-        loosen(before, m, heard[0])
+        inflate_bias_covariance(before, m, heard[0])
         self.foretold, self.foretold_covariance = self._moved()
 
     def _begin(self) -> None:
@@ -81,17 +81,17 @@ class _Leg:
 
     def _moved(self) -> tuple[Floats, Floats]:
         """Mean and covariance after the way in the belief's motion."""
-        _move_all(*self._alone, self._modes.size, *self._biases)
+        _move_all(*self._records, self._modes.size, *self._biases)
         return self._state[0].copy(), np.einsum("k,kij->ij", self._modes, self._spread)
 
     def _matrix(self) -> Floats:
         """F of the way in the belief's motion: a move is affine in the state, and this what it does to unit vectors."""
         n, x = self._n, self._state
         x[: n + 1] = np.eye(n + 1, n)
-        _move_all(*self._alone, n + 1, *self._biases)
+        _move_all(*self._records, n + 1, *self._biases)
         return np.array((x[:n] - x[n]).T)
 
-    def at(self, motion: Alone) -> tuple[Floats, Floats, Floats]:
+    def at(self, motion: ScalarRecord) -> tuple[Floats, Floats, Floats]:
         """Where the way so far is `motion`: mean and covariance of x, y, vx, vy, and theirs with the state at the end.
 
         Shapes (4,), (4, 4) and (4, s). Mean and covariance are the filter's but for the biases at which they are
@@ -101,7 +101,7 @@ class _Leg:
         rest = self._matrix()
         self._motion[:] = motion
         self._begin()
-        moments(*self._alone)
+        moments(*self._records)
         rows, mean, covariance = self._rows.copy(), *(moment.copy() for moment in self._moments)
         reading = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
         # the position is two of the states that have come so far; velocities depend on those that stay as they are
@@ -130,23 +130,23 @@ class SmoothingNavigator(TightNavigator):
             raise ValueError(f"lag is {lag} s, expected a finite time, zero or more")
         super().__init__(settings, start)
         self._lag = lag
-        self._motions: list[Alone] = []
+        self._motions: list[ScalarRecord] = []
         self._latest: list[int] = []
         self._steps = [0] if self._belief.alive else []
-        self._before: list[tuple[Alone, Alone]] = []
+        self._before: list[tuple[ScalarRecord, ScalarRecord]] = []
 
     def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
         """Advance by one filter step, as `TightNavigator.step`."""
         updates = super().step(own, reception, duration)
-        self._motions.append(self._alone[0]["motion"].copy())
+        self._motions.append(self._records[0]["motion"].copy())
         self._latest.append(len(self._steps) - 1)
         return updates
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
-        before = self._alone[0].copy()
+        before = self._records[0].copy()
         update = super()._receive(own, reception)
         # the way begins anew after a message that was used
-        if self._alone[0]["motion"]["time"][0] == 0.0:
+        if self._records[0]["motion"]["time"][0] == 0.0:
             self._steps.append(self._step)
             if before["alive"][0]:
                 self._before.append((before, self._heard.copy()))

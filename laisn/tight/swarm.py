@@ -8,7 +8,7 @@ from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimator import place_arms, receive
-from laisn.tight.mission import note
+from laisn.tight.mission import record_outcome
 from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y, model_of
 from laisn.tight.own_motion import advance, position, velocity
 from laisn.tight.ranging import Heard, new_heard
@@ -53,8 +53,8 @@ def _spread(b: Belief, k: int, east: float, north: float) -> float:
 
 
 @compiled
-def _lean(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
-    """Way from the mean place to that of the likelier of two hypotheses [m]; none where they are one place."""
+def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
+    """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where they are one place."""
     first, second, most, next_most = 0, -1, -1.0, -1.0
     for h in range(b.alive):
         weight = hypothesis_weight(b, m, h)
@@ -76,8 +76,8 @@ def _lean(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
 
 
 @compiled
-def _tell(b: Belief, m: Model, out: Floats) -> None:
-    """Write down biases and current, means over the mixture, its spread and where it leans."""
+def _write_outputs(b: Belief, m: Model, out: Floats) -> None:
+    """Write biases and current (means over the mixture), its spread, and the offset to the likelier hypothesis."""
     x = y = log_bias = compass_bias = east = north = 0.0
     for k in range(b.alive * m.modes):
         w = b.weight[k]
@@ -97,7 +97,7 @@ def _tell(b: Belief, m: Model, out: Floats) -> None:
     half, across = 0.5 * (xx + yy), 0.5 * (xx - yy)
     out[LOG_BIAS], out[COMPASS_BIAS], out[CURRENT_EAST], out[CURRENT_NORTH] = log_bias, compass_bias, east, north
     out[SPREAD] = math.sqrt(half + math.sqrt(across * across + xy * xy))
-    out[LEAN_EAST], out[LEAN_NORTH] = _lean(b, m, x, y)
+    out[LEAN_EAST], out[LEAN_NORTH] = _offset_to_likelier_hypothesis(b, m, x, y)
 
 
 @compiled
@@ -130,10 +130,10 @@ def navigate(
             used = receive(b, m, heard)
             if used < 0:
                 return i
-            note(b, m, heard, used, outcome)
+            record_outcome(b, m, heard, used, outcome)
             # of ranges that were received none was used, though there was an estimate to hold them against
             gated[i] += outcome[0] > 0.0 and outcome[1] == 0.0 and b.alive > 0
-            _tell(b, m, out[i])
+            _write_outputs(b, m, out[i])
         out[i, EAST], out[i, NORTH] = position(b)
         out[i, VELOCITY_EAST], out[i, VELOCITY_NORTH] = velocity(b)
     return -1

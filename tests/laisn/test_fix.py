@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from laisn.estimates import FixKind
 from laisn.fix import Circle, Circles, Fix, fix_variance
 from laisn.geometry import Point, turn
-from laisn.hearing import Heard, hear, pair_fix
+from laisn.hearing import RangeCircles, pair_fix, to_circles
 from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.settings import VARIANTS, NavigationSettings
 from laisn.tuning import Tuning
@@ -23,17 +23,19 @@ SETTINGS = NavigationSettings()
 PREDICTED = NavigationSettings(side_rule="predicted")
 
 
-def heard(*radius: float) -> Heard:
-    return Heard(Circles(*(Circle(Point(*p), r) for p, r in zip(P.tolist(), radius, strict=True))), turn(EAST), 0.0)
+def heard(*radius: float) -> RangeCircles:
+    return RangeCircles(
+        Circles(*(Circle(Point(*p), r) for p, r in zip(P.tolist(), radius, strict=True))), turn(EAST), 0.0
+    )
 
 
-def exact(x: float, y: float) -> Heard:
+def exact(x: float, y: float) -> RangeCircles:
     """Error-free ranges from (x, y)."""
     return heard(*np.hypot(*(P - [x, y]).T).tolist())
 
 
 def pair_fixes(
-    circles: Heard, predicted: tuple[float, float], settings: NavigationSettings = SETTINGS
+    circles: RangeCircles, predicted: tuple[float, float], settings: NavigationSettings = SETTINGS
 ) -> tuple[Fix, Fix, Fix]:
     """Fixes of the pairs (1, 2), (1, 3) and (2, 3)."""
     a, b, c = (pair_fix(pair, circles, Point(*predicted), Tuning.of(settings)) for pair in circles.pairs())
@@ -41,7 +43,7 @@ def pair_fixes(
 
 
 def found_by(
-    variant: str, circles: Heard, predicted: tuple[float, float], settings: NavigationSettings = SETTINGS
+    variant: str, circles: RangeCircles, predicted: tuple[float, float], settings: NavigationSettings = SETTINGS
 ) -> Fix:
     """The fix of a variant."""
     return SINGLE[variant](pair_fixes(circles, predicted, settings), Point(*predicted))  # type: ignore[index]
@@ -220,17 +222,17 @@ def test_pitch_shifts_a_fix_abeam_by_dz_sin_phi(pitch_deg: float, error: float) 
     """laisn-2 with a level leader at Δz = 10 m, and none of it with the broadcast attitude."""
     pitch = np.deg2rad(pitch_deg)
     reception = _reception(pitch, 10.0, 0.0, 40.0)
-    found = found_by("laisn-2", hear(reception, 18.0, SETTINGS), (0.0, 40.0))
+    found = found_by("laisn-2", to_circles(reception, 18.0, SETTINGS), (0.0, 40.0))
     off = np.hypot(found.east, found.north - 40.0)
     assert off == pytest.approx(10.0 * np.sin(pitch), rel=0.02)
     assert off == pytest.approx(error, rel=0.02)
-    aware = hear(reception, 18.0, NavigationSettings(use_attitude=True))
+    aware = to_circles(reception, 18.0, NavigationSettings(use_attitude=True))
     np.testing.assert_allclose(place(found_by("laisn-2", aware, (0.0, 40.0))), (0, 40), atol=1e-9)
 
 
 def test_hydrophone_above_the_depth_sensor_is_allowed_for() -> None:
     reception = _reception(0.0, 10.0, 0.0, 40.0)
-    told = hear(reception, 18.3, NavigationSettings(hydrophone_height=0.3))
+    told = to_circles(reception, 18.3, NavigationSettings(hydrophone_height=0.3))
     np.testing.assert_allclose([circle.radius for circle in told.circles], np.hypot(*(P - [0, 40]).T))
     assert told.depth_difference == pytest.approx(10.0)
 

@@ -15,7 +15,7 @@ from laisn.filter import Filter
 from laisn.fix import Circle, Circles
 from laisn.gate import Gate
 from laisn.geometry import Point, place_on_body, transmitter_positions, turn
-from laisn.hearing import Heard
+from laisn.hearing import RangeCircles
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
@@ -133,10 +133,10 @@ def test_offsets_that_make_no_baseline_are_refused(transmitters: tuple[tuple[flo
         NavigationSettings(transmitter_offsets=transmitters)
 
 
-def free(*radius: float) -> Heard:
+def free(*radius: float) -> RangeCircles:
     """Beacons at 0 and 100 m east, the third between them and aside."""
     centres = Point(0.0, 0.0), Point(100.0, 0.0), Point(50.0, 1.0)
-    return Heard(Circles(*map(Circle, centres, radius)), turn(0.0), 0.0, free=True)
+    return RangeCircles(Circles(*map(Circle, centres, radius)), turn(0.0), 0.0, off_hull=True)
 
 
 @pytest.mark.parametrize(

@@ -123,8 +123,8 @@ def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, l
     belief.alive, belief.weight[:2] = 2, (0.4, 0.6)
     belief.state[:2] = 0.0
     belief.state[:2, 0] = -half, half
-    belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(8)])
-    swarm._tell(belief, model, out)
+    belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(10)])
+    swarm._write_outputs(belief, model, out)
     assert out[[swarm.LEAN_EAST, swarm.LEAN_NORTH]] == pytest.approx((0.8 * half * leans, 0.0))
 
 

@@ -5,12 +5,12 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.tight.belief import Belief, new_belief
-from laisn.tight.estimator import learn_leader, loosen
-from laisn.tight.leg import steady
+from laisn.tight.estimator import inflate_bias_covariance, update_leader_variance
+from laisn.tight.leg import average_leader_heading
 from laisn.tight.model import Model, model_of
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import Assume, TightSettings
-from laisn.tight.sides import tidy
+from laisn.tight.sides import prune_and_merge
 
 SETTINGS = TightSettings(assume=Assume(exact_leader=False))
 ERRORS = np.deg2rad([0.5, -1.2, 2.0, 0.3, -0.8, 1.5, 0.1, -0.4, 0.9, -1.1])
@@ -49,8 +49,8 @@ def test_the_heading_of_a_leg_is_the_mean_of_its_readings_and_b_l_goes_with_it()
     used, bias = [], []
     for step, error in enumerate(ERRORS):
         heard = message(step, COURSE + error)
-        steady(belief, model, heard)
-        loosen(belief, model, heard)
+        average_leader_heading(belief, model, heard)
+        inflate_bias_covariance(belief, model, heard)
         used.append(float(heard.heading))
         bias.append(float(belief.state[0, model.leader]))
         np.testing.assert_allclose(heard.arms[:, :2], clockwise(ARMS[:, :2], used[-1] - COURSE - error), atol=1e-12)
@@ -71,7 +71,7 @@ def test_a_mean_of_few_readings_is_not_used_where_b_l_is_known_better() -> None:
     used = []
     for step, error in enumerate(ERRORS):
         heard = message(step, COURSE + error)
-        steady(belief, model, heard)
+        average_leader_heading(belief, model, heard)
         used.append(float(heard.heading))
     assert used[:5] == pytest.approx(COURSE + ERRORS[:5])
     assert used[5] == pytest.approx(COURSE + ERRORS[2:6].mean(), abs=1e-12)
@@ -90,12 +90,12 @@ def test_a_leg_ends_where_the_leader_turns_and_b_l_loses_the_means_error(
 ) -> None:
     belief, model = made()
     for step, error in enumerate(ERRORS):
-        steady(belief, model, message(step, COURSE + error))
+        average_leader_heading(belief, model, message(step, COURSE + error))
     last = message(ERRORS.size - 1, 0.0)
     turned = message(1, heading, course, way)
     turned.east += last.east
     turned.north += last.north
-    steady(belief, model, turned)
+    average_leader_heading(belief, model, turned)
     assert float(turned.heading) == heading
     np.testing.assert_array_equal(turned.arms, ARMS)
     assert float(turned.shift) == 0.0
@@ -110,29 +110,29 @@ def test_hypotheses_in_one_place_that_differ_in_b_l_stay_two() -> None:
         belief.weight[:2] = 0.6, 0.4
         belief.state[1], belief.covariance[1] = belief.state[0], belief.covariance[0]
         belief.state[1, model.leader] += apart
-        tidy(belief, model)
+        prune_and_merge(belief, model)
         assert belief.alive == alive
 
 
 def test_how_much_readings_scatter_is_learnt_from_all_legs_and_is_at_most_what_the_settings_say() -> None:
     belief, model = made()
     for step, error in enumerate(0.1 * ERRORS):
-        steady(belief, model, message(step, COURSE + error))
+        average_leader_heading(belief, model, message(step, COURSE + error))
     assert belief.leader.scatter == pytest.approx(scatter(0.1 * ERRORS[2:]), rel=1e-9)
     at = message(ERRORS.size - 1, 0.0)
     for step, error in enumerate(0.2 * ERRORS):
         heard = message(step + 1, COURSE + 1.0 + error, COURSE + 1.0)
         heard.east += at.east
         heard.north += at.north
-        steady(belief, model, heard)
+        average_leader_heading(belief, model, heard)
     # the first message after the turn has no leg
     assert belief.leader.scatter == pytest.approx(scatter(0.1 * ERRORS[2:], 0.2 * ERRORS[1:]), rel=1e-9)
     wide, _ = made()
     for step, error in enumerate(2.0 * ERRORS):
-        steady(wide, model, message(step, COURSE + error))
+        average_leader_heading(wide, model, message(step, COURSE + error))
     assert wide.leader.scatter == SETTINGS.leader_heading_sigma**2
     # what ranges say of the same errors cannot be more
     wide.leader.scatter = np.deg2rad(0.5) ** 2
     wide.turn_excess[0] = 1.0
-    learn_leader(wide, model)
+    update_leader_variance(wide, model)
     assert float(wide.leader_variance) == np.deg2rad(0.5) ** 2

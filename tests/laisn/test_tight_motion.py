@@ -12,13 +12,13 @@ from scipy.stats import norm
 from laisn.arrays import Floats
 from laisn.tight.belief import Belief, new_belief, refresh_output
 from laisn.tight.gaussian import blend, half_moments
-from laisn.tight.leader_way import watch_leader
+from laisn.tight.leader_way import update_current_from_leader_track
 from laisn.tight.model import Model, model_of
 from laisn.tight.modes import mix_modes
 from laisn.tight.own_motion import advance, begin_interval, moments, move, position
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import Assume, TightSettings
-from laisn.tight.sides import split, tidy
+from laisn.tight.sides import prune_and_merge, split
 
 SETTINGS = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, clock=True), slip=0.02)
 N = 12
@@ -214,7 +214,7 @@ def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go
     belief.state[1, 0] += 0.01
     belief.state[2, 0] += 50.0
     expected = mixture_moments(belief, range(2))
-    tidy(belief, model)
+    prune_and_merge(belief, model)
     assert belief.alive == 1
     np.testing.assert_allclose(belief.state[0], expected[0], atol=1e-12)
     np.testing.assert_allclose(belief.covariance[0], expected[1], atol=1e-12)
@@ -264,7 +264,7 @@ def test_a_leaders_way_tells_the_current_as_filterpy_has_it(exact: bool) -> None
     for t in range(2):
         at = (logged + drift) * 1.25 * t
         heard.time, heard.east, heard.north = 1.25 * t, at[0], at[1]
-        watch_leader(belief, model, heard)
+        update_current_from_leader_track(belief, model, heard)
     bias = 0.0 if exact else kalman.x[model.leader]
     angle = heading - bias
     turned = speed * np.array([np.sin(angle), np.cos(angle)])
@@ -288,5 +288,5 @@ def test_a_leader_that_turns_says_nothing_of_the_current(turn: float, says: bool
     for t in range(2):
         heard.time, heard.east, heard.north = 1.25 * t, 2.0 * t, 0.0
         heard.heading, heard.speed = 0.7 + turn * t, 1.3
-        watch_leader(belief, model, heard)
+        update_current_from_leader_track(belief, model, heard)
     assert np.array_equal(belief.state, before) != says

@@ -18,7 +18,7 @@ from laisn.tight.model import model_of
 from laisn.tight.navigator import TightNavigator, Update
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import Assume, TightSettings
-from laisn.tight.sides import tidy
+from laisn.tight.sides import prune_and_merge
 from tests.laisn.tight_mixture import SCALE, heaviest, moments, weight_of
 from tests.laisn.tight_oracle import Oracle
 
@@ -301,7 +301,7 @@ def test_the_four_heaviest_of_six_hypotheses_are_kept(weights: tuple[int, ...]) 
     belief, model = new_belief(THREE, model_of(THREE), (0.0, 0.0)), model_of(THREE)
     belief.alive, belief.weight[:6] = 6, np.array(weights) / 21.0
     belief.state[:6, 0], belief.covariance[:6] = 100.0 * np.array(weights), np.eye(12)
-    tidy(belief, model)
+    prune_and_merge(belief, model)
     assert belief.alive == 4
     found = belief.weight[:4]
     np.testing.assert_allclose(np.sort(found), np.array([3, 4, 5, 6]) / 18.0)

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from laisn.arrays import Floats
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.model import Model, model_of
-from laisn.tight.ranging import Heard, expect, learn, new_heard
+from laisn.tight.ranging import Heard, new_heard, predict_ranges, update
 from laisn.tight.settings import Assume, TightSettings
 
 EVERYTHING = TightSettings(assume=Assume(exact_leader=False, drift=False, current=True, offsets=True, clock=True))
@@ -59,7 +59,7 @@ def some_covariance(scale: float) -> Floats:
 def test_derivatives_of_ranges_equal_complex_steps() -> None:
     ranges = ranges_of(STATE, 30.0).real
     made, model = belief(np.eye(STATES))
-    assert expect(made, model, 0, heard(ranges), 0.0, 0.0) == 3
+    assert predict_ranges(made, model, 0, heard(ranges), 0.0, 0.0) == 3
     # the scale's own slope is neglected against 1 in the derivatives by position: b_r is centimetres at tens of metres
     plain = STATE.copy()
     plain[4] = 0.0
@@ -72,7 +72,7 @@ def test_second_derivatives_equal_differences_of_complex_steps() -> None:
     plain[4] = 0.0
     ranges = ranges_of(plain, 30.0).real
     made, model = belief(np.eye(STATES), plain)
-    expect(made, model, 0, heard(ranges), 0.0, 0.0)
+    predict_ranges(made, model, 0, heard(ranges), 0.0, 0.0)
     step, chosen = 1e-5, [0, 1, 5]
     for j, other in itertools.product(range(3), range(3)):
         unit = np.eye(STATES)[chosen[other]] * step
@@ -88,7 +88,7 @@ def test_expected_ranges_equal_their_mean_over_a_gaussian() -> None:
     plain = STATE.copy()
     plain[4] = 0.0
     made, model = belief(covariance, plain)
-    expect(made, model, 0, heard(np.zeros(3) + 30.0), 0.0, 0.0)
+    predict_ranges(made, model, 0, heard(np.zeros(3) + 30.0), 0.0, 0.0)
     half = np.random.default_rng(1).normal(size=(500_000, 3)) @ root.T
     draws = np.concatenate([half, -half])
     x, y, bias = plain[0] + draws[:, 0], plain[1] + draws[:, 1], plain[5] + draws[:, 2]
@@ -113,7 +113,7 @@ def test_an_update_equals_filterpys(lost: tuple[int, ...]) -> None:
     kept = [i for i in range(3) if i not in lost]
     made, model = belief(covariance, plain, settings)
     made.leader_variance = 0.0
-    assert learn(made, model, 0, heard(ranges)) == len(kept)
+    assert update(made, model, 0, heard(ranges)) == len(kept)
 
     exact = gradient(plain, float(np.nanmax(ranges)))
     hessians = np.array([second(plain, i) for i in range(3)])
@@ -148,7 +148,7 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
     covariance = some_covariance(0.01)
     ranges = ranges_of(plain, 30.0).real + np.array(echo)
     made, model = belief(covariance, plain)
-    expect(made, model, 0, heard(ranges), 0.0, made.leader_variance)
+    predict_ranges(made, model, 0, heard(ranges), 0.0, made.leader_variance)
     residual, spread = made.work.residual.copy(), made.work.spread.copy()
     best = {}
     for size in range(4):
@@ -159,25 +159,25 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
                 total += multivariate_normal.logpdf(residual[list(used)], cov=spread[np.ix_(used, used)])
             best[used] = total
     likeliest = max(best, key=best.__getitem__)
-    assert learn(made, model, 0, heard(ranges)) == len(likeliest)
+    assert update(made, model, 0, heard(ranges)) == len(likeliest)
     assert made.evidence[0] == pytest.approx(best[likeliest], abs=1e-9)
 
 
 def test_a_message_of_which_nothing_came_teaches_nothing() -> None:
     made, model = belief(some_covariance(0.01))
     before = made.state.copy(), made.covariance.copy()
-    made.evidence[0] = made.surprise[0] = made.turn_excess[0] = 7.0
-    assert learn(made, model, 0, heard(np.full(3, np.nan))) == 0
-    assert (made.evidence[0], made.surprise[0], made.turn_excess[0], made.taken[0]) == (0.0, 0.0, 0.0, 0)
+    made.evidence[0] = made.normalised_innovation[0] = made.turn_excess[0] = 7.0
+    assert update(made, model, 0, heard(np.full(3, np.nan))) == 0
+    assert (made.evidence[0], made.normalised_innovation[0], made.turn_excess[0], made.taken[0]) == (0.0, 0.0, 0.0, 0)
     np.testing.assert_array_equal(made.state, before[0])
     np.testing.assert_array_equal(made.covariance, before[1])
 
 
 def test_a_covariance_that_is_not_positive_definite_is_refused() -> None:
     made, model = belief(-np.eye(STATES))
-    assert learn(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
+    assert update(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
     made, model = belief(np.full((STATES, STATES), np.nan))
-    assert learn(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
+    assert update(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
 
 
 def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
@@ -193,7 +193,7 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     made.covariance[0, 4, 4] = 0.0
     message.arms = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
     message.ranges = rho + 3.0 + 0.02, rho + 3.0 - 0.02, np.nan
-    assert learn(made, model, 0, message) == 1
+    assert update(made, model, 0, message) == 1
     slope = 2.0 / rho
     assert made.state[0, 0] == pytest.approx(10.0, abs=1e-12)
     assert made.covariance[0, 0, 0] == pytest.approx(sigma**2, abs=1e-12)
