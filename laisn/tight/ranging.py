@@ -360,7 +360,7 @@ def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
         if b.work.shared:
             squared -= _ignore_common(b, used)[1]
     # a common echo costs one number
-    numbers = used - b.work.shared
+    numbers: int = used - b.work.shared
     b.taken[k], b.squared[k] = numbers, squared
     b.normalised_innovation[k] = (squared + 2.0 * (received - numbers) * (m.log_accepted - m.log_rejected)) / received
     if m.leader != ABSENT and used > 0:

@@ -203,7 +203,7 @@ def read_factor_graph(path: Path) -> RangeData:
     time, untimed = _times(poses, source)
     odometry, spread, closures = _odometry(lines, order, source)
     slip, heading_walk = _walks(time, spread)
-    path, compared = _path(poses, odometry)
+    vertices, compared = _path(poses, odometry)
     places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
     beacons = {name: i for i, name in enumerate(places)}
     table, variances, left_out = _ranges(lines, order, time, beacons)
@@ -211,7 +211,7 @@ def read_factor_graph(path: Path) -> RangeData:
     kept, odometry = join_equal_times(time, odometry)
     joined = np.count_nonzero(~kept)
     equal = [f"poses at the time of the one before, joined to it: {joined}"] if joined else []
-    truth = np.column_stack([time, path])[kept] if len(path) else np.empty((0, 3))
+    truth = np.column_stack([time, vertices])[kept] if len(vertices) else np.empty((0, 3))
     return RangeData(
         source=source,
         start=np.array([begin[0], begin[1], _compass(begin[2])]),

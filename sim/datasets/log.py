@@ -200,7 +200,7 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             since = (poses.time_ns - begin_ns) / 1e9 + measured.dt
             truth = np.column_stack([since, poses.columns(("pose.position.x", "pose.position.y"))])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
-        stated = (float(value) if (value := facts.get(name)) else None for name in _STATED)
+        sigma, slip, walk = (float(value) if (value := facts.get(name)) else None for name in _STATED)
     if proved is None:
         remarks = (*remarks, "nothing proves that start, beacons and measurements are those that were written")
-    return Replayable(measured, start, *stated, truth, remarks)
+    return Replayable(measured, start, sigma, slip, walk, truth, remarks)
