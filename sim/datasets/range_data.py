@@ -25,7 +25,8 @@ class Legs(NamedTuple):
 def compose(first: Floats, second: Floats) -> Floats:
     """Two steps of odometry as one: way ahead and to port [m] and turn anticlockwise [rad], shape (3,) each."""
     c, s = np.cos(first[2]), np.sin(first[2])
-    return np.asarray(first + [c * second[0] - s * second[1], s * second[0] + c * second[1], second[2]])
+    turned = np.array([c * second[0] - s * second[1], s * second[0] + c * second[1], second[2]])
+    return np.asarray(first + turned)
 
 
 def join_equal_times(time: Floats, odometry: Floats) -> tuple[Bools, Floats]:
