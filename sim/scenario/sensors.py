@@ -11,12 +11,16 @@ SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
 
 
+SpeedBias = Annotated[float, Field(ge=-10, le=10)]
+HeadingBias = Annotated[float, Field(ge=-180, le=180)]
+
+
 class Sensors(Section):
     """True errors of the sensors (paper, Eqs. 26 and 27); the filter does not know them."""
 
-    speed_bias_m_s: Annotated[float, Field(ge=-10, le=10)] = 0.2
+    speed_bias_m_s: SpeedBias = 0.2
     speed_sigma_m_s: NonNegative = 0.2
-    heading_bias_deg: NonNegative = 5.0
+    heading_bias_deg: HeadingBias = 5.0
     heading_sigma_deg: NonNegative = 2.0
     depth_sigma_m: NonNegative = 0.0
     speed_drift_m_s: Annotated[float, Field(ge=-10, le=10)] = Field(
@@ -36,7 +40,8 @@ class Sensors(Section):
         0.1, description="σ of each reading of a follower's gyros; followers on stations steer by them"
     )
     tilt_sigma_deg: NonNegative = Field(0.5, description="σ of each reading of its inclinometer, likewise")
-    leader_heading_bias_deg: NonNegative = 0.0
+    leader_speed_bias_m_s: SpeedBias = Field(0.0, description="bias of the speed that the leader broadcasts")
+    leader_heading_bias_deg: HeadingBias = 0.0
     leader_heading_sigma_deg: NonNegative = 0.0
     leader_depth_sigma_m: NonNegative = 0.0
     leader_position_drift_m_s: NonNegative = Field(

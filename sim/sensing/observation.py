@@ -29,6 +29,7 @@ def errors_of(scenario: Scenario) -> SensorErrors:
         heading_bias=np.deg2rad(sensors.heading_bias_deg),
         heading_sigma=np.deg2rad(sensors.heading_sigma_deg),
         depth_sigma=sensors.depth_sigma_m,
+        leader_speed_bias=sensors.leader_speed_bias_m_s,
         leader_heading_bias=np.deg2rad(sensors.leader_heading_bias_deg),
         leader_heading_sigma=np.deg2rad(sensors.leader_heading_sigma_deg),
         leader_depth_sigma=sensors.leader_depth_sigma_m,

@@ -80,6 +80,7 @@ def test_defaults_are_the_papers() -> None:
             },
             "needs leader.broadcast_attitude = true",
         ),
+        ({"sensors": {"heading_bias_deg": -181.0}}, "heading_bias_deg: Input should be greater than or equal to -180"),
         ({"leader": {"depth_m": 40.0}}, "leader would dive to 40 m"),
         ({"sensors": {"speed_bias_m_s": 1e308}}, "sensors.speed_bias_m_s: Input should be less than or equal to 10"),
         ({"leader": {"depth_profile": [[0, 5], [0, 6]]}}, "leader.depth_profile: depth 2 at 0 s is not later"),

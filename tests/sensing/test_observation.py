@@ -53,8 +53,9 @@ def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(step: float, i
 def test_errors_are_those_of_the_scenario_in_si_units() -> None:
     """Each setting has a value of its own, so that none is taken for another."""
     sensors = Sensors(
-        speed_bias_m_s=0.11, speed_sigma_m_s=0.12, heading_bias_deg=1.3, heading_sigma_deg=1.4, depth_sigma_m=0.15,
-        leader_heading_bias_deg=1.6, leader_heading_sigma_deg=1.7, leader_depth_sigma_m=0.18,
+        speed_bias_m_s=0.11, speed_sigma_m_s=0.12, heading_bias_deg=-1.3, heading_sigma_deg=1.4, depth_sigma_m=0.15,
+        leader_speed_bias_m_s=-0.17, leader_heading_bias_deg=-1.6, leader_heading_sigma_deg=1.7,
+        leader_depth_sigma_m=0.18,
         leader_attitude_sigma_deg=1.9, leader_attitude_offset_sigma_deg=2.1,
     )  # fmt: skip
     acoustics = Acoustics(
@@ -64,8 +65,9 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
     )  # fmt: skip
     errors = errors_of(synthetic.make_scenario().model_copy(update={"sensors": sensors, "acoustics": acoustics}))
     expected = {
-        "speed_bias": 0.11, "speed_sigma": 0.12, "heading_bias": np.deg2rad(1.3), "heading_sigma": np.deg2rad(1.4),
-        "depth_sigma": 0.15, "leader_heading_bias": np.deg2rad(1.6), "leader_heading_sigma": np.deg2rad(1.7),
+        "speed_bias": 0.11, "speed_sigma": 0.12, "heading_bias": np.deg2rad(-1.3), "heading_sigma": np.deg2rad(1.4),
+        "depth_sigma": 0.15, "leader_heading_bias": np.deg2rad(-1.6),
+        "leader_speed_bias": -0.17, "leader_heading_sigma": np.deg2rad(1.7),
         "leader_depth_sigma": 0.18, "leader_pitch_sigma": np.deg2rad(1.9), "leader_roll_sigma": np.deg2rad(1.9),
         "leader_attitude_time": 0.0, "leader_attitude_offset_sigma": np.deg2rad(2.1), "range_tau": (0.01, 0.02, 0.03),
         "range_centre": 0.5, "range_scale_mean": 0.04, "range_scale_sigma": 0.05, "echo_chance": (0.06, 0.07),
