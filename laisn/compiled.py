@@ -24,6 +24,8 @@ import numba
 from numba import errors
 from numba.extending import register_jitable
 
+from laisn.arrays import Floats
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 Listener = Callable[[int], None]
 
@@ -101,8 +103,9 @@ def _dispatcher(function: Function, folder: str, **flags: Any) -> Any:
     # a closure's content is in no source, and numba finds no file for what a user types
     stored = FOLDER is not None and not function.__closure__ and function.__module__.partition(".")[0] in _PROJECT
     config: Any = numba.config
+    njit: Any = numba.njit
     before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER and FOLDER / folder)
-    dispatcher: Any = numba.njit(error_model="numpy", cache=stored, no_cfunc_wrapper=True, **flags)(function)
+    dispatcher: Any = njit(error_model="numpy", cache=stored, no_cfunc_wrapper=True, **flags)(function)
     config.CACHE_DIR = before
     build = dispatcher.compile
 
@@ -172,6 +175,13 @@ def compiled_lanes(function: Function) -> Function:
 def inlined(function: Function) -> Function:
     """Compile a small helper into its callers, so that loops over lanes stay vectorised."""
     return cast(Function, numba.njit(inline="always", error_model="numpy")(function))
+
+
+@inlined
+def copy_values(source: Floats, target: Floats) -> None:
+    """`target[:] = source` of one-dimensional arrays, for which numba compiles the text of an error for seconds."""
+    for i in range(target.shape[0]):
+        target[i] = source[i]
 
 
 def formula(function: Function) -> Function:

@@ -1,10 +1,6 @@
 """The linear Kalman filter of LAISN (paper, Section 2.1): the only module that knows filterpy."""
 
-import importlib.util
-import sys
-from pathlib import Path
-from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,48 +10,6 @@ from laisn.geometry import SINGULAR_VARIANCE, is_singular
 
 _H_POSITION = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]])
 _H_VELOCITY = np.array([[0, 0, 1.0, 0], [0, 0, 0, 1.0]])
-
-
-def _module(name: str, path: Path) -> ModuleType:
-    """A module out of its file, without the packages that it is in."""
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def _log_density(*args: Any, **kwargs: Any) -> Any:
-    from filterpy.stats import logpdf
-
-    return logpdf(*args, **kwargs)
-
-
-def _kalman_filter() -> Any:
-    """filterpy's KalmanFilter, without the filters beside it.
-
-    Its package imports scipy.stats for the densities of all of them, which takes two thirds of a second, more than
-    navigating a mission. This filter asks for a density only if somebody asks it for a likelihood.
-    """
-    package = importlib.util.find_spec("filterpy")
-    if package is None or package.origin is None or "filterpy" in sys.modules:
-        from filterpy.kalman import KalmanFilter
-
-        return KalmanFilter
-    folder = Path(package.origin).parent
-    stats, common = ModuleType("filterpy.stats"), _module("filterpy.common", folder / "common" / "helpers.py")
-    stats.logpdf = _log_density  # type: ignore[attr-defined]  # modules take any attribute
-    beside = {"filterpy": ModuleType("filterpy"), "filterpy.stats": stats, "filterpy.common": common}
-    sys.modules.update(beside)
-    try:
-        return _module("filterpy.kalman.kalman_filter", folder / "kalman" / "kalman_filter.py").KalmanFilter
-    finally:
-        for name in beside:
-            del sys.modules[name]
-
-
-_KalmanFilter = _kalman_filter()
 
 
 class Innovation(NamedTuple):
@@ -97,7 +51,9 @@ class Filter:
             start: state, shape (4,).
             sigma0: its standard deviations, shape (4,).
         """
-        self._kalman = _KalmanFilter(dim_x=4, dim_z=2)
+        from filterpy.kalman import KalmanFilter
+
+        self._kalman = KalmanFilter(dim_x=4, dim_z=2)
         # one-dimensional: a column would broadcast against the rows of z in silence
         self._kalman.x = np.array(start, dtype=np.float64)
         self._kalman.P = np.diag(np.square(sigma0))

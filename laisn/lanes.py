@@ -12,7 +12,7 @@ import numpy.typing as npt
 from laisn import lane_filter, lane_fix
 from laisn import lane_rows as row
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled_lanes
+from laisn.compiled import compiled_lanes, copy_values
 from laisn.lane_rows import LANES
 from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import VARIANTS, NavigationSettings
@@ -109,7 +109,7 @@ def run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats, 
         if received:
             row.fill(block, row.EAST, message_rows[i])
         advance(block, t, k, received)
-        state[k - 1] = block[row.X : row.X + 4 * LANES]
+        copy_values(block[row.X : row.X + 4 * LANES], state[k - 1])
         if received:
             for j in range(made):
                 for lane in range(LANES):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints
-from laisn.compiled import compiled
+from laisn.compiled import compiled, copy_values
 from sim.control.approach import LAWS, Approach
 from sim.control.autopilot import control, feel
 from sim.control.avoidance import Avoidance
@@ -299,7 +299,7 @@ def guide(k: int, row: Floats, a: Aboard) -> None:
     steer_along_route(k, row, 0, a.steering)
     for f in range(a.kinds.size):
         i = f + 1
-        a.history[k, f] = a.beliefs[f]
+        copy_values(a.beliefs[f], a.history[k, f])
         if a.kinds[f] == ROUTE:
             steer_along_route(k, row, i, a.steering)
             continue

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled
+from laisn.compiled import compiled, copy_values
 from laisn.failure import LaisnError
 from sim.contact import Ending
 from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, feel
@@ -55,9 +55,9 @@ def note(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Flo
     row = record[k]
     water_velocity(pose[:, POSITION], k * TICK, water, row[:, WATER])
     for i in range(pose.shape[0]):
-        row[i, 0:7] = pose[i]
-        row[i, 7:13] = twist[i]
-        row[i, THRUST] = thrust[i]
+        copy_values(pose[i], row[i, 0:7])
+        copy_values(twist[i], row[i, 7:13])
+        copy_values(thrust[i], row[i, THRUST])
 
 
 @compiled

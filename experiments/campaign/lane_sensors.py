@@ -9,7 +9,7 @@ import numpy as np
 
 from laisn import lane_rows as row
 from laisn.arrays import Bools, Floats
-from laisn.compiled import compiled_lanes
+from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from sim.sensing import gauss_markov
@@ -158,7 +158,7 @@ def new_noise(address: Address) -> Noise:
     pair = 2 * LANES
     noise = Noise(np.zeros(3 * LANES), address, np.zeros(LANES, dtype=np.bool_), np.zeros(pair), np.empty(pair))
     _draw_normals(noise, address.leader_attitude, 0)
-    noise.offset[:] = noise.draws[:pair]
+    copy_values(noise.draws, noise.offset)
     return noise
 
 

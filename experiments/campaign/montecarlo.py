@@ -29,7 +29,7 @@ from experiments.campaign.lane_sensors import (
 from laisn import lane_rows as row
 from laisn import lanes
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled_lanes
+from laisn.compiled import compiled_lanes, copy_values
 from laisn.lane_rows import LANES
 from laisn.tight.settings import TightSettings
 from laisn.tuning import Tuning
@@ -84,7 +84,7 @@ def _fly_block(
         metric.tally_step(block, tally, bins, (now[3], now[4]), (now[5], now[6], now[7]))
         metric.fill_histograms(bins, histograms, lanes_used)
         if history.size > 0:
-            history[k - 1] = block[row.X : row.X + 4 * LANES]
+            copy_values(block[row.X : row.X + 4 * LANES], history[k - 1])
     return tally, histograms
 
 

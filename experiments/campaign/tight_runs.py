@@ -8,7 +8,7 @@ import numpy as np
 from experiments.campaign import lane_metrics as metric
 from laisn import lane_rows as row
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled_lanes
+from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.tight.estimates import kind_of
@@ -31,9 +31,8 @@ def _tally_steps(states: Floats, truth: Floats, tally: Floats, histograms: Ints,
     """
     block, bins = np.zeros(row.SIZE), np.zeros(2 * LANES, dtype=np.int64)
     for k in range(states.shape[0]):
-        block[row.X : row.X + LANES], block[row.Y : row.Y + LANES] = states[k, 0], states[k, 1]
-        block[row.PXX : row.PXX + LANES], block[row.PXY : row.PXY + LANES] = states[k, 2], states[k, 3]
-        block[row.PYY : row.PYY + LANES] = states[k, 4]
+        for i, first in enumerate((row.X, row.Y, row.PXX, row.PXY, row.PYY)):
+            copy_values(states[k, i], block[first : first + LANES])
         now = truth[k]
         metric.tally_step(block, tally, bins, (now[0], now[1]), (now[2], now[3], now[4]))
         metric.fill_histograms(bins, histograms, lanes_used)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled, compiled_run
+from laisn.compiled import compiled, compiled_run, copy_values
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
@@ -93,7 +93,7 @@ def filter_mission(
             i += 1
         if covariances.shape[0] > 0:
             moments(b, m)
-            states[k] = b.now
+            copy_values(b.now, states[k])
             covariances[k, 0], covariances[k, 1] = b.now_covariance[0, 0], b.now_covariance[0, 1]
             covariances[k, 2] = b.now_covariance[1, 1]
         else:

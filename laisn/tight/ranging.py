@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from laisn.compiled import compiled, inlined
+from laisn.compiled import compiled, copy_values, inlined
 from laisn.elementary import log, sin_cos
 from laisn.tight.belief import Belief
 from laisn.tight.gaussian import factor
@@ -312,7 +312,8 @@ def _choose(b: Belief, m: Model, k: int, heard: Heard, received: int, density: f
             best, best_mask = total, mask
     if received > 1 and 0.0 < excess < m.outlier_span:
         w.used[0], w.used[1], w.used[2] = i0, i1, i2
-        w.direct_spread[:] = w.spread
+        for i in range(w.spread.shape[0]):
+            copy_values(w.spread[i], w.direct_spread[i])
         w.share = (excess / max(_mean_range(b, heard, received) - excess, _SHORTEST)) ** 2
         _tilt_common(b, heard, received, w.share)
         density, _ = _likelihood(b, received)
@@ -321,7 +322,8 @@ def _choose(b: Belief, m: Model, k: int, heard: Heard, received: int, density: f
         if total > best:
             b.evidence[k], w.shared = total, 1
             return received
-        w.spread[:] = w.direct_spread
+        for i in range(w.spread.shape[0]):
+            copy_values(w.direct_spread[i], w.spread[i])
     used = 0
     for j in range(received):
         i = i0 if j == 0 else (i1 if j == 1 else i2)

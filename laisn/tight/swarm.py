@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints
-from laisn.compiled import compiled
+from laisn.compiled import compiled, copy_values
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimator import place_arms, receive
 from laisn.tight.mission import record_outcome
@@ -125,7 +125,7 @@ def navigate(
         if received[i]:
             heard.time, heard.east, heard.north = message[i, 0], message[i, 1], message[i, 2]
             heard.heading, heard.speed = message[i, 3], message[i, 4]
-            heard.ranges[:] = ranges[i]
+            copy_values(ranges[i], heard.ranges)
             place_arms(heard, m, message[i, 6], message[i, 7], message[i, 5] - (readings[i, 2] - m.hydrophone_height))
             used = receive(b, m, heard)
             if used < 0:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled
+from laisn.compiled import compiled, copy_values
 from sim.vehicle import hydrodynamics, thrusters
 from sim.vehicle.mujoco_functions import call
 from sim.water.ocean import Water
@@ -68,7 +68,8 @@ def begin(body: Any, command: Floats, half_step: float) -> Fault:
     bad = hydrodynamics.beyond(command, np.inf)
     if bad >= 0:
         return NOT_FINITE, bad
-    control[:] = command
+    for i in range(control.shape[0]):
+        copy_values(command[i], control[i])
     thrusters.lay_out(layout, control.shape[1])
     for i in range(twist.shape[0]):
         for j in range(6):
@@ -89,7 +90,9 @@ def end(body: Any, half_step: float) -> Fault:
     for i in range(warnings.size):
         if warnings[i] > 0:
             return WARNED, i
-    good[0][:], good[1][:] = pose, twist
+    for i in range(twist.shape[0]):
+        copy_values(pose[i], good[0][i])
+        copy_values(twist[i], good[1][i])
     return FINE, -1
 
 

@@ -221,10 +221,9 @@ def test_constants_that_callers_pass_make_no_versions_of_a_function() -> None:
         assert _cubic(2.0) == 14.0
         assert _power(2.0, 4) == 16.0
         assert _cubic(3.0) == 39.0
-    assert len(_power.signatures) == 1
-    # `_power` within `_cubic`, `_cubic`, and the end of both
-    assert np.diff(seen[:2]).tolist() == [1]
-    assert seen[2:] == [0]
+    # `_power` for compiled callers, `_cubic`, and `_power` for Python
+    assert np.diff([functions for functions in seen if functions]).tolist() == [1, 1]
+    assert seen.count(0) == 2
 
 
 INTERRUPTED = """
