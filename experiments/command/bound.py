@@ -1,4 +1,4 @@
-"""The Cramér–Rao bound of a mission in the terminal and in a file, and what a navigator makes of the same ranges."""
+"""The Cramér–Rao bound of a mission on the terminal and in a file, beside a navigator's errors."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,17 +14,16 @@ _QUARTERS = 4
 
 
 def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | None) -> None:
-    """Print the least RMS position error of a mission, and the navigator's own beside it.
+    """Print the bound of the RMS position error of a mission, and the navigator's error beside it.
 
     Args:
         source: scenario name or TOML file.
         assignments: overrides.
-        runs: that are flown with the scenario's navigator; 0: none.
+        runs: Monte Carlo runs of the scenario's navigator; 0: none.
         out: `.csv` file for the bound over time; None: none.
 
     Raises:
-        LaisnError: the file's name ends otherwise, or the mission cannot be flown.
-        ScenarioError, OSError: the scenario is at fault, or the file cannot be written.
+        LaisnError: the scenario or the file's name is invalid.
     """
     from experiments.campaign.bound import geometry_of, least_rms, noise_of
     from experiments.campaign.cells import Cell

@@ -1,4 +1,4 @@
-"""What this machine can do, and what to install for the rest."""
+"""`laisn doctor`: what works on this machine, and what to install for the rest."""
 
 import platform
 import re
@@ -32,13 +32,13 @@ def _version(name: str) -> str:
 
 
 def _fault(name: str, modules: Mapping[str, str]) -> str:
-    """Why a package cannot be used; nothing if it can."""
+    """Why a package cannot be used; empty if it can."""
     if not _version(name):
         return _ABSENT
     try:
         import_module(modules.get(name, name.replace("-", "_")))
     except Exception as error:
-        # a broken package may fail in any way; the doctor's part is to say so
+        # a broken package may raise anything
         return f"cannot be imported: {str(error).partition(chr(10))[0] or type(error).__name__}"
     return ""
 
@@ -55,7 +55,7 @@ def _modules() -> dict[str, str]:
 
 
 def faults() -> dict[str, str]:
-    """What is wrong with the packages that this project requires, by requirement ("av>=18"); empty if nothing."""
+    """Errors of the packages that this project requires, by requirement ("av>=18")."""
     try:
         required = [entry for entry in requires(_PROJECT) or () if "extra ==" not in entry]
     except PackageNotFoundError:
@@ -71,7 +71,7 @@ def _remedy(broken: Mapping[str, str]) -> str:
     return f"in the project's folder: rm -r .venv && make run; elsewhere: pip install {again}{shlex.join(broken)}"
 
 
-def _say_how_steps_are_made(table: Table) -> None:
+def _add_compiled_steps(table: Table) -> None:
     from sim.vehicle import mujoco_functions
 
     try:
@@ -82,7 +82,7 @@ def _say_how_steps_are_made(table: Table) -> None:
         table.add_row("[green]ok[/]", "compiled steps", "compiled code calls MuJoCo")
 
 
-def _say_where_code_is_kept(table: Table) -> None:
+def _add_compiled_code(table: Table) -> None:
     from laisn.compiled import FOLDER
 
     if FOLDER is None:
@@ -97,10 +97,10 @@ def _first_line(error: BaseException) -> str:
 
 
 def _try_to_fly() -> tuple[str, str]:
-    """Fly, log, report and film two seconds of a mission, with all that `laisn fly` uses.
+    """Simulate, log, report and film two seconds of a mission.
 
     Returns:
-        Why that cannot be done, and why the film cannot; nothing where it can.
+        Why the flight failed, and why the film did; empty where they did not.
     """
     small = ["duration_s=2", "video.width_px=320", "video.height_px=180", "video.speed_up=20"]
     try:
@@ -111,13 +111,13 @@ def _try_to_fly() -> tuple[str, str]:
         with TemporaryDirectory(prefix="laisn-") as folder, compiling_shown():
             written = write_flight(load_flyable("T5", small), Path(folder), Console(quiet=True), with_video=True)
     except Exception as error:
-        # whatever may be wrong with a machine, the doctor's part is to say so
+        # a machine may fail in any way
         return _first_line(error), "no flight, no film"
     return "", _first_line(written.fault) if written.fault else written.no_film
 
 
 def examine() -> int:
-    """Print a table of abilities; 0 if a mission can be flown, 1 if not. Film alone may be missing."""
+    """Print a table of what works; returns 0 if a mission can be simulated, even without a film, and 1 if not."""
     from sim.film import graphics
 
     table = Table("", "", "", box=None, show_header=False, pad_edge=False)
@@ -137,8 +137,8 @@ def examine() -> int:
     if broken:
         table.add_row("", "", escape(_remedy(broken)))
     else:
-        _say_how_steps_are_made(table)
-        _say_where_code_is_kept(table)
+        _add_compiled_steps(table)
+        _add_compiled_code(table)
     backends = graphics.probe()
     renders = any(backend.works for backend in backends)
     for backend in backends:

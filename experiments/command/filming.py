@@ -1,24 +1,23 @@
-"""Film and stills, from a scenario or from a log."""
+"""Films and pictures of a scenario or a log."""
 
 import re
 from collections.abc import Iterable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
 
 from experiments.campaign.progress import phases
-from experiments.flight.picture import require_camera, video_of
+from experiments.command.options import say
+from experiments.flight.picture import picture, require_camera
 from experiments.flight.source import flight_of
-from experiments.flight.summary import position_and_bearing_errors
-from sim.feasibility import film_errors
-from sim.film import render
-from sim.scenario.settings import Video
+from sim.film.render import RenderError
 from sim.screen import plain, shortened
 
 
 class FilmOptions(NamedTuple):
-    """What a user asked of a film; None leaves it to the scenario."""
+    """Options of a film; with None the scenario's settings hold."""
 
     camera: str | None
     size: str | None
@@ -28,56 +27,36 @@ class FilmOptions(NamedTuple):
     out: Path | None
 
 
-def _video(video: Video, options: FilmOptions) -> Video:
-    """The scenario's film settings with the user's wishes; RenderError naming the option."""
-    wanted: dict[str, object] = {}
+def _changes(options: FilmOptions) -> dict[str, object]:
+    """Film settings that the options change; RenderError naming the option."""
+    changes: dict[str, object] = {}
     if options.camera is not None:
-        wanted["camera"] = options.camera
+        require_camera(options.camera)
+        changes["camera"] = options.camera
     if options.size is not None:
         match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", options.size)
         if match is None:
-            raise render.RenderError(
-                f"--size {shortened(plain(options.size), 80)}: expected WIDTHxHEIGHT, such as 1280x720"
-            )
-        wanted["width_px"], wanted["height_px"] = int(match[1]), int(match[2])
+            size = shortened(plain(options.size), 80)
+            raise RenderError(f"--size {size}: expected WIDTHxHEIGHT, such as 1280x720")
+        changes |= {"width_px": int(match[1]), "height_px": int(match[2])}
     if options.speed_up is not None:
-        wanted["speed_up"] = options.speed_up
-    return video_of(video, wanted)
+        changes["speed_up"] = options.speed_up
+    return changes
 
 
-def film(source: str, assignments: Iterable[str], options: FilmOptions) -> Path:
-    """Render the film, or one still, of a scenario or a log.
+def film(source: str, assignments: Iterable[str], options: FilmOptions) -> None:
+    """Render the film, or a picture, of a scenario or a log and print the name of the file.
 
     Args:
         source: scenario name, TOML file or `.mcap` log.
         assignments: overrides of a scenario.
         options: camera, size and so on.
 
-    Returns:
-        The file.
-
     Raises:
-        RenderError: the options cannot be met.
-        LogError, ScenarioError: the source is at fault.
+        LaisnError: an option or the source is invalid.
     """
-    if options.camera is not None:
-        require_camera(options.camera)
+    changes = _changes(options)
     flight = flight_of(source, list(assignments))
-    video = _video(flight.scenario.video, options)
-    too_much = film_errors(flight.scenario.duration_s, video)
-    if options.still is None and too_much:
-        raise render.RenderError(too_much[0])
-    if not 0 <= options.follower < len(flight.scenario.followers):
-        raise render.RenderError(
-            f"--follower {options.follower}: there are followers 0 … {len(flight.scenario.followers) - 1}"
-        )
-    errors = position_and_bearing_errors(flight)
-    if options.still is not None:
-        path = options.out or Path(f"{flight.scenario.name}.png")
-        render.still(flight, options.still, path, errors=errors, video=video, follower=options.follower)
-    else:
-        path = options.out or Path(f"{flight.scenario.name}.mp4")
-        with phases(Console()) as phase, phase("video") as update:
-            render.render(flight, path, errors=errors, video=video, follower=options.follower, progress=update)
-    print(plain(path))
-    return path
+    path = options.out or Path(f"{flight.scenario.name}.{'mp4' if options.still is None else 'png'}")
+    with phases(Console()) as phase, phase("video") if options.still is None else nullcontext() as update:
+        say(picture(flight, path, options.still, options.follower, changes, update))

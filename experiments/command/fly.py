@@ -1,4 +1,4 @@
-"""Fly one scenario and write what came out of it: log, film, report, numbers, and the scenario that repeats it."""
+"""Simulate one scenario and write its log, film, report, numbers, and the complete scenario."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ from sim.scenario.settings import Scenario
 
 
 def _stations(summary: dict[str, Any]) -> Table:
-    """How followers kept their stations."""
+    """Errors of followers on stations."""
     table = Table("follower", "off its station: RMS", "95 %", "max", "E_P mean", "joined", "", box=None, pad_edge=False)
     for name, row in summary["followers"].items():
         if "station_rms_m" in row:
@@ -42,7 +42,7 @@ def _stations(summary: dict[str, Any]) -> Table:
 
 
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
-    """Print a short table of errors, and how the flight ended if it did not end well."""
+    """Print a table of errors, and the outcome if the mission was not completed."""
     steered = any(follower.believes for follower in flight.scenario.followers)
     if any("station_rms_m" in row for row in summary["followers"].values()):
         console.print(_stations(summary))
@@ -54,27 +54,17 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
             level = f"of one layer {names} did, {summary['closest_in_layer_m']:.1f} m horizontally"
             console.print(f"{level} at {summary['closest_in_layer_s']:.0f} s", highlight=False)
     else:
-        heads = (
-            "follower",
-            "E_P max",
-            "mean",
-            "σ",
-            "E_B max",
-            "mean",
-            "σ",
-            "NEES",
-            "× bound",
-            *(["off its place"] if steered else []),
-        )
-        table = Table(*heads, box=None, pad_edge=False)
+        heads = ("follower", "E_P max", "mean", "σ", "E_B max", "mean", "σ", "NEES", "× bound")
+        table = Table(*heads, *(["off its place"] if steered else []), box=None, pad_edge=False)
         for name, row in summary["followers"].items():
             metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
             degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
             consistent = ("–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound"))
-            table.add_row(
-                literal(name), *metres, *degrees, *consistent, *([f"{row['off_place_rms_m']:.2f} m"] if steered else [])
-            )
+            off = [f"{row['off_place_rms_m']:.2f} m"] if steered else []
+            table.add_row(literal(name), *metres, *degrees, *consistent, *off)
         console.print(table)
+        legend = "E_P, E_B: errors of position and bearing; NEES: 2 if consistent; × bound: RMS E_P over its bound"
+        console.print(legend, style="dim", highlight=False)
     gave_way = {name: row["gave_way_s"] for name, row in summary["followers"].items() if row.get("gave_way_s")}
     if gave_way:
         longest = max(gave_way, key=gave_way.__getitem__)
@@ -86,7 +76,7 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
 
 
 class Written(NamedTuple):
-    """A flight whose results are written, and what to say of it."""
+    """A flight whose results are written, and the messages about it."""
 
     flight: Flight
     summary: dict[str, Any]
@@ -95,7 +85,7 @@ class Written(NamedTuple):
     no_film: str
     """Why there is no film; empty if there is one."""
     fault: Exception | None
-    """Fault of the program, if one cost the film."""
+    """A bug that prevented the film."""
 
 
 def _film(
@@ -105,7 +95,7 @@ def _film(
     update: Callable[[float], None],
     write_log: Callable[..., Any],
 ) -> tuple[str, Exception | None]:
-    """Render the film and put it into the log; why there is none, and the bug that cost it."""
+    """Render the film and add it to the log; returns why there is none, and the bug that prevented it."""
     from sim.film import render
 
     try:
@@ -115,7 +105,7 @@ def _film(
     except OSError:
         raise
     except Exception as error:
-        # what was flown is whole without a film
+        # the other results are complete without a film
         return "a bug in the program", error
     if flight.scenario.video.in_log:
         write_log(video=frames)
@@ -133,12 +123,12 @@ def _draw_report(*arguments: Any) -> None:
 
 
 def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
-    """Fly a scenario and write its files.
+    """Simulate a scenario and write its files.
 
     Args:
-        scenario: to fly.
+        scenario: to simulate.
         folder: an empty one.
-        console: shows how far it is.
+        console: shows the progress.
         with_video: render the film too.
 
     Raises:
@@ -157,7 +147,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
                 yield update
 
         with phase("prepare"):
-            # a flight of two messages, so that compiling on first use counts neither as simulation nor as navigation
+            # two messages, so that compiling on first use counts neither as simulation nor as navigation
             fly(scenario.first_messages)
         with phase("simulate") as update:
             trajectory, outcome = motion_and_outcome(scenario, update)
@@ -172,7 +162,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, errors=errors, events=events)
         film, no_film, fault = folder / FILM, "not asked for", None
 
-        # the log comes first: whatever happens to the film, what was flown is kept
+        # the log comes first, so that it is kept if the film fails
         if with_video:
             with phase("log"):
                 write_log()
@@ -196,21 +186,21 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
 
 
 def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
-    """Fly a scenario, show what happens, and write every result into a folder.
+    """Simulate a scenario, print a summary, and write every result into a folder.
 
-    The results of an earlier flight there are replaced together, once all of the new ones are written; until then they
-    stay as they were. `experiments.flight.folder` says what an interrupt leaves.
+    The results of an earlier flight there are replaced together, once all of the new ones are written;
+    `experiments.flight.folder` describes what an interrupt leaves.
 
     Args:
-        scenario: to fly.
-        folder: for the results; made if it is not there.
+        scenario: to simulate.
+        folder: for the results; made if it does not exist.
         with_video: render the film too.
         source: file that the scenario was read from; None: there is none.
 
     Raises:
-        LaisnError: the flight would replace files in the folder that no flight has written.
-        OSError, LogError: the folder cannot be written; nothing half-written is left under a final name.
-        Exception: a bug cost the film; all else is written.
+        LaisnError: the folder has files of the same names that no flight has written.
+        OSError, LogError: the folder cannot be written; no partial file has a final name.
+        Exception: a bug prevented the film; all else is written.
     """
     console = Console()
     require_safe(folder, source, partial(dumps, scenario))

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import rich.table
 from rich.console import Console
+from rich.table import Column, Table
 
 from experiments.campaign.progress import literal, tell
 from experiments.campaign.store import Record, columns_of, write_csv, write_table
@@ -31,19 +31,17 @@ def records(flight: Flight) -> Iterator[Record]:
             }
 
 
-def _show(console: Console, flight: Flight) -> None:
+def _print_shares(console: Console, flight: Flight) -> None:
     for i, name in enumerate(flight.trajectory.names[1:]):
-        table = share_table(range_error_budget(flight, i))
-        shown = rich.table.Table(
-            title=literal(f"{name}: rms shares of the range errors [cm]"), title_justify="left", box=None
-        )
+        shares = share_table(range_error_budget(flight, i))
         heads = ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
-        for n, head in enumerate(heads):
-            shown.add_column(head, justify="right" if n else "left")
-        for row in table.rows:
-            shown.add_row(*(literal(cell.text) for cell in row))
-        shown.caption, shown.caption_justify = literal(table.caption), "left"
-        console.print(shown)
+        columns = (Column(head, justify="right" if n else "left") for n, head in enumerate(heads))
+        title = literal(f"{name}: rms shares of the range errors [cm]")
+        table = Table(*columns, title=title, title_justify="left", box=None)
+        for row in shares.rows:
+            table.add_row(*(literal(cell.text) for cell in row))
+        table.caption, table.caption_justify = literal(shares.caption), "left"
+        console.print(table)
 
 
 def show_range_budget(source: str, assignments: Sequence[str], out: Path | None) -> None:
@@ -55,14 +53,13 @@ def show_range_budget(source: str, assignments: Sequence[str], out: Path | None)
         out: `.csv` or `.parquet` file with a row for each ping received; None: none.
 
     Raises:
-        LaisnError: the name of the file ends otherwise, or overrides were given for a log.
-        LogError, ScenarioError, OSError: the source is at fault, or the file cannot be written.
+        LaisnError: the source or the name of the file is invalid, or overrides were given for a log.
     """
     if out is not None and out.suffix not in {".csv", ".parquet"}:
         raise LaisnError(f"--out {out}: should end in .csv or .parquet")
     flight = flight_of(source, assignments)
     console = Console()
-    _show(console, flight)
+    _print_shares(console, flight)
     if out is not None:
         rows = list(records(flight))
         if out.suffix == ".csv":

@@ -1,6 +1,6 @@
 """Films and pictures of a flight with settings by name."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -30,9 +30,18 @@ def video_of(video: Video, changes: Mapping[str, object]) -> Video:
 
 
 def picture(
-    flight: Flight, path: str | Path, time_s: float | None, follower: int, changes: Mapping[str, object]
+    flight: Flight,
+    path: str | Path,
+    time_s: float | None,
+    follower: int,
+    changes: Mapping[str, object],
+    progress: Callable[[float], None] | None = None,
 ) -> Path:
-    """Film a flight, or picture it at a time; arguments and errors as of `laisn_sim.render`."""
+    """Film a flight, or picture it at a time; arguments and errors as of `laisn_sim.render`.
+
+    Args:
+        progress: called with the rendered share of a film, 0 … 1.
+    """
     file, video = Path(path), video_of(flight.scenario.video, changes)
     if not 0 <= follower < len(flight.scenario.followers):
         raise render.RenderError(f"follower {follower}: there are followers 0 … {len(flight.scenario.followers) - 1}")
@@ -43,5 +52,5 @@ def picture(
     too_much = film_errors(flight.scenario.duration_s, video)
     if too_much:
         raise render.RenderError(too_much[0])
-    render.render(flight, file, errors=errors, video=video, follower=follower)
+    render.render(flight, file, errors=errors, video=video, follower=follower, progress=progress)
     return file
