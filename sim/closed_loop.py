@@ -216,7 +216,7 @@ def sense(k: int, record: Floats, a: Aboard) -> bool:
 
     Args:
         k: instant.
-        record: truth, shape (n + 1, v, COLUMNS), known until then.
+        record: truth, shape (n + 1, v, COLUMNS + m), known until then.
         a: readings, inbox, arrivals, trails and believed places are brought forward.
     """
     row, stride = record[k], a.senses.stride
@@ -292,7 +292,7 @@ def guide(k: int, row: Floats, a: Aboard) -> None:
 
     Args:
         k: instant.
-        row: recorded truth, shape (v, COLUMNS), of which only the leader and who steers by the truth is read.
+        row: recorded truth, shape (v, COLUMNS + m), of which only the leader and who steers by the truth is read.
         a: memories and commands are brought forward; beliefs are written down.
     """
     _, autopilots, memory, command = a.steering

@@ -23,9 +23,10 @@ TICK = CONTROL_STEP_S
 """Interval of guidance, autopilot and recording [s]."""
 POSITION, QUATERNION = slice(0, 3), slice(3, 7)
 VELOCITY, SPIN = slice(7, 10), slice(10, 13)
-THRUST, WATER = slice(13, 18), slice(18, 21)
-"""Columns of a record of one vehicle at one instant."""
-COLUMNS = 21
+WATER = slice(13, 16)
+"""Columns of a record of one vehicle at one instant; the thrusts of its m effectors follow."""
+COLUMNS = 16
+"""Number of columns before the thrusts."""
 _PROGRESS_TICKS = 500
 
 
@@ -45,7 +46,7 @@ class FleetError(LaisnError):
 
 Steering = tuple[Floats, Any, tuple[Floats, Floats], Floats]
 """Wanted, autopilots, memory and command of vehicles along their routes: the reference of all instants, shape
-(n, v, 8); records of DESIGN, shape (v,); memories of guidance and autopilot; thrusts, shape (v, 5), [N]."""
+(n, v, 8); records of DESIGN, shape (v,); memories of guidance and autopilot; thrusts, shape (v, m), [N]."""
 
 
 @compiled
@@ -57,7 +58,7 @@ def note(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Flo
     for i in range(pose.shape[0]):
         copy_values(pose[i], row[i, 0:7])
         copy_values(twist[i], row[i, 7:13])
-        copy_values(thrust[i], row[i, THRUST])
+        copy_values(thrust[i], row[i, COLUMNS:])
 
 
 @compiled
@@ -66,7 +67,7 @@ def steer_along_route(k: int, row: Floats, i: int, steering: Steering) -> None:
 
     Args:
         k: instant.
-        row: recorded truth, shape (v, COLUMNS).
+        row: recorded truth, shape (v, COLUMNS + m).
         i: vehicle.
         steering: memory is brought forward, set up at k = 0; command is written down.
     """
@@ -105,7 +106,7 @@ def _fly(
         state: pose, twist and thrust of the plant.
         water: as of `note`.
         steering: of all vehicles.
-        record: of all instants, shape (n, v, COLUMNS).
+        record: of all instants, shape (n, v, COLUMNS + m).
 
     Returns:
         The last instant that is recorded, and what ended the flight there, if it is not FINE.
@@ -180,7 +181,7 @@ def _trajectory(plant: Plant, record: Floats) -> Trajectory:
             "velocity": VELOCITY,
             "angular_velocity": SPIN,
             "water_velocity": WATER,
-            "thrust": THRUST,
+            "thrust": slice(COLUMNS, None),
         }.items()
     }
     return Trajectory(
@@ -189,13 +190,15 @@ def _trajectory(plant: Plant, record: Floats) -> Trajectory:
         site_names=plant.site_names,
         site_vehicle=plant.site_vehicle.copy(),
         site_offset=plant.site_offset.copy(),
+        effector_names=plant.effector_names,
+        effector_force=plant.effectors["force"].copy(),
         **part,
     )
 
 
 def standing(plant: Plant) -> Trajectory:
     """A plant as it stands: a trajectory of two equal instants, for what is told of vehicles before they move."""
-    record = np.empty((2, len(plant.names), COLUMNS))
+    record = np.empty((2, len(plant.names), COLUMNS + plant.thrust.shape[1]))
     for k in range(2):
         note(k, plant.state, plant.ocean.water, record)
     return _trajectory(plant, record)
@@ -242,9 +245,9 @@ def simulate_fleet(
     autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
     lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
     wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, limits, lead)
-    record = np.empty((ticks + 1, v, COLUMNS))
+    record = np.empty((ticks + 1, v, COLUMNS + plant.thrust.shape[1]))
     memory = np.zeros((v, GUIDANCE_MEMORY)), np.zeros((v, AUTOPILOT_MEMORY))
-    command = np.zeros((v, 5))
+    command = np.zeros_like(plant.thrust)
     state, water = plant.state, plant.ocean.water
     steering = wanted, autopilots, memory, command
     crew: Crew = RouteCrew(steering) if boarding is None else boarding(plant, steering)

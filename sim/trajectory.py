@@ -44,7 +44,11 @@ class Trajectory(ArrayRecord):
     water_velocity: Floats
     """Velocity of the water at the body origins in the world, shape (n, v, 3), [m/s]."""
     thrust: Floats
-    """Thrust of main, lateral bow, lateral stern, vertical bow and vertical stern thruster, shape (n, v, 5), [N]."""
+    """Thrust of the effectors, shape (n, v, m), [N]; m is the largest number of any vehicle, the others have zeros."""
+    effector_names: tuple[tuple[str, ...], ...] = ()
+    """Names of each vehicle's effectors, in the order of its MJCF; empty for point motion."""
+    effector_force: Floats
+    """Force of a unit of thrust of each effector in the body frame, shape (v, m, 3), [-]."""
     site_names: tuple[str, ...]
     """Sites as "vehicle/site", shape (s,)."""
     site_vehicle: Ints
@@ -54,6 +58,7 @@ class Trajectory(ArrayRecord):
 
     def __post_init__(self) -> None:
         n, v, s = self.time.size, len(self.names), len(self.site_names)
+        m = self.thrust.shape[2]
         expected = {
             "time": (n,),
             "position": (n, v, 3),
@@ -61,7 +66,8 @@ class Trajectory(ArrayRecord):
             "velocity": (n, v, 3),
             "angular_velocity": (n, v, 3),
             "water_velocity": (n, v, 3),
-            "thrust": (n, v, 5),
+            "thrust": (n, v, m),
+            "effector_force": (v, m, 3),
             "site_vehicle": (s,),
             "site_offset": (s, 3),
         }
@@ -160,6 +166,8 @@ class Trajectory(ArrayRecord):
         return replace(
             self,
             names=tuple(self.names[v] for v in chosen),
+            effector_names=tuple(self.effector_names[v] for v in chosen) if self.effector_names else (),
+            effector_force=self.effector_force[chosen],
             **{name: getattr(self, name)[:, chosen] for name in per_vehicle},
             site_names=tuple(self.site_names[i] for i in kept),
             site_vehicle=np.searchsorted(chosen, self.site_vehicle[kept]),

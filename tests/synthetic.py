@@ -90,6 +90,7 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
         angular_velocity=turning,
         water_velocity=np.broadcast_to([0.10, -0.05, 0.0], position.shape).copy(),
         thrust=thrust,
+        effector_force=np.broadcast_to(np.eye(3)[[0, 1, 1, 2, 2]], (len(names), 5, 3)).copy(),
         site_names=tuple(name for name, _, _ in sites),
         site_vehicle=np.array([v for _, v, _ in sites]),
         site_offset=np.array([offset for _, _, offset in sites]),

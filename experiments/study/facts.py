@@ -51,14 +51,14 @@ def disc_power(thrust: Floats, inflow: Floats, density: float) -> Floats:
 def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floats:
     """Power of all thrusters of a vehicle at each instant, shape (n,), [W].
 
-    The main thruster advances with the hull; those across it are taken to push in still water.
+    The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull have none.
     """
     through = trajectory.velocity[:, vehicle] - trajectory.water_velocity[:, vehicle]
     pitch, heading = trajectory.pitch[:, vehicle], trajectory.heading[:, vehicle]
     forward = np.column_stack([np.cos(pitch) * np.sin(heading), np.cos(pitch) * np.cos(heading), np.sin(pitch)])
     thrust = trajectory.thrust[:, vehicle]
-    inflow = np.zeros_like(thrust)
-    inflow[:, 0] = np.einsum("ni,ni->n", through, forward) * np.sign(thrust[:, 0])
+    surge = np.einsum("ni,ni->n", through, forward)
+    inflow = surge[:, None] * trajectory.effector_force[vehicle, :, 0] * np.sign(thrust)
     return np.asarray(disc_power(thrust, inflow, density).sum(axis=1))
 
 

@@ -1,12 +1,30 @@
-"""Thrust allocation: a force and a moment shared out between two thrusters of one direction, bow and stern.
+"""Control allocation: from a wanted wrench to the commands of whatever effectors a vehicle has.
 
-The moment comes first. Steering keeps the vehicle on its way and upright; a force that is missing only lets it drift.
-Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021 (constrained allocation);
-with two thrusters the constrained problem has this closed form.
+The commands are those of the weighted pseudo-inverse (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
+Control, 2nd ed. 2021, chapter 11),
+
+    u = P τ,    P = W⁻¹ Bᵀ (B W⁻¹ Bᵀ)⁻¹,
+
+with the wrenches of unit commands as the columns of B and W = diag(1 / range²), so that effectors work in proportion to
+their ranges. Where limits do not allow u, moments come before forces: components of τ are added one after another in
+the order of `PRIORITY`, each with the largest share that keeps all effectors within their limits.
 """
+
+import numpy as np
+import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
+from sim.vehicle import effectors
+
+SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
+"""Components of a wrench in the body frame: forces [N], moments about the body's origin [N m]."""
+PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
+"""Order in which components are served where limits do not allow all of them."""
+_WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)
+"""Components that an autopilot asks for, the most needed first."""
+_LEAST = 1e-6
+"""Smallest singular value of a component, over the largest, at which effectors count as able to give it."""
 
 
 @compiled
@@ -15,30 +33,75 @@ def clip(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-@compiled
-def share(force: float, moment: float, bow: float, stern: float, limits: Floats) -> tuple[float, float]:
-    """Thrusts T of a pair with T_bow + T_stern = force and bow T_bow + stern T_stern = moment, within limits.
-
-    Where limits do not allow both, the moment is limited to what the pair can do at all, and the force to what is
-    left at that moment.
+def pseudo_inverse(records: npt.NDArray[np.void]) -> Floats:
+    """P of the components that a vehicle's effectors can give independently of each other; zero for the others.
 
     Args:
-        force: wanted sum [N].
-        moment: wanted moment [N m].
-        bow: lever of the bow thruster, positive [m].
-        stern: lever of the stern thruster, negative [m].
-        limits: lowest and highest thrust of bow and stern thruster, shape (2, 2), [N].
+        records: of `sim.vehicle.effectors.read` for one vehicle, shape (m,).
 
     Returns:
-        Thrusts of the bow and of the stern thruster [N].
+        Shape (m, 6), [-] and [1/m].
     """
-    span = bow - stern
-    moment = clip(moment, bow * limits[0, 0] + stern * limits[1, 1], bow * limits[0, 1] + stern * limits[1, 0])
-    low = max((moment - span * limits[0, 0]) / stern, (span * limits[1, 0] + moment) / bow)
-    high = min((moment - span * limits[0, 1]) / stern, (span * limits[1, 1] + moment) / bow)
-    force = clip(force, low, high)
-    # the second clip takes off what rounding may leave beyond a limit
-    return (
-        clip((moment - stern * force) / span, limits[0, 0], limits[0, 1]),
-        clip((bow * force - moment) / span, limits[1, 0], limits[1, 1]),
-    )
+    unit = effectors.unit_wrenches(records)  # Bᵀ
+    reach = np.abs(records["limits"]).max(axis=1)
+    most = np.array([np.abs(unit[:, :3]).max(), max(float(np.abs(unit[:, 3:]).max()), 1e-3)]).repeat(3)
+    scaled = unit * reach[:, None] / (most * max(float(reach.max()), 1e-300))
+    given: list[int] = []
+    for axis in _WANTED:
+        values = np.linalg.svd(scaled[:, [*given, axis]], compute_uv=False)
+        if len(given) < len(records) and values[len(given)] > _LEAST * values[0]:
+            given.append(axis)
+    out = np.zeros((len(records), 6))
+    b = unit[:, given].T
+    weighted = reach[:, None] ** 2 * b.T  # W⁻¹ Bᵀ
+    out[:, given] = weighted @ np.linalg.inv(b @ weighted)
+    # what is zero but for rounding would let an effector at its limit hold back others
+    out[np.abs(out) < 1e-9 * np.abs(out).max(axis=0, initial=0.0)] = 0.0
+    return out
+
+
+@compiled
+def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -> None:
+    """Commands that give a wrench, or of it what limits allow.
+
+    Args:
+        inverse: of `pseudo_inverse`, zero in rows beyond the vehicle's effectors, shape (M, 6).
+        limits: lowest and highest command, shape (M, 2), [N].
+        wrench: wanted; out: what the commands give of it, shape (6,), [N] and [N m].
+        command: out, shape (m,), m ≤ M, [N].
+    """
+    m = command.size
+    within = True
+    for i in range(m):
+        command[i] = 0.0
+        for axis in range(6):
+            command[i] += inverse[i, axis] * wrench[axis]
+        within = within and limits[i, 0] <= command[i] <= limits[i, 1]
+    if within:
+        for axis in range(6):
+            wrench[axis] *= _is_given(inverse, axis, m)
+        return
+    for i in range(m):
+        command[i] = 0.0
+    wrench[ROLL] = 0.0
+    for axis in PRIORITY:
+        share = _is_given(inverse, axis, m)
+        for i in range(m):
+            step = inverse[i, axis] * wrench[axis]
+            if step > 0.0:
+                share = min(share, (limits[i, 1] - command[i]) / step)
+            elif step < 0.0:
+                share = min(share, (limits[i, 0] - command[i]) / step)
+        wrench[axis] *= max(share, 0.0)
+        for i in range(m):
+            # the clip takes off what rounding may leave beyond a limit
+            command[i] = clip(command[i] + inverse[i, axis] * wrench[axis], limits[i, 0], limits[i, 1])
+
+
+@compiled
+def _is_given(inverse: Floats, axis: int, m: int) -> float:
+    """1 if any effector gives a component of the wrench, else 0."""
+    for i in range(m):
+        if inverse[i, axis] != 0.0:
+            return 1.0
+    return 0.0

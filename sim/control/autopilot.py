@@ -1,9 +1,9 @@
-"""Autopilot: from heading, speed and depth wanted to the forces of five thrusters, ten times a second.
+"""Autopilot: from heading, speed and depth wanted to a wrench, and by allocation to commands, ten times a second.
 
 Every loop gives the vehicle the dynamics of a well damped second (speed: first) order system, from its own inertia and
 drag: PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
 Control, 2nd ed. 2021). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 ×
-lag of the thrusters), where the lag costs the loop little damping. All others follow from it:
+lag of the slowest effector), where the lag costs the loop little damping. All others follow from it:
 
     heading, pitch    ω, relative damping 1; integral ω/10
     sway              side slip is taken out with ω/2, so that the vehicle goes where it points, also in turns
@@ -17,8 +17,9 @@ Depth is held by one loop that asks for a vertical force. How the force comes ab
                0.6 m/s the share grows, to all below 0.3 m/s), the vertical thrusters carry.
     "thrust"   the vertical thrusters carry all, the hull is held level.
 
-Thrusters: moments come before forces (`sim.control.allocation`). Integrals stand still while their thruster is at its
-limit and they would push further (anti-windup by conditional integration).
+Effectors: `sim.control.allocation` maps the wrench to whatever effectors there are, moments before forces. Integrals
+stand still while limits withhold their part of the wrench and they would push further (anti-windup by conditional
+integration).
 """
 
 from typing import Any, Literal, NamedTuple
@@ -29,10 +30,10 @@ import numpy.typing as npt
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.geometry import signed_angle
-from sim.control.allocation import clip, share
+from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, allocate, clip, pseudo_inverse
 from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING
 from sim.geometry.vectors import rotation, transposed
-from sim.vehicle import coefficients
+from sim.vehicle import coefficients, effectors
 from sim.vehicle.plant import Plant
 
 DepthControl = Literal["pitch", "thrust"]
@@ -68,13 +69,12 @@ DESIGN = np.dtype(
         ("yaw_damping", np.float64, (3,)),
         ("pitch_damping", np.float64, (3,)),
         ("by_pitch", np.float64),  # 1: depth by pitch, 0: by thrust
-        ("lateral", np.float64, (2,)),  # levers of bow and stern thruster [m]
-        ("vertical", np.float64, (2,)),
-        ("limits", np.float64, (5, 2)),  # lowest and highest thrust [N]
+        ("allocation", np.float64, (effectors.MOST, 6)),  # commands per unit of a wrench
+        ("limits", np.float64, (effectors.MOST, 2)),  # lowest and highest command [N]
     ],
     align=True,
 )
-"""What the autopilot of one vehicle knows about it."""
+"""Parameters of the autopilot of one vehicle; rows beyond its effectors are zero."""
 
 
 def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray[np.void]:
@@ -102,7 +102,8 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
         body = model.body(f"{name}/hull")
         mass, added, centre = float(body.mass[0]), np.diag(c["added_mass"]), body.ipos
         fin = 0.5 * c["density"] * c["fin_lift_slope"] * c["fin_area"]
-        record["omega"] = 1.0 / (4.0 * model.actuator(f"{name}/thruster_main").dynprm[0])
+        own = plant.effectors[i, : len(plant.effector_names[i])]
+        record["omega"] = 1.0 / (4.0 * own["lag"].max())
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
         record["pitch_inertia"] = body.inertia[1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
         record["yaw_inertia"] = body.inertia[2] + mass * centre[0] ** 2 + added[5]
@@ -118,10 +119,8 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
             across = strips * c["cross_flow_drag"][other] + c["quadratic_damping"][4 + plane]
             record[f"{axis}_damping"] = c["linear_damping"][4 + plane], fin[other] * c["fin_x"] ** 2, across
         record["by_pitch"] = float(depth_control[i] == "pitch")
-        for axis in ("lateral", "vertical"):
-            sites = [plant.site_names.index(f"{name}/thruster_{axis}_{end}") for end in ("bow", "stern")]
-            record[axis] = plant.site_offset[sites, 0]
-        record["limits"] = plant.thrust_limits[i]
+        record["allocation"][: own.size] = pseudo_inverse(own)
+        record["limits"][: own.size] = own["limits"]
     records.flags.writeable = False
     return records
 
@@ -221,7 +220,7 @@ def control(
     memory: Floats,
     command: Floats,
 ) -> None:
-    """Thruster commands of one vehicle.
+    """Commands of one vehicle's effectors.
 
     Args:
         d: record of DESIGN.
@@ -230,7 +229,7 @@ def control(
         felt: how the vehicle moves.
         dt: since the last call [s].
         memory: columns HEADING_INTEGRAL … PITCH_COMMAND; brought forward, shape (5,).
-        command: out: thrusts, shape (5,), [N].
+        command: out: thrusts, shape (m,), [N].
     """
     heading_wanted, turn_wanted, speed_wanted = wanted
     surge, sway, heading, pitch = felt.surge, felt.sway, felt.heading, felt.pitch
@@ -245,8 +244,6 @@ def control(
     soon = speed_wanted / level + lag * reference[ACCELERATING]
     thrust = d.surge_mass * (reference[ACCELERATING] + 0.5 * omega * missing) + memory[SPEED_INTEGRAL]
     thrust += (d.drag_linear * np.exp(-d.drag_fade * soon) + d.drag * soon) * soon
-    command[0] = clip(thrust, d.limits[0, 0], d.limits[0, 1])
-    _integrate(memory, SPEED_INTEGRAL, d.surge_mass * 0.05 * omega * omega * missing * dt, thrust, command[0])
 
     # heading and sway; moments to port are positive, turns to port are negative
     turn_soon = turn_wanted + lag * reference[TURNING]
@@ -254,18 +251,17 @@ def control(
     moment = -d.yaw_inertia * (reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + felt.turning))
     moment += memory[HEADING_INTEGRAL] - _damping(d.yaw_damping, way, turn_soon)
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
-    bow, stern = share(side, moment, d.lateral[0], d.lateral[1], d.limits[1:3])
-    command[1], command[2] = bow, stern
-    given = d.lateral[0] * bow + d.lateral[1] * stern
-    _integrate(memory, HEADING_INTEGRAL, -0.1 * d.yaw_inertia * omega**3 * astray * dt, moment, given)
 
-    # depth and pitch; moments nose up are positive
+    # depth and pitch; moments nose up are positive here, and negative about the body's axis to port
     pitch_wanted, pitching, force, rate = _hold_depth(d, reference, felt.depth, felt.sinking, way, dt, memory)
     error = pitch_wanted - pitch
-    moment = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + felt.pitching))
-    moment += memory[PITCH_INTEGRAL] + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
-    bow, stern = share(force, moment, d.vertical[0], d.vertical[1], d.limits[3:5])
-    command[3], command[4] = bow, stern
-    given = d.vertical[0] * bow + d.vertical[1] * stern
-    _integrate(memory, PITCH_INTEGRAL, 0.1 * d.pitch_inertia * omega**3 * error * dt, moment, given)
-    _integrate(memory, DEPTH_INTEGRAL, rate, force, bow + stern)
+    nose_up = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + felt.pitching))
+    nose_up += memory[PITCH_INTEGRAL] + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
+
+    wrench = np.zeros(6)
+    wrench[SURGE], wrench[SWAY], wrench[HEAVE], wrench[PITCH], wrench[YAW] = thrust, side, force, -nose_up, moment
+    allocate(d.allocation, d.limits, wrench, command)
+    _integrate(memory, SPEED_INTEGRAL, d.surge_mass * 0.05 * omega * omega * missing * dt, thrust, wrench[SURGE])
+    _integrate(memory, HEADING_INTEGRAL, -0.1 * d.yaw_inertia * omega**3 * astray * dt, moment, wrench[YAW])
+    _integrate(memory, PITCH_INTEGRAL, 0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH])
+    _integrate(memory, DEPTH_INTEGRAL, rate, force, wrench[HEAVE])

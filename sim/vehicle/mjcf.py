@@ -12,19 +12,6 @@ import models
 from laisn.failure import LaisnError
 from sim.geometry import attitude
 
-THRUSTERS = (
-    "thruster_main",
-    "thruster_lateral_bow",
-    "thruster_lateral_stern",
-    "thruster_vertical_bow",
-    "thruster_vertical_stern",
-)
-"""Order of a vehicle's actuators, and of commands and thrusts in every array over thrusters.
-
-Positive pushes forward, to port, up.
-"""
-
-
 @dataclass(frozen=True, kw_only=True)
 class VehicleSetup:
     """One vehicle of a scenario. Raises LaisnError if a value is not possible."""
@@ -82,7 +69,9 @@ class Vehicle:
     qpos: int
     """First of its seven entries in `qpos`."""
     actuators: tuple[int, ...]
-    """MuJoCo's ids of the actuators, in the order of `THRUSTERS`."""
+    """MuJoCo's ids of its actuators, in the order of the MJCF; of all vehicles alike, since `compose` pads."""
+    effectors: int
+    """Number of the MJCF's own actuators; those that follow exert no force."""
 
 
 def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True) -> mujoco.MjSpec:
@@ -103,9 +92,24 @@ def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, 
     if floor_depth_m is not None:
         # crests of the relief reach up to the floor's depth, so that what is above it is clear
         spec.geom("floor").pos[2] = -floor_depth_m - spec.hfield("floor").size[2]
-    for setup in setups:
-        spec.attach(_edited(setup, looks), frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
+    vehicles = [_edited(setup, looks) for setup in setups]
+    most = max(len(vehicle.actuators) for vehicle in vehicles)
+    for setup, vehicle in zip(setups, vehicles, strict=True):
+        _pad(vehicle, most)
+        spec.attach(vehicle, frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
     return spec
+
+
+_UNUSED = "unused_"
+
+
+def _pad(vehicle: mujoco.MjSpec, count: int) -> None:
+    """Add actuators without force, so that every vehicle has as many and arrays over vehicles are rectangular."""
+    for i in range(len(vehicle.actuators), count):
+        actuator = vehicle.add_actuator(name=f"{_UNUSED}{i}", target="cg", trntype=mujoco.mjtTrn.mjTRN_SITE)
+        actuator.gear = np.zeros(6)
+        actuator.dyntype, actuator.dynprm[0] = mujoco.mjtDyn.mjDYN_FILTEREXACT, 1.0
+        actuator.ctrllimited, actuator.ctrlrange = True, np.array([-1.0, 1.0])
 
 
 def spec_of(model: str) -> mujoco.MjSpec:
@@ -164,17 +168,18 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
 
 
 def resolve(model: Any, name: str) -> Vehicle:
-    """Ids of the vehicle `name`; LaisnError if the model has no such vehicle or it lacks a thruster."""
+    """Ids of the vehicle `name`; LaisnError if the model has no such vehicle or it has no actuator."""
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
-    actuators = tuple(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{name}/{t}") for t in THRUSTERS)
-    if body < 0 or min(actuators) < 0:
-        missing = [f"{name}/hull"] * (body < 0)
-        missing += [f"{name}/{t}" for t, i in zip(THRUSTERS, actuators, strict=True) if i < 0]
-        raise LaisnError(f"the model lacks {', '.join(missing)}")
+    names = [model.actuator(i).name for i in range(model.nu)]
+    actuators = tuple(i for i, actuator in enumerate(names) if actuator.startswith(f"{name}/"))
+    if body < 0 or not actuators:
+        missing = [f"the body {name}/hull"] * (body < 0) + [f"an actuator of {name}"] * (not actuators)
+        raise LaisnError(f"the model lacks {' and '.join(missing)}")
     joint = model.body_jntadr[body]
     return Vehicle(
         name=name,
         body=body,
         qpos=int(model.jnt_qposadr[joint]),
         actuators=actuators,
+        effectors=sum(not names[i].startswith(f"{name}/{_UNUSED}") for i in actuators),
     )

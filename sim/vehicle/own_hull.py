@@ -4,14 +4,13 @@ from typing import Any
 
 import mujoco
 
-from sim.vehicle import coefficients, thrusters
+from sim.vehicle import coefficients, effectors
 from sim.vehicle.hull_text import strange
-from sim.vehicle.mjcf import THRUSTERS, VehicleSetup, compose, resolve
+from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 
 _SITES = {
     "depth_sensor": "where the pressure sensor sits",
     "cg": "the centre of gravity",
-    **dict.fromkeys(THRUSTERS, "where that thruster pushes"),
 }
 _INSTRUMENTS = {
     "leader": dict.fromkeys(("tx_rear", "tx_front", "tx_middle"), "a transmitter"),
@@ -28,10 +27,9 @@ def _missing(spec: Any, role: str) -> list[str]:
             lines.append(f"lacks <site name={name!r}>, {what}")
         elif site.parent.name != "hull":
             lines.append(f"<site name={name!r}> must be fixed to the body 'hull'")
-    given = [actuator.name for actuator in spec.actuators]
-    lines += [f"lacks the actuator {name!r}, at the site of that name" for name in THRUSTERS if name not in given]
-    if not set(THRUSTERS) - set(given) and given != list(THRUSTERS):
-        lines.append(f"has the actuators {', '.join(given)}; expected {', '.join(THRUSTERS)}, in this order")
+    count = len(spec.actuators)
+    if not 1 <= count <= effectors.MOST:
+        lines.append(f"has {count} actuators, expected 1 to {effectors.MOST}, each at a site of the body 'hull'")
     for name in coefficients.NUMERICS:
         numeric = spec.numeric(name)
         fault = coefficients.fault_of(name, None if numeric is None else int(numeric.size))
@@ -57,11 +55,11 @@ def _compiled(text: str) -> list[str]:
     try:
         model = compose([VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]).compile()
         coefficients.read(model, ["hull"], 1026.0)
-        thrusters.unit_wrenches(model, [resolve(model, "hull")])
+        effectors.read(model, [resolve(model, "hull")])
     except ValueError as error:
         return [str(error).splitlines()[0]]
     lines = []
-    if model.na != len(THRUSTERS):
+    if model.na != model.nu:
         lines.append('every actuator must have a state of its own: <general dyntype="filterexact" dynprm="0.3"/>')
     if not model.actuator_ctrllimited.all():
         lines.append("every actuator must have a ctrlrange, its least and its largest thrust [N]")

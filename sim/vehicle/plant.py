@@ -10,8 +10,8 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
 from sim.geometry import attitude
-from sim.vehicle import coefficients, hydrodynamics, mujoco_functions, stepping, thrusters
-from sim.vehicle.mjcf import THRUSTERS, VehicleSetup, compose, resolve
+from sim.vehicle import coefficients, effectors, hydrodynamics, mujoco_functions, stepping
+from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.stepping import FINE, LOST, Fault
 from sim.water.ocean import Ocean, water_velocity
 
@@ -48,9 +48,11 @@ class Plant:
         names: of the vehicles, shape (v,).
         pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state.
         twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6); a view.
-        thrust: of the thrusters as they are, in the order of `sim.vehicle.mjcf.THRUSTERS`, shape (v, 5), [N]; a view.
+        effectors: records of `sim.vehicle.effectors.EFFECTOR` in the order of the MJCF, shape (v, m), read-only; m is
+            the largest number of any vehicle, and records beyond a vehicle's own are zero.
+        effector_names: names of each vehicle's own.
+        thrust: actual thrust of the effectors, shape (v, m), [N]; a view.
         state: pose, twist and thrust, for compiled code that reads them.
-        thrust_limits: lowest and highest command, shape (v, 5, 2), [N].
         site_names: "vehicle/site" of all sites, shape (s,).
         site_vehicle: index of the vehicle that carries a site, shape (s,).
         site_offset: of the sites in their vehicle's body frame, shape (s, 3), [m].
@@ -77,28 +79,35 @@ class Plant:
 
         n = len(setups)
         vehicles = [resolve(model, name) for name in self.names]
-        actuators = [v.actuators for v in vehicles]
-        if [v.qpos for v in vehicles] != list(range(0, 7 * n, 7)) or sum(actuators, ()) != tuple(range(5 * n)):
-            raise ValueError(f"the state of the model is not {n} free bodies with {len(THRUSTERS)} thrusters each")
+        m = len(vehicles[0].actuators)
+        actuators = sum((v.actuators for v in vehicles), ())
+        if [v.qpos for v in vehicles] != list(range(0, 7 * n, 7)) or actuators != tuple(range(m * n)):
+            raise ValueError(f"the state of the model is not {n} free bodies with {m} actuators each")
         self.pose: Floats = data.qpos.reshape(n, 7)
         self.twist: Floats = data.qvel.reshape(n, 6)
-        self.thrust: Floats = data.act.reshape(n, len(THRUSTERS))
+        self.thrust: Floats = data.act.reshape(n, m)
         self.state = self.pose, self.twist, self.thrust
-        self.thrust_limits: Floats = model.actuator_ctrlrange.reshape(n, len(THRUSTERS), 2).copy()
+        self.effectors = effectors.read(model, vehicles)
+        self.effectors.flags.writeable = False
+        prefixes = [f"{v.name}/" for v in vehicles]
+        self.effector_names = tuple(
+            tuple(model.actuator(i).name.removeprefix(prefix) for i in v.actuators[: v.effectors])
+            for v, prefix in zip(vehicles, prefixes, strict=True)
+        )
         rows = model.M_rowadr.astype(np.int64).reshape(n, 6)
         solver: hydrodynamics.Solver = (rows, data.M, data.qfrc_applied.reshape(n, 6))
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._gain = np.empty((n, 6))
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
         self._half_step = dt / 2
-        wrenches = thrusters.unit_wrenches(model, vehicles) * np.array([s.thrust_scale for s in setups])[:, None, None]
+        wrenches = effectors.unit_wrenches(self.effectors) * np.array([s.thrust_scale for s in setups])[:, None, None]
         push = wrenches, data.actuator_moment.reshape(wrenches.shape)
-        self._layout: thrusters.Layout = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+        self._layout: effectors.Layout = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
         true = coefficients.scaled(coefficients.read(model, self.names, ocean.density_kg_m3), setups)
         self._loads = true, ocean.water, solver, push
         self._body = (
             (self.pose, self.twist, self._acceleration, self._gain),
-            data.ctrl.reshape(n, len(THRUSTERS)),
+            data.ctrl.reshape(n, m),
             (self._last_pose, self._last_twist),
             data.warning.number,
             self._layout,
@@ -129,7 +138,7 @@ class Plant:
         """
         model, data = self.model, self.data
         # what `mj_step1` does, less what free hulls do not have (contacts, tendons, sensors), what nobody looks at
-        # (cameras, lights) and what `thrusters` does for less
+        # (cameras, lights) and what `effectors` does for less
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_makeM(model, data)
@@ -143,7 +152,7 @@ class Plant:
     def _find_accelerations(self) -> None:
         """Find the accelerations of the start, which the first step takes for those of a step before."""
         self._acceleration[:] = 0.0
-        thrusters.lay_out(self._layout, len(THRUSTERS))
+        effectors.lay_out(self._layout, self.thrust.shape[1])
         lost = self._prepare()
         if lost >= 0:
             self.settle((LOST, lost))
@@ -180,7 +189,7 @@ class Plant:
         """Advance by `n_substeps` physics steps under constant commands.
 
         Args:
-            command: thrust asked of each thruster, shape (v, 5), [N]; limited to `thrust_limits`.
+            command: thrust asked of each effector, shape (v, m), [N]; limited to its range.
             n_substeps: number of steps of `dt`.
 
         Raises:

@@ -13,7 +13,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled, copy_values
-from sim.vehicle import hydrodynamics, thrusters
+from sim.vehicle import effectors, hydrodynamics
 from sim.vehicle.mujoco_functions import call
 from sim.water.ocean import Water
 
@@ -37,7 +37,7 @@ def load(
     solver: hydrodynamics.Solver,
     push: tuple[Floats, Floats],
 ) -> int:
-    """Bring velocities from the middle of the last step to now, then `thrusters.turn` and `hydrodynamics.apply`.
+    """Bring velocities from the middle of the last step to now, then `effectors.turn` and `hydrodynamics.apply`.
 
     All in one call: to get into compiled code costs as much as a hull's forces.
 
@@ -54,7 +54,7 @@ def load(
         for j in range(6):
             gain[i, j] = clock[1] * acceleration[i, j]
             twist[i, j] += gain[i, j]
-    thrusters.turn(push[0], pose, push[1])
+    effectors.turn(push[0], pose, push[1])
     return hydrodynamics.apply(coefficients, pose, twist, clock[0], water, solver)
 
 
@@ -70,7 +70,7 @@ def begin(body: Any, command: Floats, half_step: float) -> Fault:
         return NOT_FINITE, bad
     for i in range(control.shape[0]):
         copy_values(command[i], control[i])
-    thrusters.lay_out(layout, control.shape[1])
+    effectors.lay_out(layout, control.shape[1])
     for i in range(twist.shape[0]):
         for j in range(6):
             twist[i, j] -= half_step * acceleration[i, j]
@@ -102,7 +102,7 @@ def advance(afloat: Any, command: Floats, n_substeps: int) -> Fault:
 
     Args:
         afloat: of `Plant.afloat`, taken after the last step from Python.
-        command: thrust asked of each thruster, shape (v, 5), [N].
+        command: thrust asked of each effector, shape (v, m), [N].
         n_substeps: number of physics steps.
 
     Returns:

@@ -12,7 +12,7 @@ import models
 from laisn.arrays import Floats
 from sim.geometry import attitude
 from sim.vehicle import coefficients
-from sim.vehicle.mjcf import THRUSTERS, VehicleSetup
+from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 
@@ -55,8 +55,8 @@ class Tank:
         actuators = ElementTree.SubElement(root, "actuator")
         # a lag, as the plant wants it; the tank's thrusts are there at once
         lag = {"dyntype": "filterexact", "dynprm": "1", "ctrllimited": "true", "ctrlrange": "-1e6 1e6"}
-        for name, gear in zip(THRUSTERS, thrusters, strict=True):
-            ElementTree.SubElement(actuators, "general", {"name": name, "site": "origin", "gear": text(gear), **lag})
+        for i, gear in enumerate(thrusters):
+            ElementTree.SubElement(actuators, "general", {"name": f"thruster_{i}", "site": "origin", "gear": text(gear), **lag})
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "hull.xml"
             file.write_bytes(ElementTree.tostring(root))

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 
 import models
 from sim.vehicle import coefficients
-from sim.vehicle.mjcf import THRUSTERS, VehicleSetup, compose, resolve
+from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 
@@ -37,6 +37,10 @@ def test_model_compiles_and_steps_without_a_warning(name: str) -> None:
 def test_unknown_model_is_answered_with_what_exists() -> None:
     with pytest.raises(ValueError, match=r"unknown model 'submarine'; available: follower, leader, ocean"):
         models.path("submarine")
+
+
+THRUSTERS = ("thruster_main", "thruster_lateral_bow", "thruster_lateral_stern", "thruster_vertical_bow",
+             "thruster_vertical_stern")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", VEHICLES)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from laisn.arrays import Floats
 from sim.geometry import attitude
-from sim.vehicle import coefficients, hydrodynamics, thrusters
+from sim.vehicle import coefficients, effectors, hydrodynamics
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant, PlantError
 from sim.water.ocean import Ocean
@@ -122,8 +122,8 @@ def test_moments_of_thrusters_are_those_of_mujoco() -> None:
     expected = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(expected, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
     moments = np.empty((2, 5, 6))
-    wrenches = thrusters.unit_wrenches(model, [resolve(model, name) for name in plant.names])
-    thrusters.turn(wrenches, pose, moments)
+    wrenches = effectors.unit_wrenches(plant.effectors)
+    effectors.turn(wrenches, pose, moments)
     np.testing.assert_allclose(moments[0], expected[:5, :6], atol=1e-12)
     np.testing.assert_allclose(moments[1], expected[5:, 6:], atol=1e-12)
     assert not expected[:5, 6:].any()
@@ -134,16 +134,16 @@ def test_thruster_elsewhere_than_at_its_hull_is_refused() -> None:
     vehicles = [resolve(plant.model, name) for name in plant.names]
     plant.model.actuator_trnid[6, 0] = plant.model.actuator_trnid[0, 0]
     with pytest.raises(ValueError, match="actuator 'T2/thruster_lateral_bow' must act at a site of the body 'T2/hull'"):
-        thrusters.unit_wrenches(plant.model, vehicles)
+        effectors.read(plant.model, vehicles)
 
 
 def test_thrust_follows_the_command_with_its_lag_and_within_its_limits() -> None:
     plant = Plant(setups(), Ocean.calm())
     plant.step(np.full((2, 5), 1e4), 15)
     # a first-order lag of 0.3 s reaches 1 − 1/e after 0.3 s
-    np.testing.assert_allclose(plant.thrust, (1 - np.exp(-1)) * plant.thrust_limits[..., 1], rtol=1e-9)
+    np.testing.assert_allclose(plant.thrust, (1 - np.exp(-1)) * plant.effectors["limits"][..., 1], rtol=1e-9)
     plant.step(np.full((2, 5), -1e4), 500)
-    np.testing.assert_allclose(plant.thrust, plant.thrust_limits[..., 0], rtol=1e-9)
+    np.testing.assert_allclose(plant.thrust, plant.effectors["limits"][..., 0], rtol=1e-9)
 
 
 def test_looks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,7 +206,7 @@ def test_water_velocity_is_the_oceans_at_the_vehicles() -> None:
 def test_speed_is_reached_with_reserve(vehicle: int, speed: float) -> None:
     plant = Plant(setups(depth=100.0), Ocean.calm())
     command = np.zeros((2, 5))
-    command[:, 0] = 0.8 * plant.thrust_limits[:, 0, 1]
+    command[:, 0] = 0.8 * plant.effectors["limits"][:, 0, 1]
     plant.step(command, 3000)
     assert np.linalg.norm(plant.twist[vehicle, :3]) > speed
 
@@ -215,7 +215,7 @@ def test_speed_changes_by_two_tenths_per_second() -> None:
     """Even close to the full 3 m/s, where drag takes most of the thrust."""
     plant = Plant(setups(depth=100.0, speed_m_s=2.8), Ocean.calm())
     command = np.zeros((2, 5))
-    command[:, 0] = plant.thrust_limits[:, 0, 1]
+    command[:, 0] = plant.effectors["limits"][:, 0, 1]
     plant.step(command, 50)
     before = plant.twist[:, 0].copy()
     plant.step(command, 10)
@@ -228,7 +228,7 @@ def test_turns_ten_degrees_per_second(speed: float) -> None:
     plant = Plant(setups(depth=100.0, speed_m_s=speed), Ocean.calm())
     command = np.zeros((2, 5))
     command[:, 0] = [12 * speed**2, 7 * speed**2]
-    command[:, 1] = 0.6 * plant.thrust_limits[:, 1, 1]
+    command[:, 1] = 0.6 * plant.effectors["limits"][:, 1, 1]
     command[:, 2] = -command[:, 1]
     plant.step(command, 1000)
     assert (np.degrees(plant.twist[:, 5]) > 10).all()
@@ -248,7 +248,7 @@ def test_nothing_flies() -> None:
     """Driven up at full thrust through a sea, the hulls stay at the surface."""
     plant = Plant(setups(depth=2.0, excess_buoyancy_n=12.0), rough_sea())
     command = np.zeros((2, 5))
-    command[:, 3:] = plant.thrust_limits[:, 3:, 1]
+    command[:, 3:] = plant.effectors["limits"][:, 3:, 1]
     highest = 0.0
     for _ in range(600):
         plant.step(command, 5)
