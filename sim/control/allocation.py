@@ -24,7 +24,8 @@ PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
 _WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)
 """Components that an autopilot asks for, the most needed first."""
 _LEAST = 1e-6
-"""Smallest singular value of a component, over the largest, at which effectors count as able to give it."""
+"""Smallest singular value at which a component counts as given; forces and moments are over the largest of one
+effector."""
 
 
 @compiled
@@ -49,7 +50,7 @@ def pseudo_inverse(records: npt.NDArray[np.void]) -> Floats:
     given: list[int] = []
     for axis in _WANTED:
         values = np.linalg.svd(scaled[:, [*given, axis]], compute_uv=False)
-        if len(given) < len(records) and values[len(given)] > _LEAST * values[0]:
+        if len(given) < len(records) and values[len(given)] > _LEAST:
             given.append(axis)
     out = np.zeros((len(records), 6))
     b = unit[:, given].T

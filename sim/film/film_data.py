@@ -54,7 +54,7 @@ class FrameState:
     speed: Floats
     """Speed through the water, shape (v,), [m/s]."""
     thrust: Floats
-    """Thrust of each thruster, shape (v, 5), [N]."""
+    """Thrust of each effector, shape (v, m), [N]."""
     spin: Floats
     """Angle of the drawn propellers, shape (v,)."""
     transmitter: Floats
@@ -110,7 +110,7 @@ class FilmData:
         names = truth.names
         self._transmitters = [truth.site(f"{names[0]}/{t}") for t in TRANSMITTERS]
         self._hydrophones = [truth.site(f"{name}/hydrophone") for name in names[1:]]
-        main = truth.thrust[..., 0]
+        main = np.einsum("nvm,vm->nv", truth.thrust, truth.effector_force[..., 0])
         rate = _SPIN_RAD_S_N * np.sign(main) * np.sqrt(np.abs(main))
         self._spin = np.cumsum(rate, axis=0) * truth.dt / speed_up
         self._trail_every = max(1, round(_TRAIL_POINT_S * speed_up / truth.dt))

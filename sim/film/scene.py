@@ -1,5 +1,6 @@
 """The three-dimensional part of a frame: hulls, propellers, wash and ghosts of estimates."""
 
+import itertools
 from types import TracebackType
 from typing import Any, Self
 
@@ -12,7 +13,8 @@ from sim.film.annotations import ESTIMATE
 from sim.film.cameras import Shot, View
 from sim.film.film_data import FrameState
 from sim.geometry import attitude
-from sim.vehicle.mjcf import THRUSTERS, resolve
+from sim.vehicle import effectors
+from sim.vehicle.mjcf import resolve
 from sim.water.ocean import Ocean
 
 Box = tuple[int, int, int, int]
@@ -26,10 +28,10 @@ _INSIDE = ("nozzle", "band")
 _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
 _BLADES = 3
+_ALONG = 0.9
+"""An effector whose unit force along the hull is larger is drawn as a propeller."""
 _HULL_REACH_M = 1.5
 """Reach from a vehicle's middle to beyond its ends, propeller included."""
-_AXES = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 1.0, 0], [0, 0, 1.0], [0, 0, 1.0]])
-"""Direction of positive thrust of each thruster in the body frame."""
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
@@ -71,11 +73,10 @@ class GlScene:
         self._model = seascape.build(names, hulls, ocean.floor_depth_m, *size, samples)
         self._data = mujoco.MjData(self._model)
         self._vehicles = [resolve(self._model, name) for name in names]
-        self._limit = np.array([self._model.actuator_ctrlrange[list(v.actuators), 1] for v in self._vehicles])
-        sites = [
-            [mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_SITE, f"{n}/{t}") for t in THRUSTERS] for n in names
+        self._effectors = effectors.read(self._model, self._vehicles)
+        self._effector_sites = self._model.site_pos[
+            self._model.actuator_trnid[np.array([v.actuators for v in self._vehicles]), 0]
         ]
-        self._thruster = self._model.site_pos[np.array(sites)]
         parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
         self._inside = {g for g, part in enumerate(parts) if part.startswith(_INSIDE)}
         self._gl = mujoco.GLContext(*size)
@@ -211,26 +212,27 @@ class GlScene:
 
     def _add_propellers(self, state: FrameState) -> None:
         blade = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value
-        for v, vehicle_sites in enumerate(self._thruster):
+        propellers = np.argwhere(self._effectors["force"][..., 0] > _ALONG)
+        for (v, e), b in itertools.product(propellers, range(_BLADES)):
             turn = _matrix(state.quaternion[v])
             length = 0.055 if v else 0.075
-            for b in range(_BLADES):
-                angle = state.spin[v] + 2 * np.pi * b / _BLADES
-                radial = np.array([0.0, np.cos(angle), np.sin(angle)])
-                at = state.position[v] + turn @ (vehicle_sites[0] + [-0.045, 0, 0] + length * radial)
-                # pitched blades: twisted 35° about their own length
-                across = _cross(radial, np.array([1.0, 0, 0]))
-                chord = 0.82 * across + 0.57 * np.array([1.0, 0, 0])
-                frame = turn @ np.column_stack([chord, _cross(radial, chord), radial])
-                self._add(blade, np.array([0.4 * length, 0.006, length]), at, frame, (0.72, 0.58, 0.30, 1.0))
+            angle = state.spin[v] + 2 * np.pi * b / _BLADES
+            radial = np.array([0.0, np.cos(angle), np.sin(angle)])
+            at = state.position[v] + turn @ (self._effector_sites[v, e] + [-0.045, 0, 0] + length * radial)
+            # pitched blades: twisted 35° about their own length
+            across = _cross(radial, np.array([1.0, 0, 0]))
+            chord = 0.82 * across + 0.57 * np.array([1.0, 0, 0])
+            frame = turn @ np.column_stack([chord, _cross(radial, chord), radial])
+            self._add(blade, np.array([0.4 * length, 0.006, length]), at, frame, (0.72, 0.58, 0.30, 1.0))
 
     def _add_wash(self, state: FrameState) -> None:
         """Water set in motion: a plume against the thrust, as long and bright as the root of its share of the limit."""
         plume = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value
-        for v, sites in enumerate(self._thruster):
+        for v, sites in enumerate(self._effector_sites):
             turn = _matrix(state.quaternion[v])
-            for site, thrust, limit, axis in zip(sites, state.thrust[v], self._limit[v], _AXES, strict=True):
-                share = min(1.0, float(np.sqrt(abs(thrust) / limit)))
+            for site, thrust, effector in zip(sites, state.thrust[v], self._effectors[v], strict=False):
+                axis, limit = effector["force"], effector["limits"][1]
+                share = min(1.0, float(np.sqrt(abs(thrust) / limit))) if limit > 0.0 else 0.0
                 if share < 0.05:
                     continue
                 direction = -np.sign(thrust) * axis

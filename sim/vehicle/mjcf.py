@@ -12,6 +12,7 @@ import models
 from laisn.failure import LaisnError
 from sim.geometry import attitude
 
+
 @dataclass(frozen=True, kw_only=True)
 class VehicleSetup:
     """One vehicle of a scenario. Raises LaisnError if a value is not possible."""

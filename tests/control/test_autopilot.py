@@ -9,49 +9,92 @@ from scipy.spatial.transform import Rotation
 from sim.control import allocation, autopilot
 from sim.fleet import FleetError, simulate_fleet
 from sim.scenario.routes import DepthProfile, Route
+from sim.vehicle import effectors
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
 
-LEADER = np.array([[-40.0, 40.0], [-40.0, 40.0]])
 thrust = st.floats(-200, 200)
 lever = st.floats(0.2, 1.0)
 limit = st.tuples(st.floats(-50, -1), st.floats(1, 50))
+vector = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
+
+
+def effectors_of(forces, places, limits):
+    """Records of thrusters: unit forces, positions, and lowest and highest thrust."""
+    records = np.zeros(len(forces), effectors.EFFECTOR)
+    records["force"], records["limits"] = forces, limits
+    records["torque"] = np.cross(places, forces)
+    return records
+
+
+def pair(bow, stern, limits):
+    """Lateral thrusters at the bow and the stern."""
+    return effectors_of([[0, 1, 0]] * 2, [[bow, 0, 0], [-stern, 0, 0]], limits)
+
+
+def allocated(records, **wanted):
+    """Commands for a wrench, and what they give of it; SWAY, YAW … by name in lower case."""
+    wrench = np.zeros(6)
+    for name, value in wanted.items():
+        wrench[getattr(allocation, name.upper())] = value
+    command = np.zeros(len(records))
+    allocation.allocate(allocation.pseudo_inverse(records), records["limits"].copy(), wrench, command)
+    return command, wrench
 
 
 @given(thrust, thrust, lever, lever, limit, limit)
 def test_allocation_never_exceeds_limits(force, moment, bow, stern, bow_limits, stern_limits):
     limits = np.array([bow_limits, stern_limits])
-    shares = np.array(allocation.share(force, moment, bow, -stern, limits))
-    assert np.all(shares >= limits[:, 0])
-    assert np.all(shares <= limits[:, 1])
+    command, given_wrench = allocated(pair(bow, stern, limits), sway=force, yaw=moment)
+    assert np.all(command >= limits[:, 0])
+    assert np.all(command <= limits[:, 1])
+    # what it says that it gives is what the commands give
+    assert command.sum() == pytest.approx(given_wrench[allocation.SWAY], abs=1e-9)
+    assert bow * command[0] - stern * command[1] == pytest.approx(given_wrench[allocation.YAW], abs=1e-9)
 
 
 @given(st.floats(-40, 40), st.floats(-40, 40), lever, lever)
 def test_allocation_reproduces_what_thrusters_can_give(at_bow, at_stern, bow, stern):
-    given_back = allocation.share(at_bow + at_stern, bow * at_bow - stern * at_stern, bow, -stern, LEADER)
-    assert given_back == pytest.approx((at_bow, at_stern), abs=1e-9)
+    records = pair(bow, stern, [[-40, 40]] * 2)
+    command, _ = allocated(records, sway=at_bow + at_stern, yaw=bow * at_bow - stern * at_stern)
+    assert command == pytest.approx((at_bow, at_stern), abs=1e-9)
 
 
-@given(thrust, thrust, lever, lever, limit, limit)
-def test_the_moment_comes_first(force, moment, bow, stern, bow_limits, stern_limits):
-    limits = np.array([bow_limits, stern_limits])
-    at_bow, at_stern = allocation.share(force, moment, bow, -stern, limits)
-    # the extremes of the moment lie at corners of the box of thrusts
-    most = bow * limits[0, 1] - stern * limits[1, 0]
-    least = bow * limits[0, 0] - stern * limits[1, 1]
-    assert bow * at_bow - stern * at_stern == pytest.approx(np.clip(moment, least, most), abs=1e-9)
+@given(thrust, thrust, lever, st.floats(1, 50))
+def test_the_moment_comes_first(force, moment, arm, most):
+    """Of a pair with equal levers and limits: the whole moment up to 2 a T, then the force that is left."""
+    command, _ = allocated(pair(arm, arm, [[-most, most]] * 2), sway=force, yaw=moment)
+    turned = np.clip(moment, -2 * arm * most, 2 * arm * most)
+    assert arm * (command[0] - command[1]) == pytest.approx(turned, abs=1e-9)
+    left = 2 * most - abs(turned) / arm
+    assert command.sum() == pytest.approx(np.clip(force, -left, left), abs=1e-9)
 
 
-@given(thrust, st.floats(-20, 20), st.lists(st.floats(0, 1), min_size=2, max_size=2))
-def test_no_other_share_comes_closer_to_the_force(force, moment, trial):
-    at_bow, at_stern = allocation.share(force, moment, 0.5, -0.5, LEADER)
-    # another pair with the same moment: the stern follows from the bow
-    other_bow = LEADER[0, 0] + trial[0] * 80.0
-    other_stern = other_bow - moment / 0.5
-    assume(-40 <= other_stern <= 40)
-    assert abs(at_bow + at_stern - force) <= abs(other_bow + other_stern - force) + 1e-9
+@given(st.lists(st.tuples(vector, vector), min_size=3, max_size=8), st.tuples(*[st.floats(-5, 5)] * 5))
+def test_thrusters_anywhere_give_what_they_can_give_independently(thrusters, wanted):
+    """Within limits the commands give the wrench on every component that the pseudo-inverse serves, by B u = τ."""
+    forces, places = (np.array(column) for column in zip(*thrusters, strict=True))
+    assume(np.all(np.linalg.norm(forces, axis=1) > 0.2))
+    records = effectors_of(forces, places, [[-1e6, 1e6]] * len(thrusters))
+    inverse = allocation.pseudo_inverse(records)
+    served = np.abs(inverse).max(axis=0) > 0
+    assume(np.abs(inverse).max() < 1e4)
+    command, given_wrench = allocated(
+        records, surge=wanted[0], sway=wanted[1], heave=wanted[2], pitch=wanted[3], yaw=wanted[4]
+    )
+    produced = effectors.unit_wrenches(records).T @ command
+    np.testing.assert_allclose(produced[served], given_wrench[served], atol=1e-6)
+    assert not given_wrench[~served].any()
+    # as many components as the thrusters have independent wrenches on these five axes
+    assert served.sum() <= min(5, len(thrusters))
+
+
+def test_a_vehicle_without_side_thrusters_serves_neither_sway_nor_yaw():
+    records = effectors_of([[1, 0, 0], [0, 0, 1]], [[-0.8, 0, 0], [-0.5, 0, 0]], [[-40, 40]] * 2)
+    served = np.abs(allocation.pseudo_inverse(records)).max(axis=0) > 0
+    assert served.tolist() == [True, False, False, False, True, False]
 
 
 def plant(model="leader", *, ocean=None, depth=10.0, buoyancy=0.0, speed=1.0):
@@ -79,7 +122,11 @@ def test_the_design_is_read_from_the_vehicle():
     assert d["yaw_inertia"] == pytest.approx(13.64016 + 11.44948)
     assert d["pitch_inertia"] == pytest.approx(13.64016 + 67.1515 * 0.02**2 + 11.44948)
     assert d["righting"] == pytest.approx(67.1515 * 9.81 * 0.02)
-    assert d["lateral"].tolist() == [0.62, -0.62]
+    # a pair at ±0.62 m: half of the side force each, and the moment over the distance between them
+    np.testing.assert_allclose(
+        d["allocation"][1:3, [allocation.SWAY, allocation.YAW]], [[0.5, 1 / 1.24], [0.5, -1 / 1.24]]
+    )
+    assert not d["allocation"][5:].any()
     assert d["limits"][0].tolist() == [-60, 150]
 
 
@@ -299,7 +346,7 @@ def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
     # the hull's way over ground is its way through the water times the cosine of its pitch
     missing = 1.0 / np.cos(angle) - (1.0 - sign * 0.01)
     assert memory[autopilot.SPEED_INTEGRAL] == pytest.approx(0.05 * design["surge_mass"] * omega**2 * missing * dt)
-    assert np.all(np.abs(command) < design["limits"][:, 1])
+    assert np.all(np.abs(command) < design["limits"][:5, 1])
     far, command = remembered(0.5, 0.0, 0.0, rate=5.0)
     assert far[autopilot.HEADING_INTEGRAL] == far[autopilot.PITCH_INTEGRAL] == 0.0
     assert np.max(np.abs(command[1:])) == design["limits"][1, 1]

@@ -84,8 +84,8 @@ def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: f
         memory = np.array([0.7, -3.0, 0.4, integral, 0.03])
         expected, kept = law(d, wanted, reference, felt, memory)
         autopilot.control(d, wanted, reference, felt, DT, memory, command)
-        bow, stern = d["lateral"]
-        raised, lowered = d["vertical"]
+        # leader.xml: lateral thrusters at ±0.62 m, vertical ones at ±0.46 m
+        (bow, stern), (raised, lowered) = (0.62, -0.62), (0.46, -0.46)
         found = [command[0], command[1] + command[2], bow * command[1] + stern * command[2], command[3] + command[4],
                  raised * command[3] + lowered * command[4]]  # fmt: skip
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
@@ -133,9 +133,13 @@ def test_levers_and_coefficients_are_those_of_the_mjcf() -> None:
             expected = [given["linear_damping"][i], fins[fin] * back**2, crossing]
             np.testing.assert_allclose(d[f"{axis}_damping"], expected, rtol=1e-12)
         assert d["by_pitch"] == 0.0
-        for axis in ("lateral", "vertical"):
-            sites = [plant.model.site(f"{model}/thruster_{axis}_{end}").pos[0] for end in ("bow", "stern")]
-            np.testing.assert_allclose(d[axis], sites)
         names = ("main", "lateral_bow", "lateral_stern", "vertical_bow", "vertical_stern")
         ranges = [plant.model.actuator(f"{model}/thruster_{name}").ctrlrange for name in names]
-        np.testing.assert_array_equal(d["limits"], ranges)
+        np.testing.assert_array_equal(d["limits"][:5], ranges)
+        # the matrix that the allocation inverts: forces along an axis, and their levers
+        x = {name: plant.model.site(f"{model}/thruster_{name}").pos[0] for name in names}
+        wrenches = np.zeros((6, 5))
+        wrenches[0, 0] = wrenches[1, 1] = wrenches[1, 2] = wrenches[2, 3] = wrenches[2, 4] = 1.0
+        wrenches[5, 1:3] = x["lateral_bow"], x["lateral_stern"]
+        wrenches[4, 3:5] = -x["vertical_bow"], -x["vertical_stern"]
+        np.testing.assert_allclose(wrenches @ d["allocation"][:5], np.diag([1, 1, 1, 0, 1, 1]), atol=1e-12)

@@ -56,7 +56,9 @@ class Tank:
         # a lag, as the plant wants it; the tank's thrusts are there at once
         lag = {"dyntype": "filterexact", "dynprm": "1", "ctrllimited": "true", "ctrlrange": "-1e6 1e6"}
         for i, gear in enumerate(thrusters):
-            ElementTree.SubElement(actuators, "general", {"name": f"thruster_{i}", "site": "origin", "gear": text(gear), **lag})
+            ElementTree.SubElement(
+                actuators, "general", {"name": f"thruster_{i}", "site": "origin", "gear": text(gear), **lag}
+            )
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "hull.xml"
             file.write_bytes(ElementTree.tostring(root))

@@ -13,11 +13,10 @@ from experiments.study.plan import plan_of
 from sim.log.hull import hull
 from sim.scenario.file import dumps
 from sim.vehicle.coefficients import NUMERICS
-from sim.vehicle.mjcf import THRUSTERS
 from sim.vehicle.own_hull import faults_of
 
 FOLLOWER, LEADER = (models.path(name).read_text(encoding="utf-8") for name in ("follower", "leader"))
-SITES = ("depth_sensor", "cg", *THRUSTERS)
+SITES = ("depth_sensor", "cg")
 
 
 def without(kind: str, name: str, text: str = FOLLOWER) -> str:
@@ -44,10 +43,8 @@ def test_a_missing_coefficient_is_named_with_its_unit(name: str) -> None:
     *(("leader", LEADER, name) for name in ("tx_rear", "tx_front", "tx_middle")),
 ])  # fmt: skip
 def test_a_missing_site_is_named(role: str, text: str, name: str) -> None:
-    faults = faults_of(without("general", name, without("site", name, text)) if name in THRUSTERS
-                       else without("site", name, text), role)  # fmt: skip
-    assert faults[0].startswith(f"lacks <site name='{name}'>, ")
-    assert faults[1:] == ([f"lacks the actuator '{name}', at the site of that name"] if name in THRUSTERS else [])
+    (fault,) = faults_of(without("site", name, text), role)
+    assert fault.startswith(f"lacks <site name='{name}'>, ")
 
 
 @pytest.mark.parametrize(("text", "told"), [
@@ -60,6 +57,7 @@ def test_a_missing_site_is_named(role: str, text: str, name: str) -> None:
     (FOLLOWER.replace('<asset>', '<asset><texture name="t" type="2d" file="/etc/passwd"/>'), "names other files"),
     (FOLLOWER.replace('<asset>', '<include file="other.xml"/><asset>'), "names other files"),
     (FOLLOWER.replace('dyntype="filterexact" dynprm="0.3"', ""), "a state of its own"),
+    (re.sub(r"<general name[^>]*>", "", FOLLOWER), "has 0 actuators, expected 1 to 16"),
     (FOLLOWER.replace("0 29.43764 0 0 0 0", "0.1 29.43764 0 0 0 0"), "added_mass must be symmetric"),
     (FOLLOWER.replace("0 29.43764 0 0 0 0", "0 -0.5 0 0 0 0"), "hull: added_mass must be symmetric and positive semi"),
     (FOLLOWER.replace('<camera name="chase"', '<body name="arm"/><camera name="chase"'), "no body beside 'hull'"),
@@ -79,14 +77,6 @@ def test_a_hull_that_cannot_swim_is_told_why(text: str, told: str) -> None:
     assert text != FOLLOWER
     faults = faults_of(text, "follower")
     assert any(told in fault for fault in faults), faults
-
-
-def test_actuators_out_of_order_are_named() -> None:
-    line = '<general name="thruster_main" class="propeller" site="thruster_main"/>'
-    text = FOLLOWER.replace(line, "").replace("</actuator>", f"{line}</actuator>")
-    (fault,) = faults_of(text, "follower")
-    assert fault.startswith("has the actuators thruster_lateral_bow,")
-    assert fault.endswith("thruster_vertical_stern, in this order")
 
 
 @pytest.fixture(scope="module")

@@ -122,7 +122,7 @@ def test_moments_of_thrusters_are_those_of_mujoco() -> None:
     expected = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(expected, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
     moments = np.empty((2, 5, 6))
-    wrenches = effectors.unit_wrenches(plant.effectors)
+    wrenches = effectors.unit_wrenches(effectors.read(model, [resolve(model, name) for name in plant.names]))
     effectors.turn(wrenches, pose, moments)
     np.testing.assert_allclose(moments[0], expected[:5, :6], atol=1e-12)
     np.testing.assert_allclose(moments[1], expected[5:, 6:], atol=1e-12)
