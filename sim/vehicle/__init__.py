@@ -1,7 +1,7 @@
 """One fleet of rigid hulls in the water, from MJCF to motion.
 
 Takes the MJCF files of `models`, where all coefficients live, an `Ocean` and thruster commands; gives pose, velocity
-and thrust after each step (`plant`). In between: names resolved once (`mjcf`), coefficients as records, thrusters,
+and thrust after each step (`plant`). In between: names resolved once (`mjcf`), coefficients and effectors as records,
 and the forces of the water in Fossen's form (`hydrodynamics`). It must not know where vehicles are to go, nor why.
 
 Imports: laisn models sim.geometry sim.water

@@ -20,7 +20,7 @@ from sim.fleet import simulate_fleet
 from sim.log import writer
 from sim.scenario.settings import Follower, Scenario
 from sim.vehicle import mujoco_functions
-from sim.vehicle.mjcf import compose
+from sim.vehicle.mjcf import compose, spec_of
 from sim.vehicle.plant import NO_CONTACT, Plant
 from tools.benchmarks.row import Row, least_time
 
@@ -54,7 +54,7 @@ def physics() -> list[Row]:
         routes, dt = routes_of(scenario), scenario.timing.physics_step_s
         setups, ocean = setups_of(scenario, routes), ocean_of(scenario)
         steps = round(duration / dt)
-        thrust = np.zeros((followers + 1, 5))
+        thrust = np.zeros((followers + 1, len(spec_of("follower").actuators)))
         thrust[:, 0] = 10.0
 
         spec = compose(setups, ocean.floor_depth_m)

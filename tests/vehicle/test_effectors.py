@@ -1,0 +1,75 @@
+"""Effectors: what an MJCF has, at whatever places, is what a vehicle swims with."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import laisn_sim
+from sim.fleet import simulate_fleet
+from sim.scenario.routes import DepthProfile, Route
+from sim.vehicle.mjcf import VehicleSetup
+from sim.vehicle.plant import Plant
+from sim.water.ocean import Ocean
+
+SITES = """<site name="a" class="thruster" pos="-0.8 0.02 0"/><site name="b" class="thruster" pos="0.5 0 0.05"/>
+<site name="c" class="thruster" pos="-0.4 0 0"/>"""
+ACTUATORS = """<actuator><general name="ahead" class="propeller" site="a"/>
+<general name="aside" class="lateral" site="b" gear="0 1 0.2 0 0 0"/>
+<general name="up" class="vertical" site="c"/></actuator>"""
+
+
+def three_thrusters() -> str:
+    """The follower's hull with three thrusters: one off the axis, one slanted at the bow, one below the stern."""
+    text = re.sub(r"<site name=.thruster_[^>]*/>", "", laisn_sim.hull("follower"))
+    text = re.sub(r"<keyframe>.*</keyframe>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<actuator>.*</actuator>", ACTUATORS, text, flags=re.DOTALL)
+    return text.replace('<site name="cg"', f'{SITES}<site name="cg"')
+
+
+def setup(name: str, model: str) -> VehicleSetup:
+    return VehicleSetup(name=name, model=model, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0)
+
+
+def test_records_are_those_of_the_mjcf() -> None:
+    plant = Plant([setup("one", three_thrusters()), setup("two", "follower")], Ocean.calm())
+    assert plant.effector_names[0] == ("ahead", "aside", "up")
+    assert len(plant.effector_names[1]) == 5
+    own = plant.effectors[0]
+    np.testing.assert_allclose(own["force"][:3], [[1, 0, 0], [0, 1, 0.2], [0, 0, 1]], atol=1e-12)
+    places = [[-0.8, 0.02, 0], [0.5, 0, 0.05], [-0.4, 0, 0]]
+    np.testing.assert_allclose(own["torque"][:3], np.cross(places, own["force"][:3]), atol=1e-12)
+    assert own["limits"][:3].tolist() == [[-40, 100], [-25, 25], [-25, 25]]
+    assert own["lag"][:3].tolist() == [0.3] * 3
+    # what pads the shorter vehicle is zero, and stays without thrust
+    assert not own["force"][3:].any()
+    plant.step(np.full((2, 5), 10.0), 2)
+    force = plant.data.qfrc_actuator.reshape(2, 6)[0]
+    # equal thrusts, heading east: 1 ahead, 1 to port and 0.2 + 1 up, and their torques
+    torque = np.cross(places, own["force"][:3]).sum(axis=0)
+    np.testing.assert_allclose(force / force[0], [1, 1, 1.2, *torque], atol=1e-2)
+
+
+def test_three_thrusters_at_odd_places_follow_a_route(tmp_path: Path) -> None:
+    """The autopilot gives what they can give: surge, yaw and pitch; heave and sway are left to the hull."""
+    plant = Plant([setup("one", three_thrusters())], Ocean.calm())
+    depth = DepthProfile(time=np.array([0.0, 40.0]), depth=np.array([10.0, 12.0]))
+    route = Route.at_speed("turn", [[0, 0], [60, 0], [60, 60]], 1.0, depth)
+    flown = simulate_fleet(plant, [route], 110.0)
+    usual = simulate_fleet(Plant([setup("one", "follower")], Ocean.calm()), [route], 110.0)
+    apart = np.linalg.norm(flown.position - usual.position, axis=2)
+    assert apart[-1, 0] < 0.1
+    assert np.sqrt(np.mean(apart**2)) < 0.3
+    (tmp_path / "three.xml").write_text(three_thrusters(), encoding="utf-8")
+    flight = laisn_sim.fly("T3", {"duration_s": 20, "followers.0.model": str(tmp_path / "three.xml")})
+    again = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "three.mcap"))
+    assert again.trajectory.effector_names == flight.trajectory.effector_names
+    assert again.trajectory.thrust.tobytes() == flight.trajectory.thrust.tobytes()
+
+
+def test_a_vehicle_without_any_actuator_is_refused(tmp_path: Path) -> None:
+    text = re.sub(r"<actuator>.*</actuator>", "<actuator/>", three_thrusters(), flags=re.DOTALL)
+    (tmp_path / "none.xml").write_text(text, encoding="utf-8")
+    with pytest.raises(laisn_sim.LaisnError, match="has 0 actuators, expected 1 to 16"):
+        laisn_sim.load("T3", {"followers.0.model": str(tmp_path / "none.xml")})
