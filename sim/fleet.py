@@ -92,7 +92,7 @@ def steer_along_routes(k: int, row: Floats, steering: Steering) -> None:
 @compiled
 def _fly(
     span: tuple[int, int, int],
-    afloat: Any,
+    handles: Any,
     state: tuple[Floats, Floats, Floats],
     water: Water,
     steering: Steering,
@@ -102,7 +102,7 @@ def _fly(
 
     Args:
         span: the first instant, which is recorded; the last; physics steps from one to the next.
-        afloat: of `Plant.afloat`.
+        handles: of `Plant.step_handles`.
         state: pose, twist and thrust of the plant.
         water: as of `note`.
         steering: of all vehicles.
@@ -114,7 +114,7 @@ def _fly(
     first, last, substeps = span
     for k in range(first, last):
         steer_along_routes(k, record[k], steering)
-        fault = advance(afloat, steering[3], substeps)
+        fault = advance(handles, steering[3], substeps)
         if fault[0] != FINE:
             return k, fault
         note(k + 1, state, water, record)
@@ -124,13 +124,10 @@ def _fly(
 class Crew(Protocol):
     """What steers the vehicles of a fleet."""
 
-    def think(self, k: int, record: Floats) -> None:
-        """Find the commands that hold from the recorded instant k until k + 1."""
-
     def fly(
         self,
         span: tuple[int, int, int],
-        afloat: Any,
+        handles: Any,
         state: tuple[Floats, Floats, Floats],
         water: Water,
         record: Floats,
@@ -148,20 +145,16 @@ class RouteCrew:
         """Take the arrays of the routes."""
         self._steering = steering
 
-    def think(self, k: int, record: Floats) -> None:
-        """Find the commands that hold from the recorded instant k until k + 1."""
-        steer_along_routes(k, record[k], self._steering)
-
     def fly(
         self,
         span: tuple[int, int, int],
-        afloat: Any,
+        handles: Any,
         state: tuple[Floats, Floats, Floats],
         water: Water,
         record: Floats,
     ) -> tuple[int, Fault]:
         """Steer, advance and record; see `Crew.fly`."""
-        return _fly(span, afloat, state, water, self._steering, record)
+        return _fly(span, handles, state, water, self._steering, record)
 
     def end(self, k: int, record: Floats) -> None:
         """Do nothing: whoever is steered by the truth has nothing to remember."""
@@ -254,16 +247,9 @@ def simulate_fleet(
 
     def leg(k: int, last: int) -> None:
         """Fly from instant k to the last one."""
-        afloat = plant.afloat()
         try:
-            if afloat is not None:
-                k, fault = crew.fly((k, last, substeps), afloat, state, water, record)
-                plant.settle(fault)
-            while k < last:
-                crew.think(k, record)
-                plant.step(command, substeps)
-                k += 1
-                note(k, state, water, record)
+            k, fault = crew.fly((k, last, substeps), plant.step_handles(), state, water, record)
+            plant.finish_step(fault)
         except PlantError as error:
             flown = _trajectory(plant, record[: k + 1]) if k > 0 else None
             raise FleetError(str(error), error.time, flown) from error

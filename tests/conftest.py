@@ -5,7 +5,6 @@ import io
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -111,22 +110,3 @@ def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
         stream.write(_FIRST[0])
 
     monkeypatch.setattr(Figure, "savefig", drawn)
-
-
-@pytest.fixture
-def step_from_python(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """Call it, and plants that are made from then on find no way to MuJoCo for compiled code."""
-
-    from sim.vehicle import mujoco_functions
-
-    def refuse(*_: object) -> None:
-        raise mujoco_functions.UnavailableError("for a test")
-
-    return lambda: monkeypatch.setattr(mujoco_functions, "find", refuse)
-
-
-@pytest.fixture(params=["compiled", "python"])
-def either_way(request: pytest.FixtureRequest, step_from_python: Callable[[], None]) -> None:
-    """Run a test with plants that step in compiled code, and with plants that step by calls from Python."""
-    if request.param == "python":
-        step_from_python()

@@ -41,13 +41,13 @@ def _think_tight(k: int, record: Floats, navigators: Any, a: Aboard) -> int:
 
 @compiled
 def _fly_tight(
-    span: tuple[int, int, int], afloat: Any, state: Any, water: Water, record: Floats, navigators: Any, a: Aboard
+    span: tuple[int, int, int], handles: Any, state: Any, water: Water, record: Floats, navigators: Any, a: Aboard
 ) -> tuple[int, Fault]:
     for k in range(span[0], span[1]):
         failed = _think_tight(k, record, navigators, a)
         if failed >= 0:
             return k, (LOST_ITS_WAY, failed)
-        fault = advance(afloat, a.steering[3], span[2])
+        fault = advance(handles, a.steering[3], span[2])
         if fault[0] != FINE:
             return k, fault
         note(k + 1, state, water, record)
@@ -65,11 +65,11 @@ def _think_lanes(k: int, record: Floats, navigators: Any, a: Aboard) -> int:
 
 @compiled
 def _fly_lanes(
-    span: tuple[int, int, int], afloat: Any, state: Any, water: Water, record: Floats, navigators: Any, a: Aboard
+    span: tuple[int, int, int], handles: Any, state: Any, water: Water, record: Floats, navigators: Any, a: Aboard
 ) -> tuple[int, Fault]:
     for k in range(span[0], span[1]):
         _think_lanes(k, record, navigators, a)
-        fault = advance(afloat, a.steering[3], span[2])
+        fault = advance(handles, a.steering[3], span[2])
         if fault[0] != FINE:
             return k, fault
         note(k + 1, state, water, record)
@@ -111,9 +111,9 @@ class Swarm:
         """Find the commands that hold from the recorded instant k until k + 1."""
         self._check(self._think(k, record, self._navigators, self.aboard))
 
-    def fly(self, span: tuple[int, int, int], afloat: Any, state: Any, water: Water, record: Floats) -> Any:
+    def fly(self, span: tuple[int, int, int], handles: Any, state: Any, water: Water, record: Floats) -> Any:
         """Think, advance and record from one instant to another."""
-        k, fault = self._fly(span, afloat, state, water, record, self._navigators, self.aboard)
+        k, fault = self._fly(span, handles, state, water, record, self._navigators, self.aboard)
         if fault[0] == LOST_ITS_WAY:
             self._check(fault[1])
         return k, fault

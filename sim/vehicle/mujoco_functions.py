@@ -15,6 +15,8 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
+from laisn.failure import LaisnError
+
 TRIED = "4.0.0"
 """The release of MuJoCo on which compiled and Python calls were found to give the same bits."""
 STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM", "mj_step2")
@@ -26,7 +28,7 @@ Calls = tuple[tuple[int, int, int, int, int, int], int, int]
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
 
-class UnavailableError(RuntimeError):
+class UnavailableError(LaisnError):
     """Compiled code cannot call MuJoCo here; the message says why."""
 
 

@@ -1,5 +1,6 @@
 """Whether the MJCF of a user's own hull has all that a vehicle needs; what it lacks is named, all at once."""
 
+import re
 from typing import Any
 
 import mujoco
@@ -8,6 +9,8 @@ from sim.vehicle import coefficients, effectors
 from sim.vehicle.hull_text import strange
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 
+_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
+"""A name of an actuator, which also names a column of the log."""
 _SITES = {
     "depth_sensor": "where the pressure sensor sits",
     "cg": "the centre of gravity",
@@ -30,6 +33,11 @@ def _missing(spec: Any, role: str) -> list[str]:
     count = len(spec.actuators)
     if not 1 <= count <= effectors.MOST:
         lines.append(f"has {count} actuators, expected 1 to {effectors.MOST}, each at a site of the body 'hull'")
+    lines += [
+        f"<general name={actuator.name[:40]!r}>: an actuator's name has letters, digits and _, the first a letter"
+        for actuator in spec.actuators
+        if not _NAME.fullmatch(actuator.name)
+    ]
     for name in coefficients.NUMERICS:
         numeric = spec.numeric(name)
         fault = coefficients.fault_of(name, None if numeric is None else int(numeric.size))

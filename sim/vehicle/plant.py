@@ -1,7 +1,6 @@
 """The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. It speaks of vehicles, not of qpos."""
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, NoReturn
 
 import mujoco
@@ -12,7 +11,7 @@ from laisn.failure import LaisnError
 from sim.geometry import attitude
 from sim.vehicle import coefficients, effectors, hydrodynamics, mujoco_functions, stepping
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.vehicle.stepping import FINE, LOST, Fault
+from sim.vehicle.stepping import LOST, Fault
 from sim.water.ocean import Ocean, water_velocity
 
 NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
@@ -126,17 +125,13 @@ class Plant:
         mujoco.mj_forward(model, data)
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
         self._find_accelerations()
-        try:
-            self._calls: mujoco_functions.Calls | None = mujoco_functions.find(model, data)
-        except mujoco_functions.UnavailableError:
-            self._calls = None
+        self._calls = mujoco_functions.find(model, data)
 
-    def _prepare(self) -> int:
-        """All of a step but its end; twists are those of the middle of the last step before, and of now after.
-
-        Returns the index of the first vehicle that is lost, -1 if none.
-        """
+    def _find_accelerations(self) -> None:
+        """Find the accelerations of the start, which the first step takes for those of a step before."""
         model, data = self.model, self.data
+        self._acceleration[:] = 0.0
+        effectors.lay_out(self._layout, self.thrust.shape[1])
         # what `mj_step1` does, less what free hulls do not have (contacts, tendons, sensors), what nobody looks at
         # (cameras, lights) and what `effectors` does for less
         mujoco.mj_kinematics(model, data)
@@ -144,35 +139,13 @@ class Plant:
         mujoco.mj_makeM(model, data)
         records, water, solver, push = self._loads
         lost = stepping.load(records, self._body[0], (data.time, self._half_step), water, solver, push)
-        if lost < 0:
-            mujoco.mj_fwdVelocity(model, data)
-            mujoco.mj_factorM(model, data)
-        return lost
-
-    def _find_accelerations(self) -> None:
-        """Find the accelerations of the start, which the first step takes for those of a step before."""
-        self._acceleration[:] = 0.0
-        effectors.lay_out(self._layout, self.thrust.shape[1])
-        lost = self._prepare()
         if lost >= 0:
-            self.settle((LOST, lost))
-        mujoco.mj_fwdActuation(self.model, self.data)
-        mujoco.mj_fwdAcceleration(self.model, self.data)
-        mujoco.mj_fwdConstraint(self.model, self.data)
-
-    def _advance(self, command: Floats, n_substeps: int) -> Fault:
-        """What `stepping.advance` does, by calls from Python."""
-        fault = stepping.begin(self._body, command, self._half_step)
-        if fault[0] != FINE:
-            return fault
-        prepare, step2, twist = self._prepare, mujoco.mj_step2, self.twist
-        for _ in range(n_substeps):
-            lost = prepare()
-            if lost >= 0:
-                return LOST, lost
-            np.subtract(twist, self._gain, twist)
-            step2(self.model, self.data)
-        return stepping.end(self._body, self._half_step)
+            self.finish_step((LOST, lost))
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_factorM(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdAcceleration(model, data)
+        mujoco.mj_fwdConstraint(model, data)
 
     @property
     def time(self) -> float:
@@ -198,18 +171,16 @@ class Plant:
         """
         if command.shape != self.thrust.shape:
             raise ValueError(f"command has shape {command.shape}, expected {self.thrust.shape}")
-        afloat, command = self.afloat(), np.ascontiguousarray(command, dtype=np.float64)
-        advance = partial(stepping.advance, afloat) if afloat else self._advance
-        self.settle(advance(command, n_substeps))
+        self.finish_step(
+            stepping.advance(self.step_handles(), np.ascontiguousarray(command, dtype=np.float64), n_substeps)
+        )
 
-    def afloat(self) -> Any:
-        """What `stepping.advance` takes, at the present time; None where compiled code cannot call MuJoCo."""
-        if self._calls is None:
-            return None
+    def step_handles(self) -> Any:
+        """Arguments of `stepping.advance`, at the present time."""
         self._clock[0] = self.data.time
         return self._calls, self._clock, self._body, self._loads
 
-    def settle(self, fault: Fault) -> None:
+    def finish_step(self, fault: Fault) -> None:
         """Bring the sites to where the vehicles are after `stepping.advance`; PlantError if a fault ended it."""
         what, which = fault
         if what == stepping.WARNED:

@@ -97,18 +97,18 @@ def end(body: Any, half_step: float) -> Fault:
 
 
 @compiled
-def advance(afloat: Any, command: Floats, n_substeps: int) -> Fault:
+def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     """Advance a plant from compiled code, as `Plant.step` does; a controller in compiled code calls this.
 
     Args:
-        afloat: of `Plant.afloat`, taken after the last step from Python.
+        handles: of `Plant.step_handles`, taken after the last step from Python.
         command: thrust asked of each effector, shape (v, m), [N].
         n_substeps: number of physics steps.
 
     Returns:
-        What `Plant.settle` is to be told once compiled code is left.
+        What `Plant.finish_step` is to be told once compiled code is left.
     """
-    (stages, model, data), clock, body, (records, water, solver, push) = afloat
+    (stages, model, data), clock, body, (records, water, solver, push) = handles
     kinematics, centres, inertia, velocity, factor, finish = stages
     state, dt = body[0], clock[1]
     twist, gain = state[1], state[3]

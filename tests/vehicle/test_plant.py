@@ -1,7 +1,5 @@
 """The plant: what it shows of the state, what it can do, and how it fails."""
 
-from collections.abc import Callable
-
 import mujoco
 import numpy as np
 import pytest
@@ -64,7 +62,7 @@ def test_views_follow_the_state() -> None:
     assert plant.site_names[int(np.flatnonzero(v == 1)[0])] == "T2/hydrophone"
 
 
-def test_a_step_is_mujocos_own_with_the_water_in_its_middle(either_way: None) -> None:
+def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
     """The plant leaves out parts of `mj_step1`; with all of them the vehicles move alike."""
     plant = Plant(setups(speed_m_s=1.0), rough_sea())
     model, data = plant.model, mujoco.MjData(plant.model)
@@ -159,23 +157,6 @@ def test_looks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert without.twist.tobytes() == complete.twist.tobytes()
 
 
-def test_steps_are_the_same_to_the_bit_whoever_calls_mujoco(step_from_python: Callable[[], None]) -> None:
-    compiled = Plant(setups(speed_m_s=1.0), rough_sea())
-    step_from_python()
-    called = Plant(setups(speed_m_s=1.0), rough_sea())
-    assert compiled.afloat() is not None
-    assert called.afloat() is None
-    rng = np.random.default_rng(3)
-    for _ in range(40):
-        command, substeps = rng.uniform(-60, 60, (2, 5)), int(rng.integers(1, 9))
-        compiled.step(command, substeps)
-        called.step(command, substeps)
-        for one, other in zip(compiled.state, called.state, strict=True):
-            assert one.tobytes() == other.tobytes()
-        assert compiled.site_positions.tobytes() == called.site_positions.tobytes()
-        assert compiled.time == called.time
-
-
 def test_same_start_gives_the_same_bytes() -> None:
     command = np.array([[40.0, 5, -5, 1, 1], [20, -3, 3, 0, 2]])
     ends = []
@@ -262,7 +243,7 @@ def test_command_of_wrong_shape_is_refused() -> None:
         plant.step(np.zeros(5))
 
 
-def test_lost_state_names_vehicle_time_and_last_good_state(either_way: None) -> None:
+def test_lost_state_names_vehicle_time_and_last_good_state() -> None:
     plant = Plant(setups(), Ocean.calm())
     plant.step(np.zeros((2, 5)), 50)
     good = plant.pose.copy()
@@ -275,7 +256,7 @@ def test_lost_state_names_vehicle_time_and_last_good_state(either_way: None) -> 
 
 
 @pytest.mark.parametrize(("vehicle", "name"), [(0, "leader"), (1, "T2")])
-def test_command_that_is_not_finite_is_refused(either_way: None, vehicle: int, name: str) -> None:
+def test_command_that_is_not_finite_is_refused(vehicle: int, name: str) -> None:
     plant = Plant(setups(), Ocean.calm())
     command = np.zeros((2, 5))
     command[vehicle, 3] = np.inf
@@ -283,9 +264,7 @@ def test_command_that_is_not_finite_is_refused(either_way: None, vehicle: int, n
         plant.step(command)
 
 
-def test_integration_that_fails_is_stopped_before_mujoco_complains(
-    either_way: None, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_integration_that_fails_is_stopped_before_mujoco_complains(capfd: pytest.CaptureFixture[str]) -> None:
     """Steps of 5 s are far too long: the hulls tumble ever faster."""
     plant = Plant(setups(), Ocean.calm(), dt=5.0)
     plant.twist[:] = 1.0
@@ -307,7 +286,7 @@ def test_ten_followers_step_as_one_model() -> None:
     assert len(plant.site_names) == 10 + 8 * 10
 
 
-def test_warning_of_mujoco_stops_the_run(either_way: None) -> None:
+def test_warning_of_mujoco_stops_the_run() -> None:
     plant = Plant(setups(), Ocean.calm())
     plant.data.warning[int(mujoco.mjtWarning.mjWARN_INERTIA)].number = 1
     with pytest.raises(PlantError, match="MuJoCo warns: mjWARN_INERTIA"):
