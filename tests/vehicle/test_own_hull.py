@@ -109,12 +109,14 @@ def test_a_scenario_is_whole_without_the_file(folder: Path, tmp_path: Path) -> N
     assert laisn_sim.fly(again.scenario).trajectory.position.tobytes() == flight.trajectory.position.tobytes()
 
 
-def test_faults_of_a_hull_come_with_those_of_the_scenario(folder: Path) -> None:
+def test_errors_of_a_hull_come_with_other_obstacles(folder: Path) -> None:
+    """Keys are validated first, what they mean together second; each round reports all of its errors."""
     (folder / "bad.xml").write_text(without("site", "hydrophone"), encoding="utf-8")
+    changes = {"followers.0.model": str(folder / "bad.xml"), "ocean.floor_depth_m": 4.0}
     with pytest.raises(laisn_sim.LaisnError) as told:
-        laisn_sim.load(folder / "mine.toml", {"followers.0.model": str(folder / "bad.xml"), "leader.depth_m": -1})
+        laisn_sim.load(folder / "mine.toml", changes)
     assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(told.value)
-    assert "leader.depth_m" in str(told.value)
+    assert "floor_depth_m" in str(told.value)
     for name, told in (("absent.xml", "No such file"), ("/dev/zero", "it is no plain file"), ("/", "it is a folder")):
         with pytest.raises(laisn_sim.LaisnError, match=rf"leader\.model: {name}: cannot be read: {told}"):
             laisn_sim.load("T5", {"leader.model": name})
