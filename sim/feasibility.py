@@ -75,14 +75,26 @@ def _plan(vehicle: Vehicle, name: str) -> Plan:
     return plan(route_of(vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0}), name))
 
 
-def _hull_errors(key: str, model: str | None, role: str) -> list[str]:
-    """Errors of a hull of the user's own."""
+def _hull_errors(key: str, vehicle: Vehicle, role: str) -> list[str]:
+    """Errors of a hull of the user's own, and what its autopilot cannot control."""
+    model = vehicle.model
     if model is None:
         return []
     # most scenarios have none, and need no MuJoCo to be looked at
+    from sim.control.autopilot import design
+    from sim.vehicle.mjcf import VehicleSetup
     from sim.vehicle.own_hull import faults_of
+    from sim.vehicle.plant import Plant
+    from sim.water.ocean import Ocean
 
-    return [f"{key}: {line}" for line in faults_of(model, role)]
+    lines = faults_of(model, role)
+    if not lines:
+        setup = VehicleSetup(name=key.removesuffix(".model"), model=model, position_m=(0.0, 0.0, -10.0))
+        try:
+            design(Plant([setup], Ocean.calm()), (vehicle.depth_control,))
+        except LaisnError as error:
+            lines = [str(error)]
+    return [f"{key}: {line}" for line in lines]
 
 
 def _leader_too_fast(scenario: Scenario) -> list[str]:
@@ -179,7 +191,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_errors_of(partial(ocean_of, scenario), "ocean.waves"),
     ]
     for i, (key, vehicle) in enumerate(scenario.vehicles()):
-        found += _hull_errors(f"{key}.model", vehicle.model, "follower" if i else "leader")
+        found += _hull_errors(f"{key}.model", vehicle, "follower" if i else "leader")
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
         if isinstance(vehicle, Follower) and vehicle.station:
             continue

@@ -29,6 +29,7 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
+from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, allocate, clip, pseudo_inverse
 from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING
@@ -89,6 +90,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
 
     Raises:
         ValueError: there is not one mode for each vehicle, or a mode is unknown.
+        LaisnError: a vehicle's effectors or hull lack what its autopilot needs; the text names it.
     """
     if len(depth_control) != len(plant.names) or not set(depth_control) <= {"pitch", "thrust"}:
         raise ValueError(
@@ -121,8 +123,25 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
         record["by_pitch"] = float(depth_control[i] == "pitch")
         record["allocation"][: own.size] = pseudo_inverse(own)
         record["limits"][: own.size] = own["limits"]
+        _require_control(name, record, depth_control[i])
     records.flags.writeable = False
     return records
+
+
+def _require_control(name: str, record: Any, mode: DepthControl) -> None:
+    """LaisnError naming what a vehicle cannot do of what its autopilot asks for."""
+    needed = {"surge": SURGE, "yaw": YAW} | ({"pitch": PITCH} if mode == "pitch" else {"heave": HEAVE})
+    lacking = [axis for axis, column in needed.items() if not record["allocation"][:, column].any()]
+    if lacking:
+        raise LaisnError(
+            f"{name}: the effectors cannot give {' and '.join(lacking)} independently of the other components that "
+            f"depth_control = {mode!r} needs ({', '.join(needed)})"
+        )
+    if mode == "pitch" and not record["lift"] > 0.0:
+        raise LaisnError(
+            f"{name}: depth_control = 'pitch' needs vertical lift of the hull or of level fins (hull_lift, "
+            "hull_lift_planes, fin_area, fin_lift_slope); set depth_control = 'thrust' or give the hull lift"
+        )
 
 
 @compiled
@@ -150,7 +169,9 @@ def _hold_depth(
 
     # through pitch: the angle of climb, and the incidence that lifts what the integral asks for
     lift = d.lift * speed * speed
-    incidence = clip(by_pitch * memory[DEPTH_INTEGRAL] / lift, -INCIDENCE_MAX, INCIDENCE_MAX)
+    incidence = 0.0
+    if by_pitch > 0.0:
+        incidence = clip(by_pitch * memory[DEPTH_INTEGRAL] / lift, -INCIDENCE_MAX, INCIDENCE_MAX)
     steepest = speed * np.sin(CLIMB_MAX)
     slow = d.omega / 5.0
     sink = reference[SINKING] + slow * high

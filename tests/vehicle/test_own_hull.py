@@ -135,3 +135,25 @@ def test_logs_draw_the_hull_of_the_file() -> None:
     bare = re.sub(r"<geom [^>]*/>", "", FOLLOWER)
     assert len(hull("follower").cylinders) > 3
     assert len(hull(bare).cylinders) == 0
+
+
+NO_LIFT = {'data="0.2128 0.05596 0.266"': 'data="0.2128 0.05596 0"', 'data="0.027 0.027"': 'data="0.027 0"'}
+"""A hull whose only lift is that of its upright fins."""
+
+
+def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> None:
+    text = FOLLOWER
+    for old, new in NO_LIFT.items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "flat.xml").write_text(text, encoding="utf-8")
+    changes = {"followers.0.model": str(tmp_path / "flat.xml"), "duration_s": 20}
+    with pytest.raises(laisn_sim.LaisnError, match=r"followers\[0\].model: .*'pitch' needs vertical lift of the hull"):
+        laisn_sim.load("T3", changes)
+    # held by its thrusters alone it swims
+    flight = laisn_sim.fly("T3", changes | {"followers.0.depth_control": "thrust"})
+    assert np.abs(flight.trajectory.position[:, 1, 2] + 10.0).max() < 0.1
+    lateral = re.compile(r'<general name="thruster_lateral_(bow|stern)"[^>]*/>')
+    (tmp_path / "straight.xml").write_text(lateral.sub("", FOLLOWER), encoding="utf-8")
+    with pytest.raises(laisn_sim.LaisnError, match=r"the effectors cannot give yaw independently"):
+        laisn_sim.load("T3", {"followers.0.model": str(tmp_path / "straight.xml")})
