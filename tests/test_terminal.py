@@ -78,7 +78,7 @@ def test_topics_of_a_log_are_no_markup(monkeypatch: pytest.MonkeyPatch, capsys: 
         channels=(ChannelInfo(nasty, nasty, 1),),
         attachments={nasty: 1},
         metadata={nasty: {nasty: nasty}},
-        unprotected=(nasty,),
+        unverified=(nasty,),
     )
     monkeypatch.setattr("sim.log.info.info", lambda _: seen)
     replaying.show_info(Path("[/x]"))

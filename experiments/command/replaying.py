@@ -154,5 +154,5 @@ def show_info(path: Path) -> None:
         tell(console, f"attachment {name}: {size} bytes")
     for name, record in found.metadata.items():
         tell(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")
-    for what in found.unprotected:
-        tell(console, f"{what} is not protected: it has no checksum", "note:")
+    for what in found.unverified:
+        tell(console, f"{what}: no checksum, damage cannot be noticed", "note:")

@@ -3,15 +3,15 @@
 In the log its beacons are transmitters of a leader that lies still, and the vehicle is a follower that hears them.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from mcap.well_known import MessageEncoding
-from mcap_protobuf.schema import register_schema
+from foxglove import Schema
+from foxglove.messages import PoseInFrame
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
@@ -20,15 +20,13 @@ from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData
 from sim.datasets.range_tables import read_range_tables
 from sim.files import atomic_write
-from sim.flight import Outcome
 from sim.log.clock import timestamp
 from sim.log.contents import Contents, contents
 from sim.log.file import LogError, faults
-from sim.log.proving import ProvingWriter
 from sim.log.reader import read_recording
+from sim.log.scene import pose
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION
-from sim.log.wholeness import prove
-from sim.log.writer import BLOCK_NS
+from sim.log.writer import log_file
 
 VEHICLE = "vehicle"
 """Name of the vehicle in the log."""
@@ -111,45 +109,34 @@ def _receptions(data: RangeData, slots: list[str]) -> list[tuple[float, dict[str
     return list(found.items())
 
 
-def _messages(data: RangeData) -> list[tuple[float, str, Any]]:
-    """Time [s], channel and message of everything, in order of time."""
+def _messages(data: RangeData) -> Iterator[tuple[int, str, Schema, bytes]]:
+    """Time [ns], channel, type and content of every message."""
     times, slots = _slots(data)
     data = replace(data, range_time=times)
-    legs, motion = data.legs(), OWN_MOTION.message_class
-    rows: list[tuple[float, str, Any]] = [
+    legs = data.legs()
+    motion: list[tuple[float, dict[str, float]]] = [
         # ends a step that begins at rest, so that the next one begins at the start
-        (float(data.time[0]), "motion", motion(speed=0.0, heading=float(legs.heading[0]), depth=0.0))
+        (float(data.time[0]), {"speed": 0.0, "heading": float(legs.heading[0]), "depth": 0.0})
     ]
     for end, speed, heading in zip(*(column.tolist() for column in legs), strict=True):
-        rows.append((end, "motion", motion(speed=speed, heading=heading, depth=0.0)))
-    rows += [(at, "reception", PLACED_RECEPTION.message_class(**row)) for at, row in _receptions(data, slots)]
+        motion.append((end, {"speed": speed, "heading": heading, "depth": 0.0}))
+    for schema, channel, rows in (
+        (OWN_MOTION, "motion", motion),
+        (PLACED_RECEPTION, "reception", _receptions(data, slots)),
+    ):
+        for at, values in rows:
+            time_ns = round(at * 1e9)
+            message = schema.message_class(**values)
+            message.timestamp.FromNanoseconds(time_ns)
+            yield time_ns, channel, schema.schema, message.SerializeToString()
     for at, east, north in data.truth.tolist():
-        pose = PoseInFrame(frame_id="world")
-        pose.pose.position.x, pose.pose.position.y, pose.pose.orientation.w = east, north, 1.0
-        rows.append((at, "pose", pose))
-    return sorted(rows, key=lambda row: row[0])
-
-
-def _write_messages(writer: ProvingWriter, messages: list[tuple[float, str, Any]]) -> None:
-    """Write all messages, and proofs of them, in order of time."""
-    channels: dict[str, int] = {}
-    rows: list[tuple[int, int, bytes]] = []
-    for at, channel, message in messages:
-        if channel not in channels:
-            schema = register_schema(writer, type(message))
-            channels[channel] = writer.register_channel(f"/{VEHICLE}/{channel}", MessageEncoding.Protobuf, schema)
         time_ns = round(at * 1e9)
-        message.timestamp.CopyFrom(timestamp(time_ns))
-        rows.append((time_ns, channels[channel], message.SerializeToString()))
-    for _, block in groupby(rows, lambda row: row[0] // BLOCK_NS):
-        some = list(block)
-        writer.prove(some[0][0])
-        writer.add_messages(some)
-    writer.prove(rows[-1][0] + 1, Outcome.COMPLETED.name)
+        place = PoseInFrame(timestamp=timestamp(time_ns), frame_id="world", pose=pose((east, north, 0.0)))
+        yield time_ns, "pose", PoseInFrame.get_schema(), place.encode()
 
 
 def write_data_set(data: RangeData, path: Path) -> None:
-    """Write a data set as a log that `laisn replay` navigates on, and that proves itself as a flight's does.
+    """Write a data set as a log that `laisn replay` navigates on.
 
     The same data give the same bytes.
 
@@ -163,11 +150,13 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "start_north": repr(float(data.start[1])),
         **{name: "" if (value := getattr(data, name)) is None else repr(value) for name in _STATED},
     }
-    with faults(path), atomic_write(path) as part, part.open("wb") as stream:
-        writer = ProvingWriter(stream)
-        writer.add_metadata(_RECORD, facts)
-        _write_messages(writer, _messages(data))
-        writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
+    with faults(path), atomic_write(path) as part, log_file(part) as log:
+        log.add_metadata(_RECORD, facts)
+        channels: dict[str, Callable[[bytes, int], None]] = {}
+        for time_ns, channel, schema, content in sorted(_messages(data), key=itemgetter(0)):
+            if channel not in channels:
+                channels[channel] = log.channel(f"/{VEHICLE}/{channel}", schema)
+            channels[channel](content, time_ns)
 
 
 def _own_log(path: Path) -> Contents:
@@ -186,7 +175,6 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
         LogError: the log is damaged or of something else, or has too long a gap.
     """
     log = _own_log(path)
-    proved = prove(path, log)
     if _RECORD not in log.metadata:
         raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")
     measured, remarks = read_recording(path, VEHICLE, longest_gap_s)
@@ -198,9 +186,9 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             poses = log.topics[f"/{VEHICLE}/pose"]
             # the first step of Δt ends where the data set begins
             since = (poses.time_ns - begin_ns) / 1e9 + measured.dt
-            truth = np.column_stack([since, poses.columns(("pose.position.x", "pose.position.y"))])
+            truth = np.column_stack([since, poses.table(("pose.position.x", "pose.position.y"))])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
         sigma, slip, walk = (float(value) if (value := facts.get(name)) else None for name in _STATED)
-    if proved is None:
-        remarks = (*remarks, "nothing proves that start, beacons and measurements are those that were written")
+    if log.unverified:
+        remarks = (*remarks, f"{', '.join(log.unverified)}: no checksum, damage cannot be noticed")
     return Replayable(measured, start, sigma, slip, walk, truth, remarks)

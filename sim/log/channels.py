@@ -6,15 +6,19 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
-from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.Pose_pb2 import Pose
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from foxglove import Schema
+from foxglove.messages import (
+    FrameTransform,
+    FrameTransforms,
+    LocationFix,
+    LocationFixPositionCovarianceType,
+    Log,
+    LogLevel,
+    Pose,
+    PoseInFrame,
+    Quaternion,
+    SceneUpdate,
+)
 
 from laisn.arrays import Floats, Ints
 from laisn.tight.estimates import TightEstimates
@@ -22,8 +26,8 @@ from sim.flight import Flight
 from sim.geometry import attitude
 from sim.geometry.geodesy import geodetic
 from sim.log.clock import Clock, timestamp
-from sim.log.events import Event, chronicle
-from sim.log.scene import BELIEF, TRUTH, draw_acoustics, draw_vehicles
+from sim.log.events import Event, log_events
+from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles, pose, vector
 from sim.log.schema import (
     ERROR,
     FILTER_STATE,
@@ -33,8 +37,8 @@ from sim.log.schema import (
     RECEPTION,
     STAMP,
     VEHICLE_STATE,
+    FixedLayout,
     ScalarSchema,
-    Template,
     slot,
 )
 from sim.scenario.settings import CONTROL_STEP_S
@@ -48,8 +52,8 @@ class Channel:
     """Messages of one topic, in order of time."""
 
     topic: str
-    message_class: Any
-    """Protobuf class of its messages."""
+    schema: Schema
+    """Type of its messages."""
     time_ns: Ints
     """Time of each message since 1970, shape (n,), [ns]."""
     rows: Callable[[int, int], list[bytes]]
@@ -57,77 +61,91 @@ class Channel:
 
 
 def _numeric(
-    topic: str, message_class: Any, template: Template, time_ns: Ints, values: Callable[[slice], npt.NDArray[Any]]
+    topic: str, schema: Schema, layout: FixedLayout, time_ns: Ints, values: Callable[[slice], npt.NDArray[Any]]
 ) -> Channel:
     def rows(start: int, stop: int) -> list[bytes]:
         part = slice(start, stop)
-        return template.rows(time_ns[part], values(part))
+        return layout.rows(time_ns[part], values(part))
 
-    return Channel(topic, message_class, time_ns, rows)
+    return Channel(topic, schema, time_ns, rows)
 
 
 def _scalars(topic: str, schema: ScalarSchema, time_ns: Ints, values: Callable[[slice], npt.NDArray[Any]]) -> Channel:
-    return _numeric(topic, schema.message_class, schema.template(), time_ns, values)
+    return _numeric(topic, schema.schema, schema.layout, time_ns, values)
 
 
-def slot_pose(first: int) -> Any:
+def _single(topic: str, schema: Schema, time_ns: Ints, encode: Callable[[int, int], bytes]) -> Channel:
+    """Messages that are serialised one by one, from their index and their time [ns]."""
+
+    def rows(start: int, stop: int) -> list[bytes]:
+        return [encode(i, int(time_ns[i])) for i in range(start, stop)]
+
+    return Channel(topic, schema, time_ns, rows)
+
+
+def slot_pose(first: int) -> Pose:
     """A pose whose slots take x, y, z and then the quaternion (w, x, y, z)."""
-    x, y, z, qw, qx, qy, qz = (slot(first + k) for k in range(7))
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+    slots = [slot(first + k) for k in range(7)]
+    return pose(slots[:3], slots[3:])
 
 
 def _transforms(flight: Flight, clock: Clock) -> Channel:
     """World to vehicles, and vehicles to transmitters and hydrophones."""
     t = flight.trajectory
-    message = FrameTransforms()
-    for v, name in enumerate(t.names):
-        place = slot_pose(7 * v)
-        message.transforms.append(
-            FrameTransform(
-                timestamp=STAMP,
-                parent_frame_id="world",
-                child_frame_id=name,
-                translation=place.position,
-                rotation=place.orientation,
-            )
+
+    def transform(parent: str, child: str, translation: Sequence[float], quaternion: Sequence[float]) -> FrameTransform:
+        w, x, y, z = quaternion
+        return FrameTransform(
+            timestamp=STAMP,
+            parent_frame_id=parent,
+            child_frame_id=child,
+            translation=vector(translation),
+            rotation=Quaternion(x=x, y=y, z=z, w=w),
         )
+
+    transforms = []
+    for v, name in enumerate(t.names):
+        slots = [slot(7 * v + k) for k in range(7)]
+        transforms.append(transform("world", name, slots[:3], slots[3:]))
     for name, v, offset in zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True):
         if name.rpartition("/")[2].startswith(("tx_", "hydrophone")):
-            x, y, z = offset
-            message.transforms.append(
-                FrameTransform(
-                    timestamp=STAMP,
-                    parent_frame_id=t.names[v],
-                    child_frame_id=name,
-                    translation=Vector3(x=x, y=y, z=z),
-                    rotation=Quaternion(w=1.0),
-                )
-            )
+            transforms.append(transform(t.names[v], name, offset, (1.0, 0.0, 0.0, 0.0)))
 
     def values(part: slice) -> Floats:
         return np.concatenate([t.position[part], t.quaternion[part]], axis=2).reshape(-1, 7 * len(t.names))
 
-    return _numeric("/tf", FrameTransforms, Template(message, 7 * len(t.names)), clock.ns(t.time), values)
+    layout = FixedLayout(FrameTransforms(transforms=transforms).encode(), 7 * len(t.names))
+    return _numeric("/tf", FrameTransforms.get_schema(), layout, clock.ns(t.time), values)
 
 
 def _poses(topic: str, time_ns: Ints, values: Callable[[slice], Floats]) -> Channel:
     message = PoseInFrame(timestamp=STAMP, frame_id="world", pose=slot_pose(0))
-    return _numeric(topic, PoseInFrame, Template(message, 7), time_ns, values)
+    return _numeric(topic, PoseInFrame.get_schema(), FixedLayout(message.encode(), 7), time_ns, values)
 
 
 def _locations(topic: str, time_ns: Ints, place: Floats, covariance: Floats | None = None) -> Channel:
     """Latitude, longitude and height, shape (n, 3); horizontal covariances, shape (n, 2, 2), make it an estimate."""
-    n = time_ns.size
-    message = LocationFix(timestamp=STAMP, frame_id="world", latitude=slot(0), longitude=slot(1), altitude=slot(2))
-    # Rerun 0.41 writes invalid points for a fix without a colour
-    message.color.CopyFrom(TRUTH if covariance is None else BELIEF)
-    whole = np.zeros((n, 3, 3))
+    kinds = LocationFixPositionCovarianceType
+    whole = np.zeros((time_ns.size, 3, 3))
     if covariance is not None:
         whole[:, :2, :2] = covariance
-        message.position_covariance_type = LocationFix.KNOWN
-    message.position_covariance.extend(slot(3 + k) for k in range(9))
-    values = np.column_stack([place, whole.reshape(n, 9)])
-    return _numeric(topic, LocationFix, Template(message, 12), time_ns, lambda part: values[part])
+
+    def encode(i: int, at: int) -> bytes:
+        latitude, longitude, altitude = place[i].tolist()
+        fix = LocationFix(
+            timestamp=timestamp(at),
+            frame_id="world",
+            latitude=latitude,
+            longitude=longitude,
+            altitude=altitude,
+            position_covariance=whole[i].ravel().tolist(),
+            position_covariance_type=kinds.Unknown if covariance is None else kinds.Known,
+            # Rerun 0.41 writes invalid points for a fix without a colour
+            color=TRUTH if covariance is None else ESTIMATE,
+        )
+        return fix.encode()
+
+    return _single(topic, LocationFix.get_schema(), time_ns, encode)
 
 
 def _vehicle(flight: Flight, clock: Clock, v: int) -> list[Channel]:
@@ -154,7 +172,7 @@ def _vehicle(flight: Flight, clock: Clock, v: int) -> list[Channel]:
 def _mixture(topic: str, e: TightEstimates, time_ns: Ints) -> Channel:
     """Biases and hypotheses of the tightly coupled navigator after each message."""
 
-    def belief(part: slice) -> Floats:
+    def estimate(part: slice) -> Floats:
         spread = e.hypothesis_covariance[part]
         pairs = np.stack([spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]], axis=2)
         m = len(spread)
@@ -162,20 +180,20 @@ def _mixture(topic: str, e: TightEstimates, time_ns: Ints) -> Channel:
         places = (e.hypothesis[part].reshape(m, -1), pairs.reshape(m, -1))
         return np.column_stack([*numbers, *places, e.used[part].view(np.float64)])
 
-    return _scalars(topic, MIXTURE, time_ns, belief)
+    return _scalars(topic, MIXTURE, time_ns, estimate)
 
 
 def _follower(flight: Flight, clock: Clock, f: int) -> list[Channel]:
     m, e, scenario = flight.measurements[f], flight.estimates[f], flight.scenario
     name, n = flight.trajectory.names[f + 1], m.speed.size
     time_ns = clock.ns(m.dt * np.arange(1, n + 1))
-    believed = np.column_stack([e.state[:, :2], -m.depth])
+    estimated = np.column_stack([e.state[:, :2], -m.depth])
     second = max(1, round(1.0 / m.dt))
     each = slice(second - 1, None, second)
-    place = geodetic(believed[each], scenario.origin_latitude_deg, scenario.origin_longitude_deg)
+    place = geodetic(estimated[each], scenario.origin_latitude_deg, scenario.origin_longitude_deg)
 
-    def belief(part: slice) -> Floats:
-        return np.hstack([believed[part], attitude.from_euler(m.heading[part])])
+    def estimate(part: slice) -> Floats:
+        return np.hstack([estimated[part], attitude.from_euler(m.heading[part])])
 
     def fix(part: slice) -> Floats:
         numbers = (e.fix_position, e.fix_sigma, e.innovation, e.innovation_covariance.reshape(-1, 4))
@@ -203,7 +221,7 @@ def _follower(flight: Flight, clock: Clock, f: int) -> list[Channel]:
             lambda part: np.hstack([e.state[part], e.covariance[part].reshape(-1, 16)]),
         ),
         _scalars(f"/{name}/innovation", FIX, time_ns[e.fix_step - 1], fix),
-        _poses(f"/{name}/estimate", time_ns, belief),
+        _poses(f"/{name}/estimate", time_ns, estimate),
         _locations(f"/{name}/estimate/fix", time_ns[each], place, e.covariance[each, :2, :2]),
     ]
 
@@ -218,39 +236,24 @@ def _error(flight: Flight, clock: Clock, f: int, errors: Errors) -> Channel:
 
 
 def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
-    lines = chronicle(flight, events)
-    time_ns = clock.ns([line.time_s for line in lines])
+    lines = log_events(flight, events)
 
-    def rows(start: int, stop: int) -> list[bytes]:
-        messages = []
-        for line, at in zip(lines[start:stop], time_ns[start:stop].tolist(), strict=True):
-            level = Log.Level.Value(line.level.upper())
-            message = Log(timestamp=timestamp(at), level=level, message=line.text, name=line.source)
-            messages.append(message.SerializeToString())
-        return messages
+    def encode(i: int, at: int) -> bytes:
+        line = lines[i]
+        level = getattr(LogLevel, line.level.capitalize())
+        return Log(timestamp=timestamp(at), level=level, message=line.text, name=line.source).encode()
 
-    return Channel("/log", Log, time_ns, rows)
+    return _single("/log", Log.get_schema(), clock.ns([line.time_s for line in lines]), encode)
 
 
 def _scene(flight: Flight, clock: Clock) -> list[Channel]:
-    t = flight.trajectory
+    t, schema = flight.trajectory, SceneUpdate.get_schema()
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
-    heard: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
-    vehicles, acoustics = draw_vehicles(flight, seconds), draw_acoustics(flight, heard)
-    vehicle_ns, acoustic_ns = clock.ns(t.time[seconds]), clock.ns(heard * flight.measurements[0].dt)
+    received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
+    acoustic_ns = clock.ns(received * flight.measurements[0].dt)
     return [
-        Channel(
-            "/scene/vehicles",
-            SceneUpdate,
-            vehicle_ns,
-            lambda start, stop: [vehicles(i, int(vehicle_ns[i])) for i in range(start, stop)],
-        ),
-        Channel(
-            "/scene/acoustics",
-            SceneUpdate,
-            acoustic_ns,
-            lambda start, stop: [acoustics(i, int(acoustic_ns[i])) for i in range(start, stop)],
-        ),
+        _single("/scene/vehicles", schema, clock.ns(t.time[seconds]), draw_vehicles(flight, seconds)),
+        _single("/scene/acoustics", schema, acoustic_ns, draw_acoustics(flight, received)),
     ]
 
 

@@ -1,189 +1,149 @@
-"""What is in a log: its attachments, metadata, and the messages of its channels."""
+"""What is in a log: its attachments, metadata, and the messages of its channels as columns of numbers."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from array import array
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from mcap.records import Attachment, Channel, Metadata, Schema
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 from mcap.well_known import MessageEncoding
-from mcap_protobuf.decoder import DecoderFactory
 
-from laisn.arrays import Bytes, Floats, Ints
-from sim.log import wire
-from sim.log.batches import records
-from sim.log.file import LogError, check, faults
-from sim.log.records import KEPT_COST, Budget
-from sim.log.spool import Spool
+from laisn.arrays import Floats, Ints
+from sim.log.file import Checksums, DamagedError, Decompressor, LogError, faults, records
+from sim.log.schema import FixedLayout
 
-_MESSAGES, _BYTES = 1 << 16, 8 << 20
-"""As many messages are decoded at a time, of so many bytes together if there is more than one."""
+Values = npt.NDArray[Any] | list[Any]
 
 
-def _nothing() -> Ints:
-    return np.empty(0, dtype=np.int64)
+def message_class_of(schema: Schema) -> Any:
+    """The protobuf class of a message type by the file descriptors that a log holds of it."""
+    files = {file.name: file for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file}
+    pool = descriptor_pool.DescriptorPool()
 
+    def add(name: str) -> None:
+        file = files.pop(name, None)
+        if file is not None:
+            for needed in file.dependency:
+                add(needed)
+            pool.Add(file)
 
-class Stretch(NamedTuple):
-    """Some messages that follow each other."""
-
-    data: Bytes
-    """The bytes that they lie in."""
-    start: Ints
-    """Where each begins in them, shape (n,)."""
-    stop: Ints
-    """Where it ends."""
-
-
-def _found(descriptor: Any, stretch: Stretch, name: str) -> tuple[Any, wire.Field]:
-    """Descriptor and place of the field "name" or "name.of.a.nested.one"."""
-    data, start, stop = stretch
-    *parents, last = name.split(".")
-    for parent in parents:
-        outer = descriptor.fields_by_name[parent]
-        start, stop = wire.find(data, start, stop, outer)
-        descriptor = outer.message_type
-    leaf = descriptor.fields_by_name[last]
-    return leaf, wire.find(data, start, stop, leaf)
+    for name in list(files):
+        add(name)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
 
 
 @dataclass
 class Messages:
-    """The messages of a topic in order of time: their bytes one behind the other."""
+    """The messages of a topic in order of log time: their bytes one behind the other."""
 
-    schema: Schema | None
+    schema: Any
+    """An MCAP schema (name, encoding, data), or None."""
     encoding: str
-    time_ns: Ints = field(default_factory=_nothing)
-    """Log times since 1970, shape (n,), [ns]."""
-    stop: Ints = field(default_factory=_nothing)
-    """Where each ends in `data`, and the next one begins, shape (n,)."""
-    data: Spool = field(default_factory=Spool)
+    data: bytearray = field(default_factory=bytearray)
+    times: Any = field(default_factory=lambda: array("q"))
+    sizes: Any = field(default_factory=lambda: array("I"))
 
     def is_like(self, other: "Messages") -> bool:
-        """Whether messages of the other channel are understood in the same way."""
+        """Whether messages of the other channel are of the same type."""
         mine, yours = (None if m.schema is None else (m.schema.name, m.schema.data) for m in (self, other))
         return (mine, self.encoding) == (yours, other.encoding)
 
-    def before(self, time_ns: int) -> "Messages":
-        """The messages before some time since 1970 [ns], of the same bytes."""
-        n = int(np.searchsorted(self.time_ns, time_ns))
-        return Messages(self.schema, self.encoding, self.time_ns[:n], self.stop[:n], self.data)
+    def sort(self) -> None:
+        """Bring the messages into the order of their log time; those of equal time stay as they came."""
+        time_ns = self.time_ns
+        if np.any(time_ns[1:] < time_ns[:-1]):
+            each, order = list(self.each()), np.argsort(time_ns, kind="stable").tolist()
+            self.data = bytearray().join(each[i] for i in order)
+            self.times = array("q", [self.times[i] for i in order])
+            self.sizes = array("I", [self.sizes[i] for i in order])
 
-    def parts(self, most: int = _MESSAGES) -> Iterator[slice]:
-        """All messages, some of them at a time: `most` at most, and not too many bytes."""
-        first, count = 0, self.stop.size
-        while first < count:
-            begin = int(self.stop[first - 1]) if first else 0
-            fit = int(np.searchsorted(self.stop, begin + _BYTES, side="right"))
-            last = min(max(fit, first + 1), first + most, count)
-            yield slice(first, last)
-            first = last
-
-    def stretch(self, part: slice) -> Stretch:
-        """Some of the messages."""
-        begin = int(self.stop[part.start - 1]) if part.start else 0
-        stop = self.stop[part] - begin
-        start = np.append(0, stop[:-1]) if stop.size else stop
-        return Stretch(self.data.read(begin, begin + int(stop[-1]) if stop.size else begin), start, stop)
+    @property
+    def time_ns(self) -> Ints:
+        """Log times since 1970, shape (n,), [ns]."""
+        return np.array(self.times, dtype=np.int64)
 
     def each(self) -> Iterator[bytes]:
         """The bytes of one message after the other."""
-        for part in self.parts():
-            data, starts, stops = self.stretch(part)
-            for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-                yield data[start:stop].tobytes()
+        start = 0
+        for size in self.sizes:
+            yield bytes(self.data[start : start + size])
+            start += size
 
     @cached_property
-    def descriptor(self) -> Any:
-        """The protobuf descriptor of the messages, by the schema in the file.
+    def message_class(self) -> Any:
+        """The protobuf class of the messages, by the schema in the file.
 
         Raises ValueError if they are encoded in another way.
         """
-        decode: Callable[[bytes], Any] | None = DecoderFactory().decoder_for(self.encoding, self.schema)
-        if decode is None:
+        if self.schema is None or self.encoding != MessageEncoding.Protobuf:
             raise ValueError(f"messages are encoded as {self.encoding or 'nothing known'}, expected protobuf")
-        return decode(b"").DESCRIPTOR
+        return message_class_of(self.schema)
 
-    def numbers_in(self, stretch: Stretch, name: str) -> npt.NDArray[Any]:
-        """Numbers of some messages by the name of their field ("pose.position.x"), shape (n,), of a type that fits."""
-        leaf, found = _found(self.descriptor, stretch, name)
-        return wire.numbers(found, leaf)
+    @property
+    def descriptor(self) -> Any:
+        """The protobuf descriptor of the messages."""
+        return self.message_class.DESCRIPTOR
 
-    def texts_in(self, stretch: Stretch, name: str) -> list[str]:
-        """Texts of some messages by the name of their field; its default where it is not there."""
-        leaf, found = _found(self.descriptor, stretch, name)
-        if leaf.type != leaf.TYPE_STRING:
-            raise ValueError(f"field {name} holds no texts")
-        places = zip(found.value.tolist(), found.end.tolist(), strict=True)
-        return [stretch.data[a:b].tobytes().decode() if b else leaf.default_value for a, b in places]
+    @cached_property
+    def _layout(self) -> FixedLayout | None:
+        """Where the numbers of the messages stand, if that is the same place in all of them."""
+        size = self.sizes[0] if self.sizes else 0
+        if not size or len(self.data) != size * len(self.sizes) or np.any(np.asarray(self.sizes) != size):
+            return None
+        layout = FixedLayout.of(self.message_class.FromString(bytes(self.data[:size])))
+        return layout if layout.fits(self.data, size) else None
 
-    def numbers(self, name: str) -> npt.NDArray[Any]:
-        """Numbers of all messages by the name of their field."""
-        # of no messages too: their type is known
-        parts = list(self.parts()) or [slice(0, 0)]
-        return np.concatenate([self.numbers_in(self.stretch(part), name) for part in parts])
+    def columns(self, names: Sequence[str]) -> list[Values]:
+        """Values by the names of their fields ("pose.position.x"), n each; enumerations are numbers.
 
-    def fill(self, table: Floats, names: Sequence[str]) -> None:
-        """Put numbers, by the names of their fields, into the columns of a table, shape (n, len(names))."""
-        for part in self.parts():
-            stretch = self.stretch(part)
-            for k, name in enumerate(names):
-                table[part, k] = self.numbers_in(stretch, name)
+        Raises ValueError if a message is malformed, or a field is a list or holds no value.
+        """
+        paths = [name.split(".") for name in names]
+        for path in paths:
+            _leaf(self.descriptor, path)
+        layout, n = self._layout, len(self.sizes)
+        if layout is not None:
+            return [
+                layout.column(self.data, name) if name in layout.offsets else [_value(layout.first, path)] * n
+                for name, path in zip(names, paths, strict=True)
+            ]
+        found: list[list[Any]] = [[] for _ in names]
+        for data in self.each():
+            message = self.message_class.FromString(data)
+            for values, path in zip(found, paths, strict=True):
+                values.append(_value(message, path))
+        return list(found)
 
-    def columns(self, names: Sequence[str]) -> Floats:
-        """Numbers by the names of their fields, each column in one piece, not to be written, shape (n, len(names))."""
-        result = np.empty((len(names), self.time_ns.size))
-        self.fill(result.T, names)
-        result.flags.writeable = False
-        return result.T
-
-    def rows(self, names: Sequence[str]) -> Floats:
-        """Numbers by the names of their fields, each row in one piece, not to be written, shape (n, len(names))."""
-        result = np.empty((self.time_ns.size, len(names)))
-        self.fill(result, names)
+    def table(self, names: Sequence[str]) -> Floats:
+        """Numbers by the names of their fields, not to be written, shape (n, len(names))."""
+        result = np.empty((len(self.sizes), len(names)))
+        for k, values in enumerate(self.columns(names)):
+            result[:, k] = values
         result.flags.writeable = False
         return result
 
 
-class _Gathered:
-    """The messages of a topic as they come."""
+def _leaf(descriptor: Any, path: Sequence[str]) -> Any:
+    """Descriptor of a field with a single value."""
+    for name in path:
+        if descriptor.fields_by_name[name].is_repeated:
+            raise ValueError(f"field {name} is a list, expected one value")
+        leaf = descriptor.fields_by_name[name]
+        descriptor = leaf.message_type
+    if descriptor is not None:
+        raise ValueError(f"field {'.'.join(path)} holds no single value")
+    return leaf
 
-    def __init__(self, messages: Messages) -> None:
-        self.messages = messages
-        # they grow in place: a list of arrays would lie beside what is made of it
-        self._times, self._sizes = bytearray(), bytearray()
 
-    def add(self, batch: wire.Batch, chosen: Ints) -> None:
-        start, stop = batch.start[chosen], batch.stop[chosen]
-        self._times += batch.log_time[chosen].data
-        self._sizes += (stop - start).data
-        self.messages.data.append(wire.gather(batch.data, start, stop).data)
-
-    def _sort(self) -> None:
-        """Bring the messages into the order of their log time; those of equal time stay as they came."""
-        messages = self.messages
-        order = np.argsort(messages.time_ns, kind="stable")
-        start, stop = np.append(0, messages.stop[:-1])[order], messages.stop[order]
-        data = Spool()
-        sorted_ = Messages(None, "", messages.time_ns[order], np.cumsum(stop - start), data)
-        for part in sorted_.parts():
-            # times that are a little out of order mean bytes that lie nearly side by side
-            begin, end = int(start[part].min()), int(stop[part].max())
-            near = messages.data.read(begin, end)
-            data.append(wire.gather(near, start[part] - begin, stop[part] - begin).data)
-        messages.time_ns, messages.stop, messages.data = sorted_.time_ns, sorted_.stop, data
-
-    def settle(self) -> Messages:
-        """All of them, in order of their log time."""
-        messages, stop = self.messages, np.frombuffer(self._sizes, dtype=np.int64)
-        np.cumsum(stop, out=stop)
-        messages.time_ns, messages.stop = np.frombuffer(self._times, dtype=np.int64), stop
-        if np.any(messages.time_ns[1:] < messages.time_ns[:-1]):
-            self._sort()
-        return messages
+def _value(message: Any, path: Sequence[str]) -> Any:
+    for name in path:
+        message = getattr(message, name)
+    return message
 
 
 @dataclass
@@ -193,61 +153,57 @@ class Contents:
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     topics: dict[str, Messages] = field(default_factory=dict)
-
-    def keep_before(self, time_ns: int) -> None:
-        """Drop the messages from some time since 1970 on [ns]."""
-        self.topics = {topic: messages.before(time_ns) for topic, messages in self.topics.items()}
+    unverified: tuple[str, ...] = ()
+    """Parts of the file that have no checksum."""
 
 
 Choice = Callable[[str, Messages], bool]
 """Whether a channel is wanted, by its topic and its messages before there are any."""
 
 
-def collect(path: Path, records: Iterable[Any], budget: Budget, wanted: Choice) -> Contents:
-    """What is in the records of a log; channels of the same topic are one, messages come in order of their log time.
-
-    Raises:
-        LogError: a channel has messages of several types.
-        DamagedError: it unfolds to more than is believable.
-    """
-    result, schemas = Contents(), dict[int, Schema]()
-    topics, ids = dict[str, _Gathered](), dict[int, _Gathered]()
-    for record in records:
-        if isinstance(record, wire.Batch):
-            for number, chosen in record.by_channel():
-                if number in ids:
-                    budget.charge(KEPT_COST * chosen.size + int(np.sum(record.stop[chosen] - record.start[chosen])))
-                    ids[number].add(record, chosen)
-        elif isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channel = Messages(schemas.get(record.schema_id), record.message_encoding)
-            if wanted(record.topic, channel):
-                ids[record.id] = topics.setdefault(record.topic, _Gathered(channel))
-                if not ids[record.id].messages.is_like(channel):
-                    raise LogError(f"{path}: channel {record.topic} has messages of two types; it may have one")
-        elif isinstance(record, Attachment):
-            result.attachments[record.name] = record.data
-        elif isinstance(record, Metadata):
-            result.metadata[record.name] = record.metadata
-    ids.clear()
-    while topics:
-        topic = next(iter(topics))
-        # one after the other, so that what was gathered does not lie beside what came of it
-        result.topics[topic] = topics.pop(topic).settle()
-    return result
-
-
 def contents(path: Path, wanted: Choice = lambda topic, messages: True) -> Contents:
-    """Read a log after `check`; as `collect` orders it.
+    """Read a log in one pass; channels of the same topic are one, messages come in order of their log time.
 
     Raises:
-        LogError: it cannot be read, is damaged, unfolds to more than is believable, or is no MCAP file.
+        LogError: it cannot be read, is no MCAP file or is damaged, decompresses to more than is plausible, or a channel
+            has messages of several types.
     """
-    check(path)
-    budget = Budget(path.stat().st_size)
+    result, checksums = Contents(), Checksums()
+    schemas, channels = dict[int, Schema](), dict[int, Messages | None]()
+
+    def take(record: Any) -> None:
+        if isinstance(record, Message):
+            messages = channels.get(record.channel_id)
+            if messages is not None:
+                messages.data += record.data
+                messages.times.append(record.log_time)
+                messages.sizes.append(len(record.data))
+        elif isinstance(record, Schema):
+            schemas.setdefault(record.id, record)
+        elif isinstance(record, Channel) and record.id not in channels:
+            messages = Messages(schemas.get(record.schema_id), record.message_encoding)
+            channels[record.id] = None
+            if wanted(record.topic, messages):
+                channels[record.id] = result.topics.setdefault(record.topic, messages)
+                if not result.topics[record.topic].is_like(messages):
+                    raise DamagedError(f"channel {record.topic} has messages of two types; it may have one")
+
     with faults(path), path.open("rb") as stream:
-        return collect(path, records(stream, budget), budget, wanted)
+        decompressor = Decompressor(path.stat().st_size)
+        for record in records(stream, checksums):
+            if isinstance(record, Chunk):
+                for inner in decompressor.records(record, stream.tell()):
+                    take(inner)
+            elif isinstance(record, Attachment):
+                result.attachments[record.name] = record.data
+            elif isinstance(record, Metadata):
+                result.metadata[record.name] = record.metadata
+            else:
+                take(record)
+    for messages in result.topics.values():
+        messages.sort()
+    result.unverified = checksums.missing
+    return result
 
 
 def require(path: Path, log: Contents, topic: str, names: Sequence[str]) -> Messages:

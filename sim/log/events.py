@@ -1,4 +1,4 @@
-"""Lines of `/log`: what became of every fix, what the caller adds, and how the mission ended."""
+"""Lines of `/log`: the kind of every fix, events of the caller, and the outcome of the mission."""
 
 from collections.abc import Iterable
 from typing import Literal, NamedTuple
@@ -26,7 +26,7 @@ _OUTCOME_LEVELS: dict[Outcome, Level] = {Outcome.COMPLETED: "info", Outcome.CONT
 
 
 class Event(NamedTuple):
-    """A line that the flight itself does not tell, such as a mirror capture."""
+    """A line that does not follow from the flight itself, such as a mirror capture."""
 
     time_s: float
     """Time since the start of the mission [s]."""
@@ -36,7 +36,7 @@ class Event(NamedTuple):
     """Name that the line stands under, such as a vehicle."""
 
 
-def chronicle(flight: Flight, events: Iterable[Event]) -> list[Event]:
+def log_events(flight: Flight, events: Iterable[Event]) -> list[Event]:
     """All lines in order of time; the outcome comes last."""
     lines = list(events)
     for name, m, e in zip(flight.trajectory.names[1:], flight.measurements, flight.estimates, strict=True):

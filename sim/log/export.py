@@ -12,15 +12,14 @@ import pyarrow.parquet
 from google.protobuf.descriptor import FieldDescriptor
 from mcap.well_known import MessageEncoding
 
-from laisn.whole_files import replaced
+from sim.files import atomic_write
 from sim.log.clock import Clock
-from sim.log.contents import Contents, Messages, Stretch, contents
+from sim.log.contents import Contents, Messages, contents
 from sim.log.file import SCENARIO, LogError, faults
 from sim.scenario import file as scenario_file
 
 Format = Literal["parquet", "csv"]
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
-_ROWS = 20_000
 _KINDS = {
     FieldDescriptor.CPPTYPE_DOUBLE: pa.float64(),
     FieldDescriptor.CPPTYPE_FLOAT: pa.float64(),
@@ -60,25 +59,21 @@ def _start_ns(log: Contents) -> int:
     return min((int(messages.time_ns[0]) for messages in log.topics.values() if messages.time_ns.size), default=0)
 
 
-def _enum_name(leaf: Any, number: int) -> str:
-    known = leaf.enum_type.values_by_number.get(number)
-    return str(number) if known is None else str(known.name)
+def _column(leaf: Any, values: Any) -> Any:
+    """The values of a leaf, enumerations by their names where these are known."""
+    if leaf.enum_type is None:
+        return values
+    names = {number: value.name for number, value in leaf.enum_type.values_by_number.items()}
+    return [names.get(number, str(number)) for number in values]
 
 
-def _values(messages: Messages, stretch: Stretch, name: str, leaf: Any) -> Any:
-    """The values of a leaf in some of the messages."""
-    if leaf.type == leaf.TYPE_STRING:
-        return messages.texts_in(stretch, name)
-    numbers = messages.numbers_in(stretch, name)
-    return numbers if leaf.enum_type is None else [_enum_name(leaf, number) for number in numbers.tolist()]
-
-
-def _batches(messages: Messages, leaves: Sequence[tuple[str, Any]], schema: Any, start_ns: int) -> Iterator[Any]:
-    """Rows of a table, some thousands at a time."""
-    for part in messages.parts(_ROWS):
-        time_ns, stretch = messages.time_ns[part], messages.stretch(part)
-        columns = [(time_ns - start_ns) / 1e9, time_ns, *(_values(messages, stretch, *named) for named in leaves)]
-        yield pa.record_batch([pa.array(c, type=t) for c, t in zip(columns, schema.types, strict=True)], schema=schema)
+def _table(messages: Messages, leaves: Sequence[tuple[str, Any]], start_ns: int) -> Any:
+    """All messages of a channel."""
+    schema, time_ns = _schema(leaves), messages.time_ns
+    found = messages.columns([name for name, _ in leaves])
+    values = [_column(leaf, column) for (_, leaf), column in zip(leaves, found, strict=True)]
+    columns = [(time_ns - start_ns) / 1e9, time_ns, *values]
+    return pa.table([pa.array(c, type=t) for c, t in zip(columns, schema.types, strict=True)], schema=schema)
 
 
 def _file_names(topics: Iterable[str]) -> dict[str, str]:
@@ -94,16 +89,6 @@ def _file_names(topics: Iterable[str]) -> dict[str, str]:
         taken.add(stem.lower())
         names[topic] = stem
     return names
-
-
-def _whole(path: Path, batches: Iterator[Any]) -> Iterator[Any]:
-    """The batches; what goes wrong in making them is the log's fault, not that of the table's file."""
-    while True:
-        with faults(path):
-            batch = next(batches, None)
-        if batch is None:
-            return
-        yield batch
 
 
 def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path]:
@@ -145,10 +130,9 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
         try:
             out.mkdir(parents=True, exist_ok=True)
             with faults(path):
-                schema = _schema(leaves)
-            with replaced(file) as part, _WRITERS[table_format](part, schema) as table:
-                for batch in _whole(path, _batches(messages, leaves, schema, start_ns)):
-                    table.write_batch(batch)
+                table = _table(messages, leaves, start_ns)
+            with atomic_write(file) as part, _WRITERS[table_format](part, table.schema) as writer:
+                writer.write_table(table)
         except OSError as error:
             raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
         files.append(file)

@@ -1,43 +1,51 @@
-"""The MCAP file under a log: names and integrity."""
+"""The MCAP file under a log: its names, its errors, and one pass over its records that verifies every checksum."""
 
 import os
-import struct
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
-from mcap.opcode import Opcode
+import lz4.frame
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.exceptions import InvalidMagic
+from mcap.records import Attachment, Chunk, DataEnd, Footer
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from laisn.failure import LaisnError
-from sim.log.records import (
-    HEAD,
-    MAGIC,
-    DamagedError,
-    attachment_crc,
-    attachment_name,
-    places,
-    read_content,
-)
-
-FOOTER_BYTES = HEAD.size + 8 + 8 + 4
-DATA_END_BYTES = HEAD.size + 4
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
 """Attachments of a log."""
-LARGEST_ATTACHMENT = 64 << 20
-"""Larger ones are not looked at [bytes]."""
-_CHECKED = {Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER}
-"""Kinds of records that hold a checksum."""
+_MAGIC_BYTES = 8
+_DATA_END = b"\x0f\x04" + bytes(7)
+"""Opcode and length of the record at the end of the data section, which no checksum covers."""
+_CHUNK_ALLOWANCE, _CHUNK_RATIO = 16 << 20, 4
+_FILE_ALLOWANCE, _FILE_RATIO = 64 << 20, 16
+"""A chunk of n bytes may decompress to 16 MiB + 4 n, a file of n bytes to 64 MiB + 16 n in all. Flights decompress to
+6 n; as a Python object, the smallest message takes ten times its size."""
 
 
 class LogError(LaisnError):
     """A log that cannot be written or read; the text says which file, what is wrong and what helps."""
 
 
+class DamagedError(ValueError):
+    """A record is broken, or decompresses to more than is plausible; the text says which, and where."""
+
+
+class TrailingBytesError(DamagedError):
+    """Bytes follow the end of the log."""
+
+    def __init__(self, end: int, extra: int) -> None:
+        self.end = end
+        super().__init__(f"{extra} bytes follow the end of the log; laisn log recover makes a copy without them")
+
+
 def partial_path(path: Path) -> Path:
-    """The name that a log grows under until it is whole."""
+    """The name that a log grows under until it is complete."""
     return path.with_name(f"{path.name}.partial")
 
 
@@ -51,86 +59,153 @@ def faults(path: Path) -> Iterator[None]:
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from error
     except DamagedError as error:
-        raise LogError(f"{path}: damaged: {error}") from error
+        raise LogError(f"{path}: {error}") from error
     except Exception as error:
-        # foreign bytes make decompressors, decoders and arrays fail in many ways; to the reader they are one
+        # foreign bytes make decompressors, decoders and arrays fail in many ways; to the user they are one
         raise LogError(f"{path}: damaged, or written by something else ({type(error).__name__}: {error})") from error
 
 
-def _crc(stream: IO[bytes], start: int, stop: int, crc: int = 0) -> int:
-    stream.seek(start)
-    left = stop - start
-    while left > 0 and (data := stream.read(min(left, 1 << 20))):
-        crc = zlib.crc32(data, crc)
-        left -= len(data)
-    return crc
+@dataclass
+class Checksums:
+    """Which parts of a file have no checksum."""
+
+    attachments: list[str] = field(default_factory=list)
+    chunks: int = 0
+    bare_chunks: int = 0
+    sections: list[str] = field(default_factory=list)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Parts whose damage cannot be noticed; a checksum of the data section covers all that stands in it."""
+        inside = [f"attachment {name!r}" for name in self.attachments]
+        inside += [f"{self.bare_chunks} of {self.chunks} chunks"] if self.bare_chunks else []
+        return (*inside, *self.sections)
 
 
-def end_of_log(stream: IO[bytes]) -> int | None:
-    """Offset at which the first whole MCAP file in a stream ends, whatever follows it; None if there is no such end."""
-    end = 0
-    try:
-        for place in places(stream, {Opcode.FOOTER}):
-            end = place.start + place.length
-    except EOFError:
-        return None
+def _attachment_crc(stream: IO[bytes], attachment: Attachment) -> tuple[int, int]:
+    """Checksums of an attachment that was just read: as stored (0: none), and as computed."""
+    stream.seek(-4, os.SEEK_CUR)
+    stored = stream.read(4)
+    builder = RecordBuilder()
+    attachment.write(builder)
+    computed = builder.end()[-4:]  # type: ignore[no-untyped-call]  # the library leaves it bare
+    return int.from_bytes(stored, "little"), int.from_bytes(computed, "little")
+
+
+def _check_footer(stream: IO[bytes], data_end: int | None, footer: Footer) -> None:
+    """Check the end of the data section and the checksum of the summary, after the footer was read."""
+    end = stream.tell()
+    if data_end is None:
+        raise DamagedError("damaged: the data section has no end")
+    stream.seek(data_end - len(_DATA_END) - 4)
+    intact = stream.read(len(_DATA_END)) == _DATA_END
+    stream.seek(data_end)
+    computed = zlib.crc32(stream.read(end - 4 - data_end))
     stream.seek(end)
-    return end + len(MAGIC) if stream.read(len(MAGIC)) == MAGIC else None
+    if not intact or footer.summary_crc not in (0, computed):
+        raise DamagedError(f"damaged: the checksum of the summary at byte {data_end} does not match")
 
 
-def _refusal(path: Path, stream: IO[bytes], size: int, what: str) -> LogError:
-    """What is wrong with a file that does not end as it should: `what`, or bytes behind the end of a log."""
-    stop = end_of_log(stream)
-    if stop is not None and stop < size:
-        what = f"{size - stop} bytes follow the end of the log; laisn log recover makes a copy without them"
-    return LogError(f"{path}: {what}")
+def records(
+    stream: IO[bytes], checksums: Checksums | None = None, on_damaged: Callable[[str], None] | None = None
+) -> Iterator[Any]:
+    """All records of an MCAP file in order, chunks compressed as they are, each after its checksum was verified.
 
+    The checksums of the data section and of the summary come at their ends: nothing is verified as a whole before the
+    last record was taken.
 
-def check(path: Path) -> None:
-    """Check that an MCAP file is whole and that its bytes are those that were written.
+    Args:
+        stream: the file, at its start.
+        checksums: collects what has none.
+        on_damaged: is called with the name of each attachment whose checksum does not match, which is left out; None:
+            it raises.
 
     Raises:
-        LogError: it cannot be read, is none, is cut off, goes on behind its end, or fails a checksum.
+        DamagedError: the first record that is broken, or the missing end of the file.
     """
-    with faults(path), path.open("rb") as stream:
-        if stream.read(len(MAGIC)) != MAGIC:
-            raise LogError(f"{path}: no MCAP file")
-        size = stream.seek(0, os.SEEK_END)
-        footer = size - len(MAGIC) - FOOTER_BYTES
-        stream.seek(max(0, footer))
-        end = stream.read()
-        if footer < DATA_END_BYTES or end[0] != Opcode.FOOTER or not end.endswith(MAGIC):
-            raise _refusal(path, stream, size, "cut off before its end; laisn log recover rescues what is there")
-        summary_start, _, summary_crc = struct.unpack("<QQI", end[9:FOOTER_BYTES])
-        summary_start = summary_start or footer
-        data_end = summary_start - DATA_END_BYTES
-        if not len(MAGIC) <= data_end < footer:
-            raise _refusal(path, stream, size, "damaged: its footer points outside the file")
-        stream.seek(data_end)
-        opcode, _, data_crc = struct.unpack("<BQI", stream.read(DATA_END_BYTES))
-        intact = opcode == Opcode.DATA_END
-        # zero stands for a checksum that the writer left out
-        intact = intact and data_crc in (0, _crc(stream, 0, data_end))
-        through_footer = zlib.crc32(end[: FOOTER_BYTES - 4], _crc(stream, summary_start, footer))
-        if not intact or summary_crc not in (0, through_footer):
-            raise _refusal(path, stream, size, "damaged: a checksum does not fit its bytes")
+    checksums = checksums or Checksums()
+    size = os.fstat(stream.fileno()).st_size
+    # no record is longer than its file
+    found = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size).records
+    data_end: int | None = None
+    while True:
+        at = stream.tell()
+        try:
+            record = next(found, None)
+        except CRCValidationError as error:
+            raise DamagedError(f"damaged: the checksum of the data section, up to byte {at}, does not match") from error
+        except OSError:
+            raise
+        except Exception as error:
+            # the reader fails in many ways on bytes that are no record
+            if (isinstance(error, InvalidMagic) and at == 0) or size < _MAGIC_BYTES:
+                raise DamagedError("no MCAP file") from error
+            raise DamagedError(
+                f"broken or cut off in the record at byte {at}; laisn log recover rescues what is before it"
+            ) from error
+        if record is None:
+            break
+        if isinstance(record, Attachment):
+            stored, computed = _attachment_crc(stream, record)
+            if stored not in (0, computed):
+                if on_damaged is None:
+                    raise DamagedError(f"damaged: the checksum of attachment {record.name!r} at byte {at} is wrong")
+                on_damaged(record.name)
+                continue
+            checksums.attachments += [] if stored else [record.name]
+        elif isinstance(record, Chunk):
+            checksums.chunks += 1
+            checksums.bare_chunks += not record.uncompressed_crc
+        elif isinstance(record, DataEnd):
+            data_end = stream.tell()
+            checksums.sections += [] if record.data_section_crc else ["the data section"]
+        elif isinstance(record, Footer):
+            _check_footer(stream, data_end, record)
+            checksums.sections += [] if record.summary_crc else ["the summary"]
+        yield record
+    if stream.tell() < size:
+        raise TrailingBytesError(stream.tell(), size - stream.tell())
 
 
-def unprotected(path: Path) -> list[str]:
-    """What in a file, as far as its records are whole, has no checksum; damage to it would go unnoticed."""
-    attachments: list[str] = []
-    others: list[str] = []
-    chunks = bare_chunks = 0
-    with path.open("rb") as stream, suppress(EOFError):
-        for place in places(stream, _CHECKED):
-            if place.opcode == Opcode.ATTACHMENT and place.length <= LARGEST_ATTACHMENT:
-                content = read_content(stream, place)
-                attachments += [] if attachment_crc(content) else [f"attachment {attachment_name(content)}"]
-            elif place.opcode == Opcode.CHUNK:
-                chunks += 1
-                bare_chunks += not int.from_bytes(read_content(stream, place, 28)[24:], "little")
-            elif place.opcode == Opcode.DATA_END:
-                others += [] if any(read_content(stream, place)) else ["the data as a whole"]
-            elif place.opcode == Opcode.FOOTER:
-                others += [] if any(read_content(stream, place)[16:]) else ["the summary"]
-    return attachments + ([f"{bare_chunks} of {chunks} chunks"] if bare_chunks else []) + others
+class Decompressor:
+    """Decompresses the chunks of one file within bounds."""
+
+    def __init__(self, size: int) -> None:
+        self._left = _FILE_ALLOWANCE + _FILE_RATIO * size
+
+    def records(self, chunk: Chunk, end: int) -> list[Any]:
+        """Messages, schemas and channels of a chunk.
+
+        Args:
+            chunk: as `records` yields it.
+            end: offset of its end in the file, for messages.
+
+        Raises:
+            DamagedError: its size or checksum is wrong, or it decompresses to more than is plausible.
+        """
+        size, where = chunk.uncompressed_size, f"the chunk before byte {end}"
+        self._left -= size
+        if size > _CHUNK_ALLOWANCE + _CHUNK_RATIO * len(chunk.data) or self._left < 0:
+            raise DamagedError(f"damaged: {where} of {len(chunk.data)} bytes would decompress to {size}, too many")
+        try:
+            data = _decompressed(chunk, size + 1)
+            if len(data) != size:
+                raise DamagedError(f"damaged: {where} states {size} bytes and does not have them")
+            return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
+        except CRCValidationError as error:
+            raise DamagedError(f"damaged: the checksum of {where} does not match") from error
+        except DamagedError:
+            raise
+        except Exception as error:
+            raise DamagedError(f"damaged: {where} ({type(error).__name__}: {error})") from error
+
+
+def _decompressed(chunk: Chunk, most: int) -> bytes:
+    """The first bytes of a chunk, decompressed as a stream: at once, any size that it states would be allocated."""
+    if chunk.compression == "zstd":
+        return zstandard.ZstdDecompressor().stream_reader(chunk.data).read(most)
+    if chunk.compression == "lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most))
+    if chunk.compression:
+        raise DamagedError(f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing")
+    return chunk.data

@@ -1,13 +1,12 @@
-"""What a log holds, at a glance; nothing of the simulator is imported, so that the answer is quick."""
+"""A short description of a log; nothing of the simulator is imported, so that the answer is quick."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, Metadata, Schema, Statistics
 
-from sim.log.file import LogError, check, faults, unprotected
-from sim.log.proof import PROOF
+from sim.log.file import Checksums, LogError, faults, records
 
 
 @dataclass(frozen=True)
@@ -21,7 +20,7 @@ class ChannelInfo:
 
 @dataclass(frozen=True)
 class LogInfo:
-    """What `laisn log info` tells."""
+    """What `laisn log info` prints."""
 
     path: Path
     size: int
@@ -33,42 +32,46 @@ class LogInfo:
     attachments: dict[str, int]
     """Sizes by name [bytes]."""
     metadata: dict[str, dict[str, str]]
-    """Metadata of the log by name, without the proofs, which tell a reader nothing."""
-    unprotected: tuple[str, ...]
-    """What has no checksum, so that damage to it cannot be seen."""
+    """Metadata of the log by name."""
+    unverified: tuple[str, ...]
+    """Parts that have no checksum, so that damage to them cannot be noticed."""
 
 
 def info(path: Path) -> LogInfo:
-    """Describe any MCAP log with a summary section.
+    """Describe any MCAP log with a summary section, by its statistics; its checksums are verified.
 
     Raises:
         LogError: it cannot be read, is damaged, or no MCAP file.
     """
-    check(path)
+    checksums, statistics = Checksums(), None
+    schemas, channels = dict[int, Schema](), dict[int, Channel]()
+    attachments, metadata = dict[str, int](), dict[str, dict[str, str]]()
     with faults(path), path.open("rb") as stream:
-        reader = make_reader(stream)
-        summary = reader.get_summary()
-        if summary is None or summary.statistics is None:
-            raise LogError(f"{path}: holds no statistics; laisn log recover writes them")
-        statistics = summary.statistics
-        channels = [
-            ChannelInfo(
-                topic=channel.topic,
-                schema=summary.schemas[channel.schema_id].name if channel.schema_id in summary.schemas else "",
-                messages=statistics.channel_message_counts.get(id_, 0),
-            )
-            for id_, channel in summary.channels.items()
-        ]
-        records = (record for record in reader.iter_metadata() if not record.name.startswith(PROOF))
-        metadata = {record.name: dict(record.metadata) for record in records}
-        start_ns, end_ns = statistics.message_start_time, statistics.message_end_time
-        return LogInfo(
-            path=path,
-            size=path.stat().st_size,
-            start=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=start_ns // 1000),
-            duration_s=(end_ns - start_ns) / 1e9,
-            channels=tuple(sorted(channels, key=lambda channel: channel.topic)),
-            attachments={index.name: index.data_size for index in summary.attachment_indexes},
-            metadata=metadata,
-            unprotected=tuple(unprotected(path)),
-        )
+        for record in records(stream, checksums):
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Attachment):
+                attachments[record.name] = len(record.data)
+            elif isinstance(record, Metadata):
+                metadata[record.name] = record.metadata
+            elif isinstance(record, Statistics):
+                statistics = record
+    if statistics is None:
+        raise LogError(f"{path}: holds no statistics in its summary")
+    counts = statistics.channel_message_counts
+    found = [
+        ChannelInfo(c.topic, schemas[c.schema_id].name if c.schema_id in schemas else "", counts.get(c.id, 0))
+        for c in channels.values()
+    ]
+    return LogInfo(
+        path=path,
+        size=path.stat().st_size,
+        start=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=statistics.message_start_time // 1000),
+        duration_s=(statistics.message_end_time - statistics.message_start_time) / 1e9,
+        channels=tuple(sorted(found, key=lambda channel: channel.topic)),
+        attachments=attachments,
+        metadata=metadata,
+        unverified=checksums.missing,
+    )

@@ -1,83 +1,64 @@
 """A layout for Foxglove: what to draw of a log, and where on the screen, for the log's own vehicles."""
 
-import json
 from collections.abc import Iterable, Sequence
-from typing import Any
+
+from foxglove import layouts as fl
 
 LEADER, FOLLOWER, ESTIMATE = "#ffad33", "#fff240", "#ff40d9"
 """Colours of the film."""
 
-Panel = dict[str, Any]
 
-
-def _scene(leader: str, followers: Sequence[str]) -> Panel:
-    estimates = {f"/{name}/estimate": {"visible": True, "type": "axis", "axisScale": 1.5} for name in followers}
-    camera = {
-        "perspective": True, "distance": 120, "phi": 55, "thetaOffset": 45, "fovy": 45, "near": 0.1, "far": 5000,
-        "target": [0, 0, 0], "targetOffset": [0, 0, 0], "targetOrientation": [0, 0, 0, 1],
-    }  # fmt: skip
-    grid = {
-        "instanceId": "grid", "layerId": "foxglove.Grid", "label": "Grid", "visible": True, "frameLocked": True,
-        "size": 1000, "divisions": 100, "lineWidth": 1, "color": "#ffffff22", "position": [0, 0, 0],
-        "rotation": [0, 0, 0], "order": 1,
-    }  # fmt: skip
-    return {
-        "foxglovePanelTitle": "Scene",
-        "followTf": leader,
-        "followMode": "follow-position",
-        "cameraState": camera,
-        "scene": {
-            "backgroundColor": "#0b2a3a",
-            "transforms": {"labelSize": 0.05, "axisScale": 1, "showLabel": False},
-        },
-        "topics": {"/scene/vehicles": {"visible": True}, "/scene/acoustics": {"visible": True}} | estimates,
-        "transforms": {},
-        "layers": {"grid": grid},
-        "publish": {},
-        "imageMode": {},
+def _scene(leader: str, followers: Sequence[str]) -> fl.ThreeDeePanel:
+    topics: dict[str, fl.BaseRendererTopicSettings] = {
+        topic: fl.BaseRendererSceneUpdateTopicSettings(visible=True)
+        for topic in ("/scene/vehicles", "/scene/acoustics")
     }
+    for name in followers:
+        topics[f"/{name}/estimate"] = fl.BaseRendererPoseTopicSettings(visible=True, type="axis", axis_scale=1.5)
+    grid = fl.BaseRendererGridLayerSettings(
+        visible=True, label="Grid", size=1000, divisions=100, line_width=1, color="#ffffff22"
+    )
+    config = fl.ThreeDeeConfig(
+        follow_tf=leader,
+        follow_mode="follow-position",
+        camera_state=fl.ThreeDeeCameraState(
+            perspective=True, distance=120, phi=55, theta_offset=45, fovy=45, near=0.1, far=5000
+        ),
+        scene=fl.BaseRendererSceneSettings(
+            background_color="#0b2a3a", transforms=fl.BaseRendererTransforms(show_label=False, axis_size=1)
+        ),
+        topics=topics,
+        layers={"grid": grid},
+    )
+    return fl.ThreeDeePanel(title="Scene", config=config)
 
 
-def _camera() -> Panel:
-    empty: Panel = {key: {} for key in ("cameraState", "scene", "transforms", "topics", "layers", "publish")}
-    return {"foxglovePanelTitle": "Camera", "imageMode": {"imageTopic": "/camera"}} | empty
+def _camera() -> fl.ImagePanel:
+    return fl.ImagePanel(title="Camera", config=fl.ImageConfig(image_mode=fl.ImageModeConfig(image_topic="/camera")))
 
 
-def _map(leader: str, followers: Sequence[str]) -> Panel:
-    truth = {f"/{name}/fix": FOLLOWER for name in followers}
-    belief = {f"/{name}/estimate/fix": ESTIMATE for name in followers}
-    return {
-        "foxglovePanelTitle": "Map",
-        "layer": "map",
-        "customTileUrl": "",
-        "zoomLevel": 15,
-        "followTopic": f"/{leader}/fix",
-        "disabledTopics": [],
-        "topicColors": {f"/{leader}/fix": LEADER} | truth | belief,
-        "topicConfig": {},
-    }
+def _map(leader: str, followers: Sequence[str]) -> fl.MapPanel:
+    colours = {f"/{leader}/fix": LEADER} | {f"/{name}/fix": FOLLOWER for name in followers}
+    colours |= {f"/{name}/estimate/fix": ESTIMATE for name in followers}
+    config = fl.MapConfig(layer="map", zoom_level=15, follow_topic=f"/{leader}/fix", topic_colors=colours)
+    return fl.MapPanel(title="Map", config=config)
 
 
-def _plot(title: str, paths: Iterable[tuple[str, str]]) -> Panel:
+def _plot(title: str, paths: Iterable[tuple[str, str]]) -> fl.PlotPanel:
     """Curves over time, each a message path and its label."""
-    return {
-        "foxglovePanelTitle": title,
-        "paths": [
-            {"value": path, "label": label, "enabled": True, "timestampMethod": "receiveTime"} for path, label in paths
-        ],
-        "showXAxisLabels": True,
-        "showYAxisLabels": True,
-        "showLegend": True,
-        "legendDisplay": "floating",
-        "showPlotValuesInLegend": False,
-        "isSynced": True,
-        "xAxisVal": "timestamp",
-        "sidebarDimension": 240,
-    }
+    curves = [
+        fl.PlotSeries(value=path, label=label, enabled=True, timestamp_method="receiveTime") for path, label in paths
+    ]
+    config = fl.PlotConfig(
+        paths=curves, show_legend=True, legend_display="floating", is_synced=True, x_axis_val="timestamp"
+    )
+    return fl.PlotPanel(title=title, config=config)
 
 
-def _split(direction: str, first: Any, second: Any, percentage: int = 50) -> Panel:
-    return {"direction": direction, "splitPercentage": percentage, "first": first, "second": second}
+def _split(direction: str, *parts: tuple[float, fl.Content]) -> fl.SplitContainer:
+    """Parts beside ("row") or above one another ("column"), each with its share in percent."""
+    items = [fl.SplitItem(proportion=share, content=content) for share, content in parts]
+    return fl.SplitContainer(direction="row" if direction == "row" else "column", items=items)
 
 
 def layout(names: Sequence[str]) -> str:
@@ -92,28 +73,13 @@ def layout(names: Sequence[str]) -> str:
         for name in followers
         for transmitter in ("rear", "front", "middle")
     ]
-    panels = {
-        "3D!scene": _scene(leader, followers),
-        "Image!camera": _camera(),
-        "map!position": _map(leader, followers),
-        "Plot!position_error": _plot(
-            "Position error E_P [m]", ((f"/{name}/error.position_error", name) for name in followers)
-        ),
-        "Plot!bearing_error": _plot(
-            "Bearing error E_B [deg]", ((f"/{name}/error.bearing_error.@rad2deg", name) for name in followers)
-        ),
-        "Plot!ranges": _plot("Ranges [m]", ranges),
-        "Plot!pitch": _plot("Pitch [deg]", ((f"/{name}/state.pitch.@rad2deg", name) for name in names)),
-        "RosOut!log": {"foxglovePanelTitle": "Log", "searchTerms": [], "minLogLevel": 2, "topicToRender": "/log"},
-    }
-    pictures = _split("column", "3D!scene", _split("row", "Image!camera", "map!position"), 60)
-    errors = _split("column", "Plot!position_error", "Plot!bearing_error")
-    rest = _split("column", "Plot!ranges", _split("column", "Plot!pitch", "RosOut!log", 45), 40)
-    whole = {
-        "configById": panels,
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 5},
-        "layout": _split("row", pictures, _split("column", errors, rest), 60),
-    }
-    return json.dumps(whole, indent=2) + "\n"
+    distance = _plot("Position error E_P [m]", ((f"/{name}/error.position_error", name) for name in followers))
+    bearing = _plot("Bearing error E_B [deg]", ((f"/{name}/error.bearing_error.@rad2deg", name) for name in followers))
+    pitch = _plot("Pitch [deg]", ((f"/{name}/state.pitch.@rad2deg", name) for name in names))
+    lines = fl.LogPanel(title="Log", config=fl.LogConfig(min_log_level=2, topic_to_render="/log"))
+    views = _split("row", (50, _camera()), (50, _map(leader, followers)))
+    pictures = _split("column", (60, _scene(leader, followers)), (40, views))
+    curves = _split(
+        "column", (25, distance), (25, bearing), (20, _plot("Ranges [m]", ranges)), (13.5, pitch), (16.5, lines)
+    )
+    return fl.Layout(content=_split("row", (60, pictures), (40, curves))).to_json() + "\n"

@@ -1,4 +1,4 @@
-"""Logs read back: the flight to the bit, or the measurements alone, from the simulator or from a real vehicle."""
+"""Logs read back: the flight to the bit, or the measurements alone, of the simulator or of a real vehicle."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+from mcap.well_known import MessageEncoding
 
 from laisn.arrays import Ints
 from laisn.estimates import Estimates
@@ -14,12 +15,11 @@ from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight, Outcome
 from sim.log.clock import Clock
 from sim.log.contents import Contents, Messages, contents, require
-from sim.log.file import SCENARIO, VEHICLES, LogError, faults, unprotected
-from sim.log.proof import CORE, is_core
-from sim.log.proof import MIXTURE as MIXTURE_TOPIC
+from sim.log.file import SCENARIO, VEHICLES, LogError, faults
 from sim.log.schema import (
     ANGULAR_VELOCITY,
     COVARIANCE,
+    FIX,
     HYPOTHESIS,
     HYPOTHESIS_COVARIANCE,
     INNOVATION,
@@ -28,6 +28,7 @@ from sim.log.schema import (
     MIXTURE,
     OWN_MOTION,
     RANGES,
+    RECEPTION,
     STATE_NAMES,
     STATE_SIGMAS,
     STATES,
@@ -37,11 +38,14 @@ from sim.log.schema import (
     WEIGHTS,
 )
 from sim.log.vehicle_log import LONGEST_GAP_S, Recording, channels_of, optional_columns, recording
-from sim.log.wholeness import prove
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
+CORE = ("/pose", "/state", "/motion", "/reception", "/filter", "/innovation")
+"""How the topics end that make up a flight; everything else in its log is drawn from them."""
+MIXTURE_TOPIC = "/mixture"
+"""How the topic ends that is there too if the tightly coupled navigator ran."""
 _POSES = {
     "position": tuple(f"pose.position.{axis}" for axis in "xyz"),
     "quaternion": tuple(f"pose.orientation.{axis}" for axis in "wxyz"),
@@ -57,6 +61,20 @@ _STATES = {
 """Fields of a state, likewise."""
 
 
+_EMPTY = {"/reception": RECEPTION, "/innovation": FIX}
+"""Channels of a flight that may have no message."""
+
+
+def _add_empty_channels(log: Contents) -> None:
+    """Add the channels of a flight that are not in its file, as they have no message."""
+    facts = log.metadata.get("laisn")
+    if facts is not None:
+        types = _EMPTY | ({MIXTURE_TOPIC: MIXTURE} if facts.get("mixture") == "True" else {})
+        for follower in [topic.removesuffix("/motion") for topic in log.topics if topic.endswith("/motion")]:
+            for suffix, type_ in types.items():
+                log.topics.setdefault(f"{follower}{suffix}", Messages(type_.schema, MessageEncoding.Protobuf))
+
+
 def _steps(path: Path, topic: str, messages: Messages, steps_ns: Ints) -> Ints:
     """Filter step at which each message is available: the first at or after its time."""
     step = np.searchsorted(steps_ns, messages.time_ns).astype(np.int64) + 1
@@ -68,50 +86,51 @@ def _steps(path: Path, topic: str, messages: Messages, steps_ns: Ints) -> Ints:
 def _measurements(path: Path, log: Contents, follower: str) -> tuple[Measurements, Ints]:
     """Measurements of a follower in a flight, and the times of the filter steps, shape (n,), [ns]."""
     motion, reception = channels_of(path, log, follower)
-    with faults(path):
-        time_ns = motion.time_ns
-        speed, heading, depth = motion.columns(OWN_MOTION.fields).T
-        measurements = Measurements(
-            dt=float(log.metadata["laisn"]["filter_step_s"]),
-            speed=speed,
-            heading=heading,
-            depth=depth,
-            message_step=_steps(path, f"/{follower}/reception", reception, time_ns),
-            message=optional_columns(reception, LEADER_MESSAGE),
-            ranges=optional_columns(reception, RANGES),
-        )
+    time_ns = motion.time_ns
+    speed, heading, depth = motion.columns(OWN_MOTION.fields)
+    measurements = Measurements(
+        dt=float(log.metadata["laisn"]["filter_step_s"]),
+        speed=np.asarray(speed),
+        heading=np.asarray(heading),
+        depth=np.asarray(depth),
+        message_step=_steps(path, f"/{follower}/reception", reception, time_ns),
+        message=optional_columns(reception, LEADER_MESSAGE),
+        ranges=optional_columns(reception, RANGES),
+    )
     return measurements, time_ns
 
 
 def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: float = LONGEST_GAP_S) -> Recording:
-    """What one follower heard and sensed, from any log with the channels `/NAME/motion` and `/NAME/reception`.
+    """What one follower received and sensed, from any log with the channels `/NAME/motion` and `/NAME/reception`.
 
     Args:
         path: the log, of a flight or of a real vehicle.
         follower: its name.
-        longest_gap_s: between own measurements of a real vehicle [s].
+        longest_gap_s: between own measurements [s].
 
     Returns:
-        Measurements, as `sim.log.vehicle_log.recording` takes them from a real vehicle's log, and remarks on what was
-        left out or bridged, or could not be checked.
+        Measurements as of `sim.log.vehicle_log.recording`, and remarks on what was left out or bridged, or could not be
+        checked.
 
     Raises:
         LogError: the log is damaged, lacks a channel or a field, or has too long a gap.
     """
     path = Path(path)
     log = contents(path, lambda topic, _: topic.endswith(("/motion", "/reception")))
-    whole = prove(path, log)
-    cut = ("the log was cut off at its end; it is read as far as it is proved",) if whole is False else ()
-    if whole is not None and "laisn" in log.metadata:
-        return Recording(_measurements(path, log, follower)[0], cut)
+    _add_empty_channels(log)
     found = recording(path, log, follower, longest_gap_s)
-    bare = tuple(f"{what} are not protected: they have no checksum" for what in unprotected(path) if "chunks" in what)
-    return found._replace(remarks=(*found.remarks, *cut, *bare))
+    bare = tuple(f"{what} have no checksum: damage cannot be noticed" for what in log.unverified if "chunks" in what)
+    return found._replace(remarks=(*found.remarks, *bare))
 
 
 def read_measurements(path: Path | str, follower: str = "follower") -> Measurements:
     """The measurements that `read_recording` finds, without its remarks."""
     return read_recording(path, follower).measurements
+
+
+def _integers(messages: Messages, name: str) -> Ints:
+    (values,) = messages.columns([name])
+    return np.asarray(values, dtype=np.int64)
 
 
 def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Estimates:
@@ -121,14 +140,14 @@ def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Esti
     with faults(path):
         if not np.array_equal(filtered.time_ns, steps_ns):
             raise LogError(f"{path}: /{follower}/filter and /{follower}/motion are not at the same times")
-        fixes = fixed.columns(("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE))
+        fixes = fixed.table(("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE))
         estimates = Estimates(
-            state=filtered.rows(STATE_NAMES),
-            covariance=filtered.rows(COVARIANCE).reshape(-1, 4, 4),
+            state=filtered.table(STATE_NAMES),
+            covariance=filtered.table(COVARIANCE).reshape(-1, 4, 4),
             fix_step=_steps(path, topic, fixed, steps_ns),
             fix_position=fixes[:, :2].copy(),
             fix_sigma=fixes[:, 2].copy(),
-            fix_kind=fixed.numbers("kind"),
+            fix_kind=_integers(fixed, "kind"),
             innovation=fixes[:, 3:5].copy(),
             innovation_covariance=fixes[:, 5:].reshape(-1, 2, 2).copy(),
         )
@@ -137,17 +156,17 @@ def _estimates(path: Path, log: Contents, follower: str, steps_ns: Ints) -> Esti
 
 
 def _tight(path: Path, log: Contents, topic: str, estimates: Estimates) -> TightEstimates:
-    """Estimates with the mixture that they rest on."""
+    """Estimates with the mixture that they are based on."""
     found = require(path, log, topic, (*MIXTURE.fields, *MIXTURE.integers))
     if not np.array_equal(found.time_ns, log.topics[topic.replace(MIXTURE_TOPIC, "/innovation")].time_ns):
         raise LogError(f"{path}: {topic} is not at the times of the fixes")
     nis, full_state, full_sigma, weight, where, spread = (
-        found.columns(names) for names in (("nis",), STATES, STATE_SIGMAS, WEIGHTS, HYPOTHESIS, HYPOTHESIS_COVARIANCE)
+        found.table(names) for names in (("nis",), STATES, STATE_SIGMAS, WEIGHTS, HYPOTHESIS, HYPOTHESIS_COVARIANCE)
     )
     m, h = weight.shape
     return TightEstimates(
         **{f.name: getattr(estimates, f.name) for f in fields(Estimates)},
-        used=found.numbers("used"),
+        used=_integers(found, "used"),
         nis=nis[:, 0],
         full_state=full_state,
         full_sigma=full_sigma,
@@ -161,7 +180,6 @@ def _trajectory(path: Path, log: Contents) -> Trajectory:
     table = json.loads(log.attachments[VEHICLES])
     names = tuple(table["names"])
     at = require(path, log, f"/{names[0]}/pose", ()).time_ns
-    # each number goes straight to its place: of hours, a second copy of all would be the most that the memory holds
     found = {name: np.empty((at.size, len(names), len(group))) for name, group in (_POSES | _STATES).items()}
     for i, vehicle in enumerate(names):
         for topic, groups in ((f"/{vehicle}/pose", _POSES), (f"/{vehicle}/state", _STATES)):
@@ -169,7 +187,7 @@ def _trajectory(path: Path, log: Contents) -> Trajectory:
             if not np.array_equal(messages.time_ns, at):
                 raise LogError(f"{path}: the channels of {vehicle} are not at the times of the leader's")
             for name, group in groups.items():
-                messages.fill(found[name][:, i], group)
+                found[name][:, i] = messages.table(group)
     for array in found.values():
         array.flags.writeable = False
     return Trajectory(
@@ -231,15 +249,14 @@ def read(path: Path | str) -> Flight:
         LogError: the log is damaged, or was not written by the simulator; the text names what is missing.
     """
     path = Path(path)
-    log = contents(path, lambda topic, _: is_core(topic))
-    whole = prove(path, log)
+    log = contents(path, lambda topic, _: topic.endswith((*CORE, MIXTURE_TOPIC)))
+    _add_empty_channels(log)
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
     missing += [] if "laisn" in log.metadata else ["metadata laisn"]
     missing += [f"channel /NAME{suffix}" for suffix in CORE if not any(t.endswith(suffix) for t in log.topics)]
-    missing += [] if missing or whole is not None else ["proofs of being whole (metadata proof 0, proof 1 …)"]
     if missing:
         raise LogError(
-            f"{path}: holds no whole flight: it lacks {', '.join(missing)}; available: "
+            f"{path}: holds no flight: it lacks {', '.join(missing)}; available: "
             f"{', '.join(sorted(log.topics)) or 'none of these channels'}. Navigation alone needs /FOLLOWER/motion and "
             "/FOLLOWER/reception: laisn replay LOG --scenario FILE"
         )
@@ -257,7 +274,7 @@ def read(path: Path | str) -> Flight:
             trajectory=trajectory,
             measurements=tuple(measurements for measurements, _ in measured),
             estimates=tuple(estimates),
-            outcome=Outcome[log.metadata["laisn"]["outcome"]] if whole else Outcome.INTERRUPTED,
+            outcome=Outcome[log.metadata["laisn"]["outcome"]],
         )
         times = log.topics[f"/{trajectory.names[0]}/pose"].time_ns, *(steps_ns for _, steps_ns in measured)
         _check_times(path, flight, times)

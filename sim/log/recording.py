@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.whole_files import replaced
+from sim.files import atomic_write
 from sim.assembly import models_of
 from sim.flight import Flight
 from sim.log.file import LogError
-from sim.log.hull import hull
+from sim.log.hull import Shape, hull
 from sim.log.layout import ESTIMATE, FOLLOWER, LEADER
 from sim.log.scene import TRAIL_S, ellipse
 from sim.trajectory import Trajectory
@@ -29,42 +29,32 @@ def _rgba(colour: str, opacity: int = 255) -> list[int]:
     return [*(int(colour[i : i + 2], 16) for i in (1, 3, 5)), opacity]
 
 
-def _parts(primitives: Sequence[Any]) -> dict[str, Any]:
-    """Places, turns and colours of the primitives of a hull, as Rerun takes them."""
-    poses = [p.pose for p in primitives]
-    return {
-        "centers": [(p.position.x, p.position.y, p.position.z) for p in poses],
-        "quaternions": [(p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w) for p in poses],
-        "colors": [[round(255 * c) for c in (p.color.r, p.color.g, p.color.b, p.color.a)] for p in primitives],
-        "fill_mode": "solid",
-    }
-
-
 def _log_hull(rr: Any, stream: Any, entity: str, model: str) -> None:
     """What is visible of a vehicle, in its body frame."""
-    shape = hull(model)
+    shapes = hull(model)
 
-    def half(primitives: Sequence[Any]) -> list[tuple[float, float, float]]:
-        return [(p.size.x / 2, p.size.y / 2, p.size.z / 2) for p in primitives]
+    def placed(kind: str) -> tuple[list[Shape], dict[str, Any]]:
+        """Parts of a kind, and their positions, rotations and colours as Rerun takes them."""
+        parts = [shape for shape in shapes if shape.kind == kind]
+        return parts, {
+            "centers": [part.position for part in parts],
+            "quaternions": [part.quaternion[[1, 2, 3, 0]] for part in parts],
+            "colors": [[round(255 * c) for c in part.rgba] for part in parts],
+            "fill_mode": "solid",
+        }
 
-    if shape.cylinders:
-        sizes = half(shape.cylinders)
-        round_ = {"lengths": [2 * z for *_, z in sizes], "radii": [x for x, *_ in sizes]}
-        stream.log(f"{entity}/cylinders", rr.Cylinders3D(**round_, **_parts(shape.cylinders)), static=True)
-    if shape.spheres:
-        ellipsoids = rr.Ellipsoids3D(half_sizes=half(shape.spheres), **_parts(shape.spheres))
-        stream.log(f"{entity}/spheres", ellipsoids, static=True)
-    if shape.cubes:
-        stream.log(f"{entity}/boxes", rr.Boxes3D(half_sizes=half(shape.cubes), **_parts(shape.cubes)), static=True)
-    for number, mesh in enumerate(shape.triangles):
-        place, turn = mesh.pose.position, mesh.pose.orientation
-        here = rr.Transform3D(translation=(place.x, place.y, place.z), quaternion=(turn.x, turn.y, turn.z, turn.w))
+    cylinders, style = placed("cylinder")
+    if cylinders:
+        sizes = {"lengths": [c.size[2] for c in cylinders], "radii": [c.size[0] / 2 for c in cylinders]}
+        stream.log(f"{entity}/cylinders", rr.Cylinders3D(**sizes, **style), static=True)
+    for kind, name, archetype in (("ellipsoid", "spheres", rr.Ellipsoids3D), ("box", "boxes", rr.Boxes3D)):
+        parts, style = placed(kind)
+        if parts:
+            stream.log(f"{entity}/{name}", archetype(half_sizes=[p.size / 2 for p in parts], **style), static=True)
+    for number, mesh in enumerate(shape for shape in shapes if shape.kind == "mesh"):
+        here = rr.Transform3D(translation=mesh.position, quaternion=mesh.quaternion[[1, 2, 3, 0]])
         stream.log(f"{entity}/mesh{number}", here, static=True)
-        body = rr.Mesh3D(
-            vertex_positions=[(p.x, p.y, p.z) for p in mesh.points],
-            triangle_indices=np.reshape(mesh.indices, (-1, 3)),
-            albedo_factor=[mesh.color.r, mesh.color.g, mesh.color.b, mesh.color.a],
-        )
+        body = rr.Mesh3D(vertex_positions=mesh.vertices, triangle_indices=mesh.faces, albedo_factor=list(mesh.rgba))
         stream.log(f"{entity}/mesh{number}", body, static=True)
 
 
@@ -109,16 +99,16 @@ def _vehicle(rr: Any, to: _Recording, flight: Flight, v: int) -> None:
 
 
 def _follower(rr: Any, to: _Recording, flight: Flight, f: int) -> None:
-    truth, heard, found = flight.trajectory, flight.measurements[f], flight.estimates[f]
+    truth, measured, found = flight.trajectory, flight.measurements[f], flight.estimates[f]
     name, steps = truth.names[f + 1], flight.step_index()
     time, hydrophone = truth.time[steps], flight.hydrophone(f)
     to.send(
         f"errors/{name}/E_P", time, rr.Scalars.columns(scalars=np.hypot(*(found.state[:, :2] - hydrophone[:, :2]).T))
     )
     # a filter that left finite numbers has no ellipse
-    each = np.arange(0, time.size, max(1, round(1.0 / heard.dt)))
+    each = np.arange(0, time.size, max(1, round(1.0 / measured.dt)))
     each = each[np.isfinite(found.covariance[each, :2, :2]).all(axis=(1, 2))]
-    believed = np.column_stack([found.state[each, :2], hydrophone[each, 2]])
+    estimated = np.column_stack([found.state[each, :2], hydrophone[each, 2]])
     half_axes, direction = ellipse(found.covariance[each, :2, :2])
     half_turn = direction / 2
     nothing = np.zeros(each.size)
@@ -126,19 +116,19 @@ def _follower(rr: Any, to: _Recording, flight: Flight, f: int) -> None:
         f"world/estimates/{name}",
         time[each],
         rr.Ellipsoids3D.columns(
-            centers=believed,
+            centers=estimated,
             half_sizes=np.column_stack([half_axes, nothing + 0.01]),
             quaternions=np.column_stack([nothing, nothing, np.sin(half_turn), np.cos(half_turn)]),
             colors=[_rgba(ESTIMATE, 140)] * each.size,
         ),
     )
-    to.trail(f"world/trails/{name}/estimate", time[each], believed, ESTIMATE)
-    ping = heard.message_step * flight.stride
+    to.trail(f"world/trails/{name}/estimate", time[each], estimated, ESTIMATE)
+    ping = measured.message_step * flight.stride
     ends = truth.site_position[ping][:, [truth.site(f"{truth.names[0]}/{t}") for t in _TRANSMITTERS]]
     there = truth.site_position[ping, truth.site(f"{name}/hydrophone")]
     used = flight.scenario.navigation.transmitters
     rows = [
-        [np.array([ends[m, j], there[m]]) for j in range(used) if np.isfinite(heard.ranges[m, j])]
+        [np.array([ends[m, j], there[m]]) for j in range(used) if np.isfinite(measured.ranges[m, j])]
         for m in range(ping.size)
     ]
     to.strips(f"world/rays/{name}", truth.time[ping], rows, _RAY)
@@ -155,7 +145,7 @@ def write_recording(flight: Flight, path: Path) -> Path:
     except ImportError:
         raise LogError("a recording needs Rerun's package; install it with: pip install rerun-sdk") from None
     scenario, names = flight.scenario, flight.trajectory.names
-    with replaced(path) as part:
+    with atomic_write(path) as part:
         stream = rr.RecordingStream("laisn-sim", recording_id=f"{scenario.name}-{scenario.seed}-{scenario.run}")
         stream.save(part)
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

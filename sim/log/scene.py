@@ -1,17 +1,26 @@
 """What Foxglove draws in three dimensions: hulls, trails and uncertainty at 1 Hz, rays and ranges at each ping."""
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from foxglove_schemas_protobuf.Color_pb2 import Color
-from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
-from foxglove_schemas_protobuf.Point3_pb2 import Point3
-from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
-from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-from google.protobuf.duration_pb2 import Duration
+from foxglove.messages import (
+    Color,
+    CubePrimitive,
+    CylinderPrimitive,
+    Duration,
+    LinePrimitive,
+    LinePrimitiveLineType,
+    Point3,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SceneUpdate,
+    SpherePrimitive,
+    TriangleListPrimitive,
+    Vector3,
+)
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import Estimates, FixKind
@@ -20,7 +29,7 @@ from laisn.tight.estimates import TightEstimates
 from sim.assembly import models_of
 from sim.flight import Flight
 from sim.log.clock import timestamp
-from sim.log.hull import cylinder, hull, pose
+from sim.log.hull import Shape, hull
 
 Draw = Callable[[int, int], bytes]
 """Serialises the SceneUpdate of one instant: index on its own time grid, and time since 1970 [ns]."""
@@ -29,60 +38,61 @@ TRAIL_S = 100
 """Length of the trails [s], a point every second."""
 CONFIDENCE = float(np.sqrt(-2.0 * np.log(0.05)))
 """Half axes of the 95 % ellipse in standard deviations: the quantile of a Rayleigh distribution."""
-LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 DISC_M = 0.02
 """Thickness of range discs and of the ellipse [m]."""
+_FIX_M = 0.4
+"""Diameter of a fix [m]."""
 
 TRUTH = Color(r=0.95, g=0.62, b=0.08, a=0.9)
-BELIEF = Color(r=0.85, g=0.15, b=0.75, a=0.9)
+ESTIMATE = Color(r=0.85, g=0.15, b=0.75, a=0.9)
 UNCERTAINTY = Color(r=0.85, g=0.15, b=0.75, a=0.35)
 RAY = Color(r=0.20, g=0.75, b=0.95, a=0.9)
 RANGE = Color(r=0.20, g=0.75, b=0.95, a=0.05)
 ACCEPTED = Color(r=0.15, g=0.80, b=0.25, a=1.0)
-REFUSED = Color(r=0.90, g=0.15, b=0.10, a=1.0)
+REJECTED = Color(r=0.90, g=0.15, b=0.10, a=1.0)
 
 
-def _varint(number: int) -> bytes:
-    groups = bytearray()
-    while number > 0x7F:
-        groups.append(number & 0x7F | 0x80)
-        number >>= 7
-    return bytes([*groups, number])
+def vector(xyz: Sequence[float]) -> Vector3:
+    """A Foxglove vector."""
+    x, y, z = xyz
+    return Vector3(x=x, y=y, z=z)
 
 
-def _field(number: int, content: bytes) -> bytes:
-    """A message within a message, on the wire: its field's number, its length, its content."""
-    return _varint(number << 3 | 2) + _varint(len(content)) + content
+def pose(position: Sequence[float], quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Pose:
+    """A Foxglove pose; the quaternion is (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return Pose(position=vector(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
 
-def _line(kind: Any, color: Any, points: bytes) -> bytes:
-    """A line two pixels wide, serialised as the field of an entity; `points` are serialised (`_points`).
-
-    A trail is some hundred points each second: taken apart and put together by protobuf, they would cost ten times as
-    much.
-    """
-    before = LinePrimitive(type=kind, thickness=2.0, scale_invariant=True).SerializeToString()
-    return _field(SceneEntity.LINES_FIELD_NUMBER, before + points + LinePrimitive(color=color).SerializeToString())
+def _points(position: Floats) -> list[Point3]:
+    return [Point3(x=x, y=y, z=z) for x, y, z in position.tolist()]
 
 
-def _update(entities: Iterable[bytes]) -> bytes:
-    """A SceneUpdate of serialised entities."""
-    return b"".join(_field(SceneUpdate.ENTITIES_FIELD_NUMBER, entity) for entity in entities)
+def _line(kind: LinePrimitiveLineType, color: Color, points: list[Point3]) -> LinePrimitive:
+    """A line two pixels wide."""
+    return LinePrimitive(type=kind, thickness=2.0, scale_invariant=True, points=points, color=color)
 
 
-def _points(position: Floats) -> bytes:
-    """Points of a line, shape (n, 3), serialised: n times 29 bytes, so that trails are slices."""
-    block = np.empty((len(position), 29), dtype=np.uint8)
-    sample = LinePrimitive(points=[Point3(x=1.0, y=1.0, z=1.0)])
-    block[:] = np.frombuffer(sample.SerializeToString(), dtype=np.uint8)
-    for axis in range(3):
-        start = 3 + 9 * axis
-        block[:, start : start + 8] = np.ascontiguousarray(position[:, axis : axis + 1], "<f8").view(np.uint8)
-    return block.tobytes()
+def _cylinder(place: Pose, size: Sequence[float], color: Color) -> CylinderPrimitive:
+    return CylinderPrimitive(pose=place, size=vector(size), bottom_scale=1.0, top_scale=1.0, color=color)
 
 
-def _trail(points: bytes, i: int) -> bytes:
-    return points[29 * max(0, i - TRAIL_S) : 29 * (i + 1)]
+def _primitives(shapes: Sequence[Shape]) -> dict[str, list[Any]]:
+    """A hull as fields of a SceneEntity."""
+    result: dict[str, list[Any]] = {"cylinders": [], "spheres": [], "cubes": [], "triangles": []}
+    for s in shapes:
+        place, size = pose(s.position.tolist(), s.quaternion.tolist()), s.size.tolist()
+        color = Color(**dict(zip("rgba", s.rgba, strict=True)))
+        if s.kind == "cylinder":
+            result["cylinders"].append(_cylinder(place, size, color))
+        elif s.kind == "ellipsoid":
+            result["spheres"].append(SpherePrimitive(pose=place, size=vector(size), color=color))
+        elif s.kind == "box":
+            result["cubes"].append(CubePrimitive(pose=place, size=vector(size), color=color))
+        else:
+            points, indices = _points(s.vertices), s.faces.ravel().tolist()
+            result["triangles"].append(TriangleListPrimitive(pose=place, points=points, indices=indices, color=color))
+    return result
 
 
 def ellipse(covariance: Floats) -> tuple[Floats, Floats]:
@@ -96,119 +106,136 @@ def ellipse(covariance: Floats) -> tuple[Floats, Floats]:
     return CONFIDENCE * np.sqrt(np.maximum(variance[..., ::-1], 0.0)), np.arctan2(axes[..., 1, 1], axes[..., 0, 1])
 
 
-def _disc(x: float, y: float, z: float, covariance: Floats) -> Any:
-    """The 95 % ellipse of a horizontal position with `covariance`, shape (2, 2), as a flat spheroid."""
+def _disc(position: Sequence[float], half_axes: Sequence[float], direction: float) -> SpherePrimitive:
+    """An ellipse as a flat spheroid."""
+    place = pose(position, (math.cos(direction / 2), 0.0, 0.0, math.sin(direction / 2)))
+    major, minor = half_axes
+    return SpherePrimitive(pose=place, size=vector((2 * major, 2 * minor, DISC_M)), color=UNCERTAINTY)
+
+
+def _discs(position: Floats, covariance: Floats) -> list[SpherePrimitive]:
+    """The 95 % ellipses of positions, shape (n, 3), with horizontal covariances, shape (n, 2, 2)."""
     half_axes, direction = ellipse(covariance)
-    major, minor = 2 * half_axes
-    half = direction / 2
-    place = pose(np.array([x, y, z]), np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
-    return SpherePrimitive(pose=place, size=Vector3(x=major, y=minor, z=DISC_M), color=UNCERTAINTY)
+    return [_disc(*one) for one in zip(position.tolist(), half_axes.tolist(), direction.tolist(), strict=True)]
 
 
-def _other_sides(estimates: Estimates, row: int, z: float) -> list[Any]:
+def _hypotheses(estimates: Estimates, row: int, z: float) -> list[SpherePrimitive]:
     """Ellipses of all hypotheses after the last message, if there are several."""
+    if not isinstance(estimates, TightEstimates):
+        return []
     made = int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
-    if not isinstance(estimates, TightEstimates) or made < 0:
+    kept = np.flatnonzero(estimates.weight[made] > 0.0) if made >= 0 else np.empty(0)
+    if kept.size < 2:
         return []
-    believed = np.flatnonzero(estimates.weight[made] > 0.0)
-    places, spread = estimates.hypothesis[made], estimates.hypothesis_covariance[made]
-    if believed.size < 2:
-        return []
-    return [_disc(float(places[h, 0]), float(places[h, 1]), z, spread[h]) for h in believed.tolist()]
-
-
-def _entity(name: str, frame: str, stamp: Any, **parts: Any) -> Any:
-    return SceneEntity(id=name, frame_id=frame, timestamp=stamp, **parts)
+    position = np.column_stack([estimates.hypothesis[made, kept], np.full(kept.size, z)])
+    return _discs(position, estimates.hypothesis_covariance[made, kept])
 
 
 def draw_vehicles(flight: Flight, index: Ints) -> Draw:
-    """Hulls, trails of truth and belief, and 95 % ellipses; every update is complete, so that seeking shows it all.
+    """Hulls, trails of truth and estimate, and 95 % ellipses; every update is complete, so that seeking shows it all.
 
     Args:
         index: points of the trajectory to draw at, a second apart, shape (n,).
     """
     names = flight.trajectory.names
-    hulls = [hull(model) for model in models_of(flight.scenario)]
+    hulls = [_primitives(hull(model)) for model in models_of(flight.scenario)]
     trails = [_points(flight.trajectory.position[index, v]) for v in range(len(names))]
     # the last filter step at or before each point; the state of step k stands in row k − 1
-    row = np.minimum(index // flight.stride, [[e.state.shape[0]] for e in flight.estimates]) - 1
-    beliefs = [
-        np.column_stack([e.state[k[k >= 0], :2], -m.depth[k[k >= 0]]])
-        for e, m, k in zip(flight.estimates, flight.measurements, row, strict=True)
-    ]
-    believed = [_points(belief) for belief in beliefs]
-    strip = LinePrimitive.LINE_STRIP
-    # fields stand in the order of their numbers: the time comes first, lines come last
-    still = []
-    for v, name in enumerate(names):
-        entity = SceneEntity(id=f"{name}/hull", frame_id=name, frame_locked=True)
-        entity.MergeFrom(hulls[v])
-        trail = SceneEntity(id=f"{name}/trail", frame_id="world")
-        still.append((entity.SerializeToString(), trail.SerializeToString()))
+    rows = [np.minimum(index // flight.stride, e.state.shape[0]) - 1 for e in flight.estimates]
+    skipped = [int(np.count_nonzero(row < 0)) for row in rows]
+    estimated, discs = [], []
+    for e, m, row in zip(flight.estimates, flight.measurements, rows, strict=True):
+        row = row[row >= 0]
+        position, covariance = np.column_stack([e.state[row, :2], -m.depth[row]]), e.covariance[row, :2, :2]
+        # a filter that left finite numbers has a trail but no ellipse
+        finite = np.isfinite(covariance).all(axis=(1, 2))
+        drawn = iter(_discs(position[finite], covariance[finite]))
+        discs.append([[next(drawn)] if there else [] for there in finite.tolist()])  # type: ignore[union-attr]  # of one axis
+        estimated.append(_points(position))
+
+    def trail(color: Color, points: list[Point3], i: int) -> LinePrimitive:
+        return _line(LinePrimitiveLineType.LineStrip, color, points[max(0, i - TRAIL_S) : i + 1])
 
     def draw(i: int, time_ns: int) -> bytes:
-        stamp = timestamp(time_ns)
-        stamped = SceneEntity(timestamp=stamp).SerializeToString()
-        entities: list[bytes] = []
-        for trail, (entity, nameplate) in zip(trails, still, strict=True):
-            entities += (stamped + entity, stamped + nameplate + _line(strip, TRUTH, _trail(trail, i)))
+        stamp, entities = timestamp(time_ns), []
+        for name, parts, points in zip(names, hulls, trails, strict=True):
+            entities.append(
+                SceneEntity(timestamp=stamp, id=f"{name}/hull", frame_id=name, frame_locked=True, **parts)  # type: ignore[arg-type]
+            )
+            lines = [trail(TRUTH, points, i)]
+            entities.append(SceneEntity(timestamp=stamp, id=f"{name}/trail", frame_id="world", lines=lines))
         for f, name in enumerate(names[1:]):
-            skipped = int(np.count_nonzero(row[f] < 0))
-            if i < skipped:
+            k = i - skipped[f]
+            if k < 0:
                 continue
-            x, y, z = beliefs[f][i - skipped].tolist()
-            covariance = flight.estimates[f].covariance[row[f, i], :2, :2]
-            # a filter that left finite numbers has a trail but no ellipse
-            ellipses = [_disc(x, y, z, covariance)] if np.isfinite(covariance).all() else []
-            ellipses += _other_sides(flight.estimates[f], int(row[f, i]), z)
-            place = _entity(f"{name}/estimate", "world", stamp, spheres=ellipses)
-            entities.append(place.SerializeToString() + _line(strip, BELIEF, _trail(believed[f], i - skipped)))
-        return _update(entities)
+            row = int(rows[f][i])
+            spheres = discs[f][k] + _hypotheses(flight.estimates[f], row, -float(flight.measurements[f].depth[row]))
+            lines = [trail(ESTIMATE, estimated[f], k)]
+            entities.append(
+                SceneEntity(timestamp=stamp, id=f"{name}/estimate", frame_id="world", spheres=spheres, lines=lines)
+            )
+        return SceneUpdate(entities=entities).encode()
 
     return draw
 
 
-def _ping(flight: Flight, follower: int, message: int, stamp: Any) -> Any:
-    """Rays, range discs and fixes of one message, seen where the vehicles truly are."""
-    trajectory, measured, estimated = flight.trajectory, flight.measurements[follower], flight.estimates[follower]
-    name, step = trajectory.names[follower + 1], int(measured.message_step[message])
-    sites = trajectory.site_position[step * flight.stride]
-    hydrophone = sites[trajectory.site(f"{name}/hydrophone")]
-    entity = _entity(f"{name}/ping", "world", stamp)
-    entity.lifetime.CopyFrom(Duration(nanos=0, seconds=int(np.ceil(flight.scenario.timing.message_interval_s))))
-    ends: list[Floats] = []
-    for transmitter, slant in zip(Ranges._fields, measured.ranges[message].tolist(), strict=True):
-        site = f"leader/tx_{transmitter}"
-        if site not in trajectory.site_names or not np.isfinite(slant):
-            continue
-        source = sites[trajectory.site(site)]
-        ends += [source, hydrophone]
-        squared = slant**2 - (source[2] - hydrophone[2]) ** 2
-        if squared > 0:
-            place = pose(np.array([source[0], source[1], hydrophone[2]]), LEVEL)
-            entity.cylinders.append(cylinder(place, RANGE, radius=float(np.sqrt(squared)), length=DISC_M))
-    if ends:
-        entity.MergeFromString(_line(LinePrimitive.LINE_LIST, RAY, _points(np.array(ends))))
-    for i in np.flatnonzero(estimated.fix_step == step):
-        if np.isfinite(estimated.fix_position[i]).all():
-            place = pose(np.array([*estimated.fix_position[i], -measured.depth[step - 1]]), LEVEL)
-            color = REFUSED if estimated.fix_kind[i] == FixKind.GATED else ACCEPTED
-            entity.spheres.append(SpherePrimitive(pose=place, size=Vector3(x=0.4, y=0.4, z=0.4), color=color))
-    return entity
+class _Follower:
+    """What a follower received and estimated, message by message."""
+
+    def __init__(self, flight: Flight, follower: int) -> None:
+        t = flight.trajectory
+        self._id = f"{t.names[follower + 1]}/ping"
+        self._lifetime = Duration(sec=math.ceil(flight.scenario.timing.message_interval_s), nsec=0)
+        m, e = flight.measurements[follower], flight.estimates[follower]
+        self.messages = {step: i for i, step in enumerate(m.message_step.tolist())}
+        sites = t.site_position[m.message_step * flight.stride]
+        sources = [f"leader/tx_{transmitter}" for transmitter in Ranges._fields]
+        there = [k for k, name in enumerate(sources) if name in t.site_names]
+        self._ranges = m.ranges[:, there].tolist()
+        self._sources = sites[:, [t.site(sources[k]) for k in there]].tolist()
+        self._hydrophone = sites[:, t.site(f"{t.names[follower + 1]}/hydrophone")].tolist()
+        self._fixes: dict[int, list[SpherePrimitive]] = {}
+        for step, position, kind in zip(e.fix_step.tolist(), e.fix_position.tolist(), e.fix_kind.tolist(), strict=True):
+            if all(map(math.isfinite, position)):
+                color = REJECTED if kind == FixKind.GATED else ACCEPTED
+                place = pose([*position, -float(m.depth[step - 1])])
+                sphere = SpherePrimitive(pose=place, size=vector([_FIX_M] * 3), color=color)
+                self._fixes.setdefault(step, []).append(sphere)
+
+    def ping(self, step: int, time_ns: int) -> SceneEntity:
+        """Rays, range discs and fixes of the message of a step, at the true positions of the vehicles."""
+        message = self.messages[step]
+        x, y, z = self._hydrophone[message]
+        ends, discs = [], []
+        for (east, north, up), slant in zip(self._sources[message], self._ranges[message], strict=True):
+            if math.isfinite(slant):
+                ends += [Point3(x=east, y=north, z=up), Point3(x=x, y=y, z=z)]
+                squared = slant**2 - (up - z) ** 2
+                if squared > 0:
+                    width = 2 * math.sqrt(squared)
+                    discs.append(_cylinder(pose((east, north, z)), (width, width, DISC_M), RANGE))
+        return SceneEntity(
+            timestamp=timestamp(time_ns),
+            frame_id="world",
+            id=self._id,
+            lifetime=self._lifetime,
+            cylinders=discs,
+            spheres=self._fixes.get(step, []),
+            lines=[_line(LinePrimitiveLineType.LineList, RAY, ends)] if ends else [],
+        )
 
 
-def draw_acoustics(flight: Flight, step: Ints) -> Draw:
+def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
     """Rays from the transmitters, discs of the horizontal ranges at the hydrophone's depth, and the fixes (red: gated).
 
     Args:
-        step: filter steps at which any follower hears a message, shape (n,).
+        steps: filter steps at which any follower receives a message, shape (n,).
     """
-    heard = [{k: i for i, k in enumerate(m.message_step.tolist())} for m in flight.measurements]
+    followers = [_Follower(flight, f) for f in range(len(flight.measurements))]
 
     def draw(i: int, time_ns: int) -> bytes:
-        stamp = timestamp(time_ns)
-        k = int(step[i])
-        pings = [_ping(flight, f, messages[k], stamp) for f, messages in enumerate(heard) if k in messages]
-        return bytes(SceneUpdate(entities=pings).SerializeToString())
+        step = int(steps[i])
+        pings = [follower.ping(step, time_ns) for follower in followers if step in follower.messages]
+        return SceneUpdate(entities=pings).encode()
 
     return draw

@@ -39,8 +39,7 @@ def optional_columns(messages: Messages, names: Sequence[str]) -> Floats:
     """Numbers by the names of their fields, NaN for fields that are not there, shape (n, len(names))."""
     there = [name for name in names if has_field(messages.descriptor, name)]
     values = np.full((len(messages.time_ns), len(names)), np.nan)
-    if there:
-        values[:, [names.index(name) for name in there]] = messages.columns(there)
+    values[:, [names.index(name) for name in there]] = messages.table(there)
     return values
 
 
@@ -91,7 +90,7 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
     topic, heard = f"/{follower}/motion", f"/{follower}/reception"
     motion, reception = channels_of(path, log, follower)
     with faults(path):
-        time_ns, own, heard_ns = motion.time_ns, motion.columns(OWN_MOTION.fields).T, reception.time_ns
+        time_ns, own, heard_ns = motion.time_ns, np.array(motion.columns(OWN_MOTION.fields)), reception.time_ns
         message, ranges = optional_columns(reception, LEADER_MESSAGE), optional_columns(reception, RANGES)
         absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
         ranges[absurd] = np.nan

@@ -2,35 +2,36 @@
 
 import json
 import os
-from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
-from itertools import repeat
+from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
+import foxglove
 import numpy as np
-from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from foxglove import Context, Schema
+from foxglove.mcap import MCAPWriteOptions
+from foxglove.messages import CompressedVideo
 from mcap.well_known import MessageEncoding
-from mcap_protobuf.schema import register_schema
 
+from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
-from sim.log.batches import rescuable
 from sim.log.channels import Channel, Errors, channels
 from sim.log.clock import Clock, timestamp
 from sim.log.events import Event
 from sim.log.file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
-from sim.log.proving import ProvingWriter
+from sim.log.recovery import holds_messages
 from sim.scenario import file as scenario_file
 
-BLOCK_NS = 10 * 10**9
-"""Time that is proved by one record [ns]."""
+_BLOCK_NS = 10 * 10**9
+"""Time after which what was logged is in the file [ns]."""
 _BLOCKS_AT_ONCE = 4
 """Blocks that are serialised together: fewer cost time, more cost memory."""
-PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-schemas-protobuf")
+PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
 CONVENTIONS = {
     "world": "x east, y north, z up [m]; depth = -z",
     "body": "x forward, y port, z up; origin at the centre of buoyancy",
@@ -41,7 +42,7 @@ CONVENTIONS = {
     "quaternion": "body to world; Foxglove stores x, y, z, w",
     "angular_velocity": "in the body frame",
     "pose": "the truth",
-    "estimate": "what the follower believes: its hydrophone's position, with measured depth and heading",
+    "estimate": "the follower's estimate of its hydrophone's position, with measured depth and heading",
     "time": "log, publish and message time: scenario epoch plus mission time",
 }
 
@@ -54,6 +55,100 @@ class LogStatistics:
     messages: int
     size: int
     """Size of the file [bytes]."""
+
+
+class _Output:
+    """Writes to a file and keeps the first error: the SDK logs errors of its output, and continues without them."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream, self._position = stream, 0
+        self.error: BaseException | None = None
+
+    def write(self, data: bytes | bytearray) -> int:
+        """Write bytes; after an error they are discarded."""
+        if self.error is None:
+            try:
+                self._stream.write(data)
+            except BaseException as error:
+                self.error = error
+        self._position += len(data)
+        return len(data)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Give the position; the SDK does not move it."""
+        return self._position
+
+    def flush(self) -> None:
+        """Do nothing: `LogFile.flush` flushes the file."""
+
+
+class LogFile:
+    """Writes an MCAP file; the same calls give the same bytes.
+
+    Args:
+        stream: an empty file.
+    """
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream, self._output, self._context = stream, _Output(stream), Context()
+        options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
+        self._writer = foxglove.open_mcap(self._output, context=self._context, writer_options=options)
+
+    def attach(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
+        """Attach a file."""
+        self._writer.attach(log_time=time_ns, create_time=time_ns, name=name, media_type=media_type, data=data)
+
+    def add_metadata(self, name: str, facts: dict[str, str]) -> None:
+        """Write a metadata record."""
+        self._writer.write_metadata(name, facts)
+
+    def channel(self, topic: str, schema: Schema) -> Callable[[bytes, int], None]:
+        """Open a channel for protobuf messages of one type; it is in the file with its first message.
+
+        Returns:
+            A function that logs a serialised message at a time since 1970 [ns].
+        """
+        encoding = MessageEncoding.Protobuf
+        return foxglove.Channel(topic, schema=schema, message_encoding=encoding, context=self._context).base.log
+
+    def _check(self) -> None:
+        if self._output.error is None:
+            self._stream.flush()
+        else:
+            raise self._output.error
+
+    def flush(self) -> None:
+        """Write everything so far to the file; raises the first error of writing."""
+        self._writer.flush()
+        self._check()
+
+    def finish(self) -> None:
+        """Write the end of the file, and all of it to the disk; raises the first error of writing."""
+        self._writer.close()
+        self._check()
+        os.fsync(self._stream.fileno())
+
+    def abandon(self) -> None:
+        """Leave the file without an end, as it was at the last `flush`."""
+        self._output.error = self._output.error or EOFError()
+        self._writer.close()
+
+
+@contextmanager
+def log_file(path: Path) -> Iterator[LogFile]:
+    """A log to write, complete and on the disk when the block ends; if the block fails, it stays without an end.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with path.open("wb") as stream:
+        log = LogFile(stream)
+        try:
+            yield log
+            log.finish()
+        except BaseException:
+            log.abandon()
+            raise
 
 
 def _json(value: object) -> bytes:
@@ -77,84 +172,69 @@ def _frames(video: Iterable[tuple[float, bytes]], clock: Clock) -> Iterator[tupl
             raise ValueError(f"video frames must be in order of time; {time_s:g} s comes too late")
         last = at
         frame = CompressedVideo(timestamp=timestamp(at), frame_id="camera", data=data, format="h264")
-        yield at, frame.SerializeToString()
+        yield at, frame.encode()
 
 
-def _last_ns(all_channels: Sequence[Channel]) -> int:
-    return max(int(channel.time_ns[-1]) for channel in all_channels if channel.time_ns.size)
-
-
-def _blocks(all_channels: Sequence[Channel], ids: Sequence[int]) -> Iterator[tuple[int, list[tuple[int, int, bytes]]]]:
-    """Start of each block of time, and its messages (time, channel, data) in order of time."""
-    filled = [(channel, id_) for channel, id_ in zip(all_channels, ids, strict=True) if channel.time_ns.size]
-    start = min(int(channel.time_ns[0]) for channel, _ in filled)
-    end = _last_ns(all_channels)
-    for begin in range(start, end + 1, _BLOCKS_AT_ONCE * BLOCK_NS):
-        messages: list[tuple[int, int, bytes]] = []
-        beyond = begin + _BLOCKS_AT_ONCE * BLOCK_NS
-        for channel, id_ in filled:
-            first, stop = np.searchsorted(channel.time_ns, [begin, beyond]).tolist()
-            messages += zip(channel.time_ns[first:stop].tolist(), repeat(id_), channel.rows(first, stop))
+def _blocks(all_channels: Sequence[Channel]) -> Iterator[tuple[int, list[tuple[int, int, bytes]]]]:
+    """End of each block of time, and its messages (time, index of the channel, data) in order of time."""
+    filled = [(k, channel) for k, channel in enumerate(all_channels) if channel.time_ns.size]
+    start = min(int(channel.time_ns[0]) for _, channel in filled)
+    last = max(int(channel.time_ns[-1]) for _, channel in filled)
+    for begin in range(start, last + 1, _BLOCKS_AT_ONCE * _BLOCK_NS):
+        end = begin + _BLOCKS_AT_ONCE * _BLOCK_NS
+        parts, data = [], list[bytes]()
+        for k, channel in filled:
+            first, stop = np.searchsorted(channel.time_ns, [begin, end]).tolist()
+            parts.append((channel.time_ns[first:stop], np.full(stop - first, k)))
+            data += channel.rows(first, stop)
+        times, ids = (np.concatenate(part) for part in zip(*parts, strict=True))
         # stable, so that equal times keep the order of channels and of messages within one
-        messages.sort(key=itemgetter(0))
-        for block in range(begin, min(beyond, end + 1), BLOCK_NS):
-            first, stop = (bisect_left(messages, at, key=itemgetter(0)) for at in (block, block + BLOCK_NS))
-            yield block, messages[first:stop]
+        order = np.argsort(times, kind="stable")
+        places = order.tolist()
+        messages = list(zip(times[order].tolist(), ids[order].tolist(), map(data.__getitem__, places), strict=True))
+        stops = np.searchsorted(times[order], range(begin, end + 1, _BLOCK_NS)).tolist()
+        for k, (first, stop) in enumerate(pairwise(stops), start=1):
+            yield begin + k * _BLOCK_NS, messages[first:stop]
 
 
-def _write(
-    stream: IO[bytes],
-    flight: Flight,
-    all_channels: Sequence[Channel],
-    summary: str,
-    frames: Iterator[tuple[int, bytes]],
-) -> int:
-    """Write the whole log and return the number of messages; what describes the flight stands before its messages."""
-    writer = ProvingWriter(stream)
+def _describe(log: LogFile, flight: Flight, summary: str) -> None:
+    """Attachments and metadata of a flight."""
     epoch_ns = Clock(flight.scenario.epoch).epoch_ns
-    texts = [
-        (SCENARIO, "application/toml", scenario_file.dumps(flight.scenario).encode()),
-        (VEHICLES, "application/json", _vehicles(flight)),
-        (SUMMARY, "application/json", summary.encode()),
-        (VERSIONS, "application/json", _json({package: version(package) for package in PACKAGES})),
-    ]
-    for name, media_type, data in texts:
-        writer.add_attachment(create_time=epoch_ns, log_time=epoch_ns, name=name, media_type=media_type, data=data)
-    writer.add_metadata("conventions", CONVENTIONS)
+    versions = {package: version(package) for package in PACKAGES}
+    log.attach(SCENARIO, "application/toml", scenario_file.dumps(flight.scenario).encode(), epoch_ns)
+    log.attach(VEHICLES, "application/json", _vehicles(flight), epoch_ns)
+    log.attach(SUMMARY, "application/json", summary.encode(), epoch_ns)
+    log.attach(VERSIONS, "application/json", _json(versions), epoch_ns)
+    log.add_metadata("conventions", CONVENTIONS)
     facts = {
         "outcome": flight.outcome.name,
         "filter_step_s": repr(flight.measurements[0].dt),
         "seed": str(flight.scenario.seed),
         "run": str(flight.scenario.run),
+        "mixture": str(isinstance(flight.estimates[0], TightEstimates)),
     }
-    writer.add_metadata("laisn", facts)
-    schemas: dict[str, int] = {}
+    log.add_metadata("laisn", facts)
 
-    def register(topic: str, message_class: Any) -> int:
-        name = message_class.DESCRIPTOR.full_name
-        if name not in schemas:
-            schemas[name] = register_schema(writer, message_class)
-        return int(writer.register_channel(topic, MessageEncoding.Protobuf, schemas[name]))
 
-    ids = [register(channel.topic, channel.message_class) for channel in all_channels]
-    count, camera = 0, 0
-    frame = next(frames, None)
-    if frame is not None:
-        camera = register("/camera", CompressedVideo)
-    for begin, messages in _blocks(all_channels, ids):
-        writer.prove(begin)
-        while frame is not None and frame[0] < begin + BLOCK_NS:
-            messages.append((frame[0], camera, frame[1]))
-            frame = next(frames, None)
-        messages.sort(key=itemgetter(0))
-        writer.add_messages(messages)
+def _write_messages(log: LogFile, all_channels: Sequence[Channel], frames: Iterator[tuple[int, bytes]]) -> int:
+    """Write all messages in order of time; the number of them."""
+    named = [(channel.topic, channel.schema) for channel in all_channels]
+    log_to = [log.channel(*each) for each in [*named, ("/camera", CompressedVideo.get_schema())]]
+    count, frame = 0, next(frames, None)
+    for until, messages in _blocks(all_channels):
+        if frame is not None and frame[0] < until:
+            while frame is not None and frame[0] < until:
+                messages.append((frame[0], len(all_channels), frame[1]))
+                frame = next(frames, None)
+            messages.sort(key=itemgetter(0))
+        for at, k, data in messages:
+            log_to[k](data, at)
+        log.flush()
         count += len(messages)
     while frame is not None:
-        writer.add_message(camera, frame[0], frame[1], frame[0])
+        log_to[-1](frame[1], frame[0])
         count += 1
         frame = next(frames, None)
-    writer.prove(_last_ns(all_channels) + 1, flight.outcome.name)
-    writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
     return count
 
 
@@ -169,7 +249,7 @@ def write(
 ) -> LogStatistics:
     """Write a flight; the same arguments give the same bytes.
 
-    The file grows under `partial_path(path)` and gets its name when it is whole. If writing fails, what can be
+    The file grows under `partial_path(path)` and gets its name when it is complete. If writing fails, what can be
     rescued with `sim.log.recovery` stays there, and nothing else.
 
     Args:
@@ -190,24 +270,23 @@ def write(
     frames = _frames(video, Clock(flight.scenario.epoch))
     partial = partial_path(path)
     try:
-        with partial.open("wb") as stream:
-            count = _write(stream, flight, all_channels, summary, frames)
-            stream.flush()
-            os.fsync(stream.fileno())
+        with log_file(partial) as log:
+            _describe(log, flight, summary)
+            count = _write_messages(log, all_channels, frames)
         os.replace(partial, path)
     except OSError as error:
-        kept = _tidy(partial)
+        kept = f"; what was written is kept: laisn log recover {partial}" if _keep(partial) else ""
         raise LogError(f"{path}: cannot be written: {error.strerror or error}{kept}") from error
     except BaseException:
-        _tidy(partial)
+        _keep(partial)
         raise
     return LogStatistics(path=path, messages=count, size=path.stat().st_size)
 
 
-def _tidy(partial: Path) -> str:
-    """Remove a partial log unless it can be rescued; says what to do with it then."""
-    if rescuable(partial):
-        return f"; what was written is kept: laisn log recover {partial}"
-    with suppress(OSError):
-        partial.unlink()
-    return ""
+def _keep(partial: Path) -> bool:
+    """Whether a partial log can be rescued; it is removed otherwise."""
+    kept = holds_messages(partial)
+    if not kept:
+        with suppress(OSError):
+            partial.unlink()
+    return kept

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove.messages import PoseInFrame
 from mcap.writer import Writer
 from mcap_protobuf.writer import Writer as ProtobufWriter
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
 from laisn.arrays import Floats
+from sim.log.contents import message_class_of
 from sim.log.file import LogError
 from sim.log.reader import read, read_measurements, read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, RECEPTION, ScalarSchema
@@ -215,7 +216,8 @@ def test_long_gaps_are_bridged_by_command(tmp_path: Path) -> None:
 
 def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
     with (tmp_path / "a.mcap").open("wb") as stream, ProtobufWriter(stream) as writer:
-        writer.write_message("/follower/motion", PoseInFrame(frame_id="world"), log_time=0, publish_time=0)
+        pose = message_class_of(PoseInFrame.get_schema())(frame_id="world")
+        writer.write_message("/follower/motion", pose, log_time=0, publish_time=0)
     with pytest.raises(LogError, match="/follower/motion lacks speed, heading, depth; its fields: timestamp"):
         read_measurements(tmp_path / "a.mcap")
     with (tmp_path / "b.mcap").open("wb") as stream:

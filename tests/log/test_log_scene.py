@@ -14,7 +14,7 @@ from sim.film import annotations as film
 from sim.flight import Flight
 from sim.geometry.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
 from sim.log.contents import contents
-from sim.log.hull import hull
+from sim.log.hull import Shape, hull
 from sim.log.layout import ESTIMATE, FOLLOWER, LEADER, layout
 
 
@@ -43,20 +43,13 @@ def test_the_hull_in_the_scene_fills_the_model(name: str) -> None:
     ]
     expected = np.concatenate(boxes)
 
-    def extent(primitive: Any, half: Any) -> Any:
-        place, turn = np.empty(3), np.empty(9)
-        p, q = primitive.pose.position, primitive.pose.orientation
-        place[:] = p.x, p.y, p.z
-        mujoco.mju_quat2Mat(turn, np.array([q.w, q.x, q.y, q.z]))
-        return place + half @ turn.reshape(3, 3).T
+    def extent(shape: Shape) -> Any:
+        turn = np.empty(9)
+        mujoco.mju_quat2Mat(turn, shape.quaternion)
+        points = shape.vertices if shape.kind == "mesh" else corners * shape.size / 2
+        return shape.position + points @ turn.reshape(3, 3).T
 
-    entity = hull(name)
-    drawn = [
-        extent(x, corners * np.array([x.size.x, x.size.y, x.size.z]) / 2)
-        for x in (*entity.cylinders, *entity.spheres, *entity.cubes)
-    ]
-    drawn += [extent(x, np.array([[p.x, p.y, p.z] for p in x.points])) for x in entity.triangles]
-    shown = np.concatenate(drawn)
+    shown = np.concatenate([extent(shape) for shape in hull(name)])
     np.testing.assert_allclose(shown.min(axis=0), expected.min(axis=0), atol=1e-6)
     np.testing.assert_allclose(shown.max(axis=0), expected.max(axis=0), atol=1e-6)
 
@@ -125,18 +118,18 @@ def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(followers:
     names = flight.trajectory.names
     there = contents(write_log(flight, tmp_path))
     whole = json.loads(layout(names))
-    panels = whole["configById"]
 
-    def leaves(node: Any) -> set[str]:
-        return {node} if isinstance(node, str) else leaves(node["first"]) | leaves(node["second"])
+    def panels_in(node: Any) -> list[Any]:
+        return [node] if node["type"] == "panel" else [p for item in node["items"] for p in panels_in(item["content"])]
 
-    assert leaves(whole["layout"]) == set(panels)
-    assert panels["3D!scene"]["followTf"] == "leader"
-    topics = {t for p in panels.values() for t in [*p.get("topics", {}), *p.get("topicColors", {})]}
-    assert topics | {panels["RosOut!log"]["topicToRender"]} <= set(there.topics)
+    panels = panels_in(whole["content"])
+    configs = {panel["panelType"]: panel["config"] for panel in panels}
+    assert configs["ThreeDee"]["followTf"] == "leader"
+    topics = {t for p in panels for t in [*p["config"].get("topics", {}), *p["config"].get("topicColors", {})]}
+    assert topics | {configs["Log"]["topicToRender"]} <= set(there.topics)
     assert {f"/{name}/estimate" for name in names[1:]} <= topics
-    assert panels["Image!camera"]["imageMode"]["imageTopic"] == "/camera"
-    paths = [path["value"].removesuffix(".@rad2deg") for p in panels.values() for path in p.get("paths", [])]
+    assert configs["Image"]["imageMode"]["imageTopic"] == "/camera"
+    paths = [path["value"].removesuffix(".@rad2deg") for p in panels for path in p["config"].get("paths", [])]
     # E_P, E_B and three ranges of each follower, and the pitch of each vehicle
     assert len(paths) == len(set(paths)) == 5 * followers + followers + 1
     for topic, _, name in (path.partition(".") for path in paths):
