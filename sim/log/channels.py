@@ -36,10 +36,10 @@ from sim.log.schema import (
     OWN_MOTION,
     RECEPTION,
     STAMP,
-    VEHICLE_STATE,
     FixedLayout,
     ScalarSchema,
     slot,
+    vehicle_state,
 )
 from sim.scenario.settings import CONTROL_STEP_S
 
@@ -152,15 +152,17 @@ def _vehicle(flight: Flight, clock: Clock, v: int) -> list[Channel]:
     t, scenario = flight.trajectory, flight.scenario
     name, time_ns = t.names[v], clock.ns(t.time)
     second = round(1.0 / CONTROL_STEP_S)
+    effectors = t.effector_names[v] if t.effector_names else ()
 
     def state(part: slice) -> Floats:
         derived = [x[part, v] for x in (t.depth, t.heading, t.pitch, t.roll, t.forward_speed)]
-        vectors = (t.velocity, t.angular_velocity, t.water_velocity, t.thrust)
+        thrust = t.thrust[..., : len(effectors)]
+        vectors = (t.velocity, t.angular_velocity, t.water_velocity, thrust)
         return np.column_stack([t.time[part], *(x[part, v] for x in vectors), *derived])
 
     return [
         _poses(f"/{name}/pose", time_ns, lambda part: np.hstack([t.position[part, v], t.quaternion[part, v]])),
-        _scalars(f"/{name}/state", VEHICLE_STATE, time_ns, state),
+        _scalars(f"/{name}/state", vehicle_state(effectors), time_ns, state),
         _locations(
             f"/{name}/fix",
             time_ns[::second],

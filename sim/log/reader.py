@@ -32,10 +32,10 @@ from sim.log.schema import (
     STATE_NAMES,
     STATE_SIGMAS,
     STATES,
-    THRUST,
     VELOCITY,
     WATER_VELOCITY,
     WEIGHTS,
+    thrust_fields,
 )
 from sim.log.vehicle_log import LONGEST_GAP_S, Recording, channels_of, optional_columns, recording
 from sim.scenario import file as scenario_file
@@ -56,7 +56,6 @@ _STATES = {
     "velocity": VELOCITY,
     "angular_velocity": ANGULAR_VELOCITY,
     "water_velocity": WATER_VELOCITY,
-    "thrust": THRUST,
 }
 """Fields of a state, likewise."""
 
@@ -179,15 +178,22 @@ def _tight(path: Path, log: Contents, topic: str, estimates: Estimates) -> Tight
 def _trajectory(path: Path, log: Contents) -> Trajectory:
     table = json.loads(log.attachments[VEHICLES])
     names = tuple(table["names"])
+    effectors = table["effectors"]
     at = require(path, log, f"/{names[0]}/pose", ()).time_ns
     found = {name: np.empty((at.size, len(names), len(group))) for name, group in (_POSES | _STATES).items()}
+    most = max((len(own) for own in effectors), default=0)
+    found["thrust"], force = np.zeros((at.size, len(names), most)), np.zeros((len(names), most, 3))
     for i, vehicle in enumerate(names):
-        for topic, groups in ((f"/{vehicle}/pose", _POSES), (f"/{vehicle}/state", _STATES)):
+        own = effectors[i] if effectors else []
+        thrust = thrust_fields([effector["name"] for effector in own])
+        force[i, : len(own)] = np.reshape([effector["force"] for effector in own], (-1, 3))
+        for topic, groups in ((f"/{vehicle}/pose", _POSES), (f"/{vehicle}/state", _STATES | {"thrust": thrust})):
             messages = require(path, log, topic, [field for group in groups.values() for field in group])
             if not np.array_equal(messages.time_ns, at):
                 raise LogError(f"{path}: the channels of {vehicle} are not at the times of the leader's")
             for name, group in groups.items():
-                found[name][:, i] = messages.table(group)
+                if group:
+                    found[name][:, i, : len(group)] = messages.table(group)
     for array in found.values():
         array.flags.writeable = False
     return Trajectory(
@@ -196,6 +202,8 @@ def _trajectory(path: Path, log: Contents) -> Trajectory:
         site_names=tuple(site["name"] for site in table["sites"]),
         site_vehicle=np.array([site["vehicle"] for site in table["sites"]], dtype=np.int64),
         site_offset=np.array([site["offset"] for site in table["sites"]], dtype=np.float64).reshape(-1, 3),
+        effector_names=tuple(tuple(effector["name"] for effector in own) for own in effectors),
+        effector_force=force,
         **found,
     )
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Floats
-from sim.files import atomic_write
 from sim.assembly import models_of
+from sim.files import atomic_write
 from sim.flight import Flight
 from sim.log.file import LogError
 from sim.log.hull import Shape, hull

@@ -3,9 +3,10 @@
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import product
 from typing import Any, Self
+from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
@@ -220,7 +221,6 @@ def _matrix(name: str, axes: Sequence[str]) -> tuple[str, ...]:
 VELOCITY = _prefixed("velocity", ("east", "north", "up"))
 ANGULAR_VELOCITY = _prefixed("angular_velocity", ("x", "y", "z"))
 WATER_VELOCITY = _prefixed("water_velocity", ("east", "north", "up"))
-THRUST = _prefixed("thrust", ("main", "lateral_bow", "lateral_stern", "vertical_bow", "vertical_stern"))
 DERIVED = ("depth", "heading", "pitch", "roll", "forward_speed")
 """Follow from pose and velocity; they are there for plots, and ignored on reading."""
 LEADER_MESSAGE = _prefixed("leader", LeaderMessage._fields)
@@ -232,7 +232,21 @@ INNOVATION_COVARIANCE = _matrix("innovation_covariance", ("x", "y"))
 TRANSMITTERS = tuple(f"{place}_{axis}" for place in Ranges._fields for axis in ("east", "north", "depth"))
 """Positions of the transmitters, if the messages of a vehicle's log hold them: rear_east, rear_north, rear_depth …"""
 
-VEHICLE_STATE = ScalarSchema("VehicleState", ("time", *VELOCITY, *ANGULAR_VELOCITY, *WATER_VELOCITY, *THRUST, *DERIVED))
+
+def thrust_fields(effectors: Sequence[str]) -> tuple[str, ...]:
+    """Fields of the thrusts of a vehicle's effectors: `thrust_main` of `thruster_main`."""
+    return tuple(f"thrust_{name.removeprefix('thruster_')}" for name in effectors)
+
+
+@cache
+def vehicle_state(effectors: tuple[str, ...]) -> ScalarSchema:
+    """Schema of the true state of a vehicle with these effectors."""
+    motion = ("time", *VELOCITY, *ANGULAR_VELOCITY, *WATER_VELOCITY)
+    # a type of protobuf has one definition in a process, and vehicles differ in their effectors
+    name = f"VehicleState_{crc32(','.join(effectors).encode()):08x}"
+    return ScalarSchema(name, (*motion, *thrust_fields(effectors), *DERIVED))
+
+
 OWN_MOTION = ScalarSchema("OwnMotion", OwnMotionTuple._fields)
 RECEPTION = ScalarSchema("Reception", (*LEADER_MESSAGE, *RANGES))
 PLACED_RECEPTION = ScalarSchema("PlacedReception", (*LEADER_MESSAGE, *RANGES, *TRANSMITTERS))
@@ -252,4 +266,4 @@ MIXTURE = ScalarSchema(
 )
 """States of the tightly coupled navigator after a message, and its hypotheses by weight."""
 ERROR = ScalarSchema("Error", ("position_error", "bearing_error"))
-SCALAR_SCHEMAS = (VEHICLE_STATE, OWN_MOTION, RECEPTION, FILTER_STATE, FIX, MIXTURE, ERROR)
+SCALAR_SCHEMAS = (vehicle_state(()), OWN_MOTION, RECEPTION, FILTER_STATE, FIX, MIXTURE, ERROR)

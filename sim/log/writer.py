@@ -156,11 +156,15 @@ def _json(value: object) -> bytes:
 
 
 def _vehicles(flight: Flight) -> bytes:
-    """Names and sites, which `/tf` holds in part only; JSON keeps float64 to the bit."""
+    """Names, sites and effectors, which `/tf` holds in part only; JSON keeps float64 to the bit."""
     t = flight.trajectory
     sites = zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True)
     table = [{"name": name, "vehicle": vehicle, "offset": offset} for name, vehicle, offset in sites]
-    return _json({"names": t.names, "sites": table})
+    effectors = [
+        [{"name": name, "force": force} for name, force in zip(names, forces, strict=False)]
+        for names, forces in zip(t.effector_names, t.effector_force.tolist(), strict=False)
+    ]
+    return _json({"names": t.names, "sites": table, "effectors": effectors})
 
 
 def _frames(video: Iterable[tuple[float, bytes]], clock: Clock) -> Iterator[tuple[int, bytes]]:

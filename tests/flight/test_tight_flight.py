@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sim.log.spool import Spool
 
 from experiments.campaign.bound import flight_bound
 from experiments.flight.fly import fly
@@ -25,7 +26,6 @@ from sim.film.film_data import FilmData
 from sim.flight import SLIP_M_SQRT_S, Flight, laisn_settings, navigate, navigation_settings
 from sim.log import reader, writer
 from sim.log.file import LogError
-from sim.log.spool import Spool
 from sim.scenario.settings import Assume, Scenario
 from tests.synthetic import bits
 
