@@ -40,13 +40,15 @@ def background_process(first: Callable[[], object] | None = None) -> Iterator[Pr
     executor = ProcessPoolExecutor(
         1, multiprocessing.get_context("fork"), initializer=exit_with_parent, initargs=(os.getpid(),)
     )
+    others = {child.pid for child in multiprocessing.active_children()}
     try:
         if first is not None:
             executor.submit(first)
         yield executor
     except BaseException:
         for child in multiprocessing.active_children():
-            child.kill()
+            if child.pid is not None and child.pid not in others:
+                os.kill(child.pid, signal.SIGKILL)
         raise
     finally:
         executor.shutdown(cancel_futures=True)

@@ -44,7 +44,7 @@ DOCUMENTS = [
     *sorted((ROOT / "docs").glob("*.md")),
 ]
 STUDIES = ("reproduce", "asymmetry", "estimators", "formation", "study")
-FOREIGN = ("apt-get", "pip", "rerun", "source")
+FOREIGN = ("apt-get", "pip", "rerun", "source", "srun")
 """Programs that are not ours to try."""
 
 

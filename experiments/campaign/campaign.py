@@ -223,6 +223,7 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
             computed is stored.
     """
     workers, cluster, quiet = options.get("workers"), options.get("cluster"), options.get("quiet", False)
+    pool = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
     store, facts = Store(folder, force=options.get("force", False)), design.facts
     cells = missing_cells(design.cells, store)
     motions = {plan.motion: plan.scenario for plan in cells}
@@ -230,8 +231,7 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
         unmeasured = [plan for plan in design.cells if store.record(key_of(facts, plan.motion)) is None]
         motions |= {plan.motion: plan.scenario for plan in unmeasured}
     tasks = {name: task for name, task in design.tasks.items() if store.record(task_key(task)) is None}
-    largest = max(len(cells), len(motions), len(tasks), 1)
-    pool = Pool(min(len(os.sched_getaffinity(0)) if workers is None else workers, largest), cluster)
+    pool.size = min(pool.size, max(len(cells), len(motions), len(tasks), 1))
     if cluster is None and not quiet:
         if cells:
             compile_ahead(cells[0])

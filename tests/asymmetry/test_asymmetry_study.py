@@ -183,7 +183,7 @@ def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
     def fail(*_: object) -> None:
         raise RuntimeError("a process that renders frames ended with code 1")
 
-    monkeypatch.setattr(tasks, "_done", never)
+    monkeypatch.setattr(tasks, "_rows", never)
     report.unlink()
     with pytest.raises(RuntimeError, match="renders frames"):
         asymmetry.run(tmp_path, quick=True, workers=1, quiet=True, film=fail)

@@ -10,7 +10,6 @@ from experiments.pages.page import Cell, Table, ratio_tone
 from experiments.reproduction import paper_tables
 from experiments.reproduction.record import Reproduction
 from experiments.reproduction.stages import METRICS, SETTINGS, Key, Setting
-from experiments.reproduction.verdict import Results
 
 BASE, GATE, SLOW, ASYMMETRIC, TEXT = (
     replace(next(s for s in SETTINGS if s.name == name), variants=("laisn-2",))
@@ -38,7 +37,7 @@ def made(*given: tuple[Setting, dict[str, dict[str, Any]]]) -> Reproduction:
     }
     return Reproduction(
         motion="kinematic", runs=60, seed=1, settings=tuple(s for s, _ in given), plans={}, rows=flown, steps={},
-        published=published, results=Results(rows=flown, missions=tuple(OURS)), judgements=[], folder=Path(),
+        published=published, judgements=[], folder=Path(),
     )  # fmt: skip
 
 

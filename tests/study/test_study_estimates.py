@@ -142,6 +142,10 @@ def test_energy_is_mean_power_times_time_and_way_costs_it():
     assert facts["power_mean_w"] > 0.99 * float(np.mean(np.abs(trajectory.thrust[:, 1, 0]) * through))
 
 
+ALONG_AND_ACROSS = np.broadcast_to([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], (2, 2, 3)).copy()
+"""Two thrusters of each vehicle: one along the hull, one to port."""
+
+
 def test_facts_of_a_mission_are_those_of_its_motion():
     """A leader at rest 1 m too deep, pitched by 5°; a follower that drifts aside by 3 cm/s and down by 1 cm/s."""
     scenario = straight.make_scenario()
@@ -150,9 +154,9 @@ def test_facts_of_a_mission_are_those_of_its_motion():
         (0.0, 40.0, -depth), leader=(0.0, 0.0, -9.0), follower_velocity=(0.0, 0.03, -0.01),
         heading_pitch_roll=(np.pi / 2, np.deg2rad(5.0), 0.0),
     )  # fmt: skip
-    thrust = np.zeros_like(flown.thrust)
-    thrust[:, 0, 0], thrust[:, 1, 2] = 16.0, -9.0
-    flown = replace(flown, thrust=thrust)
+    thrust = np.zeros((flown.time.size, 2, 2))
+    thrust[:, 0, 0], thrust[:, 1, 1] = 16.0, -9.0
+    flown = replace(flown, thrust=thrust, effector_force=ALONG_AND_ACROSS)
     (facts,) = facts_of(scenario, flown)
     time, area = flown.time, math.pi * DISC_DIAMETER_M**2 / 4
     # at rest a disc takes T^1.5 / √(2ρA)
@@ -198,9 +202,9 @@ def test_a_thruster_works_against_the_water_that_it_meets_along_the_hull():
     flown = straight.make_trajectory(
         (0.0, 40.0, -10.0), leader_velocity=(1.2, 0.0, 0.0), heading_pitch_roll=(np.pi / 2, np.pi / 3, 0.0)
     )
-    thrust, water = np.zeros_like(flown.thrust), np.zeros_like(flown.water_velocity)
+    thrust, water = np.zeros((flown.time.size, 2, 2)), np.zeros_like(flown.water_velocity)
     thrust[:, 0, 0], water[..., 0] = 8.0, 0.4
-    flown = replace(flown, thrust=thrust, water_velocity=water)
+    flown = replace(flown, thrust=thrust, effector_force=ALONG_AND_ACROSS, water_velocity=water)
     forward = disc_power(np.array(8.0), np.array(0.4), 1026.0)
     assert thruster_power(flown, 0, 1026.0) == pytest.approx(np.full(201, forward))
     # against its way it pushes into its own wake

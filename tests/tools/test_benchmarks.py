@@ -116,8 +116,8 @@ def test_times_of_navigation_are_told_for_a_step_of_a_run(monkeypatch: pytest.Mo
     monkeypatch.setattr(peak, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(benchmarks, "simulate", lambda _: None)
     found = by_name(benchmarks.navigation())
-    # 8 fused operations of 2 flops each, 200 000 times in every lane
-    flops = 16 * LANES * 200_000 / 3.0
+    # 8 fused operations of 2 flops each, 10 million times in every lane
+    flops = 16 * LANES * 10_000_000 / 3.0
     assert found["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx((flops * 1e-9, "GF/s"))
     alone, together = 3e9 / 300, 3e9 / (2000 * 60)
     assert found["filterpy: predict and updates only", ""].value == pytest.approx(alone)
