@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: help run test fuzz mutants check bench figures studies lock clean
+.PHONY: help run test fuzz mutants check release-check bench figures studies lock clean
 
 # Bytecode is kept whatever the environment says: it is not made when packages are installed, but when they are first
 # imported, which takes half the time, as most modules never are.
@@ -33,6 +33,9 @@ check: $(VENV)/.dev  ## lint, formatting, types; numbers in README and docs
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python -m tools.documents.markers --check
+
+release-check: check  ## check, and fail if a study has to be run again
+	$(BIN)/python -m tools.documents.markers --check --strict
 
 bench: $(VENV)/.dev  ## measure speeds three times into out/benchmarks.json; BENCH_ARGS=--record keeps them in docs/results
 	$(BIN)/python -m tools.benchmarks.run $(BENCH_ARGS)
