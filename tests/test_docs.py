@@ -265,6 +265,8 @@ def test_routes_are_kept_as_the_record_says() -> None:
 def test_closed_loops_are_as_the_record_says() -> None:
     """To fly it all takes minutes: one route in one run must fit the median that is printed for it."""
     found = markers.records()["closed-loop"]
+    if markers.is_stale(found):
+        pytest.skip("the record is of other sources: run make studies")
     mission = closed_loop.steering(0, "laisn-2", "estimate")
     alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
     flight, _ = fly(alone)

@@ -93,7 +93,7 @@ def check(*, strict: bool = False) -> tuple[list[str], list[str]]:
     ]
     stale = [name for name, record in found.items() if is_stale(record)]
     studies, measured = ([n for n in stale if (n in MEASURED) is measured] for measured in (False, True))
-    notices = []
+    notices: list[str] = []
     if studies:
         text = f"docs/results of {', '.join(studies)}: the sources have changed since: run make studies figures"
         (errors if strict else notices).append(text)
