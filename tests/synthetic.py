@@ -23,6 +23,8 @@ LANE_M = 9.0
 """Followers circle on wider lanes, so far apart [m]."""
 LAG_RAD = 0.35
 """Angle on the circle by which a follower trails the leader."""
+EFFECTORS = ("thruster_main", "thruster_lateral_bow", "thruster_lateral_stern", "thruster_vertical_bow",
+             "thruster_vertical_stern")  # fmt: skip
 SITES = {
     "leader": {
         "tx_rear": (-1.0, 0.0, 0.0),
@@ -90,6 +92,7 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
         angular_velocity=turning,
         water_velocity=np.broadcast_to([0.10, -0.05, 0.0], position.shape).copy(),
         thrust=thrust,
+        effector_names=(EFFECTORS,) * len(names),
         effector_force=np.broadcast_to(np.eye(3)[[0, 1, 1, 2, 2]], (len(names), 5, 3)).copy(),
         site_names=tuple(name for name, _, _ in sites),
         site_vehicle=np.array([v for _, v, _ in sites]),

@@ -155,7 +155,7 @@ def _take_up(
     leader = known[0][sent * s.stride, 0]
     _wander(s, sent, sent - inbox.kept[follower] if inbox.kept[follower] > 0 else 0, inbox.wander[follower])
     inbox.kept[follower] = sent
-    body = leader[0:7], leader[7:13], leader[18:21]
+    body = leader[0:7], leader[7:13], leader[13:16]
     broadcast(s, sent, body, tilts[sent * s.stride], inbox.wander[follower], inbox.message[follower])
     inbox.outcome[follower] = read_ranges(s, k, sent, follower, true, inbox)
 

@@ -264,7 +264,16 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_rows(computed, tmp_path):
 
 def test_no_more_processes_start_than_there_are_tasks(tmp_path, monkeypatch):
     sizes = []
-    monkeypatch.setattr(campaign, "Pool", lambda workers, cluster: sizes.append(workers) or Pool(1))
+
+    class Counted(Pool):
+        """A pool of one process that keeps how many there would have been."""
+
+        def __enter__(self):
+            sizes.append(self.size)
+            self.size = 1
+            return super().__enter__()
+
+    monkeypatch.setattr(campaign, "Pool", Counted)
     few = plans()[:3]
     run(few, tmp_path, workers=64, quiet=True)
     run(few, tmp_path, workers=64, quiet=True)
