@@ -24,6 +24,7 @@ from sim.excerpt import excerpt
 from sim.film.film_data import FilmData
 from sim.flight import SLIP_M_SQRT_S, Flight, laisn_settings, navigate, navigation_settings
 from sim.log import reader, writer
+from sim.log.file import LogError
 from sim.scenario.settings import Assume, Scenario
 from tests.synthetic import bits
 
@@ -137,6 +138,23 @@ def test_it_is_flown_as_it_navigates_afterwards(flight: Flight) -> None:
 def test_its_log_gives_the_same_flight_to_the_bit(flight: Flight, errors: list[Any], tmp_path: Path) -> None:
     writer.write(flight, tmp_path / "a.mcap", errors=errors)
     assert bits(reader.read(tmp_path / "a.mcap")) == bits(flight)
+
+
+def test_a_mixture_that_lacks_a_message_is_noticed(
+    flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer.write(flight, tmp_path / "a.mcap")
+    read = reader.contents
+
+    def changed(*given: Any) -> Any:
+        log = read(*given)
+        messages = log.topics["/follower/mixture"]
+        del messages.data[: messages.sizes.pop(0)], messages.times[0]
+        return log
+
+    monkeypatch.setattr(reader, "contents", changed)
+    with pytest.raises(LogError, match="/follower/mixture is not at the times of the fixes"):
+        reader.read(tmp_path / "a.mcap")
 
 
 def test_an_excerpt_keeps_the_mixtures_of_its_messages(flight: Flight) -> None:

@@ -271,7 +271,7 @@ def test_what_has_no_checksum_is_called_unprotected(tmp_path: Path) -> None:
 
 
 PEAK = """
-import resource, sys
+import sys
 from pathlib import Path
 from sim.log.file import LogError
 from sim.log import reader, recovery, export
@@ -282,7 +282,9 @@ for use in (reader.read, reader.read_measurements, lambda p: export.export(p, p.
         print("done")
     except LogError as error:
         print(error)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3)
+# the resource usage of a process also counts what its parent took before it was started
+status = Path("/proc/self/status").read_text().splitlines()
+print(next(float(line.split()[1]) / 1e3 for line in status if line.startswith("VmHWM")))
 """
 
 
@@ -336,11 +338,7 @@ EMPTY_MESSAGE = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 0, 0)
 CHANNEL = struct.pack("<BQHHIBII", Opcode.CHANNEL, 17, 7, 0, 1, 97, 0, 0)
 
 
-@pytest.mark.parametrize(
-    ("record", "size"),
-    [(EMPTY_MESSAGE, 1), (EMPTY_MESSAGE, 1_000_000), (CHANNEL, 1)],
-    ids=["messages in one chunk", "messages", "channels"],
-)
+@pytest.mark.parametrize(("record", "size"), [(EMPTY_MESSAGE, 1_000_000), (CHANNEL, 1)], ids=["messages", "channels"])
 def test_many_small_records_do_not_fill_the_memory(tmp_path: Path, record: bytes, size: int) -> None:
     count = (16 << 20) // len(record)
     path = hostile(tmp_path / "a.mcap", record, size=size, count=count, compress=zstandard.compress)
