@@ -224,11 +224,12 @@ def test_who_knows_of_no_place_goes_as_its_route_does() -> None:
     assert 0.02 < astray.max() < 0.5
 
 
-@pytest.mark.xfail(
-    reason="stations broadcast attitude by default, which changes the followers on routes beside them", strict=False
-)
-def test_followers_on_routes_and_stations_swim_together() -> None:
-    """By truth and by estimate, with sensors that do not tell one follower from another: each as it does alone."""
+@pytest.mark.parametrize("tilt", [False, True])
+def test_followers_on_routes_and_stations_swim_together(tilt: bool) -> None:
+    """By truth and by estimate, with sensors that do not tell one follower from another: each as it does alone.
+
+    Whether attitude is broadcast is said, for where it is not, it depends on whether there are stations.
+    """
     routes = [{"route": "T6", "steers_by": by} for by in ("truth", "estimate")]
     stations = [
         {"station": {"behind_m": 15.0, "port_m": side, "depth_m": 14.0}, "steers_by": by}
@@ -239,6 +240,7 @@ def test_followers_on_routes_and_stations_swim_together() -> None:
 
     def flown(followers: list[dict[str, Any]]) -> Trajectory:
         table = {"name": "mixed", "duration_s": 30.0, "followers": followers,
+                 "leader": {"broadcast_attitude": tilt}, "navigation": {"use_attitude": tilt},
                  "sensors": dict.fromkeys(exact, 0.0),
                  "acoustics": {"range_tau_m": [0.0, 0.0, 0.0], "range_scale_sigma_m": 0.0}}  # fmt: skip
         return simulate_swarm(validate(table, "test"))[0]

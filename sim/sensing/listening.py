@@ -177,7 +177,7 @@ def hear(
         k: filter step, from 1; steps must come one by one.
         follower: index; its vehicle is the one after.
         sites: offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m].
-        known: the motion until now, rows of pose, twist, thrust and water.
+        known: the motion until now, rows of pose, twist, water and thrusts.
         tilts: what accelerations add to the leader's measured pitch and roll at each instant, shape (n, 2), [rad].
         inbox: brought forward.
     """
