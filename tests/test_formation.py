@@ -242,21 +242,25 @@ def test_after_a_long_silence_it_circles_or_surfaces_or_goes_on() -> None:
     assert wanted[1300:, 2] == pytest.approx(0.5)
 
 
-@pytest.mark.xfail(reason="loss without broadcast attitude depends on rounding: to be measured over runs", strict=False)
-def test_a_formation_follows_a_leader_that_dives() -> None:
-    """By the leader's pitch, which is broadcast unless a key says otherwise; without it followers are led astray."""
-    dive = {"depth_profile": [[0, 5], [30, 5], [180, 40]]}
+def largest_distance_in_a_dive(**leader: object) -> float:
+    """Largest distance from a station behind a leader that dives from 5 to 40 m in 150 s [m]."""
+    dive = {"depth_profile": [[0, 5], [30, 5], [180, 40]], **leader}
     places = [(10.0, -20.0, 12.0), (15.0, 30.0, 13.0), (30.0, 0.0, 14.0)]
-    largest = []
-    for leader in (dive, {"broadcast_attitude": False, **dive}):
-        told = {"leader": leader, "ocean": {"floor_depth_m": 60.0}, "navigation": {"variant": "tight"}}
-        scenario = mission(duration=200.0, places=places, **told)
-        trajectory, _ = flown(scenario)
-        off = off_station(scenario, trajectory, true_stations(scenario, trajectory))
-        largest.append(off.max())
-    assert largest[0] < 2.0
-    # more than 10 m off is lost
-    assert largest[1] > 10.0
+    told = {"leader": dive, "ocean": {"floor_depth_m": 60.0}, "navigation": {"variant": "tight"}}
+    scenario = mission(duration=200.0, places=places, **told)
+    trajectory, _ = flown(scenario)
+    return float(off_station(scenario, trajectory, true_stations(scenario, trajectory)).max())
+
+
+def test_a_formation_follows_a_leader_that_dives() -> None:
+    """By the leader's pitch, which is broadcast unless a key says otherwise."""
+    assert largest_distance_in_a_dive() < 2.0
+
+
+@pytest.mark.xfail(reason="measured 6.6 m; the cause of the change is not known", strict=True)
+def test_without_its_attitude_a_leader_that_dives_loses_followers() -> None:
+    """More than 10 m off is lost."""
+    assert largest_distance_in_a_dive(broadcast_attitude=False) > 10.0
 
 
 def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:
