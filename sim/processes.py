@@ -48,7 +48,7 @@ def background_process(first: Callable[[], object] | None = None) -> Iterator[Pr
     except BaseException:
         for child in multiprocessing.active_children():
             if child.pid is not None and child.pid not in others:
-                os.kill(child.pid, signal.SIGKILL)
+                child.kill()
         raise
     finally:
         executor.shutdown(cancel_futures=True)
