@@ -48,20 +48,20 @@ NEAR_AXIS = ("T2", "T5", "T7", "T8", "T9")
 
 CONCLUSIONS = (
     Conclusion(
-        "README.md", "then jump to the mirror image of the truth", "reproduce-physics",
+        "docs/reproduction.md", "then jump to the mirror image of the truth", "reproduce-physics",
         lambda r: r.low("captured asymmetric laisn-2") > 2 * r.high("captured 5s laisn-2"),
     ),
     Conclusion(
-        "README.md", "with the error of Eq. 28 centred", "reproduce-physics",
+        "docs/reproduction.md", "with the error of Eq. 28 centred", "reproduce-physics",
         lambda r: all(0.8 < r.value(f"ratio asymmetric-centred {v}") < 1.25 < r.value(f"ratio asymmetric {v}")
                       for v in ("laisn-2", "laisn-3-2")),
     ),
     Conclusion(
-        "README.md", "But LAISN-2 collapses as well", "reproduce-physics",
+        "docs/reproduction.md", "But LAISN-2 collapses as well", "reproduce-physics",
         lambda r: r.value("error 10s-slow-beta300 laisn-2 T3") > 5 * r.value("printed 10s-slow-beta300 laisn-2 T3"),
     ),
     Conclusion(
-        "README.md", "collapses at 10 s as printed", "reproduce-physics",
+        "docs/reproduction.md", "collapses at 10 s as printed", "reproduce-physics",
         lambda r: 0.7 < r.value("ratio 10s-slow-beta300 laisn-3-2") < 1.4 and r.high("ratio 10s-slow laisn-3-2") < 0.2,
     ),
     Conclusion(
@@ -69,7 +69,7 @@ CONCLUSIONS = (
         lambda r: all(r.low(f"least attitude-0 {cause}") > 0.9 for cause in CAUSES),
     ),
     Conclusion(
-        "README.md", "off it removes only", "asymmetry",
+        "docs/asymmetry.md", "off it removes only", "asymmetry",
         lambda r: r.high("least attitude-0.5 waves") < r.low("least ahrs-0.5 waves"),
     ),
     Conclusion(
