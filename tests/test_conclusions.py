@@ -82,7 +82,7 @@ CONCLUSIONS = (
         lambda r: r.low("captured real laisn-3-2 all") > r.high("captured level laisn-3-2 all"),
     ),
     Conclusion(
-        "docs/tight.md", "makes the covariance worthless", "estimators",
+        "docs/tight.md", "make the covariance worthless", "estimators",
         lambda r: min(r.values("nees wrong {} unaware", *NOTICED)) > 5
         and 1.2 < min(r.values("nees wrong {} aware", *NOTICED)) <= max(r.values("nees wrong {} aware", *NOTICED)) < 3,
     ),
