@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sim.scenario.point_motion import SPEED_MIN
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.scenario.settings import Follower, Scenario, Vehicle
 from sim.vehicle.mjcf import VehicleSetup
@@ -40,9 +41,10 @@ def ocean_of(scenario: Scenario) -> Ocean:
             n_components=waves.components,
         )
     return Ocean(
-        current_speed_m_s=water.current_speed_m_s,
+        current_speed_m_s=0.0 if water.current_profile else water.current_speed_m_s,
         current_direction_rad=float(np.deg2rad(water.current_direction_deg)),
         current_shear_1_s=water.current_shear_per_s,
+        current_change=water.current_change(),
         density_kg_m3=water.density_kg_m3,
         floor_depth_m=water.floor_depth_m,
         waves=components,
@@ -78,16 +80,16 @@ def models_of(scenario: Scenario) -> tuple[str, ...]:
 def _stand_in(follower: Follower, scenario: Scenario, leader: Route) -> Route:
     """Where a follower on a station begins, and how: beside the leader, as if its trail had been straight."""
     assert follower.station is not None
-    ahead = leader.waypoint[1] - leader.waypoint[0]
-    ahead = ahead / np.hypot(*ahead)
-    if leader.start_heading is not None:
-        ahead = np.array([np.sin(leader.start_heading), np.cos(leader.start_heading)])
+    ahead = leader.initial_direction
+    if leader.start_heading is None:
+        ahead = ahead / np.hypot(*ahead)
     port = np.array([-ahead[1], ahead[0]])
     start = leader.waypoint[0] - follower.station.behind_m * ahead + follower.station.port_m * port
     if follower.start_m is not None:
         start = np.array(follower.start_m)
-    points = [start, start + max(scenario.duration_s, 1.0) * leader.start_speed * ahead]
-    return Route.at_speed(follower.name, points, leader.start_speed, _depth_of(follower))
+    speed = leader.start_speed or SPEED_MIN
+    points = [start, start + max(scenario.duration_s, 1.0) * speed * ahead]
+    return Route.at_speed(follower.name, points, speed, _depth_of(follower))
 
 
 def routes_of(scenario: Scenario) -> tuple[Route, ...]:
@@ -111,14 +113,12 @@ def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSet
         zip(vehicles, vehicle_names(scenario), models_of(scenario), routes, strict=True)
     ):
         east, north = (float(c) for c in route.waypoint[0])
-        first_leg = route.waypoint[1] - route.waypoint[0]
-        heading = route.start_heading
         setups.append(
             VehicleSetup(
                 name=name,
                 model=model,
                 position_m=(east, north, -float(route.depth.depth[0])),
-                heading_rad=float(np.arctan2(*first_leg)) if heading is None else heading,
+                heading_rad=route.initial_heading,
                 speed_m_s=route.start_speed,
                 excess_buoyancy_n=vehicle.excess_buoyancy_n,
                 cg_offset_x_m=vehicle.cg_offset_x_m,

@@ -107,16 +107,17 @@ def _leader_too_fast(scenario: Scenario) -> list[str]:
         route = route_of(scenario.leader, "leader")
     except LaisnError:
         return []  # reported with its route
-    towards = np.deg2rad(ocean.current_direction_deg)
-    drift = np.array([np.sin(towards), np.cos(towards)])
     over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
+    # between these times the current changes linearly on one leg, so that the speed is highest at one of their ends
+    times = np.unique([*route.time, *(time for time, *_ in ocean.current_profile if time < route.time[-1])])
+    legs = np.searchsorted(route.time, 0.5 * (times[1:] + times[:-1])) - 1
     for depth in sorted(set(depths)):
-        through = over_ground - (ocean.current_speed_m_s - ocean.current_shear_per_s * depth) * drift
-        speed = np.hypot(*through.T)
-        leg = int(np.argmax(speed))
-        if speed[leg] > fastest:
+        through = [over_ground[legs] - ocean.current_at(depth, ends) for ends in (times[:-1], times[1:])]
+        speed = np.hypot(*np.transpose(through)).max(axis=-1)
+        k = int(np.argmax(speed))
+        if speed[k] > fastest:
             return [
-                f"leader: on the way to waypoint {leg + 2} followers at {depth:g} m would need {speed[leg]:.3g} m/s "
+                f"leader: on the way to waypoint {legs[k] + 2} followers at {depth:g} m would need {speed[k]:.3g} m/s "
                 f"through the water, formation.fastest_m_s is {fastest:g} m/s"
             ]
     return []

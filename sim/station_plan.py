@@ -55,7 +55,7 @@ class _Followed(NamedTuple):
     way: Floats
     """East and north, shape (n, f + 1, 2), [m]."""
     drift: Floats
-    """Current in each one's layer, shape (f + 1, 2), [m/s]."""
+    """Current in each one's layer, shape (n, f + 1, 2), [m/s]."""
 
     def meeting(self, i: int, j: int) -> Encounter:
         """Where a pair is nearest to each other."""
@@ -78,12 +78,10 @@ def _follow(scenario: Scenario) -> _Followed | None:
         return None
     time = np.arange(0.0, scenario.duration_s + _STEP_S, _STEP_S)
     leader = plan(route_of(scenario.leader, "leader")).at(time)
-    ocean, towards = scenario.ocean, np.deg2rad(scenario.ocean.current_direction_deg)
-    speeds = ocean.current_speed_m_s - ocean.current_shear_per_s * places[:, 2]
-    drift = speeds[:, None] * np.array([np.sin(towards), np.cos(towards)])
+    drift = np.broadcast_to(scenario.ocean.current_at(places[:, 2], time[:, None]), (time.size, len(places), 2))
     through = np.hypot(
-        leader.speed * np.sin(leader.course) - drift[-1, 0],
-        leader.speed * np.cos(leader.course) - drift[-1, 1],
+        leader.speed * np.sin(leader.course) - drift[:, -1, 0],
+        leader.speed * np.cos(leader.course) - drift[:, -1, 1],
     )
     way = np.column_stack([leader.east, leader.north])
     found = stations_along(way, through, leader.course, places, scenario.formation, _STEP_S)[..., :2]
@@ -129,7 +127,7 @@ def hardest_crossing(scenario: Scenario, reach_m: float) -> Crossing | None:
         closing = -float(np.diff(apart[sensed : nearest + 1], prepend=apart[sensed]).min()) / _STEP_S
         # the leader gives way to nobody
         able = [n for n in (i, j) if followed.numbers[n] >= 0]
-        step = (followed.way[sensed + 1] - followed.way[sensed]) / _STEP_S - followed.drift
+        step = (followed.way[sensed + 1] - followed.way[sensed]) / _STEP_S - followed.drift[sensed]
         way = min(float(np.hypot(*step[n])) for n in able)
         needed = closing / len(able) + scenario.formation.least_way_m_s
         crossings.append(Crossing(meeting, closing, way, needed, closing**2 / (2.0 * len(able) * ACCELERATION)))

@@ -51,7 +51,9 @@ def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     for shift in (-1, 0, 1):
         leg = np.clip(due + shift, 0, last)
         offset = position - start[leg]
-        share = np.einsum("ni,ni->n", offset, along[leg]) / np.einsum("ni,ni->n", along[leg], along[leg])
+        squared = np.einsum("ni,ni->n", along[leg], along[leg])
+        # where the vehicle stops, the leg is a point
+        share = np.einsum("ni,ni->n", offset, along[leg]) / np.where(squared > 0.0, squared, 1.0)
         off_leg = offset - np.clip(share, 0.0, 1.0)[:, None] * along[leg]
         nearest = np.minimum(nearest, np.hypot(*off_leg.T))
     return nearest
@@ -76,7 +78,8 @@ def off_place(route: Route, time: Floats, position: Floats, limits: Limits | Non
 def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
     """When each waypoint is nearest, less its time on the route; arguments as of `cross_track`.
 
-    A waypoint is looked for until half a leg before and after it; those later than the last instant are left out.
+    A waypoint is looked for until half a leg before and after it; those where the vehicle stops, and those later than
+    the last instant, are left out.
 
     Returns:
         Shape (number of waypoints passed,), [s].
@@ -84,9 +87,13 @@ def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
     middle = 0.5 * (route.time[:-1] + route.time[1:])
     begin, end = np.concatenate([route.time[:1], middle]), np.concatenate([middle, [np.inf]])
     errors = []
-    for due, waypoint, first, until in zip(route.time, route.waypoint, begin, end, strict=True):
+    rests = route.leg_length == 0
+    stops = np.append(rests, False) | np.append(False, rests)
+    for due, waypoint, first, until, is_stop in zip(route.time, route.waypoint, begin, end, stops, strict=True):
         if due > time[-1] + 1e-9:
             break
+        if is_stop:
+            continue
         window = np.flatnonzero((time >= first) & (time <= until))
         errors.append(time[window[np.hypot(*(position[window] - waypoint).T).argmin()]] - due)
     return np.array(errors)
@@ -122,7 +129,7 @@ def tracking(
                 name=name,
                 cross_track_rms=float(np.sqrt(np.mean(off**2))),
                 cross_track_max=float(off.max()),
-                arrival_error_max=float(np.abs(late).max()),
+                arrival_error_max=float(np.abs(late).max(initial=0.0)),
                 speed_error_rms=float(np.sqrt(np.mean(speed_error**2))),
                 depth_error_rms=float(np.sqrt(np.mean(depth_error**2))),
                 depth_error_max=float(np.abs(depth_error).max()),

@@ -25,7 +25,7 @@ def noise_of(scenario: Scenario) -> TrueNoise:
     sensors, acoustics, assume = scenario.sensors, scenario.acoustics, scenario.navigation.assume
     tight = scenario.navigation.variant == "tight"
     turned = sensors.leader_heading_bias_deg != 0.0 or (tight and not assume.exact_leader)
-    moving = scenario.ocean.current_speed_m_s != 0.0 or (tight and assume.current)
+    moving = scenario.ocean.moves or (tight and assume.current)
     late, clock = tight and assume.offsets, tight and assume.clock
     sound = acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s
     return TrueNoise(

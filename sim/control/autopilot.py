@@ -264,7 +264,7 @@ def control(
     missing = speed_wanted / level - surge
     soon = speed_wanted / level + lag * reference[ACCELERATING]
     thrust = d.surge_mass * (reference[ACCELERATING] + 0.5 * omega * missing) + memory[SPEED_INTEGRAL]
-    thrust += (d.drag_linear * np.exp(-d.drag_fade * soon) + d.drag * soon) * soon
+    thrust += (d.drag_linear * np.exp(-d.drag_fade * abs(soon)) + d.drag * abs(soon)) * soon
 
     # heading and sway; moments to port are positive, turns to port are negative
     turn_soon = turn_wanted + lag * reference[TURNING]

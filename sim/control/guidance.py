@@ -12,6 +12,9 @@ The velocity over ground that follows, less the current, is the velocity through
 heading (the vehicle crabs), its size the speed. The current is the true one or the one that a navigator estimates,
 low-passed, so that waves do not steer (`track_current`). For a vehicle whose navigator estimates none, it is the
 integral of the offset from the reference (`integrate_offset`).
+
+Where the route stops, the velocity over ground leads back to the place. In still water the vehicle keeps its course
+and moves ahead and astern; in a current it heads into it.
 """
 
 from collections.abc import Callable, Sequence
@@ -54,7 +57,9 @@ OFFSET_MOST = 2.0
 INTEGRAL_MOST = 1.0
 """… and the current along an axis that comes of it at most [m/s]."""
 SPEED_LEAST = 0.1
-"""Least speed through the water; slower, a hull has no heading to keep [m/s]."""
+"""Least speed through the water on the way; slower, a hull has no heading to keep [m/s]."""
+HOLD_SPEED = 0.3
+"""Greatest speed along an axis that leads back to the place where a route stops [m/s]."""
 
 
 def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
@@ -168,6 +173,40 @@ def integrate_offset(reference: Floats, position: Floats, dt: float, memory: Flo
 
 
 @compiled
+def _command(heading: float, speed: float, dt: float, memory: Floats) -> tuple[float, float, float]:
+    """Heading, its rate and speed as of `steer`, brought towards what is wanted within the limits."""
+    before = memory[HEADING_COMMAND]
+    turn = signed_angle(heading - before)
+    memory[HEADING_COMMAND] += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
+    memory[SPEED_COMMAND] += clip(speed - memory[SPEED_COMMAND], -ACCELERATION * dt, ACCELERATION * dt)
+    return (
+        memory[HEADING_COMMAND],
+        (memory[HEADING_COMMAND] - before) / dt,
+        memory[SPEED_COMMAND],
+    )
+
+
+@compiled
+def _hold(
+    course: tuple[float, float], offset: tuple[float, float], dt: float, memory: Floats
+) -> tuple[float, float, float]:
+    """As `steer`, where the route stops.
+
+    Args:
+        course: of the reference, a unit vector.
+        offset: way to the place, east and north [m].
+        dt: since the last call [s].
+        memory: as of `steer`.
+    """
+    through_east = clip(offset[0] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory[CURRENT_EAST]
+    through_north = clip(offset[1] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory[CURRENT_NORTH]
+    # the smaller this velocity, the more the heading is that of the course
+    heading = np.arctan2(through_east + SPEED_LEAST * course[0], through_north + SPEED_LEAST * course[1])
+    ahead = memory[HEADING_COMMAND]
+    return _command(heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory)
+
+
+@compiled
 def steer(reference: Floats, position: Floats, dt: float, memory: Floats) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 
@@ -179,10 +218,12 @@ def steer(reference: Floats, position: Floats, dt: float, memory: Floats) -> tup
 
     Returns:
         heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; speed through the water,
-        changing at 0.2 m/s² at most [m/s].
+        changing at 0.2 m/s² at most, and negative only where the route stops [m/s].
     """
     sin, cos = np.sin(reference[COURSE]), np.cos(reference[COURSE])
     east, north = reference[EAST] - position[0], reference[NORTH] - position[1]
+    if reference[SPEED] < SPEED_LEAST:
+        return _hold((sin, cos), (east, north), dt, memory)
     along, across = east * sin + north * cos, east * cos - north * sin
 
     lookahead = max(LOOKAHEAD_MIN, LOOKAHEAD_TIME * reference[SPEED])
@@ -193,13 +234,5 @@ def steer(reference: Floats, position: Floats, dt: float, memory: Floats) -> tup
     through_east = speed * np.sin(course) - memory[CURRENT_EAST]
     through_north = speed * np.cos(course) - memory[CURRENT_NORTH]
 
-    before = memory[HEADING_COMMAND]
-    turn = signed_angle(np.arctan2(through_east, through_north) - before)
-    memory[HEADING_COMMAND] += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
     wanted = max(np.hypot(through_east, through_north), SPEED_LEAST)
-    memory[SPEED_COMMAND] += clip(wanted - memory[SPEED_COMMAND], -ACCELERATION * dt, ACCELERATION * dt)
-    return (
-        memory[HEADING_COMMAND],
-        (memory[HEADING_COMMAND] - before) / dt,
-        memory[SPEED_COMMAND],
-    )
+    return _command(np.arctan2(through_east, through_north), wanted, dt, memory)

@@ -158,6 +158,7 @@ class Sea:
         self._model = model
         self._geom = {n: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("seabed", "sea")}
         self._field = {n: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_HFIELD, n) for n in ("seabed", "sea")}
+        self._ocean = ocean
         self._waves = ocean.wave_parameters
         self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
         self._shown: tuple[float, float, float] | None = None
@@ -180,7 +181,8 @@ class Sea:
         """
         cell = float(x[1] - x[0])
         long = self._steepness * cell < 2.0
-        swell = _sum_of_waves(self._waves[long][:, [0, 1, 2, 4, 5]], x, y, time)
+        east, north = self._ocean.run(time)
+        swell = _sum_of_waves(self._waves[long][:, [0, 1, 2, 4, 5]], x - east, y - north, time)
         return np.asarray(swell + _sum_of_waves(_RIPPLES, x, y, film_time))
 
     def show(self, centre: Floats, reach: float, time: float, film_time: float, context: Any) -> None:

@@ -5,7 +5,8 @@ A route becomes a plan of segments on which acceleration and turn rate are const
     turn out of the last corner │ ramp to the leg's speed │ constant speed │ half of the next turn …
 
 Corners are cut by the arc that touches both legs; its middle is the arrival at the waypoint, at the waypoint's time.
-The leg's speed follows from that in closed form. The same plan is the reference that `sim.control.guidance` follows,
+The leg's speed follows from that in closed form. Before a stop the leg ends with a ramp down to rest at the waypoint;
+after it the vehicle turns on the spot. The same plan is the reference that `sim.control.guidance` follows,
 so that the paper's motion and the physical one differ by the physics alone.
 """
 
@@ -136,10 +137,27 @@ def _leg_speed(distance: float, time: float, speed: float, acceleration: float) 
     return speed + float(np.copysign(acceleration * (time - np.sqrt(root)), missing))
 
 
+def _leg_speed_to_rest(distance: float, time: float, speed: float, acceleration: float) -> float:
+    """Speed v that, reached from `speed` by a ramp, covers `distance` in `time`, ended by a ramp to rest.
+
+    distance = v time ∓ (v − speed)² / (2 acceleration) − v² / (2 acceleration); NaN if no ramps are short enough.
+    """
+    if time <= 0:
+        return float("nan")
+    if distance < speed * time - 0.5 * speed**2 / acceleration:
+        spare = time - speed / acceleration
+        return (distance - 0.5 * speed**2 / acceleration) / spare if spare > 0 else float("nan")
+    # 2 v² − 2 (speed + acceleration time) v + speed² + 2 acceleration distance = 0
+    half = 0.5 * (speed + acceleration * time)
+    root = half**2 - 0.5 * speed**2 - acceleration * distance
+    return half - float(np.sqrt(root)) if root >= 0 else float("nan")
+
+
 def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) -> tuple[float, float]:
     """Speed [m/s], and time at that speed [s], of the straight way to the turn at waypoint k; LaisnError if impossible.
 
-    The planner has left the last turn and heads for the waypoint, where a corner of `cut` [rad] is to be cut.
+    The planner has left the last turn and heads for the waypoint, where a corner of `cut` [rad] is to be cut, or where
+    it stops (`cut` is 0 then).
     """
     where = f"route {route.name!r}, waypoint {k + 1}"
     mean_speed = route.leg_speed[k - 1]
@@ -150,7 +168,9 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) ->
     # along the arc to its middle the way is shorter than to the corner by speed × saved
     saved = (np.tan(cut / 2) - cut / 2) / limits.turn_rate
     left = float(route.time[k]) - planner.time
-    speed = _leg_speed(straight, left + saved, planner.speed, limits.acceleration)
+    stops = _stops(route, k)
+    find = _leg_speed_to_rest if stops else _leg_speed
+    speed = find(straight, left + saved, planner.speed, limits.acceleration)
     if not SPEED_MIN <= speed <= limits.speed_max * (1 + 1e-9):
         asked = f"{max(straight, 0.0) / left:.3g} m/s on average" if left > 0 else "more time"
         raise LaisnError(
@@ -159,7 +179,8 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) ->
         )
     ramp = abs(speed - planner.speed) / limits.acceleration
     radius = speed / limits.turn_rate
-    spare = straight - radius * np.tan(cut / 2) - 0.5 * (planner.speed + speed) * ramp
+    braking = 0.5 * speed**2 / limits.acceleration if stops else 0.0
+    spare = straight - radius * np.tan(cut / 2) - 0.5 * (planner.speed + speed) * ramp - braking
     if spare < -1e-9:
         raise LaisnError(
             f"{where}: a leg of {route.leg_length[k - 1]:.3g} m is {-spare:.3g} m too short for its changes of "
@@ -167,6 +188,11 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) ->
             f"(radius {radius:.3g} m)"
         )
     return speed, float(spare / speed)
+
+
+def _stops(route: Route, k: int) -> bool:
+    """Whether the vehicle stays at waypoint k, counted from 0, for a while."""
+    return k < route.leg_length.size and route.leg_length[k] == 0
 
 
 def plan(route: Route, limits: Limits | None = None) -> Plan:
@@ -179,25 +205,33 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
     limits = limits or Limits()
     points = route.waypoint.tolist()
     course = np.arctan2(*np.diff(route.waypoint, axis=0).T).tolist()
-    start = course[0] if route.start_heading is None else route.start_heading
+    start = route.initial_heading
     east, north = points[0]
     planner = _Planner(east, north, start, route.start_speed)
     # the turn that leads from the last corner to the next leg; a start off the first leg is such a corner
-    turn = _turn_towards(planner, points[1], limits.turn_rate) if abs(signed_angle(course[0] - start)) > 1e-12 else 0.0
+    begins_aside = not _stops(route, 0) and abs(signed_angle(course[0] - start)) > 1e-12
+    turn = _turn_towards(planner, points[1], limits.turn_rate) if begins_aside else 0.0
     for k in range(1, len(points)):
+        if _stops(route, k - 1):
+            planner.go(float(route.time[k]) - planner.time)
+            turn = 0.0 if k == len(course) or _stops(route, k) else signed_angle(course[k] - planner.course)
+            continue
         if np.isnan(turn):
             raise LaisnError(
                 f"route {route.name!r}, waypoint {k + 1}: it lies within the turning circle of "
                 f"{planner.speed / limits.turn_rate:.3g} m radius that begins at waypoint {k}"
             )
         planner.go(abs(turn) / limits.turn_rate, turn_rate=float(np.copysign(limits.turn_rate, turn)))
-        corner = signed_angle(course[k] - planner.course) if k < len(course) else 0.0
+        corner = signed_angle(course[k] - planner.course) if k < len(course) and not _stops(route, k) else 0.0
         cut = abs(corner) if abs(corner) <= limits.sharpest_cut else 0.0
         speed, cruise = _leg(route, k, planner, cut, limits)
         change = speed - planner.speed
         planner.go(abs(change) / limits.acceleration, acceleration=float(np.copysign(limits.acceleration, change)))
         planner.speed = speed
         planner.go(cruise)
+        if _stops(route, k):
+            planner.go(speed / limits.acceleration, acceleration=-limits.acceleration)
+            planner.speed = 0.0
         turn = 0.5 * corner
         planner.go(0.5 * cut / limits.turn_rate, turn_rate=float(np.copysign(limits.turn_rate, corner)))
         if corner and not cut:

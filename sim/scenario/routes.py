@@ -88,8 +88,9 @@ class DepthProfile:
 class Route:
     """Waypoints, each with the time at which the vehicle is to be there; straight legs between them.
 
-    After the last waypoint the vehicle goes straight on. Raises LaisnError naming route and waypoint if shapes
-    disagree, a number is not finite, times do not increase from 0 or two consecutive waypoints coincide.
+    At a place that is given twice in succession the vehicle stops, and goes on at the second time. After the last
+    waypoint it goes straight on, or stays where it has stopped. Raises LaisnError naming route and waypoint if shapes
+    disagree, a number is not finite, times do not increase from 0 or all waypoints are one place.
     """
 
     name: str
@@ -101,7 +102,7 @@ class Route:
     start_heading: float | None = None
     """Compass heading at the first waypoint [rad]; None: along the first leg."""
     start_speed: float = START_SPEED
-    """Speed at the first waypoint [m/s]."""
+    """Speed at the first waypoint [m/s]; nothing where the route begins with a stop."""
 
     def __post_init__(self) -> None:
         n = self.time.size
@@ -119,10 +120,11 @@ class Route:
                 f"route {self.name!r}, waypoint {i + 2}: its time {self.time[i + 1]:g} s is not later than "
                 f"{self.time[i]:g} s of the waypoint before"
             )
-        for i in np.flatnonzero(self.leg_length == 0):
-            raise LaisnError(f"route {self.name!r}: waypoints {i + 1} and {i + 2} coincide")
-        if not self.start_speed > 0:
-            raise LaisnError(f"route {self.name!r}: start_speed is {self.start_speed}, expected a positive speed")
+        if not self.leg_length.any():
+            raise LaisnError(f"route {self.name!r}: all waypoints are one place")
+        if not (self.start_speed > 0 if self.leg_length[0] else self.start_speed == 0):
+            expected = "a positive speed" if self.leg_length[0] else "0 where the route begins with a stop"
+            raise LaisnError(f"route {self.name!r}: start_speed is {self.start_speed}, expected {expected}")
         own_arrays(self)
 
     @classmethod
@@ -140,6 +142,7 @@ class Route:
             waypoint=table[:, 1:].copy(),
             depth=profile,
             start_heading=start_heading,
+            start_speed=0.0 if np.array_equal(table[0, 1:], table[1:2, 1:].ravel()) else START_SPEED,
         )
 
     @classmethod
@@ -162,6 +165,19 @@ class Route:
     def leg_length(self) -> Floats:
         """Length of each leg, shape (n − 1,), [m]."""
         return np.asarray(np.hypot(*np.diff(self.waypoint, axis=0).T))
+
+    @property
+    def initial_direction(self) -> Floats:
+        """Direction in which the vehicle points at the first waypoint, a vector east and north of any length."""
+        if self.start_heading is not None:
+            return np.array([np.sin(self.start_heading), np.cos(self.start_heading)])
+        first = int(np.flatnonzero(self.leg_length)[0])
+        return np.asarray(self.waypoint[first + 1] - self.waypoint[first])
+
+    @property
+    def initial_heading(self) -> float:
+        """Heading at the first waypoint [rad]."""
+        return float(np.arctan2(*self.initial_direction)) if self.start_heading is None else self.start_heading
 
     @property
     def leg_speed(self) -> Floats:

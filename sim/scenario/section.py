@@ -1,6 +1,7 @@
 """What tables of a scenario file are made of: their common rules, and the ranges of their numbers."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, Strict
@@ -19,6 +20,16 @@ LISTED = Strict(False)
 """Lets a tuple be given as a list too, as a TOML file has it."""
 MOST_POINTS = 100_000
 """Most points of a route or a profile: one a second for more than a day."""
+
+
+def require_increasing(points: Sequence[tuple[float, ...]], what: str, unit: str, begins_at_zero: bool = True) -> None:
+    """ValueError naming the first point of a profile whose first number is not more than that of the one before."""
+    if begins_at_zero and points and points[0][0] != 0:
+        raise ValueError(f"the first {what} must stand at time 0")
+    for number, (before, after) in enumerate(pairwise(points), start=2):
+        if after[0] <= before[0]:
+            order = "later" if unit == "s" else "deeper"
+            raise ValueError(f"{what} {number} at {after[0]:g} {unit} is not {order} than the one before")
 
 
 class Section(BaseModel):

@@ -1,11 +1,10 @@
 """What a user may set of sensors and of sound: their true errors, which the filter does not know."""
 
-from itertools import pairwise
 from typing import Annotated, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, Positive, Section
+from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, Positive, Section, require_increasing
 
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
@@ -109,9 +108,7 @@ class Acoustics(Section):
     @field_validator("sound_speed_profile")
     @classmethod
     def _depths_increase(cls, points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-        for number, (before, after) in enumerate(pairwise(points), start=2):
-            if after[0] <= before[0]:
-                raise ValueError(f"point {number} at {after[0]:g} m is not deeper than the one before")
+        require_increasing(points, "point", "m", begins_at_zero=False)
         return points
 
     @model_validator(mode="after")

@@ -5,6 +5,7 @@ from collections import Counter
 from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from sim.scenario.formation import Formation, Station, proximity_inconsistencies, station_conflicts
@@ -216,11 +217,12 @@ class Scenario(Section):
                 f"{key} would dive to {deepest:g} m, the floor lies at ocean.floor_depth_m = "
                 f"{self.ocean.floor_depth_m:g} m (1 m is kept clear)"
             )
-        drift = self.ocean.current_speed_m_s - self.ocean.current_shear_per_s * deepest
-        if abs(drift) > FASTEST_CURRENT_M_S:
+        times = np.array([time for time, *_ in self.ocean.current_profile] or [0.0])
+        drift = float(np.hypot(*self.ocean.current_at(deepest, times).T).max())
+        if drift > FASTEST_CURRENT_M_S:
             found.append(
-                f"ocean: the current at {key}'s {deepest:g} m would run at {drift:.3g} m/s; current_speed_m_s and "
-                f"current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
+                f"ocean: the current at {key}'s {deepest:g} m would run at {drift:.3g} m/s; its speed at the surface "
+                f"and current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
             )
         return found
 

@@ -1,6 +1,5 @@
 """What a user may set of the vehicles: routes, depths, hulls."""
 
-from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -8,7 +7,17 @@ from pydantic import Field, field_validator, model_validator
 from sim.scenario.formation import Station
 from sim.scenario.own_hull import LONGEST
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
-from sim.scenario.section import LISTED, MOST_POINTS, Coordinate, Name, NonNegative, Positive, Scale, Section
+from sim.scenario.section import (
+    LISTED,
+    MOST_POINTS,
+    Coordinate,
+    Name,
+    NonNegative,
+    Positive,
+    Scale,
+    Section,
+    require_increasing,
+)
 
 TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
 TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
@@ -21,7 +30,8 @@ class Vehicle(Section):
     waypoints: Annotated[tuple[TimedPoint, ...], LISTED] = Field(
         (),
         max_length=MOST_POINTS,
-        description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0",
+        description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0; at a place that is given "
+        "twice in succession the vehicle stops until the second time",
     )
     model: Annotated[str, Field(max_length=LONGEST)] | None = Field(
         None,
@@ -50,19 +60,13 @@ class Vehicle(Section):
     def _waypoints_in_order(cls, points: tuple[TimedPoint, ...]) -> tuple[TimedPoint, ...]:
         if points and (len(points) < 2 or points[0][0] != 0):
             raise ValueError("needs at least two waypoints, the first at time 0")
-        for number, (before, after) in enumerate(pairwise(points), start=2):
-            if after[0] <= before[0]:
-                raise ValueError(f"waypoint {number} at {after[0]:g} s is not later than the one before")
+        require_increasing(points, "waypoint", "s")
         return points
 
     @field_validator("depth_profile")
     @classmethod
     def _depths_in_order(cls, points: tuple[TimedDepth, ...]) -> tuple[TimedDepth, ...]:
-        if points and points[0][0] != 0:
-            raise ValueError("the first depth must stand at time 0")
-        for number, (before, after) in enumerate(pairwise(points), start=2):
-            if after[0] <= before[0]:
-                raise ValueError(f"depth {number} at {after[0]:g} s is not later than the one before")
+        require_increasing(points, "depth", "s")
         return points
 
     @property

@@ -90,7 +90,7 @@ def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vecto
 
 
 @compiled
-def immersion(c: Any, position: Vector, axis: Vector, time: float, waves: Floats) -> tuple[float, float]:
+def immersion(c: Any, position: Vector, axis: Vector, time: float, water: Water) -> tuple[float, float]:
     """How much of a hull is in the water, and where the missing part was.
 
     A strip's section leaves the water evenly from the moment the surface touches its top until it is a radius below
@@ -99,7 +99,7 @@ def immersion(c: Any, position: Vector, axis: Vector, time: float, waves: Floats
     Returns:
         The share immersed in [0, 1], and Σ (dry share · x) of the strips [m].
     """
-    reach = 0.0
+    reach, waves = 0.0, water[1]
     for i in range(waves.shape[1]):
         reach += abs(waves[AMPLITUDE, i])
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
@@ -108,7 +108,7 @@ def immersion(c: Any, position: Vector, axis: Vector, time: float, waves: Floats
     area = wet = arm = 0.0
     for i in range(c.n_strips):
         p = plus(position, scaled(c.strip_x[i], axis))
-        below = elevation_at(p[0], p[1], time, waves) - p[2]
+        below = elevation_at(p[0], p[1], time, water) - p[2]
         share = min(max(0.5 + 0.5 * below / c.hull_radius, 0.0), 1.0)
         area += c.strip_area[i]
         wet += share * c.strip_area[i]
@@ -169,7 +169,7 @@ def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tu
     force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
     moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
 
-    share, dry_arm = immersion(c, position, axis, time, water[1])
+    share, dry_arm = immersion(c, position, axis, time, water)
     lift = (0.0, 0.0, share * c.buoyancy)
     lost = cross((dry_arm, 0.0, 0.0), times(to_body, (0.0, 0.0, -c.buoyancy)))
     return (

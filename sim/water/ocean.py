@@ -1,7 +1,9 @@
-"""The water: a current that shears with depth, and waves that ride on it.
+"""The water: a current that shears with depth and changes in time, and waves that ride on it.
 
-Velocity of the water at depth −z and time t: u = U(z) + Σ waves, U(z) = (speed + shear z) along one compass
-direction. A wave's phase moves with the surface current, so its frequency at a fixed place is ω + k·U(0). Above the
+Velocity of the water at depth −z and time t: u = U(z) + V(t) + Σ waves, U(z) = (speed + shear z) along one compass
+direction, V(t) the same at all places and linear between points in time. A wave's phase moves with the surface
+current: at a fixed place it is k·(x − ∫V dt) − (ω + k·U(0)) t + φ; in a uniform current that changes, wave number and
+amplitude stay what they are (Phillips, The Dynamics of the Upper Ocean, 2nd ed. 1977, section 2.6). Above the
 still surface the waves' velocity stays what it is at z = 0, as linear theory knows no water there, and so do all its
 derivatives but those with z, which are nil.
 """
@@ -15,14 +17,16 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.elementary import exp, sin_cos
 from laisn.failure import LaisnError
+from laisn.records import own_arrays
 from sim.geometry.vectors import Matrix, Vector
 from sim.water.waves import FLOOR_DEPTH_M, Waves
 
-Water = tuple[Floats, Floats]
+Water = tuple[Floats, Floats, Floats]
 """An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
 
 current: velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor [m]; shape (5,).
 waves: one column for each component, shape (11, n), rows as named below.
+change: points between which the current changes linearly, shape (m, 7), columns as named below; m = 0: it is steady.
 """
 
 AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
@@ -30,6 +34,9 @@ AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
 K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
 """What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the velocity scale
 a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the floor."""
+START, SET, ACCELERATION, RUN = 0, slice(1, 3), slice(3, 5), slice(5, 7)
+"""Columns of a changing current: time [s]; velocity then [m/s], its rate of change from then on [m/s²] and the way of
+the water since the first point [m], each east and north."""
 _LEAST_EXPONENT = -700.0
 """Keeps exp(kz) above zero; what is left of a wave is nothing there, and so is its mirror image."""
 
@@ -38,7 +45,8 @@ _LEAST_EXPONENT = -700.0
 class Ocean:
     """Current, waves, density and depth of a sea.
 
-    Raises LaisnError if a value is not finite or not possible, or the waves belong to another depth.
+    Raises LaisnError if a value is not finite or not possible, times do not increase, or the waves belong to another
+    depth.
     """
 
     current_speed_m_s: float = 0.0
@@ -47,6 +55,9 @@ class Ocean:
     """Compass direction that the current runs towards."""
     current_shear_1_s: float = 0.0
     """Loss of speed per metre of depth."""
+    current_change: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    """Velocity V that is added at all depths: time [s], east and north [m/s], shape (m, 3), times increasing from 0;
+    linear between the points, constant after the last."""
     density_kg_m3: float = 1026.0
     floor_depth_m: float = FLOOR_DEPTH_M
     waves: Waves = field(default_factory=Waves.none)
@@ -58,6 +69,12 @@ class Ocean:
         for name in ("density_kg_m3", "floor_depth_m"):
             if not 0 < getattr(self, name) < np.inf:
                 raise LaisnError(f"Ocean.{name}={getattr(self, name)} must be positive and finite")
+        change = self.current_change
+        if change.ndim != 2 or change.shape[1] != 3 or not np.isfinite(change).all():
+            raise LaisnError(f"Ocean.current_change has shape {change.shape}; expected finite values of shape (m, 3)")
+        if change.size and (change[0, 0] != 0 or np.any(np.diff(change[:, 0]) <= 0)):
+            raise LaisnError(f"times of Ocean.current_change must increase from 0, got {change[:, 0].tolist()} s")
+        own_arrays(self)
         if self.waves.amplitude_m.size and self.waves.floor_depth_m != self.floor_depth_m:
             raise LaisnError(
                 f"the waves were made for a floor at {self.waves.floor_depth_m:g} m, Ocean.floor_depth_m is "
@@ -71,7 +88,7 @@ class Ocean:
 
     @property
     def water(self) -> Water:
-        """Current and waves as compiled functions take them."""
+        """Current, waves and change of the current as compiled functions take them."""
         towards = np.array([np.sin(self.current_direction_rad), np.cos(self.current_direction_rad)])
         surface = self.current_speed_m_s * towards
         current = np.concatenate([surface, self.current_shear_1_s * towards, [self.floor_depth_m]])
@@ -82,7 +99,23 @@ class Ocean:
         orbital = w.amplitude_m * w.omega_rad_s / -np.expm1(twice_depth)
         given = [w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad]
         derived = [k, w.wavenumber_1_m / k[:, None], orbital, np.exp(twice_depth)]
-        return current, np.ascontiguousarray(np.column_stack([*given, *derived]).T)
+        return current, np.ascontiguousarray(np.column_stack([*given, *derived]).T), self._change
+
+    @property
+    def _change(self) -> Floats:
+        """Columns START, SET, ACCELERATION and RUN."""
+        time, velocity = self.current_change[:, 0], self.current_change[:, 1:]
+        out = np.zeros((time.size, 7))
+        out[:, START], out[:, SET] = time, velocity
+        if time.size > 1:
+            dt = np.diff(time)[:, None]
+            out[:-1, ACCELERATION] = np.diff(velocity, axis=0) / dt
+            out[1:, RUN] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
+        return out
+
+    def run(self, time: float) -> tuple[float, float]:
+        """Way that the changing part of the current has made since time 0, east and north [m]."""
+        return change_at(time, self._change)[4:]
 
     @property
     def wave_parameters(self) -> Floats:
@@ -92,7 +125,7 @@ class Ocean:
     def elevation(self, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
         """Height of the surface above z = 0; x and y broadcast to the shape of the answer, [m], [s]."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
-        return _elevations(x.ravel(), y.ravel(), time, self.water[1]).reshape(x.shape)
+        return _elevations(x.ravel(), y.ravel(), time, self.water).reshape(x.shape)
 
     def velocity(self, position: Floats, time: float) -> Floats:
         """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
@@ -106,8 +139,41 @@ class Ocean:
 
 
 @compiled
-def elevation_at(x: float, y: float, time: float, waves: Floats) -> float:
-    """Height of the surface above z = 0 at one place [m]; `waves` of a `Water`."""
+def change_at(time: float, change: Floats) -> tuple[float, float, float, float, float, float]:
+    """The changing part of the current at a time [s].
+
+    Returns:
+        Velocity [m/s], its rate of change [m/s²] and way since the first point [m], each east and north.
+    """
+    m = change.shape[0]
+    if m == 0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    low, high = 0, m
+    while high - low > 1:
+        middle = (low + high) // 2
+        if change[middle, 0] <= time:
+            low = middle
+        else:
+            high = middle
+    _, ux, uy, ax, ay, dx, dy = change[low]
+    dt = time - change[low, 0]
+    return (
+        ux + ax * dt,
+        uy + ay * dt,
+        ax,
+        ay,
+        dx + (ux + 0.5 * ax * dt) * dt,
+        dy + (uy + 0.5 * ay * dt) * dt,
+    )
+
+
+@compiled
+def elevation_at(x: float, y: float, time: float, water: Water) -> float:
+    """Height of the surface above z = 0 at one place [m]."""
+    _, waves, change = water
+    if change.shape[0] > 0:
+        run = change_at(time, change)
+        x, y = x - run[4], y - run[5]
     height = 0.0
     for i in range(waves.shape[1]):
         phase = waves[KX, i] * x + waves[KY, i] * y - waves[FIXED_OMEGA, i] * time + waves[PHASE, i]
@@ -144,8 +210,11 @@ def _orbits(waves: Floats, x: float, y: float, below: float, time: float) -> Flo
 def velocity_at(position: Vector, time: float, water: Water) -> Vector:
     """Velocity of the water at a point, in the world; [m], [s], [m/s]."""
     x, y, z = position
-    current, waves = water
+    current, waves, change = water
     ux, uy, uz = current[0] + current[2] * z, current[1] + current[3] * z, 0.0
+    if change.shape[0] > 0:
+        vx, vy, _, _, run_x, run_y = change_at(time, change)
+        ux, uy, x, y = ux + vx, uy + vy, x - run_x, y - run_y
     below = max(min(z, 0.0), -current[4])
     if waves.shape[1] == 0:
         return ux, uy, uz
@@ -168,28 +237,37 @@ def flow(
         velocity: of the point [m/s].
         axis: unit vector of a hull.
         time: [s].
-        water: current and waves.
+        water: current, waves and change.
 
     Returns:
         velocity u of the water [m/s]; its rate of change as met along the point's path [m/s²]; its gradient, rows
         u, columns x [1/s]; the rate, along the path, of the gradient taken along `axis` [1/s²]; the gradient along
         `axis` of the particles' (linear) acceleration [1/s²].
     """
-    current, waves = water
+    current, waves, change = water
+    vx, vy, ax, ay, run_x, run_y = change_at(time, change)
     if waves.shape[1] > 0:
-        return _flow_in_waves(position, velocity, axis, time, water)
+        # waves are carried along with the changing current
+        place, relative = (
+            (position[0] - run_x, position[1] - run_y, position[2]),
+            (velocity[0] - vx, velocity[1] - vy, velocity[2]),
+        )
+        stream, rate, gradient, turning, squeeze = _flow_in_waves(place, relative, axis, time, (current, waves))
+        stream, rate = (stream[0] + vx, stream[1] + vy, stream[2]), (rate[0] + ax, rate[1] + ay, rate[2])
+        return stream, rate, gradient, turning, squeeze
     # most seas are calm, and need neither sums over waves nor room for them
     sx, sy, z, vz = current[2], current[3], position[2], velocity[2]
     none = (0.0, 0.0, 0.0)
     gradient = ((0.0, 0.0, sx), (0.0, 0.0, sy), none)
-    return (current[0] + sx * z, current[1] + sy * z, 0.0), (sx * vz, sy * vz, 0.0), gradient, none, none
+    stream = (current[0] + sx * z + vx, current[1] + sy * z + vy, 0.0)
+    return stream, (sx * vz + ax, sy * vz + ay, 0.0), gradient, none, none
 
 
 @compiled
 def _flow_in_waves(
-    position: Vector, velocity: Vector, axis: Vector, time: float, water: Water
+    position: Vector, velocity: Vector, axis: Vector, time: float, water: tuple[Floats, Floats]
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
-    """What `flow` says of a sea with waves."""
+    """What `flow` returns in waves and a steady current."""
     x, y, z = position
     vx, vy, vz = velocity
     ax, ay, az = axis
@@ -258,10 +336,10 @@ def water_velocity(position: Floats, time: float, water: Water, out: Floats) -> 
 
 
 @compiled
-def _elevations(x: Floats, y: Floats, time: float, waves: Floats) -> Floats:
+def _elevations(x: Floats, y: Floats, time: float, water: Water) -> Floats:
     out = np.empty(x.size)
     for i in range(x.size):
-        out[i] = elevation_at(x[i], y[i], time, waves)
+        out[i] = elevation_at(x[i], y[i], time, water)
     return out
 
 

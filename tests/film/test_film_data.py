@@ -59,7 +59,7 @@ def test_the_drawn_sea_is_the_simulated_sea():
     waves = Waves(kind="regular", height_m=1.0, period_s=8.0, direction_deg=30.0)
     ocean = ocean_of(mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})}))
     sea = Sea.__new__(Sea)
-    sea._waves = ocean.wave_parameters
+    sea._ocean, sea._waves = ocean, ocean.wave_parameters
     sea._steepness = np.hypot(sea._waves[:, 1], sea._waves[:, 2])
     x, y = sea.grid(np.array([40.0, -7.0, 0.0]), 100.0)
     drawn = sea.elevation(x, y, 12.3, 0.7)

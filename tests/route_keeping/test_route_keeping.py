@@ -71,6 +71,32 @@ def test_routes_are_kept_in_a_current():
     assert flown.water_velocity[..., 1] == pytest.approx(0.3 * np.cos(1.0))
 
 
+STOP = Route.timed("stop", [[0, 0, 0], [60, 60, 0], [120, 60, 0], [200, 60, 60]], 8.0)
+"""A route with a stop from 60 to 120 s, and a turn on the spot after it."""
+
+
+@pytest.mark.parametrize(
+    ("sea", "off"),
+    [
+        (Ocean.calm(), 0.05),
+        (Ocean(current_change=np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0], [100.0, 0.2, -0.2]])), 1.0),
+    ],
+)
+def test_a_hull_holds_its_place_at_a_stop(sea: Ocean, off: float) -> None:
+    """To a few centimetres in still water, to a metre in a current that sets in; and goes on in time."""
+    routes = (STOP, library_route("T6"))
+    flown = simulate_fleet(Plant(setups(routes), sea), routes, 200.0)
+    resting = flown.position[620:1201, 0, :2]
+    assert np.hypot(*(resting - [60.0, 0.0]).T).max() < off
+    if not sea.current_change.size:
+        assert np.hypot(*flown.velocity[700:1200, 0, :2].T).max() < 0.01
+        assert np.abs(flown.heading[700:1150, 0] - np.pi / 2).max() < 0.01
+    assert np.hypot(*(flown.position[-1, 0, :2] - [60.0, 60.0])) < 0.5
+    report = tracking(flown, routes)[0]
+    assert report.cross_track_rms < 0.6
+    assert report.arrival_error_max < 0.5
+
+
 def test_the_same_flight_gives_the_same_bytes():
     routes = (library_route("L"), library_route("T7"))
     a, b = (simulate_fleet(Plant(setups(routes), Ocean.calm()), routes, 50.0) for _ in range(2))

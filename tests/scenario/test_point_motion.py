@@ -5,6 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
 from sim import point_fleet
 from sim.point_fleet import Sites
@@ -190,3 +191,60 @@ def test_a_fleet_moves_level_on_its_course():
 def test_a_fleet_needs_a_route_for_each_vehicle():
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
         point_fleet.simulate_points(("leader", "follower"), (library_route("L"),), 10.0)
+
+
+def stop(*, first: float = 150.0, until: float = 270.0, corner: float = 90.0, begins: bool = False) -> Route:
+    """East for 120 m, a stop, and 100 m on another course."""
+    course = np.deg2rad(90.0 + corner)
+    end = [first + 400.0, 120.0 + 100.0 * np.sin(course), 100.0 * np.cos(course)]
+    points = [[0, 0, 0], [first, 120, 0], [until, 120, 0], end]
+    if begins:
+        points = [[0, 0, 0], *([t + 30.0, x, y] for t, x, y in points)]
+    return Route.timed("stop", points, 5.0)
+
+
+@pytest.mark.parametrize(("begins", "first"), [(True, 150.0), (False, 150.0), (False, 90.0), (False, 122.5)])
+def test_a_vehicle_rests_at_a_place_that_is_given_twice(begins: bool, first: float) -> None:
+    """From rest the leg is a trapezoid, v (T − v / a); from 1 m/s the difference of the ramps is lost besides."""
+    a, moved = ACCELERATION, 30.0 if begins else 0.0
+    flown = plan(stop(first=first, begins=begins))
+    time = np.arange(0.0, first + 400.0 + moved, 0.1)
+    motion = flown.at(time)
+    v = motion.speed[np.searchsorted(time, moved + first / 2)]
+    distance = v * (first - v / a) if begins else v * first - (abs(v - 1.0) * (v - 1.0) + v * v) / (2 * a)
+    assert distance == pytest.approx(120.0)
+    rests = (time >= first + moved) & (time <= first + 120.0 + moved)
+    assert np.abs(motion.speed[rests]).max() < 1e-12
+    assert motion.east[rests] == pytest.approx(120.0, abs=1e-9)
+    assert np.ptp(motion.course[rests]) < 1e-12
+    if begins:
+        assert np.abs(motion.east[time <= 30.0]).max() == 0.0
+    # the speed is that of the way at all times
+    assert np.hypot(np.gradient(motion.east, 0.1), np.gradient(motion.north, 0.1))[1:-1] == pytest.approx(
+        motion.speed[1:-1], abs=0.03
+    )
+    assert motion.speed.min() >= 0.0
+
+
+@pytest.mark.parametrize("corner", [-150.0, -60.0, 0.0, 90.0])
+def test_after_a_stop_a_vehicle_turns_on_the_spot_and_reaches_its_waypoint_in_time(corner: float) -> None:
+    route = stop(corner=corner)
+    flown = plan(route)
+    turned = flown.at(np.array([270.0 + abs(corner) / 10.0]))
+    assert (turned.east[0], turned.north[0], turned.speed[0]) == pytest.approx((120.0, 0.0, 0.0), abs=1e-9)
+    assert turned.course[0] == pytest.approx(np.pi / 2 + np.deg2rad(corner))
+    end = flown.at(route.time[-1:])
+    assert [end.east[0], end.north[0]] == pytest.approx(route.waypoint[-1].tolist(), abs=1e-6)
+
+
+@pytest.mark.parametrize(("distance", "time"), [(120.0, 30.0), (120.0, 50.0), (1.0, 2.0), (2.4, 30.0)])
+def test_a_stop_that_comes_too_soon_is_refused(distance: float, time: float) -> None:
+    """Beyond 3 m/s with the ramps, or nearer than the 2.5 m in which 1 m/s comes to rest."""
+    with pytest.raises(LaisnError, match=r"waypoint 2: .* required"):
+        plan(Route.timed("stop", [[0, 0, 0], [time, distance, 0], [200, distance, 0]], 5.0))
+
+
+def test_a_vehicle_stays_where_its_route_ends_with_a_stop() -> None:
+    flown = plan(Route.timed("end", [[0, 0, 0], [100, 80, 0], [101, 80, 0]], 5.0))
+    motion = flown.at(np.array([100.0, 5000.0]))
+    assert (motion.speed.tolist(), motion.east) == ([0.0, 0.0], pytest.approx(80.0))

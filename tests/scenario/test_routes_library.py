@@ -72,7 +72,7 @@ def test_unknown_routes_are_named_with_what_exists():
         ([[0, 0, 0], [10, 0, np.nan]], "not finite"),
         ([[1, 0, 0], [10, 10, 0]], "waypoint 1 must be at 0 s, got 1 s"),
         ([[0, 0, 0], [10, 10, 0], [10, 20, 0]], "waypoint 3: its time 10 s is not later than 10 s"),
-        ([[0, 0, 0], [10, 10, 0], [20, 10, 0]], "waypoints 2 and 3 coincide"),
+        ([[0, 10, 0], [10, 10, 0], [20, 10, 0]], "all waypoints are one place"),
         ([[0, 0], [10, 10]], r"shape \(n, 3\)"),
     ],
 )

@@ -5,11 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from experiments.flight import library
 from laisn.settings import NavigationSettings
 from laisn.tight.settings import TightSettings
+from sim.assembly import ocean_of
+from sim.feasibility import infeasibilities
 from sim.flight import navigation_settings
 from sim.motion import simulate_motion
 from sim.scenario import file as scenario_file
@@ -85,7 +88,7 @@ def test_defaults_are_the_papers() -> None:
         ({"sensors": {"speed_bias_m_s": 1e308}}, "sensors.speed_bias_m_s: Input should be less than or equal to 10"),
         ({"leader": {"depth_profile": [[0, 5], [0, 6]]}}, "leader.depth_profile: depth 2 at 0 s is not later"),
         ({"leader": {"saw_tooth_amplitude_m": 9.0}}, "leader: saw_tooth_amplitude_m = 9 about depth_m = 8 would leave"),
-        ({"ocean": {"current_shear_per_s": 1.0}}, "the current at leader's 8 m would run at -8 m/s"),
+        ({"ocean": {"current_shear_per_s": 1.0}}, "the current at leader's 8 m would run at 8 m/s"),
         ({"followers": [{"waypoints": [[0, 0, 0], [9, 9]]}]}, "mine.toml: 1 error\n  followers[0].waypoints[1]"),
         ({"epoch": "yesterday"}, "is no ISO 8601 time with zone"),
         ({"name": "a/b"}, "name: String should match pattern"),
@@ -129,7 +132,7 @@ def test_a_broken_override_is_refused(assignment: str) -> None:
             "followers[0].waypoints: route 'follower', waypoint 2: 5.22 m/s",
         ),
         (["followers.0.route=T1"], "followers[0].route: unknown route 'T1'; available: T2 … T9, L"),
-        (["leader.waypoints=[[0, 0, 0], [10, 0, 0]]"], "leader.waypoints: route 'leader': waypoints 1 and 2 coincide"),
+        (["leader.waypoints=[[0, 0, 0], [10, 0, 0]]"], "leader.waypoints: route 'leader': all waypoints are one place"),
         (["video.camera=drone"], "video.camera: unknown camera 'drone'; available: chase"),
         (["epoch=1960-01-01T00:00:00+00:00"], "epoch 1960-01-01 00:00:00+00:00 lies outside 1970"),
         (["ocean.waves.kind=regular", "ocean.waves.height_m=5"], "ocean.waves: height_m=5.0 must lie between 0 and"),
@@ -168,3 +171,34 @@ def test_formations_broadcast_attitude_where_no_key_says_otherwise() -> None:
         assert (scenario.leader.broadcast_attitude, scenario.navigation.use_attitude) == expected
         # what is kept of it says the same
         assert Scenario.model_validate(scenario.model_dump(), strict=False) == scenario
+
+
+def test_a_current_profile_is_that_of_the_water() -> None:
+    """The scenario's own reckoning, by which it is checked, is what the simulated water does."""
+    ocean = {
+        "current_profile": [[0, 0.2, 90], [100, 0.4, 180]],
+        "current_shear_per_s": 0.01,
+        "current_direction_deg": 0.0,
+    }
+    scenario = Scenario(followers=[{"route": "T5"}], ocean=ocean)
+    water = ocean_of(scenario)
+    for depth, time, expected in ((0.0, 0.0, (0.2, 0.0)), (0.0, 50.0, (0.1, -0.2)), (10.0, 400.0, (0.0, -0.5))):
+        assert scenario.ocean.current_at(depth, time) == pytest.approx(expected, abs=1e-12)
+        at = np.array([[5.0, 6.0, -depth]])
+        assert water.velocity(at, time)[0] == pytest.approx((*expected, 0.0), abs=1e-12)
+    assert scenario.ocean.moves
+    assert not Scenario(followers=[{"route": "T5"}], ocean={"current_profile": [[0, 0, 0], [9, 0, 90]]}).ocean.moves
+
+
+def test_speeds_through_the_water_are_checked_against_the_current_of_the_time() -> None:
+    """1 m/s over ground against 1 m/s needs 2 m/s through the water, and only while the current runs."""
+    table = {
+        "followers": [{"station": {"behind_m": 10.0, "depth_m": 9.0}}],
+        "formation": {"fastest_m_s": 1.9},
+        "leader": {"route": None, "waypoints": [[0, 0, 0], [100, 100, 0], [200, 200, 0]]},
+    }
+    for times, expected in (((150, 160, 170), "waypoint 3"), ((20, 60, 90), "waypoint 2"), ((250, 300, 310), "")):
+        profile = [[0, 0, 270], *zip(times, (0, 1.0, 0), (270, 270, 270), strict=True)]
+        scenario = Scenario(**table, ocean={"current_profile": profile})
+        found = [line for line in infeasibilities(scenario) if "through the water" in line]
+        assert [expected in line and "2 m/s through" in line for line in found] == [True] * bool(expected)

@@ -36,6 +36,19 @@ def test_motion_in_a_uniform_current_is_the_motion_in_still_water_carried_along(
     np.testing.assert_allclose(moving.pose[3:], still.pose[3:], atol=1e-10)
 
 
+def test_a_neutral_hull_is_accelerated_as_the_water_is() -> None:
+    """The pressure that accelerates the water moves what weighs as much as it displaces: it stays with the water."""
+    ocean = Ocean(current_change=np.array([[0.0, 0.1, 0.2], [50.0, 0.7, 0.0]]))
+    displaced = 1026 * 4 / 3 * np.pi * SPHERE_RADIUS**3
+    inertia = np.full(3, 0.4 * displaced * SPHERE_RADIUS**2)
+    added = np.diag([displaced / 2] * 3 + [0.0] * 3)
+    tank = Tank(hull(displaced, inertia, added_mass=added, hull_radius=SPHERE_RADIUS), ocean, 0.02)
+    tank.place([0, 0, -20], attitude.from_euler(0.3), [0.1, 0.2, 0.0, 0, 0, 0])
+    tank.step([0.0] * 5, 1000)
+    np.testing.assert_allclose(tank.twist[:3], [0.34, 0.12, 0.0], atol=1e-6)
+    np.testing.assert_allclose(tank.pose[:2], [4.4, 3.2], atol=1e-4)
+
+
 def airy(ocean_depth: float, height: float, period: float, k: float, p: Floats, t: float) -> Floats:
     """Velocity of the water in a wave towards east, as textbooks print it (finite depth)."""
     w = 2 * np.pi / period

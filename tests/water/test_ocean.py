@@ -9,13 +9,30 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from laisn.arrays import Floats
+from laisn.failure import LaisnError
 from sim.water.ocean import Ocean, flow
 from sim.water.waves import Waves, wavenumber
 
 G = 9.81
 
 
-def sea(seed: int = 1, depth: float = 12.0) -> Ocean:
+CHANGE = np.array([[0.0, 0.1, -0.2], [40.0, 0.5, 0.3], [90.0, -0.2, 0.4]])
+"""A current that changes: time [s], east and north [m/s]."""
+
+
+def changing(t: float) -> Floats:
+    """Velocity of that current [m/s]."""
+    return np.array([np.interp(t, CHANGE[:, 0], CHANGE[:, i]) for i in (1, 2)])
+
+
+def way(t: float) -> Floats:
+    """Integral of that velocity from 0 to t [m]."""
+    knots = np.array([*CHANGE[CHANGE[:, 0] < t, 0], t])
+    velocity = np.array([changing(knot) for knot in knots])
+    return np.asarray(np.trapezoid(velocity, knots, axis=0))
+
+
+def sea(seed: int = 1, depth: float = 12.0, change: Floats = CHANGE[:0]) -> Ocean:
     """A short-crested sea in shallow water on a shearing current: nothing cancels."""
     waves = Waves.jonswap(
         np.random.default_rng(seed),
@@ -30,6 +47,7 @@ def sea(seed: int = 1, depth: float = 12.0) -> Ocean:
         current_speed_m_s=0.6,
         current_direction_rad=2.0,
         current_shear_1_s=0.03,
+        current_change=change,
         floor_depth_m=depth,
         waves=waves,
     )
@@ -41,11 +59,15 @@ def textbook_velocity(ocean: Ocean, p: Floats, t: float) -> Floats:
     towards = np.array([np.sin(c.current_direction_rad), np.cos(c.current_direction_rad)])
     surface = c.current_speed_m_s * towards
     u = np.array([*(c.current_speed_m_s + c.current_shear_1_s * p[2]) * towards, 0.0])
+    run = surface * t
+    if c.current_change.size:
+        u[:2] += changing(t)
+        run = run + way(t)
     z = min(p[2], 0.0)  # above the still surface nothing of the waves changes with height
     parts = zip(w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, w.phase_rad, strict=True)
     for a, k2, omega, phase in parts:
         k = np.hypot(*k2)
-        theta = k2 @ (p[:2] - surface * t) - omega * t + phase
+        theta = k2 @ (p[:2] - run) - omega * t + phase
         across = a * omega * np.cosh(k * (z + h)) / np.sinh(k * h) * np.cos(theta)
         up = a * omega * np.sinh(k * (z + h)) / np.sinh(k * h) * np.sin(theta)
         u += [*(across * k2 / k), up]
@@ -59,18 +81,20 @@ def test_wavenumber_solves_the_dispersion_relation(period: float, depth: float) 
     assert G * k * np.tanh(k * depth) == pytest.approx(omega**2, rel=1e-12)
 
 
-def test_velocity_is_the_textbooks() -> None:
-    ocean = sea()
+@pytest.mark.parametrize("change", [CHANGE[:0], CHANGE])
+def test_velocity_is_the_textbooks(change: Floats) -> None:
+    ocean = sea(change=change)
     points = np.random.default_rng(0).uniform([-50, -50, -12], [50, 50, 0], (20, 3))
-    for t in (0.0, 3.7, 812.0):
+    for t in (0.0, 3.7, 40.0, 71.0, 812.0):
         expected = [textbook_velocity(ocean, p, t) for p in points]
         np.testing.assert_allclose(ocean.velocity(points, t), expected, rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.parametrize("change", [CHANGE[:0], CHANGE])
 @pytest.mark.parametrize("heights", [(-8.0, -2.0), (0.01, 0.5)])
-def test_flow_derivatives_are_those_of_the_velocity(heights: tuple[float, float]) -> None:
+def test_flow_derivatives_are_those_of_the_velocity(heights: tuple[float, float], change: Floats) -> None:
     """Below the still surface and above it, where the waves' velocity is held."""
-    ocean = sea()
+    ocean = sea(change=change)
     rng = np.random.default_rng(2)
     h = 1e-4
     for _ in range(10):
@@ -93,6 +117,38 @@ def test_flow_derivatives_are_those_of_the_velocity(heights: tuple[float, float]
         np.testing.assert_allclose(along_change, (along(h * v, h) - along(-h * v, -h)) / (2 * h), atol=1e-5)
         if heights[1] < 0:
             assert abs(np.trace(gradient)) < 1e-12
+
+
+def test_a_linear_ramp_of_the_current() -> None:
+    """0.4 m/s more in 200 s: velocity, acceleration and way as of uniform acceleration, at every depth."""
+    ocean = Ocean(current_change=np.array([[0.0, 0.1, 0.0], [200.0, 0.5, 0.0]]))
+    points = np.array([[3.0, 4.0, -2.0], [9.0, -9.0, -20.0]])
+    for t, speed, acceleration, run in ((0.0, 0.1, 0.002, 0.0), (50.0, 0.2, 0.002, 7.5), (300.0, 0.5, 0.0, 110.0)):
+        np.testing.assert_allclose(ocean.velocity(points, t), [[speed, 0, 0]] * 2, atol=1e-15)
+        np.testing.assert_allclose(ocean.acceleration(points, t), [[acceleration, 0, 0]] * 2, atol=1e-15)
+        assert ocean.run(t) == pytest.approx((run, 0.0), abs=1e-12)
+
+
+def test_elevation_is_carried_along_with_a_changing_current() -> None:
+    still, moved = sea(), sea(change=CHANGE)
+    run = way(71.0)
+    assert moved.run(71.0) == pytest.approx(tuple(run), rel=1e-12)
+    x, y = np.array([0.0, 7.0, -30.0]), np.array([5.0, 5.0, 2.0])
+    np.testing.assert_allclose(moved.elevation(x + run[0], y + run[1], 71.0), still.elevation(x, y, 71.0), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ([[0.0, 1.0]], "shape"),
+        ([[0.0, np.nan, 0.0]], "finite"),
+        ([[1.0, 0.0, 0.0]], "from 0"),
+        ([[0.0, 0.0, 0.0]] * 2, "from 0"),
+    ],
+)
+def test_an_impossible_change_of_the_current_is_refused(change: list[list[float]], expected: str) -> None:
+    with pytest.raises(LaisnError, match=expected):
+        Ocean(current_change=np.array(change))
 
 
 def test_no_water_passes_the_floor() -> None:
