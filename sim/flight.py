@@ -211,14 +211,13 @@ def navigate(
         navigator: makes one navigator for each follower.
         outcome: of the motion.
     """
-    errors = errors_of(scenario)
     measurements, estimates = [], []
     for follower in range(len(scenario.followers)):
-        truth = observe(trajectory, Hearing.of(scenario), follower)
+        truth = observe(trajectory, Hearing.of(scenario, follower), follower)
         settings = navigation_settings(scenario, trajectory, follower)
         measured = measure(
             truth,
-            errors,
+            errors_of(scenario, follower),
             seed=scenario.seed,
             run=scenario.run,
             follower=follower,

@@ -16,21 +16,22 @@ _ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
 _UNIFORM = 1.0 / float(np.sqrt(12.0))
 
 
-def noise_of(scenario: Scenario) -> TrueNoise:
+def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
     """What is truly random in a scenario; of biases, what `navigation.assume` says is known before the mission.
 
     Leader's compass, current, transmitters' offsets and the clock are unknown only where the scenario has such errors,
     or has them estimated: a bound on those who know less would be too high.
     """
-    sensors, acoustics, assume = scenario.sensors, scenario.acoustics, scenario.navigation.assume
+    own, sensors, acoustics = scenario.sensors_of(follower), scenario.sensors, scenario.acoustics
+    assume = scenario.navigation.assume
     tight = scenario.navigation.variant == "tight"
     turned = sensors.leader_heading_bias_deg != 0.0 or (tight and not assume.exact_leader)
     moving = scenario.ocean.moves or (tight and assume.current)
     late, clock = tight and assume.offsets, tight and assume.clock
     sound = acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s
     return TrueNoise(
-        speed_sigma=sensors.speed_sigma_m_s,
-        heading_sigma=float(np.deg2rad(sensors.heading_sigma_deg)) * _ABOUT_MEAN,
+        speed_sigma=own.speed_sigma_m_s,
+        heading_sigma=float(np.deg2rad(own.heading_sigma_deg)) * _ABOUT_MEAN,
         range_sigma=float(np.sqrt(np.mean(np.square(acoustics.range_tau_m)))) * _UNIFORM,
         range_scale_sigma=acoustics.range_scale_sigma_m,
         leader_heading_sigma=float(np.deg2rad(sensors.leader_heading_sigma_deg)) * _ABOUT_MEAN,
@@ -98,5 +99,5 @@ def flight_bound(flight: Flight, follower: int = 0, lag: float = 0.0) -> Floats:
     can be reached.
     """
     scenario, received = flight.scenario, np.isfinite(flight.measurements[follower].ranges)
-    geometry = geometry_of(flight.trajectory, Hearing.of(scenario), follower, received)
-    return least_rms(geometry, noise_of(scenario), lag)
+    geometry = geometry_of(flight.trajectory, Hearing.of(scenario, follower), follower, received)
+    return least_rms(geometry, noise_of(scenario, follower), lag)

@@ -65,7 +65,7 @@ class Cell:
         trajectory, truth = (mission or mission_of(motion_of(scenario))).seen(scenario, follower)
         return cls(
             truth=truth,
-            errors=errors_of(scenario),
+            errors=errors_of(scenario, follower),
             settings=navigation_settings(scenario, trajectory, follower),
             seed=scenario.seed,
             runs=range(runs) if isinstance(runs, int) else runs,

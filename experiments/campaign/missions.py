@@ -106,7 +106,7 @@ class Mission:
         """
         if motion_of(scenario).model_dump(exclude={"name"}) != self._motion:
             raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was simulated")
-        return self._sited(scenario.leader), self._observed(scenario.leader, Hearing.of(scenario), follower)
+        return self._sited(scenario.leader), self._observed(scenario.leader, Hearing.of(scenario, follower), follower)
 
 
 @lru_cache(maxsize=4)

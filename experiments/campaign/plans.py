@@ -66,7 +66,10 @@ def _over_bound(plan: CellPlan, result: CellResult, mission: missions.Mission) -
     if plan.content.navigation.variant != "tight":
         return {"bound_rms_m": None, "rms_over_bound": None}
     trajectory, _ = mission.seen(plan.content, plan.follower)
-    least = least_rms(geometry_of(trajectory, Hearing.of(plan.content), plan.follower), noise_of(plan.content))
+    least = least_rms(
+        geometry_of(trajectory, Hearing.of(plan.content, plan.follower), plan.follower),
+        noise_of(plan.content, plan.follower),
+    )
     bound = float(np.sqrt(np.mean(least**2)))
     rms = float(np.hypot(result.errors.e_p_mean_m, result.errors.e_p_std_m))
     return {"bound_rms_m": bound, "rms_over_bound": rms / bound if bound > 0.0 else None}

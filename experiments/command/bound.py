@@ -46,7 +46,7 @@ def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | N
         mission = mission_of(motion_of(scenario))
         for i, follower in enumerate(scenario.followers):
             trajectory, _ = mission.seen(scenario, i)
-            least = least_rms(geometry_of(trajectory, Hearing.of(scenario), i), noise_of(scenario))
+            least = least_rms(geometry_of(trajectory, Hearing.of(scenario, i), i), noise_of(scenario, i))
             whole = float(np.sqrt(np.mean(least**2)))
             parts = [float(np.sqrt(np.mean(part**2))) for part in np.array_split(least, _QUARTERS)]
             cells = [f"{value:.3f}" for value in (*parts, whole)]

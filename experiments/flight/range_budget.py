@@ -101,7 +101,7 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
         follower: its index, 0 for the first.
     """
     scenario, trajectory, measured = flight.scenario, flight.trajectory, flight.measurements[follower]
-    sound = propagate(trajectory, Hearing.of(scenario), follower)
+    sound = propagate(trajectory, Hearing.of(scenario, follower), follower)
     # sound counts steps from the start of the mission, a flight from its own
     first = round(float(trajectory.time[0]) / measured.dt)
     _, row, kept = np.intersect1d(sound.message_step - first, measured.message_step, return_indices=True)
@@ -116,7 +116,7 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
     path = np.full((row.size, 3), int(Path.DIRECT))
-    errors = errors_of(scenario)
+    errors = errors_of(scenario, follower)
     if errors.echoes:
         path = locked_path(scenario.seed, scenario.run, follower, emission, errors.echo_chance, errors.common_echoes)
 

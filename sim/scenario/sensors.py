@@ -1,8 +1,8 @@
 """What a user may set of sensors and of sound: their true errors, which the filter does not know."""
 
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, create_model, field_validator, model_validator
 
 from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, Positive, Section, require_increasing
 
@@ -14,8 +14,8 @@ SpeedBias = Annotated[float, Field(ge=-10, le=10)]
 HeadingBias = Annotated[float, Field(ge=-180, le=180)]
 
 
-class Sensors(Section):
-    """True errors of the sensors (paper, Eqs. 26 and 27); the filter does not know them."""
+class OwnSensors(Section):
+    """True errors of a follower's own sensors (paper, Eqs. 26 and 27)."""
 
     speed_bias_m_s: SpeedBias = 0.2
     speed_sigma_m_s: NonNegative = 0.2
@@ -39,6 +39,11 @@ class Sensors(Section):
         0.1, description="σ of each reading of a follower's gyros; followers on stations steer by them"
     )
     tilt_sigma_deg: NonNegative = Field(0.5, description="σ of each reading of its inclinometer, likewise")
+
+
+class Sensors(OwnSensors):
+    """True errors of the sensors of followers and leader; no navigator has access to them."""
+
     leader_speed_bias_m_s: SpeedBias = Field(0.0, description="bias of the speed that the leader broadcasts")
     leader_heading_bias_deg: HeadingBias = 0.0
     leader_heading_sigma_deg: NonNegative = 0.0
@@ -60,6 +65,20 @@ class Sensors(Section):
         0.0, description="time constant of the filter that follows gyros at once, the inclinometer slowly; 0: no gyros"
     )
     leader_gyro_random_walk_deg_sqrt_h: NonNegative = Field(0.3, description="angle random walk of these gyros, per √h")
+
+
+if TYPE_CHECKING:
+    FollowerSensors = OwnSensors
+else:
+    FollowerSensors = create_model(
+        "FollowerSensors",
+        __base__=Section,
+        __doc__="Errors of one follower's sensors that differ from `[sensors]`; an absent key has the value there.",
+        **{
+            name: (Annotated[field.annotation, *field.metadata] | None, Field(None, description=field.description))
+            for name, field in OwnSensors.model_fields.items()
+        },
+    )
 
 
 class Acoustics(Section):

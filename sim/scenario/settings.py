@@ -12,7 +12,7 @@ from sim.scenario.formation import Formation, Station, proximity_inconsistencies
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
 from sim.scenario.section import LISTED, Name, Section
-from sim.scenario.sensors import Acoustics, Sensors
+from sim.scenario.sensors import Acoustics, OwnSensors, Sensors
 from sim.scenario.shapes import Shape, followers_of
 from sim.scenario.timing import CONTROL_STEP_S, Timing, is_multiple
 from sim.scenario.vehicles import Follower, Leader, Vehicle
@@ -229,6 +229,11 @@ class Scenario(Section):
     def vehicles(self) -> list[tuple[str, Vehicle]]:
         """All vehicles with their keys, the leader first: leader, followers[0] and so on."""
         return [("leader", self.leader), *((f"followers[{i}]", f) for i, f in enumerate(self.followers))]
+
+    def sensors_of(self, follower: int) -> OwnSensors:
+        """Errors of the own sensors of a follower, by its index: those of `[sensors]` unless it has others."""
+        own = {name: value for name, value in self.followers[follower].sensors if value is not None}
+        return self.sensors.model_copy(update=own)
 
     @property
     def message_every(self) -> int:

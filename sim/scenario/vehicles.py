@@ -18,6 +18,7 @@ from sim.scenario.section import (
     Section,
     require_increasing,
 )
+from sim.scenario.sensors import FollowerSensors
 
 TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
 TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
@@ -109,6 +110,10 @@ class Follower(Vehicle):
         None,
         description="position by which it keeps to its route or station: the true one (the default on a route), or "
         "what it believes itself (the default on a station)",
+    )
+
+    sensors: FollowerSensors = Field(
+        FollowerSensors(), description="errors of this follower's own sensors; an absent key has its value in [sensors]"
     )
 
     @property

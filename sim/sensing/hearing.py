@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Self
 
 from sim.scenario.settings import Scenario
+from sim.sensing.drift import BiasDrift, position_drift
 from sim.sensing.echo import Path, possible_paths
-from sim.sensing.wandering import Wandering
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,11 +35,14 @@ class Hearing:
     clock_offset_s: float
     clock_drift_ppm: float
     max_range_m: float
-    wandering: Wandering
+    bias_drift: BiasDrift
+    """Of the follower's log and compass."""
+    leader_drift: tuple[float, float]
+    """Of `position_drift`, [m/s]."""
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Self:
-        """What a scenario says of it."""
+    def of(cls, scenario: Scenario, follower: int = 0) -> Self:
+        """That of a follower, by its index."""
         sensors, acoustics = scenario.sensors, scenario.acoustics
         return cls(
             filter_step_s=scenario.timing.filter_step_s,
@@ -58,5 +61,6 @@ class Hearing:
             clock_offset_s=acoustics.clock_offset_s,
             clock_drift_ppm=acoustics.clock_drift_ppm,
             max_range_m=acoustics.max_range_m,
-            wandering=Wandering.of(sensors),
+            bias_drift=BiasDrift.of(scenario.sensors_of(follower), follower),
+            leader_drift=position_drift(sensors),
         )

@@ -4,7 +4,7 @@ Formulas and noise are those of `observation` and `sensor_errors`, which make th
 both give the same bits. `listening` does the same for what followers hear.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,17 +13,31 @@ from laisn.compiled import compiled, inlined
 from sim.geometry.attitude import heading_of, pitch_of
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import ahrs
+from sim.sensing.drift import BiasDrift, biased
 from sim.sensing.hearing import Hearing
 from sim.sensing.loss import Channel
 from sim.sensing.noise import STREAMS, Stream, two_normals, two_units, uniform, words
 from sim.sensing.observation import errors_of
 from sim.sensing.pings import Sound, site, sound_of
 from sim.sensing.sensor_errors import heading_reading, plain_reading, speed_reading
-from sim.sensing.wandering import Wandering, biased
 
 _U = np.uint64
 # compiled code holds numbers, not the members of an enum
 _OWN_MOTION, _DEPTH, _GYRO, _TILT = (int(s) for s in (Stream.OWN_MOTION, Stream.DEPTH, Stream.GYRO, Stream.TILT))
+
+
+_OWN_ERRORS = (
+    "speed_bias",
+    "speed_sigma",
+    "heading_bias",
+    "heading_sigma",
+    "depth_sigma",
+    "gyro_sigma",
+    "tilt_sigma",
+)
+OWN_ERRORS = np.dtype([(name, np.float64) for name in (*_OWN_ERRORS, *BiasDrift._fields)])
+"""Errors of one follower's own sensors: those of `SensorErrors`, of a rate of turn [rad/s], of the inclinometer [rad],
+and `BiasDrift`."""
 
 
 class Senses(NamedTuple):
@@ -31,15 +45,8 @@ class Senses(NamedTuple):
 
     seed: np.uint64
     run: np.uint64
-    speed: tuple[float, float]
-    """Bias and standard deviation of the log [m/s]."""
-    heading: tuple[float, float]
-    """Bias and standard deviation of the compass [rad]."""
-    depth_sigma: float
-    gyro_sigma: float
-    """Standard deviation of a rate of turn [rad/s]."""
-    tilt_sigma: float
-    """Standard deviation of the inclinometer [rad]."""
+    own: Any
+    """Records of OWN_ERRORS, shape (f,)."""
     leader_speed: tuple[float, float]
     leader_heading: tuple[float, float]
     leader_depth_sigma: float
@@ -66,20 +73,22 @@ class Senses(NamedTuple):
     message_every: int
     """Filter steps from one message to the next."""
     sound: Sound
-    wandering: Wandering
+    leader_drift: tuple[float, float]
+    """Rate at which the broadcast position departs from the true one, east and north [m/s]."""
 
 
 def senses_of(scenario: Scenario) -> Senses:
     """Errors and hearing of a scenario as compiled code takes them."""
-    errors, hearing, sensors = errors_of(scenario), Hearing.of(scenario), scenario.sensors
+    errors, hearing, f = errors_of(scenario), Hearing.of(scenario), len(scenario.followers)
+    own = np.zeros(f, dtype=OWN_ERRORS)
+    for i in range(f):
+        sensors, its = scenario.sensors_of(i), errors_of(scenario, i)
+        gyro, tilt = np.deg2rad(sensors.gyro_sigma_deg_s), np.deg2rad(sensors.tilt_sigma_deg)
+        own[i] = (*(getattr(its, name) for name in _OWN_ERRORS[:5]), gyro, tilt, *BiasDrift.of(sensors, i))
     return Senses(
         seed=_U(scenario.seed),
         run=_U(scenario.run),
-        speed=(errors.speed_bias, errors.speed_sigma),
-        heading=(float(errors.heading_bias), float(errors.heading_sigma)),
-        depth_sigma=errors.depth_sigma,
-        gyro_sigma=float(np.deg2rad(sensors.gyro_sigma_deg_s)),
-        tilt_sigma=float(np.deg2rad(sensors.tilt_sigma_deg)),
+        own=own.view(np.recarray),
         leader_speed=(errors.leader_speed_bias, errors.leader_speed_sigma),
         leader_heading=(float(errors.leader_heading_bias), float(errors.leader_heading_sigma)),
         leader_depth_sigma=errors.leader_depth_sigma,
@@ -104,7 +113,7 @@ def senses_of(scenario: Scenario) -> Senses:
         stride=round(hearing.filter_step_s / CONTROL_STEP_S),
         message_every=hearing.message_every,
         sound=sound_of(hearing),
-        wandering=hearing.wandering,
+        leader_drift=hearing.leader_drift,
     )
 
 
@@ -148,16 +157,16 @@ def read_own(
     """
     pose, twist, water = body
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    streams = STREAMS * follower
+    streams, errors = STREAMS * follower, s.own[follower]
     first, second = drawn_normals(s, streams + _OWN_MOTION, k)
     speed, heading = forward_speed(pose, twist, water), heading_of(w, x, y, z)
-    speed, heading = biased(s.wandering, follower, k * s.dt, speed, heading)
-    reading[0] = speed_reading(speed, s.speed[0], s.speed[1], first)
-    reading[1] = heading_reading(heading, s.heading[0], s.heading[1], second)
-    third = drawn_normals(s, streams + _DEPTH, k)[0] if s.depth_sigma > 0.0 else 0.0
-    reading[2] = plain_reading(-site(pose, depth_sensor)[2], s.depth_sigma, third)
+    speed, heading = biased(errors, k * s.dt, speed, heading)
+    reading[0] = speed_reading(speed, errors.speed_bias, errors.speed_sigma, first)
+    reading[1] = heading_reading(heading, errors.heading_bias, errors.heading_sigma, second)
+    third = drawn_normals(s, streams + _DEPTH, k)[0] if errors.depth_sigma > 0.0 else 0.0
+    reading[2] = plain_reading(-site(pose, depth_sensor)[2], errors.depth_sigma, third)
     tilt, _ = drawn_normals(s, streams + _TILT, k)
-    reading[3] = plain_reading(pitch_of(w, x, y, z), s.tilt_sigma, tilt)
+    reading[3] = plain_reading(pitch_of(w, x, y, z), errors.tilt_sigma, tilt)
     turning, pitching = drawn_normals(s, streams + _GYRO, k)
-    reading[4] = plain_reading(twist[5], s.gyro_sigma, turning)
-    reading[5] = plain_reading(twist[4], s.gyro_sigma, pitching)
+    reading[4] = plain_reading(twist[5], errors.gyro_sigma, turning)
+    reading[5] = plain_reading(twist[4], errors.gyro_sigma, pitching)

@@ -88,8 +88,8 @@ def broadcast(
     first, second = drawn_normals(s, _LEADER_MOTION, k)
     deep, _ = drawn_normals(s, _LEADER_DEPTH, k)
     message[0] = k * s.dt
-    message[1] = pose[0] + s.wandering.leader[0] * message[0]
-    message[2] = pose[1] + s.wandering.leader[1] * message[0]
+    message[1] = pose[0] + s.leader_drift[0] * message[0]
+    message[2] = pose[1] + s.leader_drift[1] * message[0]
     message[3] = heading_reading(heading_of(w, x, y, z), s.leader_heading[0], s.leader_heading[1], second)
     message[4] = speed_reading(forward_speed(pose, twist, water), s.leader_speed[0], s.leader_speed[1], first)
     message[5] = plain_reading(-pose[2], s.leader_depth_sigma, deep)

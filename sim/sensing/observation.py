@@ -7,28 +7,28 @@ from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import TRANSMITTERS as TRANSMITTERS
 from sim.sensing.acoustics import propagate
 from sim.sensing.ahrs import measured_attitude, random_error
+from sim.sensing.drift import apply_bias_drift
 from sim.sensing.echo import Path
 from sim.sensing.hearing import Hearing
 from sim.sensing.loss import Channel
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
-from sim.sensing.wandering import wander
 from sim.trajectory import Trajectory
 
 SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
 """Sites of leader and follower that sensing needs."""
 
 
-def errors_of(scenario: Scenario) -> SensorErrors:
-    """The true sensor errors of a scenario in SI units."""
-    sensors, acoustics = scenario.sensors, scenario.acoustics
+def errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
+    """The true errors of a follower's and the leader's sensors in SI units."""
+    own, sensors, acoustics = scenario.sensors_of(follower), scenario.sensors, scenario.acoustics
     attitude = random_error(sensors)
     return SensorErrors(
-        speed_bias=sensors.speed_bias_m_s,
-        speed_sigma=sensors.speed_sigma_m_s,
-        heading_bias=np.deg2rad(sensors.heading_bias_deg),
-        heading_sigma=np.deg2rad(sensors.heading_sigma_deg),
-        depth_sigma=sensors.depth_sigma_m,
+        speed_bias=own.speed_bias_m_s,
+        speed_sigma=own.speed_sigma_m_s,
+        heading_bias=np.deg2rad(own.heading_bias_deg),
+        heading_sigma=np.deg2rad(own.heading_sigma_deg),
+        depth_sigma=own.depth_sigma_m,
         leader_speed_bias=sensors.leader_speed_bias_m_s,
         leader_heading_bias=np.deg2rad(sensors.leader_heading_bias_deg),
         leader_heading_sigma=np.deg2rad(sensors.leader_heading_sigma_deg),
@@ -92,7 +92,7 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
     name = trajectory.names[follower + 1]
     hydrophone = trajectory.site_path(f"{name}/hydrophone")
     own = own_motion(trajectory, follower)[grid]
-    wander(hearing.wandering, follower, np.asarray(steps * dt, dtype=np.float64), own)
+    apply_bias_drift(hearing.bias_drift, np.asarray(steps * dt, dtype=np.float64), own)
     sound = propagate(trajectory, hearing, follower)
     sent = sound.emission_step * stride
     limit = hearing.max_range_m or np.inf
@@ -104,7 +104,7 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
         attitude = measured_attitude(trajectory, hearing)[sent]
     leader = trajectory.position[:, 0]
     timestamp = np.asarray(sound.emission_step * dt, dtype=np.float64)
-    astray_east, astray_north = hearing.wandering.leader
+    drift_east, drift_north = hearing.leader_drift
     return MissionTruth(
         dt=dt,
         start=start_of(trajectory, follower),
@@ -119,8 +119,8 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
         timestamp=timestamp,
         sent_position=np.column_stack(
             [
-                leader[sent, 0] + astray_east * timestamp,
-                leader[sent, 1] + astray_north * timestamp,
+                leader[sent, 0] + drift_east * timestamp,
+                leader[sent, 1] + drift_north * timestamp,
                 -leader[sent, 2],
             ]
         ),

@@ -5,6 +5,7 @@ import pytest
 
 from laisn.arrays import Floats
 from sim.geometry import attitude
+from sim.scenario.sensors import FollowerSensors
 from sim.scenario.settings import Scenario, Sensors
 from sim.sensing.instant import Senses, read_own, senses_of
 from sim.sensing.listening import DEAF, HEARD, broadcast, hear, new_inbox
@@ -18,8 +19,10 @@ PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
 
 
 def scenario(tilt_sigma_deg: float, gyro_sigma_deg_s: float) -> Scenario:
+    """With two followers."""
     sensors = Sensors(tilt_sigma_deg=tilt_sigma_deg, gyro_sigma_deg_s=gyro_sigma_deg_s)
-    return make_scenario(10.0).model_copy(update={"sensors": sensors})
+    made = make_scenario(10.0)
+    return made.model_copy(update={"sensors": sensors, "followers": made.followers * 2})
 
 
 def standing(poses: Floats, instants: int) -> Floats:
@@ -52,6 +55,24 @@ def test_instruments_err_as_much_as_the_scenario_says_and_each_on_its_own() -> N
     assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 5 / np.sqrt(n)
     other = read(senses_of(scenario(0.5, 0.1)), n, follower=1)
     assert np.abs([np.corrcoef(a, b)[0, 1] for a, b in zip(found.T, other.T, strict=True)]).max() < 5 / np.sqrt(n)
+
+
+def test_one_follower_has_errors_of_its_own() -> None:
+    """Its compass, log and inclinometer; the other follower reads the same bits as without them."""
+    plain = scenario(0.0, 0.0)
+    own = plain.followers[0].model_copy(
+        update={"sensors": FollowerSensors(heading_bias_deg=-12.0, heading_sigma_deg=0.0, speed_sigma_m_s=0.0,
+                                           speed_bias_m_s=-0.25, tilt_sigma_deg=1.0)}
+    )  # fmt: skip
+    changed = plain.model_copy(update={"followers": (plain.followers[0], own)})
+    pose, twist = np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0)], np.r_[np.sin(1.0), np.cos(1.0), 0.0, 0.0, 0.0, 0.0]
+    readings = np.empty((2, 2, 6))
+    for i, told in enumerate((plain, changed)):
+        for follower in range(2):
+            read_own(senses_of(told), 7, follower, (pose, twist, np.zeros(3)), np.zeros(3), readings[i, follower])
+    np.testing.assert_array_equal(readings[0, 0], readings[1, 0])
+    tilt = np.deg2rad(1.0) * normals(plain.seed, plain.run, Stream.TILT.number(1), [7])[0, 0]
+    assert readings[1, 1] == pytest.approx([0.75, 1.0 - np.deg2rad(12.0), 10.0, tilt, 0.0, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize("centre", [0.0, 0.5])
@@ -137,7 +158,9 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
     """Bias and spread of each, with the draws of step, run and follower; the log feels the water along the hull."""
     seed, run, k = 2, 5, 30
     senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
-    senses = senses._replace(speed=(0.1, 0.02), heading=(0.05, 0.01), depth_sigma=0.3)
+    errors = senses.own[1]
+    errors.speed_bias, errors.speed_sigma, errors.heading_bias, errors.heading_sigma = 0.1, 0.02, 0.05, 0.01
+    errors.depth_sigma = 0.3
     turned = attitude.from_euler(1.0, PITCH, 0.2)
     twist, water, reading = np.r_[0.9, 0.7, 0.2, RATES], np.array([0.1, -0.2, 0.05]), np.empty(6)
     read_own(senses, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.array([0.5, 0.0, 0.0]), reading)
@@ -146,7 +169,7 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
     assert reading[1] == pytest.approx(1.0 + 0.05 + 0.01 * abs(motion[1]))
     assert reading[2] == pytest.approx(10.0 - 0.5 * np.sin(PITCH) + 0.3 * depth[0])
     # inclinometer and gyros likewise, in the order up and port
-    senses = senses._replace(tilt_sigma=0.02, gyro_sigma=0.004)
+    errors.tilt_sigma, errors.gyro_sigma = 0.02, 0.004
     read_own(senses, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.zeros(3), reading)
     tilt, gyro = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.TILT, Stream.GYRO))
     expected = [PITCH + 0.02 * tilt[0], RATES[2] + 0.004 * gyro[0], RATES[1] + 0.004 * gyro[1]]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sim.scenario.sensors import Sensors
+from sim.sensing.drift import BiasDrift, apply_bias_drift, biased
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import observe
-from sim.sensing.wandering import Wandering, biased, wander
 from tests.straight import make_scenario, make_trajectory
 
 TOLD = Sensors(
@@ -16,34 +16,34 @@ TOLD = Sensors(
 
 
 def test_biases_swing_with_their_amplitudes_periods_and_phases() -> None:
-    w = Wandering.of(TOLD)
+    w = BiasDrift.of(TOLD, 0)
     # at the start half of the one and all of the other amplitude, and again after a period
     for time in (0.0, 200.0):
-        assert biased(w, 0, time, 1.0, 0.5) == pytest.approx((1.15, 0.5 + np.deg2rad(4.0)))
+        assert biased(w, time, 1.0, 0.5) == pytest.approx((1.15, 0.5 + np.deg2rad(4.0)))
     # half a period later the other way, after a quarter at √3/2 and 0
-    assert biased(w, 0, 100.0, 1.0, 0.5) == pytest.approx((0.85, 0.5 - np.deg2rad(4.0)))
-    assert biased(w, 0, 50.0, 1.0, 0.5) == pytest.approx((1.0 + 0.3 * np.sqrt(0.75), 0.5))
+    assert biased(w, 100.0, 1.0, 0.5) == pytest.approx((0.85, 0.5 - np.deg2rad(4.0)))
+    assert biased(w, 50.0, 1.0, 0.5) == pytest.approx((1.0 + 0.3 * np.sqrt(0.75), 0.5))
 
 
 @pytest.mark.parametrize("silent", ["speed_drift_m_s", "heading_drift_deg"])
 def test_one_bias_may_swing_alone(silent: str) -> None:
-    w = Wandering.of(TOLD.model_copy(update={silent: 0.0}))
-    speed, heading = biased(w, 0, 0.0, 1.0, 0.5)
+    w = BiasDrift.of(TOLD.model_copy(update={silent: 0.0}), 0)
+    speed, heading = biased(w, 0.0, 1.0, 0.5)
     assert (speed == 1.0, heading == 0.5) == (silent == "speed_drift_m_s", silent == "heading_drift_deg")
 
 
 def test_each_follower_is_ahead_of_the_one_before_by_the_golden_angle() -> None:
     """2π (1 − 1/φ) with φ = (1 + √5)/2: the angle between neighbours in a sunflower."""
-    w, golden = Wandering.of(TOLD), 2 * np.pi * (1 - 2 / (1 + np.sqrt(5)))
+    golden = 2 * np.pi * (1 - 2 / (1 + np.sqrt(5)))
     for follower in (1, 2, 5):
         expected = 1.0 + 0.3 * np.sin(np.pi / 6 + 2 * np.pi * 20.0 / 200.0 + follower * golden)
-        assert biased(w, follower, 20.0, 1.0, 0.5)[0] == pytest.approx(expected)
+        assert biased(BiasDrift.of(TOLD, follower), 20.0, 1.0, 0.5)[0] == pytest.approx(expected)
 
 
 def test_a_motion_is_read_with_the_errors_of_its_instants() -> None:
-    w, time = Wandering.of(TOLD), np.array([0.0, 50.0, 100.0])
+    w, time = BiasDrift.of(TOLD, 0), np.array([0.0, 50.0, 100.0])
     own = np.tile([1.0, 0.5, 10.0], (3, 1))
-    wander(w, 0, time, own)
+    apply_bias_drift(w, time, own)
     np.testing.assert_allclose(own[:, 0], 1.0 + 0.3 * np.sin(np.pi / 6 + np.pi * time / 100.0))
     np.testing.assert_allclose(own[:, 1], 0.5 + np.deg2rad(4.0) * np.cos(np.pi * time / 100.0))
     np.testing.assert_array_equal(own[:, 2], 10.0)

@@ -1,0 +1,67 @@
+"""Errors of one follower's own sensors (`followers.N.sensors`) in flights, campaigns and files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import laisn_sim
+from experiments.campaign.bound import noise_of
+from experiments.campaign.cells import Cell
+from laisn.failure import LaisnError
+from sim.flight import Flight
+from sim.scenario.settings import Scenario
+
+THREE = {
+    "motion": "kinematic", "duration_s": 30.0, "sensors.heading_sigma_deg": 0.0, "sensors.speed_sigma_m_s": 0.0,
+    "followers": [{"route": "T5"}, {"route": "T3"}, {"route": "T4"}],
+}  # fmt: skip
+OWN = {"heading_bias_deg": -7.0, "speed_bias_m_s": 0.05, "depth_sigma_m": 0.5}
+
+
+@pytest.fixture(scope="module")
+def flights() -> tuple[Flight, Flight]:
+    """Three followers without and with errors of the second one's own."""
+    return laisn_sim.fly("T5", THREE), laisn_sim.fly("T5", THREE | {"followers.1.sensors": OWN})
+
+
+def test_a_key_of_one_follower_changes_that_follower_alone(flights: tuple[Flight, Flight]) -> None:
+    plain, changed = flights
+    for i in (0, 2):
+        np.testing.assert_array_equal(plain.measurements[i].heading, changed.measurements[i].heading)
+        np.testing.assert_array_equal(plain.measurements[i].ranges, changed.measurements[i].ranges)
+        np.testing.assert_array_equal(plain.estimates[i].state, changed.estimates[i].state)
+    one, other = plain.measurements[1], changed.measurements[1]
+    # the biases of [sensors] are 5° and 0.2 m/s
+    np.testing.assert_allclose(other.heading - one.heading, np.deg2rad(-12.0), atol=1e-12)
+    np.testing.assert_allclose(other.speed - one.speed, -0.15, atol=1e-12)
+    assert np.std(other.depth - one.depth) == pytest.approx(0.5, rel=5 / np.sqrt(2 * one.depth.size))
+    np.testing.assert_array_equal(one.ranges, other.ranges)
+
+
+def test_a_campaign_has_the_errors_of_its_follower(flights: tuple[Flight, Flight]) -> None:
+    scenario = flights[1].scenario
+    assert [round(float(np.rad2deg(Cell.of(scenario, i, 1).errors.heading_bias)), 9) for i in range(3)] == [
+        5.0, -7.0, 5.0,
+    ]  # fmt: skip
+    noisy = laisn_sim.load("T5", {"followers.0.sensors.speed_sigma_m_s": 0.7})
+    assert (noise_of(noisy, 0).speed_sigma, noise_of(laisn_sim.load("T5"), 0).speed_sigma) == (0.7, 0.2)
+
+
+def test_files_hold_the_keys_of_one_follower(tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_text('name = "own"\n[[followers]]\nroute = "T5"\nsensors = { heading_bias_deg = 1.5 }\n')
+    read = laisn_sim.load(path)
+    assert (read.sensors_of(0).heading_bias_deg, read.sensors_of(0).speed_bias_m_s) == (1.5, 0.2)
+    assert read.sensors.heading_bias_deg == 5.0
+
+
+@pytest.mark.parametrize("wrong", [{"leader_heading_bias_deg": 1.0}, {"heading_bias_deg": 200.0}])
+def test_keys_of_the_leader_and_values_out_of_bounds_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises((LaisnError, ValueError), match=f"sensors.*{next(iter(wrong))}"):
+        laisn_sim.load("T5", {"followers.0.sensors": wrong})
+
+
+def test_without_such_keys_all_followers_have_the_same_errors() -> None:
+    scenario = Scenario(followers=[{"route": "T5"}, {"route": "T3"}])
+    assert scenario.sensors_of(0) == scenario.sensors_of(1) == scenario.sensors
