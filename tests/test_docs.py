@@ -231,7 +231,7 @@ def test_keys_exist(document: Path) -> None:
     sections = {key.rpartition(".")[0] for key in known if "." in key}
     for mentioned in re.findall(r"`((?:\w+\.)+\w+)(?: = [^`]*)?`", prose(document)):
         if mentioned.split(".")[0] in sections and not mentioned.endswith((".py", ".md", ".toml", ".json")):
-            assert re.sub(r"\.\d+", "", mentioned) in known | sections, f"{mentioned} is no key of a scenario"
+            assert re.sub(r"\.(\d+|N)", "", mentioned) in known | sections, f"{mentioned} is no key of a scenario"
     for section in re.findall(r"`\[+([\w.]+)\]+`", prose(document)):
         assert section in sections | set(StudyFile.model_fields), f"there is no section {section}"
 
