@@ -9,6 +9,7 @@ from experiments.findings import Finding, Findings, of, plain, record
 from experiments.intervals import proportion
 from experiments.reproduction.claims import Claim
 from experiments.reproduction.record import ratios
+from experiments.reproduction.replications import VERDICT_CONFIDENCE
 from experiments.reproduction.stages import Key, Motion, Setting
 from experiments.reproduction.verdict import Judgement, Verdict
 
@@ -45,7 +46,7 @@ def findings_of(
     found |= _judged([(claim.number, ours) for claim, ours, _ in judgements], "our")
     for claim, ours, _ in judgements:
         for number, one in enumerate(ours.criteria, start=1):
-            what = f"{one.what}, {one.relation} {one.bound:g}: {one.outcome}; 99 %"
+            what = f"{one.what}, {one.relation} {one.bound:g}: {one.outcome}; {VERDICT_CONFIDENCE:.1%}"
             found[f"criterion {claim.number}.{number}"] = of(one.interval, what)
     found |= _judged([(claim.number, theirs) for claim, _, theirs in judgements], "the paper's")
     for setting in settings:

@@ -16,7 +16,7 @@ from experiments.reproduction.paper_tables import VARIANT_NAMES
 from experiments.reproduction.record import FIGURES, ErrorFigure, Reproduction
 from experiments.reproduction.replications import REPLICATIONS, VERDICT_CONFIDENCE
 from experiments.reproduction.stages import METRICS, Key
-from experiments.reproduction.verdict import WORDS, Judgement
+from experiments.reproduction.verdict import MARGIN, WORDS, Judgement
 from laisn.arrays import Floats
 from sim.trajectory import Trajectory
 
@@ -117,8 +117,9 @@ def _claims(result: Reproduction) -> Table:
     heads = ["", "claim", "our runs", "criteria", "figures", "the paper's tables", "criterion"]
     caption = (
         f"Figures are those of {REPLICATIONS} independent replications of {result.runs} runs, with intervals over "
-        f"replications ({VERDICT_CONFIDENCE:.0%}). A criterion is met, or not, if its whole interval is on "
-        "that side of the bound, and undecided if the interval contains it. Every criterion met: holds; some met, some "
+        f"replications ({VERDICT_CONFIDENCE:.1%}, so that all hold together with 95 %). A criterion is met, or not, if "
+        f"its whole interval is on that side of the bound and farther from it than {MARGIN:.0%}, the precision of the "
+        "paper's own figures, and undecided otherwise. Every criterion met: holds; some met, some "
         "not: depends on the mission; none met: does not hold; undecided where this hangs on a criterion that is. The "
         "same test on the published "
         "tables stands beside ours, as far as they have its figures. The criteria put the paper's words into numbers, "

@@ -26,10 +26,10 @@ from laisn.settings import Variant
 from sim.scenario.settings import Follower, Scenario
 from sim.trajectory import Trajectory
 
-REPLICATIONS = 10
+REPLICATIONS = 20
 RESAMPLES = 2000
-VERDICT_CONFIDENCE = 0.99
-"""Of the interval of each criterion: with some twenty of them, 95 % would decide one by chance in most studies."""
+VERDICT_CONFIDENCE = 0.998
+"""Of the interval of each criterion; of all 26 together 95 % (Bonferroni)."""
 JUDGED: Mapping[str, tuple[Variant, ...]] = {
     "base": ("laisn-2", "laisn-3-1", "laisn-3-2"), "5s": ("laisn-2", "laisn-3-2"), "10s": ("laisn-2",),
     "L1": ("laisn-2", "laisn-3-2"), "HT0.2": ("laisn-3-2",), "asymmetric": ("laisn-2", "laisn-3-2"),

@@ -68,7 +68,8 @@ def judge(
         published: the published figures.
     """
     cells = by_cell(replications)
-    ours, drawn = (Results(rows=rows, missions=ROUTES) for rows in (means(cells), resampled(cells)))
+    ours = Results(rows=means(cells), missions=ROUTES, replicated=cells)
+    drawn = Results(rows=resampled(cells), missions=ROUTES)
     distance = {m: ours.value("base", m, "laisn-2", "distance_m") for m in ROUTES}
     theirs = Results(
         rows={key: {**row, "distance_m": distance[key[1]]} for key, row in published.items()},

@@ -2,7 +2,7 @@
 
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -19,6 +19,12 @@ WORDS: Mapping[Verdict, str] = {
 }  # fmt: skip
 Relation = Literal["<", "≤", ">", "≥"]
 Outcome = Literal["met", "not met", "undecided"]
+Kind = Literal["ratio", "share", "replications"]
+"""Of a figure: a ratio, whose interval is symmetric in its logarithm; a share, whose interval is symmetric; or a share
+of replications, with the exact limits of a proportion."""
+MARGIN = 0.01
+"""A figure nearer than this share of its bound cannot be told from it: the paper prints errors of some metres with two
+decimals, so that its own ratios are that uncertain."""
 
 _HOLDS: Mapping[Relation, Callable[[float, float], bool]] = {
     "<": operator.lt, "≤": operator.le, ">": operator.gt, "≥": operator.ge,
@@ -31,6 +37,8 @@ class Results:
 
     rows: Mapping[Key, Mapping[str, float | Floats]]
     missions: Sequence[str]
+    replicated: Mapping[Key, Mapping[str, Floats]] = field(default_factory=dict)
+    """Figures of each of K replications, shape (K,); empty: `rows` are those of the only one."""
     lateral: Sequence[str] = ("T3", "T4")
     """Missions of followers that stay abeam; the defaults are those that the paper names."""
     astern: Sequence[str] = ("T2", "T5")
@@ -47,6 +55,11 @@ class Results:
         chosen = self.missions if missions is None else missions
         found = [np.asarray(self.value(setting, m, variant, metric), dtype=np.float64) for m in chosen]
         return np.stack(np.broadcast_arrays(*found), axis=-1) if found else np.empty(0)
+
+    def in_replications(self, setting: str, variant: Variant, metric: str, missions: Iterable[str]) -> Floats:
+        """One figure of some missions in each replication, shape (K, m)."""
+        found = [np.atleast_1d((self.replicated or self.rows)[setting, m, variant][metric]) for m in missions]
+        return np.stack(found, axis=-1)
 
     def among(self, group: Sequence[str]) -> list[str]:
         """Missions of a group, as often as they occur."""
@@ -65,8 +78,7 @@ class Criterion(NamedTuple):
     """Shape (), or (B,) of B resamples."""
     relation: Relation
     bound: float
-    is_share: bool = False
-    """A share, whose interval is symmetric; else a ratio, whose logarithm's is."""
+    kind: Kind = "ratio"
 
 
 class Evaluated(NamedTuple):
@@ -85,11 +97,16 @@ class Judged:
     interval: Interval
     relation: Relation
     bound: float
+    margin: float = MARGIN
+    """0 where figures are taken as exact."""
 
     @property
     def outcome(self) -> Outcome:
-        """Undecided where the interval contains the bound."""
-        ends = [_HOLDS[self.relation](end, self.bound) for end in (self.interval.low, self.interval.high)]
+        """Undecided where the interval contains the bound, or comes nearer to it than the margin."""
+        bounds = self.bound * (1.0 - self.margin), self.bound * (1.0 + self.margin)
+        ends = [
+            _HOLDS[self.relation](end, bound) for end in (self.interval.low, self.interval.high) for bound in bounds
+        ]
         return "met" if all(ends) else "undecided" if any(ends) else "not met"
 
     def __str__(self) -> str:

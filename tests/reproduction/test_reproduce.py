@@ -87,7 +87,9 @@ def test_replications_have_the_figures_of_their_runs(short):
     assert averaged == pytest.approx(np.mean([row["e_p_mean_m"] for row in own]))
     spread = replications.resampled(cells)
     first, other = (spread["base", "T3", v]["e_p_mean_m"] for v in ("laisn-2", "laisn-3-2"))
-    assert first.std() == pytest.approx(cells["base", "T3", "laisn-2"]["e_p_mean_m"].std() / np.sqrt(10), rel=0.1)
+    assert first.std() == pytest.approx(
+        cells["base", "T3", "laisn-2"]["e_p_mean_m"].std() / np.sqrt(replications.REPLICATIONS), rel=0.1
+    )
     # replications are drawn alike in all cells, so that noise that both share drops out of a ratio
     assert np.corrcoef(first, other)[0, 1] > 0.3
 

@@ -78,7 +78,7 @@ def test_the_record_quotes_medians_captures_and_claims() -> None:
     for verdict, (number, which) in expected.items():
         assert (found[f"our {verdict} number"].value, found[f"our {verdict}"].value) == (number, which)
     assert format(found["criterion 2.1"], ".1f i") == "1.5 (1.4 to 1.6)"
-    assert found["criterion 2.1"].what == "median, ≤ 2: met; 99 %"
+    assert found["criterion 2.1"].what == "median, ≤ 2: met; 99.8%"
     assert found["the paper's holds number"].value == 6
     assert found["the paper's depends"].value == "none"
     assert found["error measured-gate laisn-2 T2"].value == 3.0

@@ -76,7 +76,7 @@ def test_verdicts_are_counted_over_resampled_routes(monkeypatch: pytest.MonkeyPa
         names = list(results.missions)
         for name in routes_study.CLASSES:
             assert sum(CLASSES[m] == name for m in names) == 2
-        held = Criterion("first drawn", np.asarray(1.0 * (first in names)), ">", 0.5, is_share=True)
+        held = Criterion("first drawn", np.asarray(1.0 * (first in names)), ">", 0.5, "share")
         return Evaluated([held], lambda: "")
 
     monkeypatch.setattr(routes_study, "CLAIMS", (Claim(number=1, text="", criterion="", test=drawn),))
