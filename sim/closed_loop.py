@@ -1,10 +1,10 @@
 """Followers that steer by their own estimates: one tick of all vehicles but for navigation and physics.
 
 What such a follower measures depends on where its estimates have led it, so that sensing and navigation are part of
-the flight. A tick is `sense`, at filter steps the followers' navigators, `guide`, physics, `note`. The navigators
-belong to `laisn`, of which this package knows no more than its words; a `Swarm` of them is given to whoever puts the
-tick together (`experiments.flight.swarm`), all in compiled code. Noise is addressed by step, so that navigating on the
-finished mission gives the estimates that steered it.
+the flight. A tick is `sense`, at filter steps the followers' navigators, `guide`, physics, `record_state`.
+The navigators belong to `laisn`, of which this package knows no more than its words; a `Swarm` of them is given to
+whoever puts the tick together (`experiments.flight.swarm`), all in compiled code. Noise is addressed by step, so that
+navigating on the finished mission gives the estimates that steered it.
 
 A follower keeps a station or a route. On either, guidance and autopilot have nothing but readings, messages and
 estimates: position, heading, speed, depth and current are those that the follower measures or estimates itself.
@@ -17,25 +17,25 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled, copy_values
 from sim.control.approach import LAWS, Approach
-from sim.control.autopilot import control, feel
+from sim.control.autopilot import control, vehicle_state
 from sim.control.avoidance import Avoidance
 from sim.control.follower import (
-    BELIEFS,
-    BELIEVED_CURRENT_EAST,
-    BELIEVED_CURRENT_NORTH,
-    BELIEVED_EAST,
-    BELIEVED_NORTH,
+    ESTIMATED_CURRENT_EAST,
+    ESTIMATED_CURRENT_NORTH,
+    ESTIMATED_EAST,
+    ESTIMATED_NORTH,
+    ESTIMATES,
     FOLLOWER_MEMORY,
     READINGS,
     VELOCITY_EAST,
     VELOCITY_NORTH,
     Law,
     Silence,
-    beware,
-    embark,
+    extend_trail,
+    init_memory,
     keep_station,
-    listen,
     measured_motion,
+    update_avoidance,
 )
 from sim.control.guidance import (
     CURRENT_EAST,
@@ -60,12 +60,12 @@ from sim.sensing.proximity import SEEN, Lookout, look, lookout_of
 from sim.vehicle.plant import Plant
 
 POSE, TWIST = slice(0, 7), slice(7, 13)
-ROUTE, ROUTE_BY_BELIEF, STATION_BY_TRUTH, STATION = range(4)
+ROUTE, ROUTE_BY_ESTIMATE, STATION_BY_TRUTH, STATION = range(4)
 """What a follower keeps to, and what it steers by."""
 _SILENT = ("go-on", "circle", "surface")
 
 
-class Aboard(NamedTuple):
+class ClosedLoopState(NamedTuple):
     """All that a tick works on beside the truth; f followers."""
 
     law: Law
@@ -91,8 +91,8 @@ class Aboard(NamedTuple):
     """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]."""
     seen: Floats
     """What each follower's last look around showed, shape (f, v, SEEN)."""
-    beliefs: Floats
-    """What each navigator concludes, shape (f, BELIEFS)."""
+    estimates: Floats
+    """What each navigator concludes, shape (f, ESTIMATES)."""
     trails: Floats
     """Trail of the leader as each follower has heard it, shape (f, room, TRAIL)."""
     counts: Ints
@@ -102,7 +102,7 @@ class Aboard(NamedTuple):
     reference: Floats
     """Reference of the autopilot of one follower at a time, shape (8,)."""
     history: Floats
-    """Beliefs at each instant, shape (n + 1, f, BELIEFS)."""
+    """Estimates at each instant, shape (n + 1, f, ESTIMATES)."""
 
 
 def law_of(formation: Formation) -> Law:
@@ -144,13 +144,13 @@ def law_of(formation: Formation) -> Law:
     return Law(frame, law, silence, formation.unsure_m, avoidance)
 
 
-def _kind(on_station: bool, believes: bool) -> int:
+def _kind(on_station: bool, by_estimate: bool) -> int:
     if on_station:
-        return STATION if believes else STATION_BY_TRUTH
-    return ROUTE_BY_BELIEF if believes else ROUTE
+        return STATION if by_estimate else STATION_BY_TRUTH
+    return ROUTE_BY_ESTIMATE if by_estimate else ROUTE
 
 
-def aboard(scenario: Scenario, plant: Plant, steering: Steering) -> Aboard:
+def init_closed_loop(scenario: Scenario, plant: Plant, steering: Steering) -> ClosedLoopState:
     """Everything at its start.
 
     Args:
@@ -165,15 +165,15 @@ def aboard(scenario: Scenario, plant: Plant, steering: Steering) -> Aboard:
     kinds, stations = np.zeros(f, dtype=np.int64), np.zeros((f, 3))
     trails = np.zeros((f, n // scenario.message_every + 2, TRAIL))
     counts = np.zeros((f, 1), dtype=np.int64)
-    leader = feel(plant.pose[0], plant.twist[0], plant.water_velocity()[0])
+    leader = vehicle_state(plant.pose[0], plant.twist[0], plant.water_velocity()[0])
     start = np.array([0.0, *plant.pose[0, :2], leader.heading, leader.surge])
     for i, follower in enumerate(scenario.followers):
         kinds[i] = _kind(follower.station is not None, follower.believes)
         if follower.station:
             place = follower.station
             stations[i] = place.behind_m, place.port_m, place.depth_m
-        embark(start, trails[i], counts[i], memory[i])
-    return Aboard(
+        init_memory(start, trails[i], counts[i], memory[i])
+    return ClosedLoopState(
         law=law_of(scenario.formation),
         senses=senses_of(scenario),
         lookout=lookout_of(scenario),
@@ -191,17 +191,17 @@ def aboard(scenario: Scenario, plant: Plant, steering: Steering) -> Aboard:
         arrived=np.zeros(f, dtype=np.bool_),
         tilts=np.zeros((n, 2)),
         seen=np.full((f, f + 1, SEEN), np.nan),
-        beliefs=np.zeros((f, BELIEFS)),
+        estimates=np.zeros((f, ESTIMATES)),
         trails=trails,
         counts=counts,
         memory=memory,
         reference=np.zeros(8),
-        history=np.full((n, f, BELIEFS), np.nan),
+        history=np.full((n, f, ESTIMATES), np.nan),
     )
 
 
 @compiled
-def _lean(k: int, record: Floats, a: Aboard) -> None:
+def _lean(k: int, record: Floats, a: ClosedLoopState) -> None:
     """What accelerations make of the leader's pitch and roll; the first instant has those of the second."""
     for i in range(k - 1 if k == 1 else k, k + 1):
         change = record[k, 0, VELOCITY] - record[k - 1, 0, VELOCITY]
@@ -209,7 +209,7 @@ def _lean(k: int, record: Floats, a: Aboard) -> None:
 
 
 @compiled
-def sense(k: int, record: Floats, a: Aboard) -> bool:
+def sense(k: int, record: Floats, a: ClosedLoopState) -> bool:
     """All sensors at instant k, and messages that are in; whether it is a filter step, at which navigators are due.
 
     Between filter steps followers dead-reckon.
@@ -217,15 +217,15 @@ def sense(k: int, record: Floats, a: Aboard) -> bool:
     Args:
         k: instant.
         record: truth, shape (n + 1, v, COLUMNS + m), known until then.
-        a: readings, inbox, arrivals, trails and believed places are brought forward.
+        a: readings, inbox, arrivals, trails and estimated positions are brought forward.
     """
     row, stride = record[k], a.senses.stride
     if k > 0 and a.senses.feels_acceleration:
         _lean(k, record, a)
     if k % stride != 0:
         for i in range(a.kinds.size):
-            a.beliefs[i, BELIEVED_EAST] += TICK * a.beliefs[i, VELOCITY_EAST]
-            a.beliefs[i, BELIEVED_NORTH] += TICK * a.beliefs[i, VELOCITY_NORTH]
+            a.estimates[i, ESTIMATED_EAST] += TICK * a.estimates[i, VELOCITY_EAST]
+            a.estimates[i, ESTIMATED_NORTH] += TICK * a.estimates[i, VELOCITY_NORTH]
         return False
     step = k // stride
     for i in range(a.kinds.size):
@@ -234,7 +234,7 @@ def sense(k: int, record: Floats, a: Aboard) -> bool:
         on_station = a.kinds[i] >= STATION_BY_TRUTH
         if k > 0 and a.lookout.every > 0 and k % a.lookout.every == 0 and on_station:
             look(a.lookout, k, i, row, a.seen[i])
-            beware(a.law.avoidance, a.seen[i], a.beliefs[i], a.memory[i])
+            update_avoidance(a.law.avoidance, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         # few calls, for what is handed over costs more than the question
         if is_under_way(step, i, a.senses.message_every, a.inbox):
@@ -242,82 +242,82 @@ def sense(k: int, record: Floats, a: Aboard) -> bool:
             a.arrived[i] = a.inbox.outcome[i] != SILENT
             if a.inbox.outcome[i] == HEARD and on_station:
                 clock, message = (k * TICK, TICK), a.inbox.message[i]
-                listen(a.law.frame, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
+                extend_trail(a.law.frame, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
     return k > 0
 
 
 @compiled
-def _told_the_truth(row: Floats, hydrophone: Floats, guided: Floats, reading: Floats, belief: Floats) -> None:
-    """Replace readings and beliefs of a follower that steers by the truth."""
+def _true_estimate(row: Floats, hydrophone: Floats, guided: Floats, reading: Floats, estimate: Floats) -> None:
+    """Replace readings and estimates of a follower that steers by the truth."""
     pose, twist, water = row[POSE], row[TWIST], row[WATER]
-    felt = feel(pose, twist, water)
-    reading[0], reading[1], reading[2] = forward_speed(pose, twist, water), felt.heading, felt.depth
-    reading[3], reading[4], reading[5] = felt.pitch, felt.turning, felt.pitching
+    motion = vehicle_state(pose, twist, water)
+    reading[0], reading[1], reading[2] = forward_speed(pose, twist, water), motion.heading, motion.depth
+    reading[3], reading[4], reading[5] = motion.pitch, motion.turning, motion.pitching
     track_current((water[0], water[1]), TICK, guided)
-    belief[:] = 0.0
-    belief[0], belief[1], _ = site(pose, hydrophone)
-    belief[4], belief[5] = guided[CURRENT_EAST], guided[CURRENT_NORTH]
+    estimate[:] = 0.0
+    estimate[0], estimate[1], _ = site(pose, hydrophone)
+    estimate[4], estimate[5] = guided[CURRENT_EAST], guided[CURRENT_NORTH]
 
 
 @compiled
-def _believed_place(k: int, f: int, a: Aboard) -> Floats:
+def _estimated_position(k: int, f: int, a: ClosedLoopState) -> Floats:
     """Where a follower takes itself to be: as long as it knows of no place, where its route has it."""
-    place = a.beliefs[f, BELIEVED_EAST : BELIEVED_NORTH + 1]
+    place = a.estimates[f, ESTIMATED_EAST : ESTIMATED_NORTH + 1]
     if k < a.senses.stride or place[0] != place[0]:
         return a.steering[0][k, f + 1, EAST : NORTH + 1]
     return place
 
 
 @compiled
-def _follow_route(k: int, f: int, a: Aboard) -> None:
+def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
     """Find the command of a follower that keeps to its route by its own readings and estimates."""
     wanted, autopilots, memory, command = a.steering
-    i, belief = f + 1, a.beliefs[f]
+    i, estimate = f + 1, a.estimates[f]
     reference, guided = wanted[k, i], memory[0][i]
-    felt = measured_motion(a.readings[f], belief, TICK, a.memory[f])
+    motion = measured_motion(a.readings[f], estimate, TICK, a.memory[f])
     if k == 0:
-        begin(reference, felt.heading, felt.surge, (0.0, 0.0), guided)
-    place = _believed_place(k, f, a)
+        begin(reference, motion.heading, motion.surge, (0.0, 0.0), guided)
+    place = _estimated_position(k, f, a)
     if a.estimates_current:
-        track_current((belief[BELIEVED_CURRENT_EAST], belief[BELIEVED_CURRENT_NORTH]), TICK, guided)
+        track_current((estimate[ESTIMATED_CURRENT_EAST], estimate[ESTIMATED_CURRENT_NORTH]), TICK, guided)
     else:
         integrate_offset(reference, place, TICK, guided)
     steered = steer(reference, place, TICK, guided)
-    control(autopilots[i], steered, reference, felt, TICK, memory[1][i], command[i])
+    control(autopilots[i], steered, reference, motion, TICK, memory[1][i], command[i])
 
 
 @compiled
-def guide(k: int, row: Floats, a: Aboard) -> None:
+def guide(k: int, row: Floats, a: ClosedLoopState) -> None:
     """Find the commands of all vehicles that hold from instant k until k + 1.
 
     Args:
         k: instant.
         row: recorded truth, shape (v, COLUMNS + m), of which only the leader and who steers by the truth is read.
-        a: memories and commands are brought forward; beliefs are written down.
+        a: memories and commands are brought forward; estimates are written down.
     """
     _, autopilots, memory, command = a.steering
     steer_along_route(k, row, 0, a.steering)
     for f in range(a.kinds.size):
         i = f + 1
-        copy_values(a.beliefs[f], a.history[k, f])
+        copy_values(a.estimates[f], a.history[k, f])
         if a.kinds[f] == ROUTE:
             steer_along_route(k, row, i, a.steering)
             continue
-        if a.kinds[f] == ROUTE_BY_BELIEF:
+        if a.kinds[f] == ROUTE_BY_ESTIMATE:
             _follow_route(k, f, a)
             continue
-        reading, belief = a.readings[f], a.beliefs[f]
+        reading, estimate = a.readings[f], a.estimates[f]
         if a.kinds[f] == STATION_BY_TRUTH:
             if k == 0:
                 memory[0][i, CURRENT_EAST], memory[0][i, CURRENT_NORTH] = row[i, WATER][0], row[i, WATER][1]
-            _told_the_truth(row[i], a.sites[1][f], memory[0][i], reading, belief)
+            _true_estimate(row[i], a.sites[1][f], memory[0][i], reading, estimate)
         steering = keep_station(
             a.law,
             a.stations[f],
-            (reading, belief),
+            (reading, estimate),
             (a.trails[f], a.counts[f, 0]),
             (k * TICK, TICK),
             a.memory[f],
             a.reference,
         )
-        control(autopilots[i], steering.wanted, a.reference, steering.felt, TICK, memory[1][i], command[i])
+        control(autopilots[i], steering.wanted, a.reference, steering.motion, TICK, memory[1][i], command[i])

@@ -9,7 +9,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled, copy_values
 from laisn.failure import LaisnError
 from sim.contact import Ending
-from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, feel
+from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, vehicle_state
 from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer, track_current
 from sim.scenario.point_motion import Limits
 from sim.scenario.routes import Route
@@ -50,7 +50,7 @@ Steering = tuple[Floats, Any, tuple[Floats, Floats], Floats]
 
 
 @compiled
-def note(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Floats) -> None:
+def record_state(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Floats) -> None:
     """Record instant k."""
     pose, twist, thrust = state
     row = record[k]
@@ -73,13 +73,13 @@ def steer_along_route(k: int, row: Floats, i: int, steering: Steering) -> None:
     """
     wanted, autopilots, memory, command = steering
     reference, guided = wanted[k, i], memory[0][i]
-    felt = feel(row[i, 0:7], row[i, 7:13], row[i, WATER])
+    motion = vehicle_state(row[i, 0:7], row[i, 7:13], row[i, WATER])
     current = row[i, WATER][0], row[i, WATER][1]
     if k == 0:
-        begin(reference, felt.heading, felt.surge, current, guided)
+        begin(reference, motion.heading, motion.surge, current, guided)
     track_current(current, TICK, guided)
     steered = steer(reference, row[i, 0:2], TICK, guided)
-    control(autopilots[i], steered, reference, felt, TICK, memory[1][i], command[i])
+    control(autopilots[i], steered, reference, motion, TICK, memory[1][i], command[i])
 
 
 @compiled
@@ -104,7 +104,7 @@ def _fly(
         span: the first instant, which is recorded; the last; physics steps from one to the next.
         handles: of `Plant.step_handles`.
         state: pose, twist and thrust of the plant.
-        water: as of `note`.
+        water: as of `record_state`.
         steering: of all vehicles.
         record: of all instants, shape (n, v, COLUMNS + m).
 
@@ -117,11 +117,11 @@ def _fly(
         fault = advance(handles, steering[3], substeps)
         if fault[0] != FINE:
             return k, fault
-        note(k + 1, state, water, record)
+        record_state(k + 1, state, water, record)
     return last, (FINE, -1)
 
 
-class Crew(Protocol):
+class Controller(Protocol):
     """What steers the vehicles of a fleet."""
 
     def fly(
@@ -132,13 +132,13 @@ class Crew(Protocol):
         water: Water,
         record: Floats,
     ) -> tuple[int, Fault]:
-        """Think, advance and record from one instant to another in compiled code; arguments as of `_fly`."""
+        """Control, advance and record from one instant to another in compiled code; arguments as of `_fly`."""
 
     def end(self, k: int, record: Floats) -> None:
-        """Take note of the last instant, after which nothing is steered."""
+        """Handle the last instant, after which nothing is steered."""
 
 
-class RouteCrew:
+class RouteController:
     """Vehicles on routes, steered by the truth."""
 
     def __init__(self, steering: Steering) -> None:
@@ -153,15 +153,15 @@ class RouteCrew:
         water: Water,
         record: Floats,
     ) -> tuple[int, Fault]:
-        """Steer, advance and record; see `Crew.fly`."""
+        """Steer, advance and record; see `Controller.fly`."""
         return _fly(span, handles, state, water, self._steering, record)
 
     def end(self, k: int, record: Floats) -> None:
         """Do nothing: whoever is steered by the truth has nothing to remember."""
 
 
-Boarding = Callable[[Plant, Steering], Crew]
-"""Makes the crew of a plant from the arrays of its routes."""
+ControllerFactory = Callable[[Plant, Steering], Controller]
+"""Makes the controller of a plant from the arrays of its routes."""
 
 
 def _trajectory(plant: Plant, record: Floats) -> Trajectory:
@@ -193,7 +193,7 @@ def standing(plant: Plant) -> Trajectory:
     """A plant as it stands: a trajectory of two equal instants, for what is told of vehicles before they move."""
     record = np.empty((2, len(plant.names), COLUMNS + plant.thrust.shape[1]))
     for k in range(2):
-        note(k, plant.state, plant.ocean.water, record)
+        record_state(k, plant.state, plant.ocean.water, record)
     return _trajectory(plant, record)
 
 
@@ -204,7 +204,7 @@ def simulate_fleet(
     depth_control: Sequence[DepthControl] = (),
     *,
     limits: Sequence[Limits] | None = None,
-    boarding: Boarding | None = None,
+    make_controller: ControllerFactory | None = None,
     ending: Ending | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
@@ -216,7 +216,7 @@ def simulate_fleet(
         duration: [s]; a multiple of 0.1 s.
         depth_control: of each vehicle; empty: "pitch" for all.
         limits: what each vehicle can do; None: the paper's turn rate, acceleration and top speed.
-        boarding: makes a crew that steers otherwise than along routes by the truth; None: there is none.
+        make_controller: makes one that steers otherwise than along routes by the truth; None: there is none.
         ending: what ends the flight before its time; None: nothing does.
         progress: called with the mission time [s], every 50 s of it.
 
@@ -243,18 +243,18 @@ def simulate_fleet(
     command = np.zeros_like(plant.thrust)
     state, water = plant.state, plant.ocean.water
     steering = wanted, autopilots, memory, command
-    crew: Crew = RouteCrew(steering) if boarding is None else boarding(plant, steering)
+    controller: Controller = RouteController(steering) if make_controller is None else make_controller(plant, steering)
 
     def leg(k: int, last: int) -> None:
         """Fly from instant k to the last one."""
         try:
-            k, fault = crew.fly((k, last, substeps), plant.step_handles(), state, water, record)
+            k, fault = controller.fly((k, last, substeps), plant.step_handles(), state, water, record)
             plant.finish_step(fault)
         except PlantError as error:
             flown = _trajectory(plant, record[: k + 1]) if k > 0 else None
             raise FleetError(str(error), error.time, flown) from error
 
-    note(0, state, water, record)
+    record_state(0, state, water, record)
     k = 0
     while k < ticks:
         # between these instants nothing from outside is looked at, not even Ctrl-C
@@ -267,5 +267,5 @@ def simulate_fleet(
         if progress is not None and (last - 1) % _PROGRESS_TICKS == 0:
             progress((last - 1) * TICK)
         k = last
-    crew.end(ticks, record)
+    controller.end(ticks, record)
     return _trajectory(plant, record)

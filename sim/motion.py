@@ -7,7 +7,7 @@ from laisn.failure import LaisnError
 from sim import point_fleet
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.contact import contacts, first_touch
-from sim.fleet import Boarding, Crew, FleetError, Steering, simulate_fleet
+from sim.fleet import Controller, ControllerFactory, FleetError, Steering, simulate_fleet
 from sim.point_fleet import Sites
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
@@ -30,9 +30,9 @@ class ContactError(EndedError):
     """Vehicles touched, in a scenario whose missions end with that."""
 
 
-Embarking = Callable[[Scenario, Plant, Steering], Crew]
-"""Makes the crew of a scenario whose followers navigate under way, from its plant at the start and the arrays of its
-routes."""
+MissionControllerFactory = Callable[[Scenario, Plant, Steering], Controller]
+"""Makes the controller of a scenario whose followers navigate under way, from its plant at the start and the arrays of
+its routes."""
 
 
 def listeners(scenario: Scenario) -> list[str]:
@@ -41,34 +41,36 @@ def listeners(scenario: Scenario) -> list[str]:
     return kept + [f"followers.{i}.steers_by = 'estimate'" for i, f in enumerate(scenario.followers) if f.believes]
 
 
-def _boarding(scenario: Scenario, embark: Embarking | None) -> Boarding | None:
+def _controller_factory(
+    scenario: Scenario, make_controller: MissionControllerFactory | None
+) -> ControllerFactory | None:
     keys = listeners(scenario)
-    if keys and embark is None:
+    if keys and make_controller is None:
         raise LaisnError(
             f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so that no campaign can "
             "fly it once for all runs; use `laisn fly --run N`"
         )
-    return None if embark is None else partial(embark, scenario)
+    return None if make_controller is None else partial(make_controller, scenario)
 
 
 def simulate_motion(
     scenario: Scenario,
     progress: Callable[[float], None] | None = None,
-    embark: Embarking | None = None,
+    make_controller: MissionControllerFactory | None = None,
 ) -> Trajectory:
     """Fly a scenario's vehicles along their routes.
 
     Args:
         scenario: `motion` chooses rigid bodies in water, or point motion in still water with the same sites.
         progress: called now and then with the share that is done, 0 … 1.
-        embark: makes a crew that navigates under way, without which there may be no `listeners`; None: there is none.
+        make_controller: makes one that navigates under way, needed if there are `listeners`; None: there is none.
 
     Raises:
-        LaisnError: a route cannot be flown, the sea is impossible, or nobody makes the crew that it needs.
+        LaisnError: a route cannot be flown, the sea is impossible, or nobody makes the controller that it needs.
         DivergedError: the simulation left finite numbers.
         ContactError: vehicles touched, and that ends the scenario's mission.
     """
-    trajectory = _simulated(scenario, progress, embark)
+    trajectory = _simulated(scenario, progress, make_controller)
     met = contacts(trajectory) if scenario.contact == "end" else []
     if not met:
         return trajectory
@@ -80,10 +82,10 @@ def simulate_motion(
 def _simulated(
     scenario: Scenario,
     progress: Callable[[float], None] | None,
-    embark: Embarking | None,
+    make_controller: MissionControllerFactory | None,
 ) -> Trajectory:
     """The motion of a scenario; where contact ends its mission, it may stop soon after the first."""
-    boarding = _boarding(scenario, embark)
+    factory = _controller_factory(scenario, make_controller)
     routes = routes_of(scenario)
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
@@ -95,7 +97,7 @@ def _simulated(
             routes,
             scenario.duration_s,
             [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
-            boarding=boarding,
+            make_controller=factory,
             ending=first_touch if scenario.contact == "end" else None,
             progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
         )

@@ -141,13 +141,13 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
     scenario = validate(
         {"name": "mixed", "duration_s": 5.0, "followers": followers, "formation": {"proximity": near}}, "test"
     )
-    crews: list[Swarm] = []
+    controllers: list[Swarm] = []
 
-    def embark(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
-        crews.append(swarm_of(scenario, plant, steering))
-        return crews[0]
+    def make_controller(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
+        controllers.append(swarm_of(scenario, plant, steering))
+        return controllers[0]
 
-    flown = simulate_motion(scenario, embark=embark)
+    flown = simulate_motion(scenario, make_controller=make_controller)
     row = np.concatenate(
         [flown.position[-1], flown.quaternion[-1], flown.velocity[-1], flown.angular_velocity[-1], flown.thrust[-1],
          flown.water_velocity[-1]], axis=1,
@@ -156,9 +156,9 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
     other[1:] += np.linspace(0.1, 0.7, other[1:].size).reshape(other[1:].shape)
     commands = []
     for truth in (row, other):
-        aboard = deepcopy(crews[0].aboard)
-        guide(50, truth, aboard)
-        commands.append(aboard.steering[3])
+        state = deepcopy(controllers[0].state)
+        guide(50, truth, state)
+        commands.append(state.steering[3])
     np.testing.assert_array_equal(commands[1][[0, 2, 3]], commands[0][[0, 2, 3]])
     assert (commands[1][1] != commands[0][1]).any()
 

@@ -14,14 +14,14 @@ from laisn.navigators import new_navigator
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.closed_loop import law_of
 from sim.control.follower import (
-    BELIEFS,
+    ESTIMATES,
     FOLLOWER_MEMORY,
     READINGS,
     SPREAD,
-    beware,
-    embark,
+    extend_trail,
+    init_memory,
     keep_station,
-    listen,
+    update_avoidance,
 )
 from sim.control.trail import TRAIL
 from sim.fleet import simulate_fleet
@@ -47,15 +47,15 @@ def mission(*, duration: float = 40.0, places: list[tuple[float, float, float]] 
 
 
 def flown(scenario: Scenario) -> tuple[Trajectory, Swarm]:
-    crews: list[Swarm] = []
+    controllers: list[Swarm] = []
 
     def board(plant: Plant, steering: object) -> Swarm:
-        crews.append(swarm_of(scenario, plant, steering))  # type: ignore[arg-type]
-        return crews[0]
+        controllers.append(swarm_of(scenario, plant, steering))  # type: ignore[arg-type]
+        return controllers[0]
 
     routes = routes_of(scenario)
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario))
-    return simulate_fleet(plant, routes, scenario.duration_s, boarding=board), crews[0]
+    return simulate_fleet(plant, routes, scenario.duration_s, make_controller=board), controllers[0]
 
 
 NOISY = {
@@ -75,12 +75,12 @@ NOISY = {
 def test_the_finished_mission_gives_the_estimates_that_steered_it(variant: str) -> None:
     """LAISN's lanes and its readable navigator agree to rounding; see also test_lanes."""
     scenario = mission(navigation={"variant": variant}, **NOISY)
-    trajectory, crew = flown(scenario)
+    trajectory, controller = flown(scenario)
     flight = navigate(scenario, trajectory, new_navigator)
     lost = np.isnan(flight.measurements[0].ranges).all(axis=1)
     assert 2 < lost.sum() < 38
     for i, estimates in enumerate(flight.estimates):
-        steered = crew.aboard.history[1:, i, :2]
+        steered = controller.state.history[1:, i, :2]
         np.testing.assert_allclose(steered, estimates.state[:, :2], rtol=0, atol=1e-9)
 
 
@@ -89,49 +89,49 @@ def test_the_finished_mission_gives_the_estimates_that_steered_it(variant: str) 
 )
 def test_the_tight_navigator_steers_by_the_very_estimates(assume: dict[str, object]) -> None:
     scenario = mission(navigation={"variant": "tight", "assume": assume}, **NOISY)
-    trajectory, crew = flown(scenario)
+    trajectory, controller = flown(scenario)
     flight = navigate(scenario, trajectory, new_navigator)
     for i, estimates in enumerate(flight.estimates):
-        np.testing.assert_array_equal(crew.aboard.history[1:, i, :2], estimates.state[:, :2])
+        np.testing.assert_array_equal(controller.state.history[1:, i, :2], estimates.state[:, :2])
 
 
 def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
     scenario = mission(**NOISY)
-    trajectory, crew = flown(scenario)
+    trajectory, controller = flown(scenario)
     flight = navigate(scenario, trajectory, new_navigator)
     for i, measured in enumerate(flight.measurements):
         last = np.array([measured.speed[-1], measured.heading[-1], measured.depth[-1]])
-        np.testing.assert_array_equal(crew.aboard.readings[i, :3], last)
-        np.testing.assert_array_equal(crew.aboard.inbox.ranges[i], measured.ranges[-1])
-        np.testing.assert_array_equal(crew.aboard.inbox.message[i], measured.message[-1, :8])
+        np.testing.assert_array_equal(controller.state.readings[i, :3], last)
+        np.testing.assert_array_equal(controller.state.inbox.ranges[i], measured.ranges[-1])
+        np.testing.assert_array_equal(controller.state.inbox.message[i], measured.message[-1, :8])
 
 
 def test_a_ping_that_is_not_waited_for_comes_too_late() -> None:
     """LAISN-2 takes the message up with the second ping; the third one follows 0.2 s later."""
     scenario = mission(navigation={"variant": "laisn-2"}, acoustics={"ping_slot_s": 0.2}, duration=5.0)
-    trajectory, crew = flown(scenario)
+    trajectory, controller = flown(scenario)
     flight = navigate(scenario, trajectory, new_navigator)
-    assert np.isnan(crew.aboard.inbox.ranges[:, 2]).all()
+    assert np.isnan(controller.state.inbox.ranges[:, 2]).all()
     for i, measured in enumerate(flight.measurements):
-        np.testing.assert_allclose(crew.aboard.inbox.ranges[i], measured.ranges[-1], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(controller.state.inbox.ranges[i], measured.ranges[-1], rtol=0, atol=1e-9)
 
 
 def test_stations_are_kept_where_sound_takes_its_time() -> None:
     sound = {"travel_time": True, "sound_speed_profile": [[0.0, 1500.0], [20.0, 1500.1]]}
     scenario = mission(navigation={"variant": "tight"}, acoustics=sound)
-    trajectory, crew = flown(scenario)
+    trajectory, controller = flown(scenario)
     flight = navigate(scenario, trajectory, new_navigator)
     assert (flight.measurements[0].message_step % 10 == 1).all()
     for i, estimates in enumerate(flight.estimates):
-        np.testing.assert_allclose(crew.aboard.history[1:, i, :2], estimates.state[:, :2], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(controller.state.history[1:, i, :2], estimates.state[:, :2], rtol=0, atol=1e-9)
     # the worst station of those who hear at once is allowed as much
     assert np.sqrt(np.mean(off_station(scenario, trajectory) ** 2, axis=0)).max() < 0.6
 
 
 def test_a_run_has_the_same_noise_whoever_else_swims() -> None:
-    alone, crew = flown(mission(places=PLACES[:1]))
-    among, crews = flown(mission())
-    np.testing.assert_array_equal(crew.aboard.readings[0], crews.aboard.readings[0])
+    alone, controller = flown(mission(places=PLACES[:1]))
+    among, controllers = flown(mission())
+    np.testing.assert_array_equal(controller.state.readings[0], controllers.state.readings[0])
     np.testing.assert_array_equal(alone.position[:, 1], among.position[:, 1])
 
 
@@ -150,7 +150,7 @@ def crossing(**formation: object) -> Scenario:
 
 def test_followers_that_sense_each_other_give_way() -> None:
     blind, _ = flown(crossing())
-    wary, crew = flown(crossing(proximity={}))
+    wary, controller = flown(crossing(proximity={}))
 
     def least(trajectory: Trajectory) -> float:
         return float(np.hypot(*(trajectory.position[:, 1] - trajectory.position[:, 2])[:, :2].T).min())
@@ -159,10 +159,10 @@ def test_followers_that_sense_each_other_give_way() -> None:
     assert least(wary) > 2.0
     # what they saw at the last look is what the sensor makes of the truth at that instant
     look_at = np.concatenate([wary.position[-1], wary.quaternion[-1]], axis=1)
-    seen = np.empty_like(crew.aboard.seen[0])
+    seen = np.empty_like(controller.state.seen[0])
     for i in range(2):
         look(lookout_of(crossing(proximity={})), 600, i, look_at, seen)
-        np.testing.assert_array_equal(crew.aboard.seen[i], seen)
+        np.testing.assert_array_equal(controller.state.seen[i], seen)
 
 
 def test_a_sensor_that_shows_nobody_changes_nothing() -> None:
@@ -175,24 +175,24 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
     """It is handed readings, beliefs, messages and a clock: arrays made here, with no vehicle behind them."""
     law, memory = law_of(Formation()), np.zeros(FOLLOWER_MEMORY)
     trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 5.0, 12.0])
-    reading, belief, reference = np.zeros(READINGS), np.zeros(BELIEFS), np.zeros(8)
-    reading[:3], belief[:4] = (1.2, 0.1, 12.0), (-5.0, -20.0, 0.2, 0.1)
-    embark(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
+    reading, estimate, reference = np.zeros(READINGS), np.zeros(ESTIMATES), np.zeros(8)
+    reading[:3], estimate[:4] = (1.2, 0.1, 12.0), (-5.0, -20.0, 0.2, 0.1)
+    init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 31):
-        listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
+        extend_trail(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
         for tenth in range(10):
             now = second + 0.1 * tenth
-            belief[:2] = -5.0, now - 20.0
-            steering = keep_station(law, station, (reading, belief), (trail, count[0]), (now, 0.1), memory, reference)
+            estimate[:2] = -5.0, now - 20.0
+            steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
     # on its station and told so, it goes on north at the leader's speed, whatever its sensors' biases
     assert steering.wanted == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
-    assert (steering.felt.surge, steering.felt.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
+    assert (steering.motion.surge, steering.motion.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
     told = set(inspect.signature(keep_station).parameters)
     assert told == {"law", "station", "senses", "known", "clock", "memory", "reference"}
     # nor does it give way by anything but what its sensor shows, here somebody 2 m ahead
-    beware(law.avoidance, np.array([[np.nan, np.nan], [2.0, -0.2]]), belief, memory)
-    assert set(inspect.signature(beware).parameters) == {"avoidance", "seen", "belief", "memory"}
-    steering = keep_station(law, station, (reading, belief), (trail, count[0]), (now, 0.1), memory, reference)
+    update_avoidance(law.avoidance, np.array([[np.nan, np.nan], [2.0, -0.2]]), estimate, memory)
+    assert set(inspect.signature(update_avoidance).parameters) == {"avoidance", "seen", "estimate", "memory"}
+    steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
     assert steering.wanted[2] < 1.0
 
 
@@ -200,15 +200,15 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
     """Headings and speeds wanted, and depths, of a follower on its station that hears nothing any more."""
     law, memory = law_of(formation), np.zeros(FOLLOWER_MEMORY)
     trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 0.0, 12.0])
-    reading, belief, reference, rows = np.zeros(READINGS), np.zeros(BELIEFS), np.zeros(8), []
-    reading[:3], belief[SPREAD] = (1.0, 0.0, 12.0), spread
-    embark(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
+    reading, estimate, reference, rows = np.zeros(READINGS), np.zeros(ESTIMATES), np.zeros(8), []
+    reading[:3], estimate[SPREAD] = (1.0, 0.0, 12.0), spread
+    init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 21):
-        listen(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
+        extend_trail(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
     for k in range(round(10 * seconds)):
         now = 20.0 + 0.1 * k
-        belief[1] = now - 20.0
-        steering = keep_station(law, station, (reading, belief), (trail, count[0]), (now, 0.1), memory, reference)
+        estimate[1] = now - 20.0
+        steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
         rows.append((*steering.wanted, reference[6]))
     table = np.array(rows)
     return table[:, :3], table[:, 3]

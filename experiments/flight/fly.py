@@ -9,7 +9,7 @@ from typing import Any
 from laisn.navigating import NavigatorFactory
 from laisn.navigators import new_navigator
 from sim.flight import Flight, Outcome, navigate, navigation_settings
-from sim.motion import ContactError, DivergedError, Embarking, listeners, simulate_motion
+from sim.motion import ContactError, DivergedError, MissionControllerFactory, listeners, simulate_motion
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
@@ -36,12 +36,12 @@ def motion_and_outcome(
 ) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario and how it ended; if before its time, what was flown until then."""
 
-    embark: Embarking | None = None
+    make_controller: MissionControllerFactory | None = None
     if listeners(scenario):
         # navigators of whole swarms take a tenth of a second to import, and few missions need them
-        from experiments.flight.swarm import swarm_of as embark
+        from experiments.flight.swarm import swarm_of as make_controller
     try:
-        return simulate_motion(scenario, progress, embark), Outcome.COMPLETED
+        return simulate_motion(scenario, progress, make_controller), Outcome.COMPLETED
     except DivergedError as error:
         return error.trajectory, Outcome.DIVERGED
     except ContactError as error:

@@ -11,8 +11,8 @@ from laisn.failure import LaisnError
 from laisn.navigating import AnySettings
 from laisn.tight import swarm as tight_swarm
 from laisn.tight.settings import TightSettings
-from sim.closed_loop import Aboard, aboard, guide, sense
-from sim.fleet import Steering, note, standing
+from sim.closed_loop import ClosedLoopState, guide, init_closed_loop, sense
+from sim.fleet import Steering, record_state, standing
 from sim.flight import navigation_settings
 from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
@@ -22,7 +22,7 @@ from sim.vehicle.plant import Plant
 from sim.vehicle.stepping import FINE, Fault, advance
 from sim.water.ocean import Water
 
-LOST_ITS_WAY = -2
+NAVIGATOR_FAILED = -2
 """Fault of a navigator, whose follower is named with it."""
 
 # Compiled code that is handed functions cannot be kept from one process to the next: each kind of navigator has its
@@ -30,73 +30,85 @@ LOST_ITS_WAY = -2
 
 
 @compiled
-def _think_tight(k: int, record: Floats, navigators: Any, a: Aboard) -> int:
+def _control_tight(k: int, record: Floats, navigators: Any, a: ClosedLoopState) -> int:
     failed = -1
     if sense(k, record, a):
         heard = a.inbox
-        failed = tight_swarm.navigate(navigators, a.readings, a.arrived, heard.message, heard.ranges, a.beliefs)
+        failed = tight_swarm.navigate(navigators, a.readings, a.arrived, heard.message, heard.ranges, a.estimates)
     guide(k, record[k], a)
     return failed
 
 
 @compiled
-def _fly_tight(
-    span: tuple[int, int, int], handles: Any, state: Any, water: Water, record: Floats, navigators: Any, a: Aboard
+def _simulate_tight(
+    span: tuple[int, int, int],
+    handles: Any,
+    state: Any,
+    water: Water,
+    record: Floats,
+    navigators: Any,
+    a: ClosedLoopState,
 ) -> tuple[int, Fault]:
     for k in range(span[0], span[1]):
-        failed = _think_tight(k, record, navigators, a)
+        failed = _control_tight(k, record, navigators, a)
         if failed >= 0:
-            return k, (LOST_ITS_WAY, failed)
+            return k, (NAVIGATOR_FAILED, failed)
         fault = advance(handles, a.steering[3], span[2])
         if fault[0] != FINE:
             return k, fault
-        note(k + 1, state, water, record)
+        record_state(k + 1, state, water, record)
     return span[1], (FINE, -1)
 
 
 @compiled
-def _think_lanes(k: int, record: Floats, navigators: Any, a: Aboard) -> int:
+def _control_lanes(k: int, record: Floats, navigators: Any, a: ClosedLoopState) -> int:
     if sense(k, record, a):
         step, heard = k // a.senses.stride, a.inbox
-        lane_swarm.navigate(navigators, step, a.readings, a.arrived, heard.message, heard.ranges, a.beliefs)
+        lane_swarm.navigate(navigators, step, a.readings, a.arrived, heard.message, heard.ranges, a.estimates)
     guide(k, record[k], a)
     return -1
 
 
 @compiled
-def _fly_lanes(
-    span: tuple[int, int, int], handles: Any, state: Any, water: Water, record: Floats, navigators: Any, a: Aboard
+def _simulate_lanes(
+    span: tuple[int, int, int],
+    handles: Any,
+    state: Any,
+    water: Water,
+    record: Floats,
+    navigators: Any,
+    a: ClosedLoopState,
 ) -> tuple[int, Fault]:
     for k in range(span[0], span[1]):
-        _think_lanes(k, record, navigators, a)
+        _control_lanes(k, record, navigators, a)
         fault = advance(handles, a.steering[3], span[2])
         if fault[0] != FINE:
             return k, fault
-        note(k + 1, state, water, record)
+        record_state(k + 1, state, water, record)
     return span[1], (FINE, -1)
 
 
 class Swarm:
-    """The crew of a fleet whose followers navigate under way."""
+    """The controller of a fleet whose followers navigate under way."""
 
-    def __init__(self, settings: AnySettings, aboard: Aboard, starts: Floats) -> None:
+    def __init__(self, settings: AnySettings, state: ClosedLoopState, starts: Floats) -> None:
         """Set up navigators.
 
         Args:
             settings: of all navigators.
-            aboard: at the start.
+            state: at the start.
             starts: known start of each follower's hydrophone, rows of x, y [m], vx, vy [m/s], shape (f, 4).
         """
-        self.aboard = aboard
+        self.state = state
         self._navigators: Any
         if isinstance(settings, TightSettings):
             self._navigators = tight_swarm.new_navigators(settings, starts)
-            self._think, self._fly = _think_tight, _fly_tight
+            self._control, self._fly = _control_tight, _simulate_tight
         else:
             self._navigators = lane_swarm.new_navigators(settings, starts)
-            self._think, self._fly = _think_lanes, _fly_lanes
+            self._control, self._fly = _control_lanes, _simulate_lanes
         known = not isinstance(settings, TightSettings) or settings.known_start
-        aboard.beliefs[:, :2] = starts[:, :2] if known else np.nan
+        state.estimates[:, :2] = starts[:, :2] if known else np.nan
 
     def _check(self, failed: int) -> None:
         if failed >= 0:
@@ -107,24 +119,24 @@ class Swarm:
         """How many fixes of each follower its navigator has rejected so far, shape (f,)."""
         return np.array(self._navigators[-1])
 
-    def think(self, k: int, record: Floats) -> None:
+    def control(self, k: int, record: Floats) -> None:
         """Find the commands that hold from the recorded instant k until k + 1."""
-        self._check(self._think(k, record, self._navigators, self.aboard))
+        self._check(self._control(k, record, self._navigators, self.state))
 
     def fly(self, span: tuple[int, int, int], handles: Any, state: Any, water: Water, record: Floats) -> Any:
-        """Think, advance and record from one instant to another."""
-        k, fault = self._fly(span, handles, state, water, record, self._navigators, self.aboard)
-        if fault[0] == LOST_ITS_WAY:
+        """Control, advance and record from one instant to another."""
+        k, fault = self._fly(span, handles, state, water, record, self._navigators, self.state)
+        if fault[0] == NAVIGATOR_FAILED:
             self._check(fault[1])
         return k, fault
 
     def end(self, k: int, record: Floats) -> None:
-        """Take note of the last instant: what navigators conclude there."""
-        self.think(k, record)
+        """Handle the last instant: what navigators conclude there."""
+        self.control(k, record)
 
 
 def swarm_of(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
-    """The crew of a scenario whose followers navigate under way, at its start.
+    """The controller of a scenario whose followers navigate under way, at its start.
 
     Args:
         scenario: mission.
@@ -142,7 +154,7 @@ def swarm_of(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
             "depth sensors"
         )
     starts = np.array([start_of(still, i) for i in numbers])
-    return Swarm(settings[0], aboard(scenario, plant, steering), starts)
+    return Swarm(settings[0], init_closed_loop(scenario, plant, steering), starts)
 
 
 def simulate_swarm(scenario: Scenario) -> tuple[Trajectory, Floats, Ints]:
@@ -158,11 +170,11 @@ def simulate_swarm(scenario: Scenario) -> tuple[Trajectory, Floats, Ints]:
         LaisnError: a route cannot be flown, or the sea is impossible.
         DivergedError: the simulation left finite numbers.
     """
-    crews: list[Swarm] = []
+    controllers: list[Swarm] = []
 
-    def embark(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
-        crews.append(swarm_of(scenario, plant, steering))
-        return crews[0]
+    def make_controller(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
+        controllers.append(swarm_of(scenario, plant, steering))
+        return controllers[0]
 
-    trajectory = simulate_motion(scenario, embark=embark)
-    return trajectory, crews[0].aboard.history, crews[0].gated
+    trajectory = simulate_motion(scenario, make_controller=make_controller)
+    return trajectory, controllers[0].state.history, controllers[0].gated

@@ -101,7 +101,7 @@ def _between_envelopes(
 
 
 @compiled
-def in_time(
+def rate_limited_velocity(
     f: Frame, station: Floats, trail: tuple[Floats, int], time: float, current: tuple[float, float], memory: Floats
 ) -> tuple[float, float]:
     """Velocity over ground with which a hull stays nearest to its station, east and north [m/s].
@@ -111,7 +111,7 @@ def in_time(
         station: columns BEHIND and PORT are read.
         trail: of the leader, and how many points it has, at least one.
         time: now [s].
-        current: as the follower believes it [m/s].
+        current: as the follower estimates it [m/s].
         memory: columns FRAME and FRAME_RATE, shape (2,).
     """
     points, count = trail

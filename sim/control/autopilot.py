@@ -192,8 +192,8 @@ def _hold_depth(
     return memory[PITCH_COMMAND], (memory[PITCH_COMMAND] - before) / dt, force, rate
 
 
-class Felt(NamedTuple):
-    """How a vehicle moves, as far as its autopilot knows: felt by sensors, or known from the truth."""
+class VehicleState(NamedTuple):
+    """How a vehicle moves, as far as its autopilot knows: measured by sensors, or true."""
 
     surge: float
     """Speed through the water along the hull [m/s]."""
@@ -214,7 +214,7 @@ class Felt(NamedTuple):
 
 
 @compiled
-def feel(pose: Floats, twist: Floats, water: Floats) -> Felt:
+def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
     """True motion of a vehicle.
 
     Args:
@@ -228,7 +228,7 @@ def feel(pose: Floats, twist: Floats, water: Floats) -> Felt:
     sway = flow[0] * port[0] + flow[1] * port[1] + flow[2] * port[2]
     heading = np.arctan2(forward[0], forward[1])
     pitch = np.arcsin(clip(forward[2], -1.0, 1.0))
-    return Felt(surge, sway, heading, twist[5], pitch, twist[4], -pose[2], -twist[2])
+    return VehicleState(surge, sway, heading, twist[5], pitch, twist[4], -pose[2], -twist[2])
 
 
 @compiled
@@ -236,7 +236,7 @@ def control(
     d: Any,
     wanted: tuple[float, float, float],
     reference: Floats,
-    felt: Felt,
+    motion: VehicleState,
     dt: float,
     memory: Floats,
     command: Floats,
@@ -247,13 +247,13 @@ def control(
         d: record of DESIGN.
         wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
         reference: TURNING, ACCELERATING, DEPTH and SINKING are read, shape (8,).
-        felt: how the vehicle moves.
+        motion: how the vehicle moves.
         dt: since the last call [s].
         memory: columns HEADING_INTEGRAL … PITCH_COMMAND; brought forward, shape (5,).
         command: out: thrusts, shape (m,), [N].
     """
     heading_wanted, turn_wanted, speed_wanted = wanted
-    surge, sway, heading, pitch = felt.surge, felt.sway, felt.heading, felt.pitch
+    surge, sway, heading, pitch = motion.surge, motion.sway, motion.heading, motion.pitch
     way = abs(surge)
     omega = d.omega
     lag = 0.25 / omega
@@ -269,14 +269,16 @@ def control(
     # heading and sway; moments to port are positive, turns to port are negative
     turn_soon = turn_wanted + lag * reference[TURNING]
     astray = signed_angle(heading_wanted - heading)
-    moment = -d.yaw_inertia * (reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + felt.turning))
+    moment = -d.yaw_inertia * (
+        reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + motion.turning)
+    )
     moment += memory[HEADING_INTEGRAL] - _damping(d.yaw_damping, way, turn_soon)
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
 
     # depth and pitch; moments nose up are positive here, and negative about the body's axis to port
-    pitch_wanted, pitching, force, rate = _hold_depth(d, reference, felt.depth, felt.sinking, way, dt, memory)
+    pitch_wanted, pitching, force, rate = _hold_depth(d, reference, motion.depth, motion.sinking, way, dt, memory)
     error = pitch_wanted - pitch
-    nose_up = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + felt.pitching))
+    nose_up = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + motion.pitching))
     nose_up += memory[PITCH_INTEGRAL] + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
 
     wrench = np.zeros(6)

@@ -43,7 +43,7 @@ def away(a: Avoidance, seen: Floats, heading: float) -> tuple[float, float]:
     Args:
         a: how to give way.
         seen: columns DISTANCE and BEARING of each vehicle, shape (v, 2).
-        heading: own one, as it is felt [rad].
+        heading: own measured one [rad].
     """
     east, north = 0.0, 0.0
     for j in range(seen.shape[0]):

@@ -1,4 +1,4 @@
-"""How a follower keeps its station on what it hears and feels: from readings and beliefs to heading, speed and depth.
+"""How a follower keeps its station on what it hears and feels: from readings and estimates to heading, speed and depth.
 
 Nothing here is the truth. A follower has its log, compass, gyros, inclinometer and pressure sensor, the leader's
 messages, and what its navigator makes of them: its place, the biases of log and compass, the current.
@@ -25,9 +25,9 @@ from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
-from sim.control.anticipation import in_time
+from sim.control.anticipation import rate_limited_velocity
 from sim.control.approach import CONSTANT_BEARING, Approach, approach
-from sim.control.autopilot import Felt
+from sim.control.autopilot import VehicleState
 from sim.control.avoidance import Avoidance, away, give_way
 from sim.control.guidance import DEPTH, SINKING, SPEED_LEAST
 from sim.control.station import FRAME, FRAME_MEMORY, FRAME_RATE, STATION_DEPTH, Frame, Target, station_at, turn_frame
@@ -37,12 +37,12 @@ from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 LOG, COMPASS, PRESSURE, INCLINE, TURNING, PITCHING = range(6)
 """Columns of readings: speed log [m/s], compass [rad], pressure as depth [m], pitch [rad], rates of turn [rad/s]."""
 READINGS = 6
-BELIEVED_EAST, BELIEVED_NORTH, LOG_BIAS, COMPASS_BIAS, BELIEVED_CURRENT_EAST, BELIEVED_CURRENT_NORTH = range(6)
-"""Columns of beliefs: mean place [m], NaN before there is one; biases [m/s] and [rad]; current [m/s] …"""
+ESTIMATED_EAST, ESTIMATED_NORTH, LOG_BIAS, COMPASS_BIAS, ESTIMATED_CURRENT_EAST, ESTIMATED_CURRENT_NORTH = range(6)
+"""Columns of estimates: mean place [m], NaN before there is one; biases [m/s] and [rad]; current [m/s] …"""
 SPREAD, LEAN_EAST, LEAN_NORTH, VELOCITY_EAST, VELOCITY_NORTH = range(6, 11)
 """… largest standard deviation of the place [m]; where it may be two places, the way from the mean to the likelier one
 [m]; velocity over ground [m/s]."""
-BELIEFS = 11
+ESTIMATES = 11
 HEARD_TIME, HEARD_EAST, HEARD_NORTH, HEARD_HEADING, HEARD_SPEED = range(5)
 """Columns of a message that the controller reads, as of `laisn.messages.LeaderMessage`."""
 KEPT_FRAME, KEPT_RATE, INTEGRAL, HEADING_WANTED, SPEED_WANTED, LOG_PASSED, COMPASS_PASSED, DEPTH_WANTED = range(
@@ -98,11 +98,11 @@ class Steering(NamedTuple):
 
     wanted: tuple[float, float, float]
     """Heading [rad], its rate [rad/s], speed through the water [m/s]."""
-    felt: Felt
+    motion: VehicleState
 
 
 @compiled
-def listen(
+def extend_trail(
     frame: Frame,
     station: Floats,
     message: Floats,
@@ -136,7 +136,7 @@ def listen(
 
 
 @compiled
-def embark(leader: Floats, trail: Floats, count: Ints, memory: Floats) -> None:
+def init_memory(leader: Floats, trail: Floats, count: Ints, memory: Floats) -> None:
     """Set up what a follower remembers at its start; of its own motion its first readings tell it.
 
     Args:
@@ -153,26 +153,26 @@ def embark(leader: Floats, trail: Floats, count: Ints, memory: Floats) -> None:
 
 
 @compiled
-def beware(avoidance: Avoidance, seen: Floats, belief: Floats, memory: Floats) -> None:
+def update_avoidance(avoidance: Avoidance, seen: Floats, estimate: Floats, memory: Floats) -> None:
     """Take a look around by the proximity sensor: from now on the follower gives way to what is nearby.
 
     Args:
         avoidance: how to give way.
         seen: columns of `sim.control.avoidance` for each vehicle, shape (v, 2).
-        belief: column COMPASS_BIAS is read [rad].
-        memory: columns PUSH_EAST and PUSH_NORTH are brought forward; the heading is as it was felt last.
+        estimate: column COMPASS_BIAS is read [rad].
+        memory: columns PUSH_EAST and PUSH_NORTH are brought forward; the heading is as measured last.
     """
-    heading = memory[COMPASS_PASSED] - belief[COMPASS_BIAS]
+    heading = memory[COMPASS_PASSED] - estimate[COMPASS_BIAS]
     memory[PUSH_EAST], memory[PUSH_NORTH] = away(avoidance, seen, heading)
 
 
 @compiled
-def measured_motion(reading: Floats, belief: Floats, dt: float, memory: Floats) -> Felt:
+def measured_motion(reading: Floats, estimate: Floats, dt: float, memory: Floats) -> VehicleState:
     """Own motion by smoothed readings, less their estimated biases.
 
     Args:
         reading: columns LOG … PITCHING.
-        belief: columns LOG_BIAS and COMPASS_BIAS are read.
+        estimate: columns LOG_BIAS and COMPASS_BIAS are read.
         dt: since the last call [s].
         memory: columns LOG_PASSED and COMPASS_PASSED are brought forward; NaN before the first reading.
     """
@@ -181,44 +181,44 @@ def measured_motion(reading: Floats, belief: Floats, dt: float, memory: Floats) 
     memory[LOG_PASSED] += (reading[LOG] - memory[LOG_PASSED]) * dt / _LOG_TIME
     memory[COMPASS_PASSED] -= reading[TURNING] * dt
     memory[COMPASS_PASSED] += wrap_angle(reading[COMPASS] - memory[COMPASS_PASSED]) * dt / _COMPASS_TIME
-    surge, pitch = memory[LOG_PASSED] - belief[LOG_BIAS], reading[INCLINE]
-    heading = memory[COMPASS_PASSED] - belief[COMPASS_BIAS]
+    surge, pitch = memory[LOG_PASSED] - estimate[LOG_BIAS], reading[INCLINE]
+    heading = memory[COMPASS_PASSED] - estimate[COMPASS_BIAS]
     # nothing measures how it slips; it sinks the way it points
     sinking = -surge * np.sin(pitch)
-    return Felt(surge, 0.0, heading, reading[TURNING], pitch, reading[PITCHING], reading[PRESSURE], sinking)
+    return VehicleState(surge, 0.0, heading, reading[TURNING], pitch, reading[PITCHING], reading[PRESSURE], sinking)
 
 
 @compiled
-def _current(law: Law, belief: Floats) -> tuple[float, float]:
+def _current(law: Law, estimate: Floats) -> tuple[float, float]:
     """Current that the law takes off [m/s]; those with an integral have that instead."""
     if law.approach.law != CONSTANT_BEARING:
         return 0.0, 0.0
-    return belief[BELIEVED_CURRENT_EAST], belief[BELIEVED_CURRENT_NORTH]
+    return estimate[ESTIMATED_CURRENT_EAST], estimate[ESTIMATED_CURRENT_NORTH]
 
 
 @compiled
 def _foreseen(
-    law: Law, station: Floats, known: tuple[Floats, int], now: float, belief: Floats, memory: Floats
+    law: Law, station: Floats, known: tuple[Floats, int], now: float, estimate: Floats, memory: Floats
 ) -> Target:
     """The station, and the velocity that takes a hull along with it."""
     t = station_at(law.frame, station, known, now, memory)
-    east, north = in_time(law.frame, station, known, now, _current(law, belief), memory)
+    east, north = rate_limited_velocity(law.frame, station, known, now, _current(law, estimate), memory)
     return Target(t.east, t.north, east, north, t.way_east, t.way_north)
 
 
 @compiled
-def _uncertainty(quiet: Silence, belief: Floats, age: float) -> float:
+def _uncertainty(quiet: Silence, estimate: Floats, age: float) -> float:
     """Standard deviation of the follower's place in the trail, by the age of the last message [s], [m]."""
-    return float(np.hypot(belief[SPREAD], quiet.velocity_sigma * max(age, 0.0)))
+    return float(np.hypot(estimate[SPREAD], quiet.velocity_sigma * max(age, 0.0)))
 
 
 @compiled
 def _to_station(
-    law: Law, target: Target, belief: Floats, sigma: float, dt: float, memory: Floats
+    law: Law, target: Target, estimate: Floats, sigma: float, dt: float, memory: Floats
 ) -> tuple[float, float]:
     """Velocity through the water towards the station, by the standard deviation of the place in the trail [m/s]."""
-    place = belief[BELIEVED_EAST] + belief[LEAN_EAST], belief[BELIEVED_NORTH] + belief[LEAN_NORTH]
-    current = belief[BELIEVED_CURRENT_EAST], belief[BELIEVED_CURRENT_NORTH]
+    place = estimate[ESTIMATED_EAST] + estimate[LEAN_EAST], estimate[ESTIMATED_NORTH] + estimate[LEAN_NORTH]
+    current = estimate[ESTIMATED_CURRENT_EAST], estimate[ESTIMATED_CURRENT_NORTH]
     if place[0] != place[0]:
         # nothing is known of it yet
         place = target.east, target.north
@@ -257,17 +257,17 @@ def keep_station(
     Args:
         law: how to keep station.
         station: columns BEHIND, PORT and STATION_DEPTH [m].
-        senses: readings, columns LOG … PITCHING, and beliefs, columns BELIEVED_EAST … SPREAD.
+        senses: readings, columns LOG … PITCHING, and estimates, columns ESTIMATED_EAST … SPREAD.
         known: the leader's trail as heard, shape (room, TRAIL), and how many points it has, at least one.
         clock: time, and time since the last call [s].
         memory: brought forward, shape (FOLLOWER_MEMORY,).
         reference: out: of the autopilot, columns TURNING … SINKING, shape (8,).
     """
-    (reading, belief), (trail, count), (now, dt) = senses, known, clock
+    (reading, estimate), (trail, count), (now, dt) = senses, known, clock
     starts = memory[LOG_PASSED] != memory[LOG_PASSED]
-    felt = measured_motion(reading, belief, dt, memory)
+    motion = measured_motion(reading, estimate, dt, memory)
     if starts:
-        memory[HEADING_WANTED], memory[SPEED_WANTED], memory[DEPTH_WANTED] = felt.heading, felt.surge, felt.depth
+        memory[HEADING_WANTED], memory[SPEED_WANTED], memory[DEPTH_WANTED] = motion.heading, motion.surge, motion.depth
     quiet, depth = law.silence, station[STATION_DEPTH]
     heading, speed = memory[HEADING_WANTED], memory[SPEED_WANTED]
     silent = now - trail[count - 1, TIME]
@@ -280,9 +280,9 @@ def keep_station(
     else:
         if silent > 0.5 * dt:
             turn_frame(law.frame, station, known, (now - dt, now), dt, memory)
-        target = _foreseen(law, station, known, now, belief, memory)
-        sigma = _uncertainty(quiet, belief, silent)
-        east, north = _to_station(law, target, belief, sigma, dt, memory)
+        target = _foreseen(law, station, known, now, estimate, memory)
+        sigma = _uncertainty(quiet, estimate, silent)
+        east, north = _to_station(law, target, estimate, sigma, dt, memory)
         heading, speed = np.arctan2(east, north), np.hypot(east, north)
         if silent > 0.5 * dt and speed > quiet.speed:
             # full speed up to the bound, the slow one from twice the bound on
@@ -295,4 +295,4 @@ def keep_station(
     memory[HEADING_WANTED] += turn
     change = clip(speed - memory[SPEED_WANTED], -ACCELERATION * dt, ACCELERATION * dt)
     memory[SPEED_WANTED] = max(memory[SPEED_WANTED] + change, SPEED_LEAST)
-    return Steering((memory[HEADING_WANTED], turn / dt, memory[SPEED_WANTED]), felt)
+    return Steering((memory[HEADING_WANTED], turn / dt, memory[SPEED_WANTED]), motion)

@@ -278,10 +278,10 @@ def test_vehicles_feel_their_way_through_the_water_along_their_own_axes():
     for turned in Rotation.random(5, rng=rng):
         pose = np.r_[3.0, 4.0, -9.0, turned.as_quat()[[3, 0, 1, 2]]]
         twist, water = rng.normal(size=6), rng.normal(size=3)
-        felt = autopilot.feel(pose, twist, water)
+        motion = autopilot.vehicle_state(pose, twist, water)
         through = turned.inv().apply(twist[:3] - water)
         forward = turned.apply([1.0, 0.0, 0.0])
-        assert felt == pytest.approx(
+        assert motion == pytest.approx(
             (
                 through[0],
                 through[1],
@@ -303,12 +303,12 @@ def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
     reference[autopilot.DEPTH] = 10.0
 
     def remembered(angle, speed, depth, rate=0.0):
-        felt = autopilot.Felt(
+        motion = autopilot.VehicleState(
             surge=1.0 - sign * speed, sway=0.0, heading=-sign * angle, turning=sign * rate, pitch=-sign * angle,
             pitching=sign * rate, depth=10.0 - sign * depth, sinking=0.0,
         )  # fmt: skip
         memory, command = np.zeros(autopilot.AUTOPILOT_MEMORY), np.zeros(5)
-        autopilot.control(design, (0.0, 0.0, 1.0), reference, felt, dt, memory, command)
+        autopilot.control(design, (0.0, 0.0, 1.0), reference, motion, dt, memory, command)
         return memory, command
 
     angle, omega = np.deg2rad(0.5), design["omega"]

@@ -5,7 +5,7 @@ import pytest
 
 from laisn.arrays import Floats
 from sim.control import autopilot
-from sim.control.autopilot import Felt
+from sim.control.autopilot import VehicleState
 from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
@@ -20,29 +20,31 @@ def damping(c: Floats, way: float, rate: float) -> float:
     return float((c[0] + c[1] * way + c[2] * abs(rate)) * rate)
 
 
-def law(d: np.void, wanted: tuple[float, float, float], ref: Floats, felt: Felt, memory: Floats) -> tuple[Floats, ...]:
+def law(
+    d: np.void, wanted: tuple[float, float, float], ref: Floats, motion: VehicleState, memory: Floats
+) -> tuple[Floats, ...]:
     """Thrust ahead, side force and moment to port, upward force and nose-up moment; and what is remembered."""
     heading, turn, speed = wanted
-    omega, way, kept = d["omega"], abs(felt.surge), memory.copy()
+    omega, way, kept = d["omega"], abs(motion.surge), memory.copy()
     lag = 1.0 / (4.0 * omega)
-    through = speed / max(np.cos(felt.pitch), 0.5)
+    through = speed / max(np.cos(motion.pitch), 0.5)
     later = through + lag * ref[ACCELERATING]
     drag = d["drag_linear"] * np.exp(-d["drag_fade"] * later) * later + d["drag"] * later**2
-    slow = through - felt.surge
+    slow = through - motion.surge
     ahead = d["surge_mass"] * (ref[ACCELERATING] + omega / 2 * slow) + memory[autopilot.SPEED_INTEGRAL] + drag
     kept[autopilot.SPEED_INTEGRAL] += d["surge_mass"] * (omega / 2) * (omega / 10) * slow * DT
 
     # turns of the compass are to starboard, moments to port
-    off = np.arctan2(np.sin(heading - felt.heading), np.cos(heading - felt.heading))
+    off = np.arctan2(np.sin(heading - motion.heading), np.cos(heading - motion.heading))
     soon = turn + lag * ref[TURNING]
-    wished = ref[TURNING] + omega**2 * off + 2 * omega * (turn - -felt.turning)
+    wished = ref[TURNING] + omega**2 * off + 2 * omega * (turn - -motion.turning)
     to_port = -d["yaw_inertia"] * wished - damping(d["yaw_damping"], way, soon) + memory[autopilot.HEADING_INTEGRAL]
     kept[autopilot.HEADING_INTEGRAL] -= d["yaw_inertia"] * omega**2 * (omega / 10) * off * DT
-    side = -soon * (d["surge_mass"] * felt.surge - d["fin_side"] * way) - omega / 2 * d["sway_mass"] * felt.sway
+    side = -soon * (d["surge_mass"] * motion.surge - d["fin_side"] * way) - omega / 2 * d["sway_mass"] * motion.sway
 
     share = d["by_pitch"] * np.clip((way - 0.3) / 0.3, 0.0, 1.0)
     fast = max(way, 0.3)
-    high, lift = ref[DEPTH] - felt.depth, d["lift"] * fast**2
+    high, lift = ref[DEPTH] - motion.depth, d["lift"] * fast**2
     incidence = np.clip(share * memory[autopilot.DEPTH_INTEGRAL] / lift, *np.deg2rad([-12.0, 12.0]))
     sink = ref[SINKING] + omega / 5 * high
     steepest = fast * np.sin(np.deg2rad(20.0))
@@ -50,16 +52,16 @@ def law(d: np.void, wanted: tuple[float, float, float], ref: Floats, felt: Felt,
     turned = np.clip(share * climb + incidence - memory[autopilot.PITCH_COMMAND], *np.deg2rad([-5.0, 5.0]) * DT)
     kept[autopilot.PITCH_COMMAND] += turned
     pitch, rate = kept[autopilot.PITCH_COMMAND], turned / DT
-    push = d["heave_mass"] * ((omega / 2) ** 2 * high + omega * (ref[SINKING] - felt.sinking))
+    push = d["heave_mass"] * ((omega / 2) ** 2 * high + omega * (ref[SINKING] - motion.sinking))
     push += lift / fast * ref[SINKING]
     upward = memory[autopilot.DEPTH_INTEGRAL] - incidence * lift - (1 - share) * push
     by_lift, by_thrust = lift / fast * (omega / 5) ** 2 / 4, 0.2 * d["heave_mass"] * (omega / 2) ** 3
     if share * abs(sink) < steepest:
         kept[autopilot.DEPTH_INTEGRAL] -= (share * by_lift + (1 - share) * by_thrust) * high * DT
-    wished = omega**2 * (pitch - felt.pitch) + 2 * omega * (rate - -felt.pitching)
+    wished = omega**2 * (pitch - motion.pitch) + 2 * omega * (rate - -motion.pitching)
     nose_up = d["pitch_inertia"] * wished + d["righting"] * pitch + damping(d["pitch_damping"], way, rate)
     nose_up += memory[autopilot.PITCH_INTEGRAL]
-    kept[autopilot.PITCH_INTEGRAL] += d["pitch_inertia"] * omega**2 * (omega / 10) * (pitch - felt.pitch) * DT
+    kept[autopilot.PITCH_INTEGRAL] += d["pitch_inertia"] * omega**2 * (omega / 10) * (pitch - motion.pitch) * DT
     return np.array([ahead, side, to_port, upward, nose_up]), kept
 
 
@@ -76,14 +78,15 @@ def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: f
     (d,) = records
     reference = np.zeros(8)
     reference[[TURNING, ACCELERATING, DEPTH, SINKING]] = 0.02, 0.1, 10.0, 0.05
-    felt = Felt(surge=way, sway=0.1, heading=6.2, turning=0.03, pitch=0.06, pitching=-0.02, depth=10.0 - deeper,
-                sinking=0.02)  # fmt: skip
+    motion = VehicleState(
+        surge=way, sway=0.1, heading=6.2, turning=0.03, pitch=0.06, pitching=-0.02, depth=10.0 - deeper, sinking=0.02
+    )
     wanted = 0.1, 0.04, 1.3
     command = np.zeros(5)
     for integral in (2.0, -400.0):
         memory = np.array([0.7, -3.0, 0.4, integral, 0.03])
-        expected, kept = law(d, wanted, reference, felt, memory)
-        autopilot.control(d, wanted, reference, felt, DT, memory, command)
+        expected, kept = law(d, wanted, reference, motion, memory)
+        autopilot.control(d, wanted, reference, motion, DT, memory, command)
         # leader.xml: lateral thrusters at ±0.62 m, vertical ones at ±0.46 m
         (bow, stern), (raised, lowered) = (0.62, -0.62), (0.46, -0.46)
         found = [command[0], command[1] + command[2], bow * command[1] + stern * command[2], command[3] + command[4],

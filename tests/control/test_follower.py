@@ -1,4 +1,4 @@
-"""What a follower makes of its readings and beliefs, tick by tick: against filters and limits worked out by hand."""
+"""What a follower makes of its readings and estimates, tick by tick: against filters and limits worked out by hand."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ import pytest
 from laisn.arrays import Floats
 from sim.closed_loop import law_of
 from sim.control import follower
-from sim.control.follower import Steering, embark, keep_station, listen
+from sim.control.follower import Steering, extend_trail, init_memory, keep_station
 from sim.control.guidance import DEPTH, SINKING
 from sim.control.station import FRAME, FRAME_RATE
 from sim.control.trail import TRAIL
@@ -25,19 +25,19 @@ class Deck:
         self.law, self.memory = law_of(Formation(**formation)), np.zeros(follower.FOLLOWER_MEMORY)
         self.trail, self.count = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64)
         self.station, self.reference = np.array([20.0, 0.0, 12.0]), np.zeros(8)
-        self.reading, self.belief = np.zeros(follower.READINGS), np.zeros(follower.BELIEFS)
-        self.reading[:3], self.belief[:2] = (1.0, 0.0, 12.0), (aside, 10.0)
-        embark(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
+        self.reading, self.estimate = np.zeros(follower.READINGS), np.zeros(follower.ESTIMATES)
+        self.reading[:3], self.estimate[:2] = (1.0, 0.0, 12.0), (aside, 10.0)
+        init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
         for second in range(1, 31):
             said = np.array([second, 0.0, second, 0.0, 1.0])
-            self.listen(said, second)
+            self.extend_trail(said, second)
 
-    def listen(self, said: Floats, now: float) -> None:
-        listen(self.law.frame, self.station, said, self.trail, self.count, (now, DT), self.memory)
+    def extend_trail(self, said: Floats, now: float) -> None:
+        extend_trail(self.law.frame, self.station, said, self.trail, self.count, (now, DT), self.memory)
 
     def tick(self, now: float = 30.0) -> Steering:
         known = self.trail, self.count[0]
-        senses = self.reading, self.belief
+        senses = self.reading, self.estimate
         return keep_station(self.law, self.station, senses, known, (now, DT), self.memory, self.reference)
 
     def ticks(self, n: int) -> Floats:
@@ -45,7 +45,7 @@ class Deck:
         rows = []
         for _ in range(n):
             told = self.tick()
-            rows.append((told.felt.surge, told.felt.heading, told.wanted[0], told.wanted[2]))
+            rows.append((told.motion.surge, told.motion.heading, told.wanted[0], told.wanted[2]))
         return np.array(rows)
 
 
@@ -56,14 +56,14 @@ def test_a_message_that_was_long_under_way_turns_the_frame_as_far_as_one_that_wa
         deck = Deck()
         deck.station[:2] = 2.0, 12.0
         for second in range(31, 40):
-            deck.listen(np.array([second, second - 30.0, 30.0, np.pi / 2, 1.0]), second)
+            deck.extend_trail(np.array([second, second - 30.0, 30.0, np.pi / 2, 1.0]), second)
         said = np.array([40.0, 10.0, 30.0, np.pi / 2, 1.0])
         if not late:
-            deck.listen(said, 40.0)
+            deck.extend_trail(said, 40.0)
         for now in (40.0, 40.1, 40.2, 40.3):
             deck.tick(now)
         if late:
-            deck.listen(said, 40.4)
+            deck.extend_trail(said, 40.4)
         deck.tick(40.4)
         frames.append(deck.memory[[FRAME, FRAME_RATE]].copy())
     np.testing.assert_allclose(frames[1], frames[0], rtol=0, atol=1e-12)
@@ -75,30 +75,30 @@ def test_the_log_is_smoothed_over_a_second_and_the_compass_over_two() -> None:
     deck = Deck()
     deck.tick()
     deck.reading[0], deck.reading[1] = 1.5, 0.2
-    felt = deck.ticks(30)
+    motion = deck.ticks(30)
     left = np.arange(1, 31)
-    np.testing.assert_allclose(felt[:, 0], 1.5 - 0.5 * (1 - DT / 1.0) ** left)
-    np.testing.assert_allclose(felt[:, 1], 0.2 - 0.2 * (1 - DT / 2.0) ** left)
+    np.testing.assert_allclose(motion[:, 0], 1.5 - 0.5 * (1 - DT / 1.0) ** left)
+    np.testing.assert_allclose(motion[:, 1], 0.2 - 0.2 * (1 - DT / 2.0) ** left)
 
 
 def test_gyros_are_followed_at_once_and_biases_are_taken_off() -> None:
     deck = Deck()
     deck.tick()
-    deck.reading[4], deck.belief[2], deck.belief[3] = 0.05, 0.25, 0.1
+    deck.reading[4], deck.estimate[2], deck.estimate[3] = 0.05, 0.25, 0.1
     told = deck.tick()
     # to port is the other way round than headings are counted; the compass still says 0
     turned = -0.05 * DT
-    assert told.felt.heading == pytest.approx(turned * (1 - DT / 2.0) - 0.1)
-    assert told.felt.surge == pytest.approx(0.75)
-    assert told.felt.turning == 0.05
+    assert told.motion.heading == pytest.approx(turned * (1 - DT / 2.0) - 0.1)
+    assert told.motion.surge == pytest.approx(0.75)
+    assert told.motion.turning == 0.05
 
 
 def test_pitch_and_depth_are_felt_as_they_are_read() -> None:
     deck = Deck()
     deck.reading[2], deck.reading[3], deck.reading[5] = 11.5, -0.2, 0.03
-    felt = deck.tick().felt
-    assert (felt.depth, felt.pitch, felt.pitching, felt.sway) == (11.5, -0.2, 0.03, 0.0)
-    assert felt.sinking == pytest.approx(np.sin(0.2))
+    motion = deck.tick().motion
+    assert (motion.depth, motion.pitch, motion.pitching, motion.sway) == (11.5, -0.2, 0.03, 0.0)
+    assert motion.sinking == pytest.approx(np.sin(0.2))
 
 
 def test_what_is_wanted_changes_no_faster_than_a_hull_can_follow() -> None:
@@ -107,18 +107,18 @@ def test_what_is_wanted_changes_no_faster_than_a_hull_can_follow() -> None:
     np.testing.assert_allclose(wanted[:, 2], -TURN_RATE * DT * np.arange(1, 6))
     assert deck.tick().wanted[1] == pytest.approx(-TURN_RATE)
     far = Deck()
-    far.belief[1] = -500.0
+    far.estimate[1] = -500.0
     np.testing.assert_allclose(far.ticks(3)[:, 3], 1.0 + ACCELERATION * DT * np.arange(1, 4))
 
 
 @pytest.mark.parametrize(("spread", "aims"), [(0.99, True), (1.01, False), (np.nan, False)])
 def test_who_does_not_know_its_side_goes_parallel(spread: float, aims: bool) -> None:
     deck = Deck(aside=10.0, unsure_m=1.0)
-    deck.belief[6] = spread
+    deck.estimate[6] = spread
     deck.tick()
     assert (deck.memory[follower.HEADING_WANTED] < -0.001) == aims
     # along the way it closes up all the same
-    deck.belief[1] = 4.0
+    deck.estimate[1] = 4.0
     before = deck.memory[follower.SPEED_WANTED]
     deck.tick()
     assert deck.memory[follower.SPEED_WANTED] > before
@@ -129,7 +129,7 @@ def test_who_may_be_at_either_of_two_places_steers_by_the_likelier() -> None:
     wanted = []
     for lean in (-4.0, 0.0, 4.0):
         deck = Deck()
-        deck.belief[follower.LEAN_EAST] = lean
+        deck.estimate[follower.LEAN_EAST] = lean
         wanted.append(deck.ticks(20)[-1, 2])
     assert wanted[1] == pytest.approx(0.0, abs=1e-9)
     assert wanted[0] > 0.1
@@ -160,7 +160,7 @@ def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncerta
         (38.05, False, True),
     ):
         deck = Deck(aside=10.0, **given)
-        deck.belief[1], deck.belief[follower.SPREAD] = now - 20.0, 0.3
+        deck.estimate[1], deck.estimate[follower.SPREAD] = now - 20.0, 0.3
         told = deck.tick(now)
         assert (told.wanted[0] < -0.001) == aims, now
         assert (told.wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now

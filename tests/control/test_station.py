@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from laisn.arrays import Floats, Ints
 from sim.control import trail as way
-from sim.control.anticipation import AGILITY, in_time
+from sim.control.anticipation import AGILITY, rate_limited_velocity
 from sim.control.approach import ALOS, CONSTANT_BEARING, ILOS, Approach, approach
 from sim.control.station import FRAME_MEMORY, Frame, Target, station_at, turn_frame
 
@@ -125,7 +125,7 @@ def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple
     before, after = np.array([-current[0], pace - current[1]]), np.array([pace - current[0], -current[1]])
     start, end = np.arctan2(*before), np.arctan2(*after)
     for late in (-8.0, -5.0, -2.0, 2.0, 5.0, 8.0):
-        told = in_time(FRAME, station, (trail, count[0]), 60.0 + late, current, memory)
+        told = rate_limited_velocity(FRAME, station, (trail, count[0]), 60.0 + late, current, memory)
         through = np.array(told) - current
         # half way between what a hull may have turned to already and what it may still have to turn from
         upper = max(start, end - AGILITY * max(-late, 0.0))
@@ -138,7 +138,9 @@ def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple
 
 def test_on_a_straight_way_nothing_is_foreseen() -> None:
     trail, count, ahead = straight()
-    told = in_time(FRAME, np.array([20.0, 7.0, 12.0]), (trail, count[0]), 60.0, (0.2, -0.1), np.array([0.3, 0.0]))
+    told = rate_limited_velocity(
+        FRAME, np.array([20.0, 7.0, 12.0]), (trail, count[0]), 60.0, (0.2, -0.1), np.array([0.3, 0.0])
+    )
     assert told == pytest.approx(tuple(1.5 * ahead))
 
 
@@ -169,7 +171,7 @@ def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> Non
     for time in np.arange(60.25, 210.0, 0.7):
         station, memory = np.array([25.0, 8.0, 12.0]), np.array([0.4, 0.01])
         for current in (np.array([0.0, 0.0]), np.array([0.3, 0.5])):
-            told = in_time(FRAME, station, (trail, n), time, (current[0], current[1]), memory)
+            told = rate_limited_velocity(FRAME, station, (trail, n), time, (current[0], current[1]), memory)
             expected = between_envelopes(trail, n, station, time, current, memory)
             assert told == pytest.approx(tuple(expected), abs=1e-9)
             late = way.arc_at(trail, n, time) - 25.0

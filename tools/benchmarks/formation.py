@@ -44,8 +44,8 @@ def _closed(scenario: Scenario) -> Callable[[], object]:
     """The closed loop: sensing, navigation, guidance, autopilot, physics, recording."""
     routes, ocean = routes_of(scenario), ocean_of(scenario)
     plants = [Plant(setups_of(scenario, routes), ocean, scenario.timing.physics_step_s) for _ in range(_REPEATS + 1)]
-    boarding = partial(swarm_of, scenario)
-    return lambda: simulate_fleet(plants.pop(), routes, scenario.duration_s, boarding=boarding)
+    make_controller = partial(swarm_of, scenario)
+    return lambda: simulate_fleet(plants.pop(), routes, scenario.duration_s, make_controller=make_controller)
 
 
 def formation() -> list[Row]:
