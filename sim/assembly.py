@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from laisn.arrays import Floats
 from sim.scenario.point_motion import SPEED_MIN
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.scenario.settings import Follower, Scenario, Vehicle
@@ -75,6 +76,16 @@ def vehicle_names(scenario: Scenario) -> tuple[str, ...]:
 def models_of(scenario: Scenario) -> tuple[str, ...]:
     """Models of all vehicles as `VehicleSetup` takes them, the leader's first."""
     return (scenario.leader.model or "leader", *(f.model or "follower" for f in scenario.followers))
+
+
+def on_axis(sites: Floats) -> bool:
+    """Whether transmitters are where a baseline and an offset describe them: fore and aft, and abeam, at one height.
+
+    Args:
+        sites: rear, front, middle from the leader's position, shape (3, 3), [m].
+    """
+    half, aside = sites[1, 0], sites[2, 1]
+    return bool(half > 0 and aside > 0 and np.array_equal(sites, [[-half, 0, 0], [half, 0, 0], [0, aside, 0]]))
 
 
 def _stand_in(follower: Follower, scenario: Scenario, leader: Route) -> Route:

@@ -6,8 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.assembly import ocean_of, route_of, routes_of, setups_of, vehicle_names
+from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setups_of, vehicle_names
 from sim.contact import HULL_RADIUS_M
 from sim.log.clock import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
@@ -184,6 +185,62 @@ def _station_conflict(scenario: Scenario) -> list[str]:
     return []
 
 
+def transmitter_sites(scenario: Scenario) -> Floats:
+    """Rear, front and middle transmitter: forward, port, and up from the leader's depth sensor, shape (3, 3), [m]."""
+    from sim.vehicle.mjcf import spec_of, transmitter_places
+
+    leader = scenario.leader
+    spec = spec_of(models_of(scenario)[0])
+    places = {name: np.array(spec.site(name).pos) for name in ("tx_rear", "tx_front", "tx_middle")}
+    for name, (axis, value) in transmitter_places(leader.baseline_m, leader.middle_offset_m).items():
+        places[name][axis] = value
+    height = float(spec.site("depth_sensor").pos[2])
+    return np.array([place - (0.0, 0.0, height) for place in places.values()])
+
+
+def _transmitters_off_axis(scenario: Scenario) -> list[str]:
+    """Transmitters of an own hull where navigators of closed loops cannot use them."""
+    closed = any(follower.station or follower.believes for follower in scenario.followers)
+    if scenario.leader.model is None or not closed or _errors_of(partial(transmitter_sites, scenario), ""):
+        return []
+    if on_axis(transmitter_sites(scenario)):
+        return []
+    return [
+        "leader.model: where followers are on stations or steer by their estimates, tx_rear and tx_front must be at "
+        "(−L/2, 0, 0) and (L/2, 0, 0), tx_middle at (0, H, 0) and depth_sensor at height 0"
+    ]
+
+
+def cautions(scenario: Scenario) -> list[str]:
+    """What a flyable scenario has that its navigators or followers cannot cope with, a line each."""
+    found, variant, leader = [], scenario.navigation.variant, scenario.leader
+    stations = any(follower.station for follower in scenario.followers)
+    if scenario.motion == "physics" and scenario.ocean.moves:
+        if variant != "tight":
+            found.append(f"there is a current; navigator {variant!r} assumes still water")
+        elif not scenario.navigation.assume.current:
+            found.append("there is a current; navigation.assume.current = false assumes still water")
+    if stations and variant != "tight":
+        found.append(f"stations are kept by navigator {variant!r}, with errors of metres; 'tight' keeps them better")
+    if stations and _errors_of(partial(_plan, leader, "leader"), "") == []:
+        route = route_of(leader, "leader")
+        rest = float(np.diff(route.time)[route.leg_length == 0].sum())
+        if rest:
+            way = rest * scenario.formation.least_way_m_s
+            found.append(f"the leader stops for {rest:g} s; followers on stations go on, by about {way:.3g} m")
+    if leader.model is not None:
+        own = scenario.model_copy(
+            update={"leader": leader.model_copy(update={"baseline_m": None, "middle_offset_m": None})}
+        )
+        for key, axis, rows in (("baseline_m", 0, [0, 1]), ("middle_offset_m", 1, [2])):
+            there, hull = (transmitter_sites(one)[rows, axis] for one in (scenario, own))
+            if not np.allclose(there, hull, rtol=0.0, atol=1e-9):
+                now, own_place = (", ".join(f"{value:.3g}" for value in place) for place in (there, hull))
+                moved = "tx_rear and tx_front to x" if axis == 0 else "tx_middle to y"
+                found.append(f"leader.{key} moves {moved} = {now} m; the hull has {own_place} m")
+    return found
+
+
 def infeasibilities(scenario: Scenario) -> list[str]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.inconsistencies`."""
     found = [
@@ -203,5 +260,6 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_leader_too_fast(scenario),
         *_start_overlap(scenario),
         *_station_conflict(scenario),
+        *_transmitters_off_axis(scenario),
         *_cost(scenario),
     ]

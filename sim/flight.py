@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +15,15 @@ from laisn.messages import Measurements
 from laisn.navigating import AnySettings, NavigatorFactory
 from laisn.settings import VARIANTS, NavigationSettings
 from laisn.tight.settings import Assume, TightSettings
+from sim.assembly import on_axis
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of, observe
 from sim.sensing.sensor_errors import measure
 from sim.trajectory import Trajectory
 
+TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
+"""Sites of the leader's transmitters, in the order of their ranges."""
 SLIP_M_SQRT_S = 0.007
 """Motion of a physical vehicle that its log does not see, unless the scenario says how much [m/√s].
 
@@ -104,7 +108,23 @@ class Flight:
         return np.asarray(self.trajectory.site_path(f"{name}/hydrophone")[self.step_index()])
 
 
-def _tight_settings(scenario: Scenario, height: float) -> TightSettings:
+def _transmitters(scenario: Scenario, trajectory: Trajectory) -> dict[str, Any]:
+    """Where a follower takes the leader's transmitters to be: on its hull, unless the scenario says otherwise."""
+    offset = {
+        name: trajectory.site_offset[trajectory.site(f"leader/{name}")] for name in (*TRANSMITTERS, "depth_sensor")
+    }
+    sites = np.array([offset[name] for name in TRANSMITTERS]) - np.array([0.0, 0.0, offset["depth_sensor"][2]])
+    told = scenario.navigation.transmitters_m
+    if on_axis(sites):
+        return {
+            "baseline": 2.0 * float(sites[1, 0]),
+            "middle_offset": float(sites[2, 1]),
+            "transmitter_offsets": told,
+        }
+    return {"transmitter_offsets": told or tuple(tuple(site) for site in sites.tolist())}
+
+
+def _tight_settings(scenario: Scenario, trajectory: Trajectory, height: float) -> TightSettings:
     """What a follower with the tightly coupled navigator is told; `height` is that of its hydrophone [m]."""
     told, assume = scenario.navigation, scenario.navigation.assume
     believed_speed = scenario.acoustics.sound_speed_m_s + scenario.acoustics.sound_speed_bias_m_s
@@ -122,9 +142,7 @@ def _tight_settings(scenario: Scenario, height: float) -> TightSettings:
         ),
         transmitters=assume.transmitters,
         dt=scenario.timing.filter_step_s,
-        baseline=scenario.leader.baseline_m,
-        middle_offset=scenario.leader.middle_offset_m,
-        transmitter_offsets=told.transmitters_m,
+        **_transmitters(scenario, trajectory),
         hydrophone_height=height,
         use_attitude=told.use_attitude,
         known_start=assume.known_start,
@@ -170,8 +188,7 @@ def laisn_settings(scenario: Scenario, trajectory: Trajectory, follower: int) ->
     return NavigationSettings(
         variant=told.variant,
         dt=scenario.timing.filter_step_s,
-        baseline=scenario.leader.baseline_m,
-        middle_offset=scenario.leader.middle_offset_m,
+        **_transmitters(scenario, trajectory),
         hydrophone_height=_hydrophone_height(scenario, trajectory, follower),
         threshold=told.threshold_m,
         beta=told.beta_m2,
@@ -189,14 +206,13 @@ def laisn_settings(scenario: Scenario, trajectory: Trajectory, follower: int) ->
         use_attitude=told.use_attitude,
         expected_pitch=float(np.deg2rad(told.expected_pitch_deg)),
         use_single_range=told.use_single_range,
-        transmitter_offsets=told.transmitters_m,
     )
 
 
 def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> AnySettings:
     """What a follower is told before the mission: the scenario's settings, and where its hydrophone sits."""
     if scenario.navigation.variant == "tight":
-        return _tight_settings(scenario, _hydrophone_height(scenario, trajectory, follower))
+        return _tight_settings(scenario, trajectory, _hydrophone_height(scenario, trajectory, follower))
     return laisn_settings(scenario, trajectory, follower)
 
 

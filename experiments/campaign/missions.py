@@ -19,6 +19,7 @@ from sim.sensing.hearing import Hearing
 from sim.sensing.observation import observe
 from sim.sensing.truth import MissionTruth
 from sim.trajectory import Trajectory
+from sim.vehicle.mjcf import transmitter_places
 
 Section = TypeVar("Section", bound=BaseModel)
 
@@ -45,7 +46,9 @@ def content_of(scenario: Scenario) -> Scenario:
 def motion_of(scenario: Scenario) -> Scenario:
     """The scenario with everything at its default that does not change how vehicles move; this is what is flown."""
     moving = {
-        "leader": without(scenario.leader, "baseline_m", "middle_offset_m", "broadcast_attitude"),
+        "leader": without(scenario.leader, "broadcast_attitude").model_copy(
+            update={"baseline_m": None, "middle_offset_m": None}
+        ),
         "timing": without(scenario.timing, "filter_step_s", "message_interval_s"),
     }
     return without(content_of(scenario), "sensors", "acoustics", "navigation").model_copy(update=moving)
@@ -62,15 +65,10 @@ def motion_key(scenario: Scenario) -> str:
 
 
 def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
-    """A trajectory with its motion unchanged and the transmitters where this leader has them."""
+    """A trajectory with its motion unchanged and the transmitters where this leader's keys place them."""
     offset = trajectory.site_offset.copy()
-    places = {
-        "leader/tx_rear": (0, -leader.baseline_m / 2),
-        "leader/tx_front": (0, leader.baseline_m / 2),
-        "leader/tx_middle": (1, leader.middle_offset_m),
-    }
-    for name, (axis, value) in places.items():
-        offset[trajectory.site(name), axis] = value
+    for name, (axis, value) in transmitter_places(leader.baseline_m, leader.middle_offset_m).items():
+        offset[trajectory.site(f"leader/{name}"), axis] = value
     return replace(trajectory, site_offset=offset)
 
 

@@ -78,9 +78,7 @@ def scenarios(
     if name is None:
         library.show()
     else:
-        from sim.scenario.file import dumps
-
-        sys.stdout.write(dumps(library.load(name, ())))
+        sys.stdout.write(library.load(name, ()).toml())
 
 
 @app.command()
@@ -88,8 +86,11 @@ def scenarios(
 def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
     """Validate a scenario without simulating it."""
     from experiments.flight.library import load_flyable
+    from sim.feasibility import cautions
 
     checked = load_flyable(scenario, set_ or ())
+    for caution in cautions(checked):
+        say(f"warning: {caution}")
     say(f"{scenario}: fine ({checked.duration_s:g} s, {len(checked.followers)} follower(s))")
 
 

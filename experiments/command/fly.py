@@ -23,10 +23,10 @@ from experiments.flight.summary import (
 )
 from laisn.arrays import Floats
 from laisn.navigators import new_navigator
+from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, navigate
 from sim.log.events import Event
 from sim.processes import background_process
-from sim.scenario.file import dumps
 from sim.scenario.settings import Scenario
 
 
@@ -179,7 +179,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
     factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
     timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
     names = flight.trajectory.names
-    texts = {SUMMARY: summary_text, SCENARIO: dumps(scenario), TIMING: timing_text, LAYOUT: layout(names)}
+    texts = {SUMMARY: summary_text, SCENARIO: scenario.toml(), TIMING: timing_text, LAYOUT: layout(names)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return Written(flight, summary, strays, no_film, fault)
@@ -203,11 +203,13 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
         Exception: a bug prevented the film; all else is written.
     """
     console = Console()
-    require_safe(folder, source, partial(dumps, scenario))
+    require_safe(folder, source, scenario.toml)
     with one_flight(folder) as work:
         written = write_flight(scenario, work, console, with_video=with_video)
         had_film = (folder / FILM).exists()
     show(console, written.flight, written.summary)
+    for caution in cautions(scenario):
+        tell(console, caution, "warning:")
     for event in written.strays:
         tell(console, f"at {event.time_s:g} s {event.text}", "warning:")
     if with_video and written.no_film:

@@ -39,7 +39,7 @@ def message_bits(scenario: Scenario) -> int:
 
 def reach_m(scenario: Scenario) -> float:
     """Distance from the transmitter that is farther away to the farthest station [m]."""
-    half, depth = 0.5 * scenario.leader.baseline_m, scenario.leader.layer_m
+    half, depth = 0.5 * (scenario.leader.baseline_m or 0.0), scenario.leader.layer_m
     stations = [follower.station for follower in scenario.followers if follower.station]
     return max(math.hypot(abs(s.behind_m) + half, s.port_m, s.depth_m - depth) for s in stations)
 

@@ -17,7 +17,6 @@ from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.contact import contacts
 from sim.flight import Flight, Outcome
-from sim.scenario.file import dumps
 
 Errors = Sequence[tuple[Floats, Floats]]
 """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
@@ -199,7 +198,7 @@ def _scenario(flight: Flight) -> Section:
         "Everything that was flown, defaults written out. `laisn fly scenario.toml` with this text gives the same "
         "bytes with the same version."
     )
-    code = Code(text=dumps(flight.scenario), title="scenario.toml", folded=True)
+    code = Code(text=flight.scenario.toml(), title="scenario.toml", folded=True)
     return Section(title="Scenario", blocks=[Text(text=about), code])
 
 

@@ -5,6 +5,7 @@ message intervals are used throughout; nothing is tuned to a row.
 """
 
 import csv
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
@@ -150,8 +151,8 @@ def columns(setting: Setting) -> dict[str, str | float]:
         "setting": setting.name,
         "dt_s": timing.filter_step_s,
         "dt_range_s": timing.message_interval_s,
-        "leader_length_m": leader.baseline_m,
-        "h_t_m": leader.middle_offset_m,
+        "leader_length_m": leader.baseline_m or math.nan,
+        "h_t_m": leader.middle_offset_m or math.nan,
         "tau_rear_m": acoustics.range_tau_m[0],
         "tau_other_m": acoustics.range_tau_m[1],
         "mu_range_m": acoustics.range_scale_mean_m,

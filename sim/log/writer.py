@@ -25,7 +25,6 @@ from sim.log.clock import Clock, timestamp
 from sim.log.events import Event
 from sim.log.file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
 from sim.log.recovery import holds_messages
-from sim.scenario import file as scenario_file
 
 _BLOCK_NS = 10 * 10**9
 """Time after which what was logged is in the file [ns]."""
@@ -205,7 +204,7 @@ def _describe(log: LogFile, flight: Flight, summary: str) -> None:
     """Attachments and metadata of a flight."""
     epoch_ns = Clock(flight.scenario.epoch).epoch_ns
     versions = {package: version(package) for package in PACKAGES}
-    log.attach(SCENARIO, "application/toml", scenario_file.dumps(flight.scenario).encode(), epoch_ns)
+    log.attach(SCENARIO, "application/toml", flight.scenario.toml().encode(), epoch_ns)
     log.attach(VEHICLES, "application/json", _vehicles(flight), epoch_ns)
     log.attach(SUMMARY, "application/json", summary.encode(), epoch_ns)
     log.attach(VERSIONS, "application/json", _json(versions), epoch_ns)

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import tomli_w
 from pydantic import ValidationError
 
 from laisn.failure import LaisnError
@@ -239,8 +238,3 @@ def override(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, 
         except ScenarioError as error:
             raise ScenarioError(f"--set {shortened(plain(assignment), 200)}: {error}") from None
     return result
-
-
-def dumps(scenario: Scenario) -> str:
-    """The whole scenario as TOML, every default written out; reading it back gives an equal scenario."""
-    return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True), multiline_strings=True)

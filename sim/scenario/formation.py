@@ -49,6 +49,13 @@ class Proximity(Section):
 class Formation(Section):
     """How followers on stations find and keep them."""
 
+    ORDERED = (
+        ("slowest_m_s", "fastest_m_s"),
+        ("least_way_m_s", "fastest_m_s"),
+        ("silent_speed_m_s", "fastest_m_s"),
+        ("inner_least_m_s", "outer_most_m_s"),
+    )
+
     shape: Shape | None = Field(None, description="makes the followers, in place of [[followers]]")
     proximity: Proximity | None = Field(None, description="short-range sensor by which followers give way")
     law: Literal["constant-bearing", "ilos", "alos"] = Field(

@@ -20,7 +20,9 @@ class OwnSensors(Section):
     speed_bias_m_s: SpeedBias = 0.2
     speed_sigma_m_s: NonNegative = 0.2
     heading_bias_deg: HeadingBias = 5.0
-    heading_sigma_deg: NonNegative = 2.0
+    heading_sigma_deg: NonNegative = Field(
+        2.0, description="each reading errs to starboard by |N(0, σ²)|: one-sided, with mean 0.8 σ (paper, Eq. 27)"
+    )
     depth_sigma_m: NonNegative = 0.0
     speed_drift_m_s: Annotated[float, Field(ge=-10, le=10)] = Field(
         0.0, description="the log's bias swings by so much about its mean, as a sine"
@@ -46,7 +48,7 @@ class Sensors(OwnSensors):
 
     leader_speed_bias_m_s: SpeedBias = Field(0.0, description="bias of the speed that the leader broadcasts")
     leader_heading_bias_deg: HeadingBias = 0.0
-    leader_heading_sigma_deg: NonNegative = 0.0
+    leader_heading_sigma_deg: NonNegative = Field(0.0, description="one-sided, as heading_sigma_deg")
     leader_depth_sigma_m: NonNegative = 0.0
     leader_position_drift_m_s: NonNegative = Field(
         0.0, description="the place that the leader broadcasts walks off at this rate, as an inertial navigation does"

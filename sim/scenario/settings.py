@@ -3,11 +3,14 @@
 import math
 from collections import Counter
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
+import tomli_w
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
+from sim.files import atomic_write
 from sim.scenario.formation import Formation, Station, proximity_inconsistencies, station_conflicts
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
@@ -225,6 +228,15 @@ class Scenario(Section):
                 f"and current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
             )
         return found
+
+    def toml(self) -> str:
+        """The whole scenario as TOML, every default written out; reading it back gives an equal scenario."""
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True), multiline_strings=True)
+
+    def save(self, path: str | Path) -> None:
+        """Write the scenario as a TOML file that loads to an equal one; OSError if it cannot be written."""
+        with atomic_write(Path(path)) as part:
+            part.write_text(self.toml(), encoding="utf-8")
 
     def vehicles(self) -> list[tuple[str, Vehicle]]:
         """All vehicles with their keys, the leader first: leader, followers[0] and so on."""

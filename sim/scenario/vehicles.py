@@ -1,6 +1,6 @@
 """What a user may set of the vehicles: routes, depths, hulls."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -56,6 +56,13 @@ class Vehicle(Section):
         "pitch", description="depth held by pitching the hull, or level by the vertical thrusters"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _waypoints_replace_route(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("waypoints"):
+            return {**data, "route": None}
+        return data
+
     @field_validator("waypoints")
     @classmethod
     def _waypoints_in_order(cls, points: tuple[TimedPoint, ...]) -> tuple[TimedPoint, ...]:
@@ -86,13 +93,23 @@ class Leader(Vehicle):
     """The vehicle with the transmitters."""
 
     route: Name | None = Field("L", description="a route of the library (L, T2 … T9)")
-    baseline_m: Annotated[float, Field(ge=0.01, le=2.4)] = Field(2.0, description="L, rear to front transmitter")
-    middle_offset_m: Annotated[float, Field(ge=0.001, le=0.5)] = Field(
-        0.1, description="H_T, middle transmitter to port of the axis"
+    baseline_m: Annotated[float, Field(ge=0.01, le=2.4)] | None = Field(
+        2.0, description="L, rear to front transmitter; default on a hull of your own: where its sites are"
+    )
+    middle_offset_m: Annotated[float, Field(ge=0.001, le=0.5)] | None = Field(
+        0.1, description="H_T, middle transmitter to port of the axis; default likewise"
     )
     broadcast_attitude: bool = Field(
         False, description="messages carry the measured pitch and roll; default where followers are on stations: true"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sites_of_own_hull(cls, data: Any) -> Any:
+        """On a hull of the user's own transmitters stay where its MJCF has them, unless a key places them."""
+        if isinstance(data, dict) and data.get("model"):
+            return {"baseline_m": None, "middle_offset_m": None, **data}
+        return data
 
 
 class Follower(Vehicle):

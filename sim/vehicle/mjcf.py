@@ -143,6 +143,16 @@ def _attachable(text: str, looks: bool) -> mujoco.MjSpec:
     return spec
 
 
+def transmitter_places(baseline_m: float | None, middle_offset_m: float | None) -> dict[str, tuple[int, float]]:
+    """Axis and coordinate [m] to which each transmitter's site is moved; those of None stay where the MJCF has them."""
+    moves: dict[str, tuple[int, float]] = {}
+    if baseline_m is not None:
+        moves |= {"tx_rear": (0, -baseline_m / 2), "tx_front": (0, baseline_m / 2)}
+    if middle_offset_m is not None:
+        moves |= {"tx_middle": (1, middle_offset_m)}
+    return moves
+
+
 def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     """The vehicle's own MJCF with what the setup changes of it."""
     spec = _attachable(_text_of(setup.model), looks).copy()
@@ -155,12 +165,7 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     spec.site("cg").pos = hull.ipos
     buoyancy = spec.numeric("buoyancy")
     buoyancy.data = np.asarray(buoyancy.data) + setup.excess_buoyancy_n
-    moves: dict[str, tuple[int, float]] = {}
-    if setup.baseline_m is not None:
-        moves |= {"tx_rear": (0, -setup.baseline_m / 2), "tx_front": (0, setup.baseline_m / 2)}
-    if setup.middle_offset_m is not None:
-        moves |= {"tx_middle": (1, setup.middle_offset_m)}
-    for name, (axis, value) in moves.items():
+    for name, (axis, value) in transmitter_places(setup.baseline_m, setup.middle_offset_m).items():
         site = spec.site(name)
         if site is None:
             raise LaisnError(f"{setup.name}: the model {setup.model!r} has no site {name!r} to move")

@@ -64,8 +64,8 @@ def test_a_scenario_says_the_same_by_default_as_the_settings_do() -> None:
     assert isinstance(made, TightSettings)
     plain = TightSettings(
         hydrophone_height=made.hydrophone_height,
-        baseline=one.leader.baseline_m,
-        middle_offset=one.leader.middle_offset_m,
+        baseline=one.leader.baseline_m or 0.0,
+        middle_offset=one.leader.middle_offset_m or 0.0,
     )
     for field in fields(TightSettings):
         expected, value = getattr(plain, field.name), getattr(made, field.name)

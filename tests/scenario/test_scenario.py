@@ -12,7 +12,7 @@ from experiments.flight import library
 from laisn.settings import NavigationSettings
 from laisn.tight.settings import TightSettings
 from sim.assembly import ocean_of
-from sim.feasibility import infeasibilities
+from sim.feasibility import cautions, infeasibilities
 from sim.flight import navigation_settings
 from sim.motion import simulate_motion
 from sim.scenario import file as scenario_file
@@ -27,7 +27,7 @@ MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}
 @pytest.mark.parametrize("name", library.names())
 def test_every_built_in_scenario_survives_toml(name: str) -> None:
     scenario = library.load(name, ())
-    text = scenario_file.dumps(scenario)
+    text = scenario.toml()
     assert scenario_file.validate(tomllib.loads(text), name) == scenario
     assert library.load_flyable(name, ()) == scenario
 
@@ -202,3 +202,61 @@ def test_speeds_through_the_water_are_checked_against_the_current_of_the_time() 
         scenario = Scenario(**table, ocean={"current_profile": profile})
         found = [line for line in infeasibilities(scenario) if "through the water" in line]
         assert [expected in line and "2 m/s through" in line for line in found] == [True] * bool(expected)
+
+
+def test_a_saved_scenario_loads_to_an_equal_one(tmp_path: Path) -> None:
+    table = {
+        **MINIMAL,
+        "leader": {"route": None, "waypoints": [[0, 0, 0], [60, 50, 0], [90, 50, 0]], "broadcast_attitude": True},
+        "ocean": {"current_profile": [[0, 0.1, 30], [50, 0.3, -45]], "waves": {"kind": "regular"}},
+        "navigation": {"variant": "tight", "use_attitude": True, "assume": {"current": True}},
+        "formation": {"proximity": None},
+    }
+    scenario = Scenario(**table)
+    scenario.save(tmp_path / "saved.toml")
+    assert scenario_file.validate(scenario_file.read(tmp_path / "saved.toml"), "saved.toml") == scenario
+    assert [path.name for path in tmp_path.iterdir()] == ["saved.toml"]
+
+
+@pytest.mark.parametrize(
+    ("formation", "expected"),
+    [
+        ({"slowest_m_s": 2.0, "fastest_m_s": 1.5}, "formation: slowest_m_s = 2 is more than fastest_m_s = 1.5"),
+        ({"inner_least_m_s": 2.1}, "formation: inner_least_m_s = 2.1 is more than outer_most_m_s = 2"),
+        ({"least_way_m_s": 2.6}, "formation: least_way_m_s = 2.6 is more than fastest_m_s = 2.5"),
+        ({"silent_speed_m_s": 3.0}, "formation: silent_speed_m_s = 3 is more than fastest_m_s = 2.5"),
+    ],
+)
+def test_bounds_in_the_wrong_order_are_refused_by_both_names(formation: dict[str, float], expected: str) -> None:
+    with pytest.raises(ScenarioError, match=expected):
+        scenario_file.validate({**MINIMAL, "formation": formation}, "mine.toml")
+
+
+STATION = {"station": {"behind_m": 10.0, "depth_m": 9.0}}
+CURRENT = {"ocean": {"current_profile": [[0, 0, 0], [10, 0.2, 0]]}}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({}, []),
+        (CURRENT, ["there is a current; navigator 'laisn-2' assumes still water"]),
+        ({**CURRENT, "motion": "kinematic"}, []),
+        ({**CURRENT, "navigation": {"variant": "tight"}}, ["navigation.assume.current = false assumes still water"]),
+        ({**CURRENT, "navigation": {"variant": "tight", "assume": {"current": True}}}, []),
+        ({"followers": [STATION]}, ["stations are kept by navigator 'laisn-2'"]),
+        ({"followers": [STATION], "navigation": {"variant": "tight"}}, []),
+        (
+            {
+                "followers": [STATION],
+                "navigation": {"variant": "tight"},
+                "leader": {"route": None, "waypoints": [[0, 0, 0], [60, 50, 0], [90, 50, 0], [150, 90, 0]]},
+            },
+            ["the leader stops for 30 s; followers on stations go on, by about 6 m"],
+        ),
+    ],
+)
+def test_what_navigators_cannot_cope_with_is_named(change: dict[str, Any], expected: list[str]) -> None:
+    found = cautions(Scenario(**{**MINIMAL, **change}))
+    assert len(found) == len(expected)
+    assert all(text in line for text, line in zip(expected, found, strict=True))

@@ -1,7 +1,9 @@
 """Hulls of users: what a file lacks is named at once, what flies is the file, and the scenario holds it whole."""
 
 import re
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +12,12 @@ import laisn_sim
 import models
 from experiments.study.file import of_table
 from experiments.study.plan import plan_of
+from laisn.failure import LaisnError
+from laisn.metrics import position_errors
+from sim.feasibility import cautions
+from sim.flight import Flight, navigation_settings
 from sim.log.hull import hull
-from sim.scenario.file import dumps
+from sim.scenario.settings import Scenario
 from sim.vehicle.coefficients import NUMERICS
 from sim.vehicle.own_hull import faults_of
 
@@ -102,7 +108,7 @@ def test_the_hull_of_the_file_is_flown(folder: Path) -> None:
 
 def test_a_scenario_is_whole_without_the_file(folder: Path, tmp_path: Path) -> None:
     flight = laisn_sim.fly(folder / "mine.toml", {"duration_s": 10})
-    (tmp_path / "again.toml").write_text(dumps(flight.scenario), encoding="utf-8")
+    flight.scenario.save(tmp_path / "again.toml")
     assert laisn_sim.load(tmp_path / "again.toml") == flight.scenario
     again = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "a.mcap"))
     assert again.scenario == flight.scenario
@@ -157,3 +163,71 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
     (tmp_path / "straight.xml").write_text(lateral.sub("", FOLLOWER), encoding="utf-8")
     with pytest.raises(laisn_sim.LaisnError, match=r"the effectors cannot give yaw independently"):
         laisn_sim.load("T3", {"followers.0.model": str(tmp_path / "straight.xml")})
+
+
+def moved_leader(**places: str) -> str:
+    """The project's leader with transmitters elsewhere."""
+    text = LEADER
+    for name, place in places.items():
+        text, count = re.subn(rf'(<site name="{name}" [^>]*pos=)"[^"]*"', rf'\1"{place}"', text)
+        assert count == 1, name
+    return text
+
+
+SHORT = {"tx_rear": "-0.7 0 0", "tx_front": "0.7 0 0", "tx_middle": "0 0.2 0"}
+TOWED = {"tx_rear": "-12 0.5 -2", "tx_front": "-9 -0.5 -2.5", "tx_middle": "-10 1 -2"}
+
+
+def flown(hull: str, leader: dict[str, float], **more: Any) -> Flight:
+    """A short flight with point motion behind a leader."""
+    return laisn_sim.fly(
+        {
+            "followers": [{"route": "T5"}],
+            "leader": {"model": hull, **leader},
+            "motion": "kinematic",
+            "duration_s": 20.0,
+            **more,
+        }
+    )
+
+
+def test_transmitters_are_where_the_own_hull_has_them() -> None:
+    flight = flown(moved_leader(**SHORT), {})
+    t = flight.trajectory
+    assert [t.site_offset[t.site(f"leader/tx_{name}")].tolist() for name in ("rear", "front", "middle")] == [
+        [-0.7, 0, 0], [0.7, 0, 0], [0, 0.2, 0]
+    ]  # fmt: skip
+    told = navigation_settings(flight.scenario, t, 0)
+    assert (told.baseline, told.middle_offset, told.transmitter_offsets) == (1.4, 0.2, ())
+    assert cautions(flight.scenario) == []
+    # what is saved and loaded has no other places
+    assert laisn_sim.load(flight.scenario).leader.baseline_m is None
+    again = Scenario.model_validate(tomllib.loads(flight.scenario.toml()))
+    assert again == flight.scenario
+
+
+def test_a_key_moves_the_transmitters_of_an_own_hull_and_a_line_reports_it() -> None:
+    flight = flown(moved_leader(**SHORT), {"baseline_m": 1.0})
+    t = flight.trajectory
+    assert t.site_offset[t.site("leader/tx_front"), 0] == 0.5
+    assert t.site_offset[t.site("leader/tx_middle"), 1] == 0.2
+    assert cautions(flight.scenario) == [
+        "leader.baseline_m moves tx_rear and tx_front to x = -0.5, 0.5 m; the hull has -0.7, 0.7 m"
+    ]
+
+
+@pytest.mark.parametrize("variant", ["tight", "laisn-2"])
+def test_transmitters_on_a_towed_beam_are_navigated_by(variant: str) -> None:
+    """12 m behind the leader and below it: who takes them for the hull's would be some 10 m off."""
+    flight = flown(moved_leader(**TOWED), {}, navigation={"variant": variant}, duration_s=100.0)
+    told = navigation_settings(flight.scenario, flight.trajectory, 0)
+    assert told.transmitter_offsets == ((-12.0, 0.5, -2.0), (-9.0, -0.5, -2.5), (-10.0, 1.0, -2.0))
+    error = position_errors(flight.estimates[0].state[:, :2], flight.hydrophone(0)[:, :2])
+    assert np.median(error) < 2.0
+
+
+def test_followers_on_stations_need_transmitters_on_the_axis() -> None:
+    with pytest.raises(LaisnError, match=r"leader\.model: where followers are on stations"):
+        laisn_sim.load(
+            {"followers": [{"station": {"behind_m": 20, "depth_m": 10}}], "leader": {"model": moved_leader(**TOWED)}}
+        )

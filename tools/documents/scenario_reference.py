@@ -22,6 +22,10 @@ the command line. Units stand in the names of the keys: `_m`, `_s`, `_deg`, `_n`
 _UNITS = {"m": "m", "s": "s", "deg": "°", "n": "N", "px": "px", "hz": "Hz"}
 _LONG_UNITS = {
     "_m_s2": "m/s²",
+    "_deg_sqrt_h": "°/√h",
+    "_deg_s": "°/s",
+    "_m_sqrt_s": "m/√s",
+    "_ppm": "10⁻⁶",
     "_m_s": "m/s",
     "_kg_m3": "kg/m³",
     "_per_s": "1/s",
