@@ -1,4 +1,4 @@
-"""What tables of a scenario file are made of: their common rules, and the ranges of their numbers."""
+"""What tables of a scenario file are made of: their common rules, the ranges of their numbers, and time steps."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -18,6 +18,8 @@ Speed = Annotated[float, Field(gt=0, le=5)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 LISTED = Strict(False)
 """Lets a tuple be given as a list too, as a TOML file has it."""
+CONTROL_STEP_S = 0.1
+"""Interval of the autopilot and of the recorded truth [s]."""
 MOST_POINTS = 100_000
 """Most points of a route or a profile: one a second for more than a day."""
 
@@ -53,3 +55,32 @@ class Section(BaseModel):
             value = getattr(self, name)
             if value != field.get_default(call_default_factory=True):
                 yield name, shortened(value, 80) if isinstance(value, str) else value
+
+
+def is_multiple(whole: float, part: float) -> bool:
+    """Whether one time is a whole number of another, one at least, but for rounding."""
+    ratio = whole / part
+    return abs(ratio - round(ratio)) < 1e-9 and round(ratio) >= 1
+
+
+class Timing(Section):
+    """Time steps."""
+
+    physics_step_s: Annotated[float, Field(ge=1e-4, le=0.1)] = Field(
+        0.02, description="step of the rigid-body solver; must divide 0.1 s"
+    )
+    filter_step_s: Positive = Field(0.1, description="filter step Δt; a multiple of 0.1 s")
+    message_interval_s: Positive = Field(1.0, description="message interval Δt_D; a multiple of the filter step")
+
+    @model_validator(mode="after")
+    def _steps_fit(self) -> Self:
+        if not is_multiple(CONTROL_STEP_S, self.physics_step_s):
+            raise ValueError(f"physics_step_s = {self.physics_step_s:g} does not divide {CONTROL_STEP_S:g} s")
+        if not is_multiple(self.filter_step_s, CONTROL_STEP_S):
+            raise ValueError(f"filter_step_s = {self.filter_step_s:g} is no multiple of {CONTROL_STEP_S:g} s")
+        if not is_multiple(self.message_interval_s, self.filter_step_s):
+            raise ValueError(
+                f"message_interval_s = {self.message_interval_s:g} is no multiple of "
+                f"filter_step_s = {self.filter_step_s:g}"
+            )
+        return self

@@ -11,13 +11,11 @@ import tomli_w
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from sim.files import atomic_write
-from sim.scenario.formation import Formation, Station, proximity_inconsistencies, station_conflicts
+from sim.scenario.formation import Formation, Shape, Station, followers_of, proximity_inconsistencies, station_conflicts
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
-from sim.scenario.section import LISTED, Name, Section
+from sim.scenario.section import CONTROL_STEP_S, LISTED, Name, Section, Timing, is_multiple
 from sim.scenario.sensors import Acoustics, OwnSensors, Sensors
-from sim.scenario.shapes import Shape, followers_of
-from sim.scenario.timing import CONTROL_STEP_S, Timing, is_multiple
 from sim.scenario.vehicles import Follower, Leader, Vehicle
 from sim.scenario.video import Video
 

@@ -9,7 +9,7 @@ import pytest
 from laisn.arrays import Floats
 from sim import feasibility
 from sim.scenario.file import validate
-from sim.scenario.shapes import Shape, followers_of
+from sim.scenario.formation import Shape, followers_of
 
 Kind = Literal["line", "v", "column", "grid", "ring"]
 
