@@ -33,7 +33,6 @@ Steps = dict[str, npt.NDArray[np.float32]]
 PER_RUN = "run_"
 """Prefix of columns that hold a list over runs."""
 
-_MANIFEST = "campaign.json"
 _RECORD = "record"
 """Array that holds the JSON of a stored record."""
 
@@ -105,6 +104,16 @@ def _label(path: Path, archive: ZipFile) -> bytes:
     return f"{path.stem} {len(archive.namelist())}".encode()
 
 
+STUDY_FILE, FLIGHT_FILE = "campaign.json", "summary.json"
+"""A file that each folder of a study, and each folder of a flight, has."""
+
+
+def require_kind(folder: Path, other: str, found: str) -> None:
+    """Refuse a folder with results of the other kind: "flight" or "study", recognised by a file; raises LaisnError."""
+    if (folder / found).exists():
+        raise LaisnError(f"{folder}: holds the results of a {other} ({found}); choose another folder with --out")
+
+
 class Store:
     """The results folder of a campaign; any number of processes may work in it at once.
 
@@ -118,6 +127,7 @@ class Store:
             folder: of the campaign.
             force: results that are there count as missing, and those of another version are removed.
         """
+        require_kind(folder, "flight", FLIGHT_FILE)
         self.folder = folder
         self._cells, self._flights = folder / "cells", folder / "flights"
         self._force = force
@@ -132,7 +142,7 @@ class Store:
 
     def _require_version(self) -> None:
         """Make the folder one of this version, or refuse."""
-        manifest = self.folder / _MANIFEST
+        manifest = self.folder / STUDY_FILE
         found = self._version(manifest)
         if found == code_version():
             return

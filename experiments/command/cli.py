@@ -9,10 +9,8 @@ from typing import Annotated
 import typer
 
 from experiments.command import studies
-from experiments.command.endings import run
-from experiments.command.errors import report_errors
-from experiments.command.logs import log_app
-from experiments.command.options import OutOption, SetOption, say
+from experiments.command.errors import report_errors, run, say
+from experiments.command.studies import OutOption, SetOption, folder_option
 
 app = typer.Typer(
     name="laisn",
@@ -39,8 +37,10 @@ def every_command(
     """Options of the command itself."""
 
 
+log_app = typer.Typer(help="Inspect, export, repair and import logs.", no_args_is_help=True)
 app.add_typer(log_app, name="log")
 
+LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
 SourceArgument = Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")]
 
@@ -91,7 +91,8 @@ def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
     checked = load_flyable(scenario, set_ or ())
     for caution in cautions(checked):
         say(f"warning: {caution}")
-    say(f"{scenario}: fine ({checked.duration_s:g} s, {len(checked.followers)} follower(s))")
+    number = len(checked.followers)
+    say(f"{scenario}: valid: {checked.duration_s:g} s, {number} follower{'s' if number > 1 else ''}")
 
 
 @app.command()
@@ -118,9 +119,9 @@ def render(
     out: Annotated[Path | None, typer.Option(help="file (default NAME.mp4 or NAME.png)")] = None,
 ) -> None:
     """Render a film or a picture of a scenario or a log."""
-    from experiments.command import filming
+    from experiments.command.fly import FilmOptions, film
 
-    filming.film(source, set_ or (), filming.FilmOptions(camera, size, speed_up, follower, still, out))
+    film(source, set_ or (), FilmOptions(camera, size, speed_up, follower, still, out))
 
 
 @app.command()
@@ -149,7 +150,7 @@ def replay(
     ] = None,
 ) -> None:
     """Navigate on the measurements of a log with another variant or other settings."""
-    from experiments.command import datasets, replaying
+    from experiments.command import replaying
     from laisn.failure import LaisnError
     from sim.datasets.log import is_data_set
 
@@ -159,7 +160,7 @@ def replay(
     elif not is_data_set(log):
         replaying.replay(log, variant or "laisn-2", set_ or (), out, smooth)
     elif smooth is None:
-        datasets.replay_data_set(log, variant or "laisn-2", set_ or (), out, longest_gap)
+        replaying.replay_data_set(log, variant or "laisn-2", set_ or (), out, longest_gap)
     else:
         raise LaisnError(f"--smooth with {log}: a data set's navigator among beacons cannot be smoothed")
 
@@ -173,7 +174,7 @@ def range_budget(
     out: Annotated[Path | None, typer.Option(help="write every share of every ping to this .csv or .parquet")] = None,
 ) -> None:
     """Print the error budget of the ranges: pitch, motion, echoes, sound, clocks, noise, depth."""
-    from experiments.command.range_budget import show_range_budget
+    from experiments.command.bounds import show_range_budget
 
     show_range_budget(source, set_ or (), out)
 
@@ -187,9 +188,64 @@ def bound(
     out: Annotated[Path | None, typer.Option(help="write the bound over time to this .csv")] = None,
 ) -> None:
     """Compute the Cramér–Rao bound of a mission's position errors."""
-    from experiments.command.bound import show_bound
+    from experiments.command.bounds import show_bound
 
     show_bound(scenario, set_ or (), runs, out)
+
+
+@log_app.command("info")
+@report_errors
+def log_info(log: LogArgument) -> None:
+    """Print the contents of a log."""
+    from experiments.command import replaying
+
+    replaying.show_info(log)
+
+
+@log_app.command("export")
+@report_errors
+def log_export(
+    log: LogArgument,
+    out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
+    format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
+    rerun: Annotated[bool, typer.Option("--rerun", help="write one Rerun recording in place of tables")] = False,
+) -> None:
+    """Export every numeric channel as a table, or a flight as a recording for Rerun."""
+    from sim.log.export import export
+
+    if rerun:
+        from sim.log.reader import read
+        from sim.log.recording import write_recording
+
+        out.mkdir(parents=True, exist_ok=True)
+        say(write_recording(read(log), out / f"{log.stem}.rrd"))
+        return
+    for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
+        say(file)
+
+
+@log_app.command("import")
+@report_errors
+def log_import(
+    source: Annotated[Path, typer.Argument(metavar="FILE", help="a factor graph (.pyfg), or NAME.mat or NAME_DR.txt")],
+    out: Annotated[Path, typer.Option(help="the log to write (.mcap)")],
+    beacons: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME", help="keep the ranges to these beacons (default: to all)")
+    ] = None,
+) -> None:
+    """Import a data set of odometry and ranges to beacons as a log, on which `laisn replay` navigates."""
+    from experiments.command import replaying
+
+    replaying.import_data_set(source, out, beacons)
+
+
+@log_app.command("recover")
+@report_errors
+def log_recover(log: LogArgument) -> None:
+    """Recover a log that a crash, a full disk or Ctrl-C left unfinished."""
+    from sim.log.recovery import recover
+
+    say(recover(log, lambda remark: say(f"note: {remark}")))
 
 
 for _study in (

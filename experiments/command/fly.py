@@ -1,18 +1,31 @@
-"""Simulate one scenario and write its log, film, report, numbers, and the complete scenario."""
+"""Simulate one scenario and write log, film, report and numbers; film a scenario or a log."""
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import re
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from experiments.campaign.progress import literal, phases, tell
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
-from experiments.flight.folder import FILM, LAYOUT, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
+from experiments.flight.folder import (
+    FILM,
+    LAYOUT,
+    LOG,
+    REPORT,
+    SCENARIO,
+    SUMMARY,
+    TIMING,
+    earlier_film,
+    one_flight,
+    require_safe,
+)
 from experiments.flight.separation import giving_way_events
 from experiments.flight.summary import (
     capture_events,
@@ -28,11 +41,17 @@ from sim.flight import Flight, Outcome, navigate
 from sim.log.events import Event
 from sim.processes import background_process
 from sim.scenario.settings import Scenario
+from sim.screen import plain, shortened
+
+_LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
+NEES: 2 if consistent; × bound: RMS of E_P over the Cramér–Rao bound"""
 
 
 def _stations(summary: dict[str, Any]) -> Table:
     """Errors of followers on stations."""
-    table = Table("follower", "off its station: RMS", "95 %", "max", "E_P mean", "joined", "", box=None, pad_edge=False)
+    heads = ("station error: RMS", "95 %", "max", "E_P: mean", "joined at", "")
+    right = (Column(head, justify="right") for head in heads)
+    table = Table("follower", *right, box=None, pad_edge=False)
     for name, row in summary["followers"].items():
         if "station_rms_m" in row:
             off = (f"{row[f'station_{what}_m']:.2f} m" for what in ("rms", "p95", "max"))
@@ -41,21 +60,30 @@ def _stations(summary: dict[str, Any]) -> Table:
     return table
 
 
+def _show_approaches(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
+    """Print the closest approach of two vehicles, and of two in one depth layer."""
+    truth, pair = flight.trajectory, summary["closest_approach_pair"]
+    positions = truth.position[np.argmin(np.abs(truth.time - summary["closest_approach_s"]))]
+    one, other = (positions[truth.names.index(name), :2] for name in pair)
+    names, level = " and ".join(literal(name).plain for name in pair), float(np.hypot(*(one - other)))
+    text = f"{names}, {summary['closest_approach_m']:.1f} m ({level:.1f} m horizontally)"
+    tell(console, f"{text} at {summary['closest_approach_s']:.0f} s", "closest approach:", "")
+    if summary["closest_in_layer_m"] is not None:
+        names = " and ".join(literal(name).plain for name in summary["closest_in_layer_pair"])
+        text = f"{names}, {summary['closest_in_layer_m']:.1f} m horizontally"
+        tell(console, f"{text} at {summary['closest_in_layer_s']:.0f} s", "closest approach in one depth layer:", "")
+
+
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     """Print a table of errors, and the outcome if the mission was not completed."""
     steered = any(follower.believes for follower in flight.scenario.followers)
     if any("station_rms_m" in row for row in summary["followers"].values()):
         console.print(_stations(summary))
-        one, other = summary["closest_approach_pair"]
-        apart = f"{literal(one)} and {literal(other)} came nearest to each other: {summary['closest_approach_m']:.1f} m"
-        console.print(f"{apart} at {summary['closest_approach_s']:.0f} s", highlight=False)
-        if summary["closest_in_layer_m"] is not None:
-            names = " and ".join(literal(name).plain for name in summary["closest_in_layer_pair"])
-            level = f"of one layer {names} did, {summary['closest_in_layer_m']:.1f} m horizontally"
-            console.print(f"{level} at {summary['closest_in_layer_s']:.0f} s", highlight=False)
+        _show_approaches(console, flight, summary)
     else:
-        heads = ("follower", "E_P max", "mean", "σ", "E_B max", "mean", "σ", "NEES", "× bound")
-        table = Table(*heads, *(["off its place"] if steered else []), box=None, pad_edge=False)
+        heads = ("E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound")
+        right = (Column(head, justify="right") for head in [*heads, *(["track error"] if steered else [])])
+        table = Table("follower", *right, box=None, pad_edge=False)
         for name, row in summary["followers"].items():
             metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
             degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
@@ -63,13 +91,12 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
             off = [f"{row['off_place_rms_m']:.2f} m"] if steered else []
             table.add_row(literal(name), *metres, *degrees, *consistent, *off)
         console.print(table)
-        legend = "E_P, E_B: errors of position and bearing; NEES: 2 if consistent; × bound: RMS E_P over its bound"
-        console.print(legend, style="dim", highlight=False)
+        console.print(_LEGEND, style="dim", highlight=False)
     gave_way = {name: row["gave_way_s"] for name, row in summary["followers"].items() if row.get("gave_way_s")}
     if gave_way:
         longest = max(gave_way, key=gave_way.__getitem__)
-        number = f"{len(gave_way)} follower{'s' if len(gave_way) > 1 else ''} gave way to others"
-        console.print(f"{number}, {literal(longest)} longest: for {gave_way[longest]:.0f} s", highlight=False)
+        number = f"{len(gave_way)} of {len(summary['followers'])} followers gave way"
+        tell(console, f"{number}, {longest} longest ({gave_way[longest]:.0f} s)", "avoidance:", "")
     if flight.outcome is not Outcome.COMPLETED:
         colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
         tell(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
@@ -206,7 +233,7 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     require_safe(folder, source, scenario.toml)
     with one_flight(folder) as work:
         written = write_flight(scenario, work, console, with_video=with_video)
-        had_film = (folder / FILM).exists()
+        renamed = earlier_film(folder).name if written.no_film and (folder / FILM).exists() else None
     show(console, written.flight, written.summary)
     for caution in cautions(scenario):
         tell(console, caution, "warning:")
@@ -214,8 +241,61 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
         tell(console, f"at {event.time_s:g} s {event.text}", "warning:")
     if with_video and written.no_film:
         tell(console, written.no_film, "no film:")
-    if had_film and written.no_film:
-        tell(console, "the film of the earlier flight went with it", "note:")
+    if renamed:
+        tell(console, f"the film of the earlier flight is now {folder / renamed}", "note:")
     tell(console, f"results in {folder}")
     if written.fault:
         raise written.fault
+
+
+class FilmOptions(NamedTuple):
+    """Options of a film; with None the scenario's settings hold."""
+
+    camera: str | None
+    size: str | None
+    speed_up: float | None
+    follower: int
+    still: float | None
+    out: Path | None
+
+
+def _changes(options: FilmOptions) -> dict[str, object]:
+    """Film settings that the options change; RenderError naming the option."""
+    from experiments.flight.picture import require_camera
+    from sim.film.render import RenderError
+
+    changes: dict[str, object] = {}
+    if options.camera is not None:
+        require_camera(options.camera)
+        changes["camera"] = options.camera
+    if options.size is not None:
+        match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", options.size)
+        if match is None:
+            size = shortened(plain(options.size), 80)
+            raise RenderError(f"--size {size}: expected WIDTHxHEIGHT, such as 1280x720")
+        changes |= {"width_px": int(match[1]), "height_px": int(match[2])}
+    if options.speed_up is not None:
+        changes["speed_up"] = options.speed_up
+    return changes
+
+
+def film(source: str, assignments: Iterable[str], options: FilmOptions) -> None:
+    """Render the film, or a picture, of a scenario or a log and print the name of the file.
+
+    Args:
+        source: scenario name, TOML file or `.mcap` log.
+        assignments: overrides of a scenario.
+        options: camera, size and so on.
+
+    Raises:
+        LaisnError: an option or the source is invalid.
+    """
+    from experiments.command.errors import say
+    from experiments.flight.picture import picture
+    from experiments.flight.source import flight_of
+
+    changes = _changes(options)
+    flight = flight_of(source, list(assignments))
+    path = options.out or Path(f"{flight.scenario.name}.{'mp4' if options.still is None else 'png'}")
+    with phases(Console()) as phase, phase("video") if options.still is None else nullcontext() as update:
+        say(picture(flight, path, options.still, options.follower, changes, update))

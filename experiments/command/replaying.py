@@ -1,18 +1,32 @@
-"""Navigation on the measurements of a log, and the contents of a log."""
+"""Navigation on measurements of logs and data sets, fixed-lag smoothing, and the contents of a log."""
 
 import json
+import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.table import Column, Table
 
+from experiments.campaign.bound import flight_bound
 from experiments.campaign.progress import literal, tell
+from laisn import metrics
 from laisn.arrays import Floats
+from laisn.estimates import Estimates, FixKind
 from laisn.failure import LaisnError
+from laisn.navigating import AnyNavigator, AnySettings, NavigatorFactory
+from laisn.settings import NavigationSettings
+from laisn.tight.settings import TightSettings
+from laisn.tight.smoothing import SmoothingNavigator
+from sim.flight import Flight, navigation_settings
 from sim.scenario.file import values_of
+
+_TIGHT = "tight"
+_LARGE = 1e5
+"""Errors beyond this are printed by their order of magnitude [m]."""
 
 
 def require_own_file(out: Path | None, suffix: str, source: Path) -> None:
@@ -54,7 +68,6 @@ def replay(
         LaisnError: the log cannot be read, an argument is invalid, or the variant cannot be smoothed.
     """
     from experiments.command.fly import show
-    from experiments.command.smoothing import show_smoothing, smoothing_factory
     from experiments.flight.fly import navigate_again
     from experiments.flight.summary import position_and_bearing_errors, summarise
     from sim.log import reader, writer
@@ -96,12 +109,8 @@ def replay_measurements(
     Raises:
         LaisnError: as of `replay`; the scenario is invalid, or the log has too long a gap or lacks a channel.
     """
-    from experiments.command.smoothing import smoothing_factory
     from experiments.flight.library import load_flyable
-    from laisn.estimates import FixKind
     from laisn.navigators import new_navigator
-    from laisn.settings import NavigationSettings
-    from sim.flight import navigation_settings
     from sim.log import reader
     from sim.motion import simulate_motion
     from sim.sensing.observation import start_of
@@ -156,3 +165,151 @@ def show_info(path: Path) -> None:
         tell(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")
     for what in found.unverified:
         tell(console, f"{what}: no checksum, damage cannot be noticed", "note:")
+
+
+def smoothing_factory(lag_s: float | None) -> NavigatorFactory | None:
+    """A factory of navigators that smooth with messages of up to a lag later [s]; None without a lag.
+
+    Raises LaisnError if the lag is not finite; the factory does so for settings of LAISN.
+    """
+    if lag_s is None:
+        return None
+    if not math.isfinite(lag_s):
+        raise LaisnError(f"--smooth {lag_s}: expected a finite time in seconds")
+
+    def make(settings: AnySettings, start: Floats) -> AnyNavigator:
+        if not isinstance(settings, TightSettings):
+            raise LaisnError("--smooth: LAISN cannot be smoothed; add --variant tight")
+        return SmoothingNavigator(settings, start, lag_s)
+
+    return make
+
+
+def _consistency(estimates: Estimates, truth: Floats) -> tuple[str, str]:
+    """RMS of E_P [m], and mean NEES, from the first estimate on."""
+    squares = metrics.position_errors(estimates.state[:, :2], truth)[estimates.unknown :] ** 2
+    normalised = metrics.nees(estimates, truth)
+    known = normalised[np.isfinite(normalised)]
+    rms = f"{math.sqrt(squares.mean()):.3f}" if squares.size else "–"
+    return rms, f"{known.mean():.3g}" if known.size else "–"
+
+
+def _least(flight: Flight, follower: int, lag_s: float) -> str:
+    """RMS over the flight of the Cramér–Rao bound [m]."""
+    bound = flight_bound(flight, follower, lag_s)[flight.estimates[follower].unknown :]
+    return f"{math.sqrt(np.mean(bound**2)):.3f}" if bound.size else "–"
+
+
+def show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: float) -> None:
+    """Print RMS errors of every follower, their bounds, and NEES, filtered and smoothed."""
+    heads = ("RMS E_P [m]", "smoothed", "bound [m]", "smoothed", "NEES", "smoothed")
+    table = Table("follower", *heads, box=None, pad_edge=False)
+    for i, name in enumerate(filtered.trajectory.names[1:]):
+        truth = filtered.hydrophone(i)[:, :2]
+        both = (_consistency(flight.estimates[i], truth) for flight in (filtered, smoothed))
+        errors, normalised = zip(*both, strict=True)
+        table.add_row(literal(name), *errors, *(_least(filtered, i, lag) for lag in (0.0, lag_s)), *normalised)
+    console.print(literal(f"smoothed with messages of up to {lag_s:g} s later", "bold"))
+    console.print(table)
+
+
+def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
+    """Write a data set as a log.
+
+    Args:
+        source: factor graph or data set of ranging radios.
+        out: the log.
+        beacons: names of those whose ranges are kept, with commas between; None: all.
+
+    Raises:
+        LaisnError: the file cannot be read or lacks a beacon, or the log's name is invalid.
+    """
+    from sim.datasets.log import VEHICLE, read_data_set, write_data_set
+
+    require_own_file(out, ".mcap", source)
+    data = read_data_set(source)
+    if beacons is not None:
+        data = data.among([name.strip() for name in beacons.split(",") if name.strip()])
+    write_data_set(data, out)
+    console = Console()
+    tell(console, f"{VEHICLE}: {len(data.odometry)} steps of odometry in {data.time[-1] - data.time[0]:.1f} s")
+    for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
+        ranges = (data.range_beacon == i).sum()
+        tell(console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges")
+    tell(console, f"path to compare with: {len(data.truth)} places")
+    for remark in data.remarks:
+        tell(console, remark, "note:")
+    tell(console, f"log in {out}")
+
+
+def _split(assignments: Iterable[str]) -> tuple[list[str], dict[str, object]]:
+    """Assignments `navigation.…`, and values of `beacons.…` by key; LaisnError naming any other key."""
+    navigation: list[str] = []
+    beacons: dict[str, object] = {}
+    for assignment in assignments:
+        ((key, value),) = values_of([assignment]).items()
+        section, _, name = key.partition(".")
+        if section == "beacons":
+            beacons[name] = value
+        elif section == "navigation":
+            navigation.append(assignment)
+        else:
+            raise LaisnError(f"--set {key}: a replay of a data set takes navigation.… (LAISN) and beacons.… (tight)")
+    return navigation, beacons
+
+
+def replay_data_set(
+    path: Path, variant: str, assignments: Sequence[str], out: Path | None, longest_gap_s: float
+) -> None:
+    """Navigate on the log of a data set, and print errors beside those of dead reckoning.
+
+    Args:
+        path: log that `import_data_set` wrote.
+        variant: name of a LAISN variant, or "tight".
+        assignments: overrides, `navigation.key=value` of LAISN or `beacons.key=value` of the navigator among beacons.
+        out: CSV file for the estimates; None: none.
+        longest_gap_s: longest gap between own measurements that is bridged [s].
+
+    Raises:
+        LaisnError: the log cannot be read, or an argument is invalid.
+    """
+    from experiments.flight.library import load_flyable
+    from experiments.real_ranges.navigating import among_beacons, by_laisn, dead_reckoning, score
+    from experiments.real_ranges.settings import beacons_of
+    from sim.datasets.log import VEHICLE, read_data_set_log
+    from sim.motion import simulate_motion
+
+    require_own_file(out, ".csv", path)
+    navigation, beacons = _split(assignments)
+    settings_of_beacons = beacons_of(beacons)
+    recorded = read_data_set_log(path, longest_gap_s)
+    if variant == _TIGHT:
+        if navigation:
+            raise LaisnError(f"--set {navigation[0]}: the variant {_TIGHT} takes beacons.… in a data set")
+        estimates, medium = among_beacons(recorded, settings_of_beacons)
+        title = f"{variant}, in {medium}"
+    else:
+        if beacons:
+            raise LaisnError(f"--set beacons.{next(iter(beacons))}: is for the variant {_TIGHT}")
+        # of this scenario only the settings of navigation are used
+        changes = [f"navigation.variant={variant}", "navigation.use_single_range=true", *navigation]
+        scenario = load_flyable("T5", [*changes, "motion=kinematic", "duration_s=2"])
+        settings = navigation_settings(scenario, simulate_motion(scenario), 0)
+        assert isinstance(settings, NavigationSettings)
+        estimates, title = by_laisn(recorded, settings), variant
+    console, measured = Console(), recorded.measurements
+    heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")
+    table = Table(*(Column(literal(head)) for head in heads), box=None, pad_edge=False)
+    for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
+        errors = score(found, measured, recorded.truth)
+        figures = [
+            "–" if math.isnan(value) else f"{value:.2f}" if value < _LARGE else f"{value:.0e}" for value in errors
+        ]
+        x, y = found.state[-1, :2]
+        table.add_row(literal(name), *figures, f"{x:.2f}, {y:.2f}")
+    console.print(table)
+    for remark in recorded.remarks:
+        tell(console, remark, "note:")
+    if out is not None:
+        write_states(out, [(VEHICLE, measured.time, estimates.state)])
+        tell(console, out)

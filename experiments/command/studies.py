@@ -5,20 +5,38 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from experiments.command.options import (
-    ClusterOption,
-    ForceOption,
-    OutOption,
-    QuickOption,
-    SetOption,
-    WorkersOption,
-    say,
-)
+from experiments.command.errors import say
 
 if TYPE_CHECKING:
     from experiments.study.estimate import Results
     from experiments.study.file import Study
     from experiments.study.plan import Plan
+
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
+]
+
+
+def folder_option(text: str) -> Path:
+    """The folder that an option names; refuses an empty name."""
+    if not text.strip():
+        raise typer.BadParameter("the name of the folder is empty; '.' is the current one")
+    return Path(text)
+
+
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        parser=folder_option, metavar="FOLDER", help="folder for the results (default: one of its own in out/)"
+    ),
+]
+
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, max=1024, help="local processes (default: one for each core)")
+]
+QuickOption = Annotated[bool, typer.Option("--quick", help="fewer and shorter runs")]
+ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
+ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]
 
 
 def _factors(assignments: list[str]) -> dict[str, Any]:

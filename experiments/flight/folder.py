@@ -3,15 +3,17 @@
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
+from experiments.campaign.store import FLIGHT_FILE, STUDY_FILE, require_kind
 from laisn.failure import LaisnError
 from sim.files import locked
 from sim.log.file import partial_path
 
 LOG, FILM, REPORT = "flight.mcap", "flight.mp4", "report.html"
-SUMMARY, SCENARIO, TIMING, LAYOUT = "summary.json", "scenario.toml", "timing.json", "foxglove.json"
+SUMMARY, SCENARIO, TIMING, LAYOUT = FLIGHT_FILE, "scenario.toml", "timing.json", "foxglove.json"
 FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)
 """What a flight may leave in its folder; other files there are the user's."""
 
@@ -35,6 +37,7 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
         if folder.exists() or folder.is_symlink():
             raise LaisnError(f"{folder}: is a file, results need a folder; {_ELSEWHERE}")
         return
+    require_kind(folder, "study", STUDY_FILE)
     present = [folder / name for name in FILES if os.path.lexists(folder / name)]
     for path in present:
         if path.is_symlink() or not path.is_file():
@@ -55,6 +58,12 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
         )
 
 
+def earlier_film(folder: Path) -> Path:
+    """A free name for the film of an earlier flight, which a flight without a film does not replace."""
+    names = (f"earlier{f'-{n}' if n else ''}.mp4" for n in count())
+    return next(path for name in names if not os.path.lexists(path := folder / name))
+
+
 def _exchange(folder: Path, work: Path) -> None:
     """Replace the files of the earlier flight by those in `work`; if that fails, all are as they were before."""
     earlier = work / "earlier"
@@ -66,6 +75,8 @@ def _exchange(folder: Path, work: Path) -> None:
                 os.replace(folder / name, earlier / name)
         for name in new:
             os.replace(work / name, folder / name)
+        if (earlier / FILM).exists() and FILM not in new:
+            os.replace(earlier / FILM, earlier_film(folder))
     except BaseException:
         # by what lies where: an interrupt may come just after a move
         for name in new:
@@ -75,6 +86,11 @@ def _exchange(folder: Path, work: Path) -> None:
             os.replace(path, folder / path.name)
         earlier.rmdir()
         raise
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def _outcome(folder: Path, work: Path) -> str:
@@ -92,9 +108,10 @@ def one_flight(folder: Path) -> Iterator[Path]:
     """A folder to write a flight into; when the block ends, its files replace those of an earlier flight together.
 
     Until then the earlier flight stays as it was, and files of two flights never lie beside each other: those of the
-    earlier one are removed before the first of the new one is moved, a film too if the new one has none. If the block
-    fails or is interrupted, a note of the exception says what is kept: the log in `FOLDER/unfinished`, if one was
-    begun, or nothing. The next flight removes what the one before left there.
+    earlier one are removed before the first of the new one is moved, and its film is renamed (`earlier_film`) if the
+    new one has none. If the block fails or is interrupted, a note of the exception says what is kept: the log in
+    `FOLDER/unfinished`, if one was begun, or nothing; an empty folder is removed. The next flight removes what the one
+    before left there.
 
     Args:
         folder: for the results; made if it does not exist.
@@ -106,9 +123,11 @@ def one_flight(folder: Path) -> Iterator[Path]:
         LaisnError: another process writes a flight into this folder.
         OSError: the folder cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    work = folder / UNFINISHED
+    work, new = folder / UNFINISHED, not folder.exists()
     with ExitStack() as stack:
+        if new:
+            stack.callback(_remove_empty, folder)
+        folder.mkdir(parents=True, exist_ok=True)
         try:
             stack.enter_context(locked(folder, wait=False))
         except BlockingIOError:

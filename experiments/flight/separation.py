@@ -1,17 +1,47 @@
-"""Vehicles that touch, and followers whose stations are nearer than they know their places."""
+"""Vehicles off their routes, near each other or in contact, and stations nearer than the navigation error allows."""
 
 import numpy as np
 
 from laisn.arrays import Floats
+from sim.assembly import routes_of
 from sim.contact import contacts
 from sim.flight import Flight
 from sim.log.events import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.sensing.proximity import sightings
-from sim.station_keeping import true_stations
+from sim.station_keeping import closest_approaches, true_stations
+from sim.tracking import off_place
 
 SIGMAS = 3.0
 """Stations are to be farther apart than so many standard deviations of their followers' relative place."""
+
+
+OFF_ROUTE_M, NEAR_M = 10.0, 1.0
+"""A distance from the route, and one between two vehicles' origins, from which on a flight is reported as unusual."""
+
+
+def route_events(flight: Flight) -> list[Event]:
+    """An event where a vehicle is farthest from where its route has it, if that is more than `OFF_ROUTE_M`."""
+    truth, events = flight.trajectory, []
+    for v, route in enumerate(routes_of(flight.scenario)):
+        if v and flight.scenario.followers[v - 1].station is not None:
+            continue
+        off = off_place(route, truth.time, truth.position[:, v, :2])
+        k = int(np.argmax(off))
+        if off[k] > OFF_ROUTE_M:
+            text = f"{truth.names[v]} is {off[k]:.0f} m off its route (maximum), and {off[-1]:.0f} m at the end"
+            events.append(Event(float(truth.time[k]), "warning", text, truth.names[v]))
+    return events
+
+
+def approach_events(flight: Flight) -> list[Event]:
+    """An event where the two nearest vehicles pass each other within `NEAR_M` and do not touch."""
+    nearest, _ = closest_approaches(flight.trajectory)
+    if nearest.distance_m >= NEAR_M or contacts(flight.trajectory):
+        return []
+    one, other = nearest.pair
+    text = f"{one} and {other} pass within {nearest.distance_m:.2f} m"
+    return [Event(nearest.time_s, "warning", text, other)]
 
 
 def contact_events(flight: Flight) -> list[Event]:

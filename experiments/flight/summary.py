@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.campaign.bound import flight_bound
 from experiments.campaign.version import versions
-from experiments.flight.separation import contact_events, uncertainty_events
+from experiments.flight.separation import approach_events, contact_events, route_events, uncertainty_events
 from laisn import metrics
 from laisn.arrays import Floats
 from sim.contact import contacts
@@ -57,8 +57,9 @@ def capture_events(flight: Flight) -> list[Event]:
 
 
 def stray_events(flight: Flight) -> list[Event]:
-    """A line for the log where a vehicle first leaves its water, touches another, or has its station too near one."""
-    events = [*contact_events(flight), *uncertainty_events(flight)]
+    """Events for the log: a vehicle leaves the water or its route, touches or nearly touches another, or its station is
+    too near another one."""
+    events = [*route_events(flight), *approach_events(flight), *contact_events(flight), *uncertainty_events(flight)]
     floor = flight.scenario.ocean.floor_depth_m
     planned = (flight.scenario.leader, *flight.scenario.followers)
     for v, name in enumerate(flight.trajectory.names):

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.flight.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
+from experiments.flight.separation import approach_events, route_events
 from experiments.flight.summary import true_bearing
 from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS
 from laisn.arrays import Bools, Floats
@@ -172,6 +173,12 @@ def _gave_way(flight: Flight) -> list[str]:
     return [f"{who} gave way to others, {flight.trajectory.names[most + 1]} for longest, {spent[most]:.0f} s."]
 
 
+def _unusual(flight: Flight) -> list[str]:
+    """Vehicles far off their routes, and those that pass close to each other; nothing where there are none."""
+    found = [f"at {e.time_s:.0f} s {e.text}" for e in (*route_events(flight), *approach_events(flight))]
+    return [f"A{'; '.join(found)[1:]}."] if found else []
+
+
 def _stations(flight: Flight) -> list[str]:
     """How stations were kept, and how near vehicles came to each other; nothing where followers keep to routes."""
     truth = flight.trajectory
@@ -233,6 +240,7 @@ def sentences(flight: Flight) -> list[str]:
     several = len(all_seen) > 1
     told = [
         _size(all_seen),
+        *_unusual(flight),
         *_stations(flight),
         _geometry(together, several),
         _fixes(together),

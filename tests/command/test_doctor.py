@@ -81,7 +81,7 @@ def test_a_graphics_library_that_is_asked_for_and_missing_breaks_no_flight(wante
     command = [sys.executable, "-c", code]
     result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert (result.returncode, result.stderr) == (0, "")
-    assert "T5: fine" in result.stdout
+    assert "T5: valid: " in result.stdout
 
 
 def test_the_command_works_where_other_packages_have_our_names(tmp_path: Path) -> None:
@@ -96,4 +96,4 @@ def test_the_command_works_where_other_packages_have_our_names(tmp_path: Path) -
         command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert "T5: fine" in result.stdout
+    assert "T5: valid: " in result.stdout

@@ -13,7 +13,7 @@ import typer
 from typer.testing import CliRunner
 
 from experiments.campaign.version import ROOT
-from experiments.command import endings
+from experiments.command import errors
 from experiments.command.errors import report_errors
 
 LAISN = [sys.executable, "-c", "from laisn_sim import main; main()"]
@@ -55,8 +55,8 @@ def work(number):
     time.sleep(60)
 
 if __name__ == "__main__":
-    from experiments.command import endings
-    endings.handle_signals()
+    from experiments.command import errors
+    errors.handle_signals()
     with Pool(2) as pool:
         list(pool.each(work, [(1,), (2,)]))
 """
@@ -161,7 +161,7 @@ def test_ctrl_c_while_an_object_goes_as_modules_are_loaded_is_obeyed() -> None:
 BETWEEN = """
 import os, signal, sys
 import typer
-from experiments.command.endings import run
+from experiments.command.errors import run
 signal.signal(signal.SIGINT, signal.default_int_handler)
 app = typer.Typer()
 
@@ -191,7 +191,7 @@ def test_what_a_library_makes_of_a_signal_is_no_fault_of_ours(monkeypatch: pytes
         raise ImportError("initialisation failed")
 
     assert CliRunner().invoke(app).exit_code == 1
-    monkeypatch.setattr(endings, "_received", [endings.SignalInterrupt(signal.SIGTERM)])
+    monkeypatch.setattr(errors, "_received", [errors.SignalInterrupt(signal.SIGTERM)])
     result = CliRunner().invoke(app)
     assert result.exit_code == 143
     assert result.stderr == "laisn: interrupted; finished files are kept, none is half-written\n"

@@ -58,12 +58,13 @@ def test_the_pitch_study_says_at_once_that_there_will_be_no_film(
 
 
 @pytest.mark.usefixtures("without_report")
-def test_a_film_goes_with_the_flight_that_it_shows(flown: Path, tmp_path: Path) -> None:
+def test_a_flight_without_film_renames_the_earlier_film(flown: Path, tmp_path: Path) -> None:
     shutil.copytree(flown / "first", tmp_path / "T5")
     (tmp_path / "T5" / "flight.mp4").write_bytes(b"film")
     (tmp_path / "T5" / "notes.txt").write_text("mine")
     result = CliRunner().invoke(app, ["fly", "T5", *SHORT, "--out", str(tmp_path / "T5")])
     assert result.exit_code == 0
-    assert "the film of the earlier flight went with it" in result.output
+    assert "the film of the earlier flight is now" in result.output
     names = {path.name for path in (tmp_path / "T5").iterdir()}
-    assert names == {*WITHOUT_FILM, "notes.txt"}
+    assert names == {*WITHOUT_FILM, "notes.txt", "earlier.mp4"}
+    assert (tmp_path / "T5" / "earlier.mp4").read_bytes() == b"film"

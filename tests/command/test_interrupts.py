@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command import endings
+from experiments.command import errors
 from experiments.command.cli import app
 from sim.film import graphics
 from sim.log import reader
@@ -44,7 +44,7 @@ def test_a_signal_that_comes_while_an_object_goes_is_obeyed(
     """An error in a finaliser gets no farther than there, and with it the signal would be lost."""
     before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
-    monkeypatch.setattr(endings, "_received", [])
+    monkeypatch.setattr(errors, "_received", [])
 
     class Passing:
         def __del__(self) -> None:
@@ -53,10 +53,10 @@ def test_a_signal_that_comes_while_an_object_goes_is_obeyed(
     try:
         for each in before:
             signal.signal(each, signal.default_int_handler)
-        endings.handle_signals()
-        with pytest.raises(endings.SignalInterrupt, match=number.name):
+        errors.handle_signals()
+        with pytest.raises(errors.SignalInterrupt, match=number.name):
             _drop_and_wait([Passing()])
-        assert [told.code for told in endings._received] == [128 + number]
+        assert [told.code for told in errors._received] == [128 + number]
     finally:
         for each, handler in before.items():
             signal.signal(each, handler)

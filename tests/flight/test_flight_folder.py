@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from experiments.campaign.store import Store
 from experiments.campaign.version import ROOT
 from experiments.flight.folder import FILES, FILM, LOG, REPORT, SCENARIO, SUMMARY, UNFINISHED, one_flight, require_safe
 from laisn.failure import LaisnError
@@ -44,7 +45,19 @@ def test_a_whole_flight_takes_the_place_of_the_earlier_one(folder: Path) -> None
     with one_flight(folder) as work:
         write(work, "new", without_film)
         assert contents(folder)[FILM] == "earlier"
-    assert contents(folder) == dict.fromkeys(without_film, "new") | {"notes.txt": "mine"}
+    kept = {"notes.txt": "mine", "earlier.mp4": "earlier"}
+    assert contents(folder) == dict.fromkeys(without_film, "new") | kept
+    fly(folder, "third")
+    fly(folder, "fourth", without_film)
+    assert contents(folder) == dict.fromkeys(without_film, "fourth") | kept | {"earlier-1.mp4": "third"}
+
+
+def test_a_folder_holds_one_kind_of_result(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(LaisnError, match=r"T5: holds the results of a flight \(summary.json\)"):
+        Store(folder)
+    Store(tmp_path / "study")
+    with pytest.raises(LaisnError, match=r"study: holds the results of a study \(campaign.json\)"):
+        require_safe(tmp_path / "study")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError, ValueError])
@@ -75,7 +88,7 @@ def test_a_first_flight_that_fails_speaks_of_no_earlier_one(tmp_path: Path) -> N
     with pytest.raises(KeyboardInterrupt) as raised:
         fly(tmp_path / "T5", "new", (), KeyboardInterrupt)
     assert raised.value.__notes__ == ["nothing of this flight is kept"]
-    assert list((tmp_path / "T5").iterdir()) == []
+    assert not (tmp_path / "T5").exists()
 
 
 @pytest.mark.parametrize("moved", [False, True], ids=["before the move", "after the move"])

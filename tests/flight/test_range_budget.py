@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from experiments.command import range_budget
+from experiments.command import bounds
 from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
 from experiments.pages import range_budget_page
 from sim.excerpt import excerpt
@@ -137,7 +137,7 @@ def test_random_and_depth_errors_are_what_was_drawn():
 
 def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_path):
     flight = make_flight(60.0, 2)
-    rows = list(range_budget.records(flight))
+    rows = list(bounds.records(flight))
     assert len(rows) == sum(int(np.isfinite(heard.ranges).sum()) for heard in flight.measurements)
     for row in rows:
         shares = sum(row[f"{cause.name.lower()}_m"] for cause in Cause)
@@ -168,7 +168,7 @@ def test_a_follower_that_hears_nothing_has_no_budget():
     deaf = replace(flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan))
     section = range_budget_page.section(replace(flight, measurements=(deaf,)))
     assert [block.text for block in section.blocks[1:]] == ["follower received no ping."]
-    assert list(range_budget.records(replace(flight, measurements=(deaf,)))) == []
+    assert list(bounds.records(replace(flight, measurements=(deaf,)))) == []
 
 
 def test_a_stretch_of_a_flight_has_the_shares_that_the_whole_has_then():

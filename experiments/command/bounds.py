@@ -1,0 +1,125 @@
+"""Cramér–Rao bound and range error budget on the terminal and in a file."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Column, Table
+
+from experiments.campaign.progress import compiling_shown, literal, tell
+from experiments.campaign.store import Record, columns_of, write_csv, write_table
+from experiments.flight.library import load_flyable
+from experiments.flight.range_budget import Cause, range_error_budget
+from experiments.flight.source import flight_of
+from laisn.failure import LaisnError
+from sim.flight import Flight
+
+_QUARTERS = 4
+
+
+def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | None) -> None:
+    """Print the bound of the RMS position error of a mission, and the navigator's error beside it.
+
+    Args:
+        source: scenario name or TOML file.
+        assignments: overrides.
+        runs: Monte Carlo runs of the scenario's navigator; 0: none.
+        out: `.csv` file for the bound over time; None: none.
+
+    Raises:
+        LaisnError: the scenario or the file's name is invalid.
+    """
+    from experiments.campaign.bound import geometry_of, least_rms, noise_of
+    from experiments.campaign.cells import Cell
+    from experiments.campaign.missions import mission_of, motion_of
+    from experiments.campaign.montecarlo import simulate
+    from sim.sensing.hearing import Hearing
+
+    if out is not None and out.suffix != ".csv":
+        raise LaisnError(f"--out {out}: should end in .csv")
+    scenario = load_flyable(source, assignments)
+    console = Console()
+    heads = ["follower", *(f"{i + 1}. quarter" for i in range(_QUARTERS)), "whole"]
+    heads += [f"{scenario.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
+    table = Table(*heads, box=None, pad_edge=False, title="least RMS position error [m]", title_justify="left")
+    rows: list[dict[str, str | float]] = []
+    with compiling_shown():
+        mission = mission_of(motion_of(scenario))
+        for i, follower in enumerate(scenario.followers):
+            trajectory, _ = mission.seen(scenario, i)
+            least = least_rms(geometry_of(trajectory, Hearing.of(scenario, i), i), noise_of(scenario, i))
+            whole = float(np.sqrt(np.mean(least**2)))
+            parts = [float(np.sqrt(np.mean(part**2))) for part in np.array_split(least, _QUARTERS)]
+            cells = [f"{value:.3f}" for value in (*parts, whole)]
+            if runs:
+                result = simulate(Cell.of(scenario, i, runs, mission=mission), threads=None)
+                rms = float(np.hypot(result.errors.e_p_mean_m, result.errors.e_p_std_m))
+                cells += [f"{rms:.3f}", f"{rms / whole:.2f}", f"{result.nees:.3g}"]
+            table.add_row(literal(follower.name), *cells)
+            time = scenario.timing.filter_step_s * np.arange(1, least.size + 1)
+            rows += [
+                {"follower": follower.name, "time_s": float(t), "bound_m": float(value)}
+                for t, value in zip(time, least, strict=True)
+            ]
+    console.print(table)
+    if out is not None:
+        write_csv(out, rows)
+        tell(console, out)
+
+
+def records(flight: Flight) -> Iterator[Record]:
+    """The error budget of each received ping of a flight, a record each."""
+    from experiments.pages.range_budget_page import TRANSMITTERS
+
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        budget = range_error_budget(flight, i)
+        for m, t in np.argwhere(np.isfinite(budget.used_range)).tolist():
+            yield {
+                "follower": name,
+                "time_s": float(budget.time[m]),
+                "transmitter": TRANSMITTERS[t],
+                "level_range_m": float(budget.level_range[m, t]),
+                "used_range_m": float(budget.used_range[m, t]),
+                **{f"{cause.name.lower()}_m": float(budget.share[m, t, cause]) for cause in Cause},
+            }
+
+
+def _print_shares(console: Console, flight: Flight) -> None:
+    from experiments.pages.range_budget_page import TRANSMITTERS, share_table
+
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        shares = share_table(range_error_budget(flight, i))
+        heads = ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
+        columns = (Column(head, justify="right" if n else "left") for n, head in enumerate(heads))
+        title = literal(f"{name}: rms shares of the range errors [cm]")
+        table = Table(*columns, title=title, title_justify="left", box=None)
+        for row in shares.rows:
+            table.add_row(*(literal(cell.text) for cell in row))
+        table.caption, table.caption_justify = literal(shares.caption), "left"
+        console.print(table)
+
+
+def show_range_budget(source: str, assignments: Sequence[str], out: Path | None) -> None:
+    """Print the error budget of the ranges of a scenario or a log, and write it if asked to.
+
+    Args:
+        source: scenario name, TOML file or `.mcap` log.
+        assignments: overrides of a scenario.
+        out: `.csv` or `.parquet` file with a row for each ping received; None: none.
+
+    Raises:
+        LaisnError: the source or the name of the file is invalid, or overrides were given for a log.
+    """
+    if out is not None and out.suffix not in {".csv", ".parquet"}:
+        raise LaisnError(f"--out {out}: should end in .csv or .parquet")
+    flight = flight_of(source, assignments)
+    console = Console()
+    _print_shares(console, flight)
+    if out is not None:
+        rows = list(records(flight))
+        if out.suffix == ".csv":
+            write_csv(out, rows)
+        else:
+            write_table(out, columns_of(rows))
+        tell(console, out)

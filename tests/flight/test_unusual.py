@@ -1,0 +1,55 @@
+"""Vehicles far off their routes, and vehicles that pass close to each other, are reported."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic import make_flight
+
+from experiments.flight.separation import approach_events, route_events
+from experiments.pages.account import sentences
+from sim.assembly import routes_of
+from sim.contact import contacts
+from sim.scenario.point_motion import plan
+
+
+def placed(position):
+    """A flight with the positions of one that keeps to its routes, changed by a function."""
+    flight = make_flight(20.0)
+    truth = flight.trajectory
+    there = truth.position.copy()
+    for v, route in enumerate(routes_of(flight.scenario)):
+        planned = plan(route, None).at(truth.time)
+        there[:, v, :2] = np.column_stack([planned.east, planned.north])
+    return replace(flight, trajectory=replace(truth, position=position(there)))
+
+
+@pytest.mark.parametrize("vehicle", [0, 1])
+def test_a_vehicle_far_off_its_route_is_reported_with_its_distance(vehicle):
+    assert route_events(placed(lambda there: there)) == []
+
+    def drift(there):
+        there[:, vehicle, 0] += np.linspace(0.0, 106.0, len(there))
+        return there
+
+    flight = placed(drift)
+    (event,) = route_events(flight)
+    name, end = flight.trajectory.names[vehicle], flight.trajectory.time[-1]
+    assert (event.time_s, event.source) == (end, name)
+    assert event.text == f"{name} is 106 m off its route (maximum), and 106 m at the end"
+    assert f"At {end:.0f} s {event.text}." in sentences(flight)
+
+
+@pytest.mark.parametrize(("apart_m", "reported"), [(0.25, True), (1.05, False), (0.05, False)])
+def test_vehicles_that_pass_close_to_each_other_are_reported_unless_they_touch(apart_m, reported):
+    def above(there):
+        there[:, 1] = there[:, 0] + [0.0, 50.0, 0.0]
+        there[100, 1] = there[100, 0] + [0.0, 0.0, apart_m]
+        return there
+
+    flight = placed(above)
+    assert bool(contacts(flight.trajectory)) == (apart_m < 0.2)
+    events = approach_events(flight)
+    assert [(e.time_s, e.text) for e in events] == [
+        (flight.trajectory.time[100], f"leader and follower pass within {apart_m:.2f} m")
+    ] * reported
