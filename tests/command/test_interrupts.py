@@ -65,7 +65,7 @@ def test_a_signal_that_comes_while_an_object_goes_is_obeyed(
 def test_ctrl_c_in_the_simulation_leaves_nothing(tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
     assert "nothing of this flight is kept" in interrupted(folder, "unfinished", "--no-video")
-    assert list(folder.iterdir()) == []
+    assert not folder.exists()
 
 
 def test_ctrl_c_in_the_log_leaves_the_earlier_flight(flown: Path, tmp_path: Path) -> None:
