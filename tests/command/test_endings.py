@@ -217,7 +217,7 @@ def test_a_poor_encoding_costs_letters_and_nothing_else(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     done = subprocess.run([*FLY, str(tmp_path / "out")], cwd=ROOT, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "mean    ?" in done.stdout
+    assert "mean       ?" in done.stdout
     assert (tmp_path / "out" / "summary.json").exists()
 
 
