@@ -14,6 +14,8 @@ from experiments.findings import Finding, Findings
 from experiments.formation import report, study
 from experiments.formation.conditions import CONDITIONS
 from experiments.formation.study import Run, findings_of
+from experiments.pages.page import Text
+from experiments.pages.template import page_of
 
 
 def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> Run:
@@ -83,7 +85,10 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     keys = [*weaves, "weave 5 40 way", *keys]
     values = {key: i + 0.25 if not key.startswith("lost") else (i - 87) / 100 for i, key in enumerate(keys)}
     made = {key: Finding(value=value, low=0.0, high=1.0) for key, value in values.items()}
-    said = " ".join(report._rules(Findings(study="", command="", modules=(), version="", findings=made)))
+    findings = Findings(study="", command="", modules=(), version="", findings=made)
+    blocks: dict[str, list[Text]] = {key: [] for key in ("stations", "conditions", "channel", "weaves")}
+    page = page_of("experiments.formation", [], findings, quick=False, bits=1, reach_m=1.0, **blocks)
+    said = " ".join(block.text for block in page.sections[-1].blocks if isinstance(block, Text))
     for phrase, key in (
         ("every second the median follower is {} off", "run-median calm"),
         ("every 5 s {}, every", "run-median 5 s"),
@@ -93,10 +98,10 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
         ("worst follower was {} off with stations on it", "worst two"),
         ("on it, {} without", "worst two aside"),
         ("with three transmitters {}.", "worst calm"),
-        ("40 m behind its place to {} at best", "weave 5 40 40"),
-        ("in place of {}, one 20 m behind", "weave 0 40 40"),
-        ("one 20 m behind to {} in", "weave 5 40 20"),
-        ("in place of {}, for", "weave 0 40 20"),
+        ("to {}, and of one 20 m behind from", "weave 5 40 40"),
+        ("follower 40 m behind from {} to", "weave 0 40 40"),
+        ("to {}, for", "weave 5 40 20"),
+        ("one 20 m behind from {} to", "weave 0 40 20"),
         ("hardly helps ({}), one", "weave 2 40 40"),
         ("does more ({}).", "weave 10 40 40"),
         ("It was {} in calm water", "max calm"),
@@ -104,7 +109,7 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
         ("came within {} and", "closest calm"),
         (" and {} of each other horizontally", "closest current"),
         ("they came within {} with 40 %", "closest bursts"),
-        ("assumed to, cost {} in place of", "run-median drift"),
+        ("modelled, cost {} in place of", "run-median drift"),
         ("formation along: {} off", "run-median ins"),
         ("though {} off in the world", "error ins"),
         ("four layers the median follower was {} off", "run-median fifty"),
@@ -139,12 +144,12 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     assert f"{shares['laisn-3-2']} with LAISN-3(2), and {shares['calm']} with the tightly coupled" in said
 
 
-def test_a_first_look_says_so(findings: Findings, tmp_path: Path) -> None:
+def test_a_trial_run_is_named(findings: Findings, tmp_path: Path) -> None:
     whole = report.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
     quick = report.write_page(findings, tmp_path / "quick.html", quick=True).read_text(encoding="utf-8")
-    assert "A first look" in quick
+    assert "Trial run" in quick
     assert "laisn formation --quick" in quick
-    assert "A first look" not in whole
+    assert "Trial run" not in whole
     assert "laisn formation --runs 2" in whole
 
 
