@@ -1,4 +1,4 @@
-"""The page of the study of the estimators."""
+"""Tables of the estimators' page, whose text is page.md.j2."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,19 +13,16 @@ from experiments.estimators.plan import BASELINED, INTERVALS, OFFSETS_M, ON_AXIS
 from experiments.findings import Findings
 from experiments.pages.figures import svg
 from experiments.pages.page import (
-    Block,
     Cell,
     Figures,
-    Page,
-    Section,
     Table,
-    Text,
     number,
     share_of,
     with_limits,
     words,
     write,
 )
+from experiments.pages.template import page_of
 
 _HEADS = ["E_P [m]", "LAISN-2 [m]", "over LAISN-2", "worst", "RMS over bound", "worst", "bound over LAISN-2's RMS",
           "NEES", "least", "most", "instants in χ² [%]", "NIS of a range", "captured [%]",
@@ -75,13 +72,6 @@ def _cases(findings: Findings) -> Table:
     return Table(heads=["", "case", "every [s]", *_HEADS, "smoothing"], rows=rows, caption=caption)
 
 
-_PLAIN = (
-    "Five states (position, bias of log and compass, scale of the ranges), one Gaussian, all ranges of a message in "
-    "one update: the textbook filter for the same sensors, on the same noise. The tightly coupled navigator adds two "
-    "transmitters, by hypotheses on both sides of the leader's axis, and a covariance that stays consistent."
-)
-
-
 def _plain(findings: Findings) -> Table:
     f, rows = findings, []
     for case in BASELINED:
@@ -99,20 +89,6 @@ def _plain(findings: Findings) -> Table:
     return Table(heads=heads, rows=rows, caption="Mean over routes; brackets hold 95 % intervals.")
 
 
-def _limits(findings: Findings) -> str:
-    """How far the bound is away, in sentences."""
-    f = findings
-    general = (
-        f"In G7 the bound is {f['least G7 5']:.2f} of LAISN-2's RMS error with messages every 5 s. It is the mean over "
-        "all that who switches all states on takes for possible, and the truth is at its likeliest there; the tightly "
-        f"coupled navigator's RMS error is {f['bound G7 5']:.2f} times the bound."
-    )
-    later = ", ".join(
-        f"{f[f'smoothing {case} 1']:.2f} and {f[f'smoothing {case} 5']:.2f} in {case}" for case in ("G1", "G5", "G6")
-    )
-    return f"{general} Of a filter's error smoothing could leave, with messages every 1 s and 5 s, {later}."
-
-
 def _many(findings: Findings) -> Table:
     f, rows = findings.findings, []
     for transmitters in (3, 2):
@@ -127,108 +103,46 @@ def _many(findings: Findings) -> Table:
     return Table(heads=heads, rows=rows, caption="Captures at the mirror image; messages every 5 s.")
 
 
-def _varied(findings: Findings) -> list[Section]:
+def _varied(findings: Findings) -> dict[str, Table]:
+    """Tables in which one thing differs from row to row, by their names in the template."""
     physical = [_row(findings, f"sea {sea}", words(text)) for sea, (text, _) in SEAS.items()]
     wrong = [_row(findings, f"wrong {case.name}", words(case.title)) for case in WRONG]
+    clock = [
+        [words(f"{part} the leader's first turn"),
+         *(_value(findings, f"{name} {part}") for name in ("clock", "clock-worst", "clock-bound", "clock-bound-worst"))]
+        for part in ("before", "after")
+    ]  # fmt: skip
     sigma = [
-        _row(
-            findings,
-            f"sigma {name} {factor:g}",
-            words(name.replace("_", " ")),
-            words("halved" if factor < 1 else "doubled"),
-        )
+        _row(findings, f"sigma {name} {factor:g}", words(name.replace("_", " ")),
+             words("halved" if factor < 1 else "doubled"))
         for name in SIGMAS
         for factor in (0.5, 2.0)
-    ]
+    ]  # fmt: skip
     offset = [
         _row(findings, f"offset {value:g}", number(value))
         for value in OFFSETS_M
         if f"error offset {value:g}" in findings.findings
     ]
     weave = [
-        [
-            words(route),
-            *(
-                _value(findings, f"{what} {how} {route}")
-                for how in ("straight", "weaving")
-                for what in ("rms", "rms-bound")
-            ),
-        ]
+        [words(route), *(_value(findings, f"{what} {how} {route}")
+                         for how in ("straight", "weaving") for what in ("rms", "rms-bound"))]
         for route in ON_AXIS
-    ]
-    return [
-        Section(title="At sea", blocks=[
-            Text(text="Rigid bodies in water, messages every 1 s. The bound knows no sideslip."),
-            Table(heads=["sea", *_HEADS], rows=physical)]),
-        Section(title="What can go wrong", blocks=[
-            Text(text="One thing at a time, messages every 5 s; whether the navigator was told to reckon with it."),
-            Table(heads=["what", *_HEADS], rows=wrong)]),
-        Section(title="An unknown clock", blocks=[
-            Text(text="A clock 1 ms off that drifts by 1 ppm, estimated, over exact clocks; messages every 5 s. On a "
-                 "straight leg the clock's drift and the log's bias move all ranges alike: only a turn of the leader "
-                 "separates them. The offset itself is not separated from the mean scale error, which is harmless: "
-                 "only their sum enters a range."),
-            Table(heads=["", "E_P over that with exact clocks", "largest of the routes", "of the bound", "largest"],
-                  rows=[[words(f"{part} the leader's first turn"),
-                         *(_value(findings, f"{name} {part}")
-                           for name in ("clock", "clock-worst", "clock-bound", "clock-bound-worst"))]
-                        for part in ("before", "after")])]),
-        Section(title="Wrong settings", blocks=[
-            Text(text="Each σ that the navigator is told, halved and doubled, while the sensors stay as they are."),
-            Table(heads=["setting", "", *_HEADS], rows=sigma)]),
-        Section(title="How far aside the middle transmitter is", blocks=[
-            Table(heads=["H_T [m]", *_HEADS], rows=offset)]),
-        Section(title="A leader that weaves", blocks=[
-            Text(text="Legs that alternate by 5° every 20 s tell two transmitters the side that the follower is on."),
-            Table(heads=["route", "RMS E_P, straight [m]", "bound", "weaving [m]", "bound"], rows=weave,
-                  caption="Two transmitters, messages every 1 s.")]),
     ]  # fmt: skip
-
-
-def write_page(findings: Findings, found: Mapping[tuple[Any, ...], Any], path: Path, *, quick: bool) -> Path:
-    """Write the page of a study; returns its path."""
-    figure, legend = picture(findings)
-    blocks: list[Block] = [
-        Text(
-            text="LAISN makes a point of its ranges and hands it to a filter; the tightly coupled navigator hands the "
-            "ranges themselves to a filter that carries the sensors' biases. Both get the same measurements."
+    return {
+        "seas": Table(heads=["sea", *_HEADS], rows=physical),
+        "wrong": Table(heads=["what", *_HEADS], rows=wrong),
+        "clock": Table(
+            heads=["", "E_P over that with exact clocks", "largest of the routes", "of the bound", "largest"],
+            rows=clock,
         ),
-        Figures(
-            panels=[svg(figure, "ratio", "Mean position error of both navigators in all cases")],
-            caption="Mean E_P over all routes, messages every 5 s.",
-            legend=legend,
+        "sigma": Table(heads=["setting", "", *_HEADS], rows=sigma),
+        "offset": Table(heads=["H_T [m]", *_HEADS], rows=offset),
+        "weave": Table(
+            heads=["route", "RMS E_P, straight [m]", "bound", "weaving [m]", "bound"],
+            rows=weave,
+            caption="Two transmitters, messages every 1 s.",
         ),
-        _cases(findings),
-        Text(text=_limits(findings)),
-    ]
-    runs = findings["runs"]
-    page = Page(
-        title="Estimators",
-        summary="LAISN-2, the tightly coupled navigator, and the Cramér–Rao bound of dead reckoning with log and "
-        "compass as inputs, corrected by these ranges, on the same noise."
-        + (" A first look: too few runs and routes to go by." if quick else ""),
-        facts=[
-            ("Seed", str(findings["seed"].value)),
-            ("Runs of each mission", str(runs.value)),
-            ("Version", findings.version),
-            ("Repeat with", findings.command + (" --quick" if quick else "")),
-        ],
-        sections=[
-            Section(title="Seven cases", blocks=blocks),
-            Section(
-                title="A plain extended Kalman filter",
-                blocks=[
-                    Text(text=_PLAIN),
-                    _plain(findings),
-                ],
-            ),
-            Section(title="Captures", blocks=[_many(findings)]),
-            *_varied(findings),
-            Section(title="Route by route", blocks=[_routes(found)]),
-        ],
-    )
-    write(page, path)
-    return path
+    }
 
 
 def _routes(found: Mapping[tuple[Any, ...], Any]) -> Table:
@@ -243,3 +157,33 @@ def _routes(found: Mapping[tuple[Any, ...], Any]) -> Table:
     heads = ["", "every [s]", "route", "E_P [m]", "LAISN-2 [m]", "ratio", "RMS [m]", "over bound", "largest [m]",
              "NEES", "captured", "LAISN-2 captured"]  # fmt: skip
     return Table(heads=heads, rows=rows)
+
+
+def write_page(findings: Findings, found: Mapping[tuple[Any, ...], Any], path: Path, *, quick: bool) -> Path:
+    """Write the page of a study; returns its path."""
+    figure, legend = picture(findings)
+    ratio = Figures(
+        panels=[svg(figure, "ratio", "Mean position error of both navigators in all cases")],
+        caption="Mean E_P over all routes, messages every 5 s.",
+        legend=legend,
+    )
+    facts = [
+        ("Seed", str(findings["seed"].value)),
+        ("Runs of each mission", str(findings["runs"].value)),
+        ("Version", findings.version),
+        ("Repeat with", findings.command + (" --quick" if quick else "")),
+    ]
+    page = page_of(
+        "experiments.estimators",
+        facts,
+        findings,
+        quick=quick,
+        ratio=ratio,
+        cases=_cases(findings),
+        plain=_plain(findings),
+        captures=_many(findings),
+        routes=_routes(found),
+        **_varied(findings),
+    )
+    write(page, path)
+    return path

@@ -150,7 +150,7 @@ def write_page(findings: Findings, path: Path, *, quick: bool = False) -> Path:
     )
     swarm = load("swarm", ())
     page = page_of(
-        __package__,
+        "experiments.formation",
         facts=[
             ("Runs of each condition", str(runs)),
             ("Version", findings.version),
