@@ -1,7 +1,8 @@
-"""Second half of the pitch study's report: missions, and the paper's Stage 4."""
+"""Missions and the paper's Stage 4, for the page of the pitch study."""
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +19,7 @@ from experiments.asymmetry.remedies_page import CAUSES
 from experiments.asymmetry.tables import mission_table, stage_4_table
 from experiments.asymmetry.tau import Curves
 from experiments.pages.figures import svg
-from experiments.pages.page import Code, Figures, Section, Text
+from experiments.pages.page import Code, Figures
 from experiments.pages.style import SERIES, Colour
 
 _CAUSE_COLOURS: dict[str, Colour] = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
@@ -39,8 +40,8 @@ class Results:
     film: Path | None
 
 
-def on_missions(results: Results, missions: dict[Mission, ComparedMission]) -> Section:
-    """What pitch does on missions."""
+def on_missions(results: Results, missions: dict[Mission, ComparedMission]) -> dict[str, Any]:
+    """Values of the page's template on missions and on Stage 4."""
     two = [e for (_, _, _, variant), e in missions.items() if variant == "laisn-2"]
     groups, legend = [], []
     for cause, colour in _CAUSE_COLOURS.items():
@@ -69,46 +70,24 @@ def on_missions(results: Results, missions: dict[Mission, ComparedMission]) -> S
             curves.append((offsets, np.array(error), colour))
         panels.append(svg(drawing.over_offset(curves, f"{label}, median mission"), f"offset-{cause}"))
     table, lines = mission_table(missions, results.conditions, results.plan.offsets_m, results.curves)
-    return Section(
-        title="On missions",
-        blocks=[
-            Text(
-                text="Each condition is flown with the physics of hull, autopilot and sea; followers on all routes "
-                "then navigate behind the leader as it moved and, with the same noise, behind one whose "
-                "transmitters stayed level. What the second does better is the pitch-driven part."
-            ),
-            Figures(
-                panels=[scatter],
-                caption="Each dot is a mission: a condition, a route, a depth offset. The dashed line says that the "
-                "mean error grows by Δz sin φ. Dots far above it are missions in which pitch pushes the estimate "
-                "over the leader's axis, where the nearest intersection is the wrong one and stays so. Dots below "
-                "it are missions in which the pitch is small beside the other errors, with which it adds in "
-                "squares. Excesses under 1 mm are drawn at 1 mm.",
-                legend=legend,
-            ),
-            Figures(
-                panels=panels,
-                caption="Mean error of LAISN-2 behind a level leader, the real one, and the real one when it "
-                "broadcasts the attitude that its AHRS gives.",
-                legend=[(LEVEL, "level leader"), (REAL, "real leader"), (AWARE, "attitude broadcast")],
-            ),
-            table,
-            Code(text=lines, title="Commands that fly the worst route of each row", folded=True),
-        ],
+    excess = Figures(
+        panels=[scatter],
+        caption="Each dot is a mission: a condition, a route, a depth offset. On the dashed line the mean error grows "
+        "by Δz sin φ. Dots far above it are missions in which pitch pushes the estimate over the leader's axis, where "
+        "the nearest intersection is the wrong one and stays so. Dots below it are missions in which the pitch is "
+        "small beside the other errors, with which it adds in squares. Excesses under 1 mm are drawn at 1 mm.",
+        legend=legend,
     )
-
-
-def stage_4(results: Results) -> Section:
-    """The paper's range errors, read as pitch."""
-    offsets = [o for o in (2.0, 5.0, 10.0) if o in results.plan.offsets_m]
-    return Section(
-        title="The paper's Stage 4, read in degrees",
-        blocks=[
-            Text(
-                text="The paper raises τ, the width of one transmitter's random error, to 3 and 6 cm. This is the "
-                "pitch that raises the mean error as much. The two are not the same thing: τ is drawn anew for each "
-                "message, a trimmed hull errs the same way each time."
-            ),
-            stage_4_table(results.curves, offsets),
-        ],
+    by_offset = Figures(
+        panels=panels,
+        caption="Mean error of LAISN-2 behind a level leader, the real one, and the real one when it broadcasts the "
+        "attitude of its AHRS.",
+        legend=[(LEVEL, "level leader"), (REAL, "real leader"), (AWARE, "attitude broadcast")],
     )
+    return {
+        "excess": excess,
+        "offsets": by_offset,
+        "missions": table,
+        "commands": Code(text=lines, title="Commands that run the worst route of each row", folded=True),
+        "stage_4": stage_4_table(results.curves, [o for o in (2.0, 5.0, 10.0) if o in results.plan.offsets_m]),
+    }

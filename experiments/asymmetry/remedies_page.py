@@ -1,6 +1,7 @@
 """Remedies in the pitch study's report: what each removes, what it leaves, and where it falls short."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,7 @@ from experiments.asymmetry.tables import mean_cell
 from experiments.asymmetry.verdict import WRONG, Verdict, counts
 from experiments.intervals import Interval
 from experiments.pages.figures import svg
-from experiments.pages.page import Block, Cell, Figures, Notice, Section, Table, Text, number, percent, words
+from experiments.pages.page import Block, Cell, Figures, Notice, Table, number, percent, words
 from experiments.pages.style import MUTED, SERIES
 
 CAUSES = {"trim": "trim", "dive": "depth changes", "waves": "waves"}
@@ -208,59 +209,41 @@ def in_words(share: Interval) -> str:
     return f"{100 * share.value:.0f} % ({100 * share.low:.0f} to {100 * share.high:.0f} %)"
 
 
-def _on_distrust(chosen: Sequence[ComparedMission]) -> Text:
-    """What comes of trusting fixes less, cause by cause."""
-    shares = []
-    for cause, name in CAUSES.items():
-        mine = [e for e in chosen if e.real.cause == cause]
-        if mine:
-            shares.append(f"{in_words(removed_in_all(mine, INFLATED))} with {name}")
-    return Text(
-        text="Of the sum of the pitch-driven errors, inflating σp removes "
-        f"{', '.join(shares)}; a negative share is harm. With the paper's log and compass a follower drifts by 0.24 m "
-        "each second, always the same way, and whoever trusts fixes less follows that drift."
+def _inflated(chosen: Sequence[ComparedMission]) -> str:
+    """What inflating σp removes, cause by cause, in words."""
+    by_cause = {name: [e for e in chosen if e.real.cause == cause] for cause, name in CAUSES.items()}
+    return ", ".join(
+        f"{in_words(removed_in_all(mine, INFLATED))} with {name}" for name, mine in by_cause.items() if mine
     )
 
 
-def remedies(missions: dict[Mission, ComparedMission], plan: Plan) -> Section:
-    """What each remedy is worth."""
+def remedies(missions: dict[Mission, ComparedMission], plan: Plan) -> dict[str, Any]:
+    """Values of the page's template on what each remedy removes."""
     chosen = judged(missions, "laisn-2")
-    blocks: list[Block] = [
-        Text(
-            text="Attitude broadcast: the message carries the measured pitch and roll, and the follower draws its "
-            "circles about the places where the transmitters are, in three dimensions (`leader.broadcast_attitude`, "
-            "`navigation.use_attitude`). What it is worth depends on the sensor behind it. Vehicles carry an AHRS: "
-            "here an inclinometer that is 0.5° off in each reading and takes the accelerations of waves for tilt, "
-            "steadied by gyros of 0.3°/√h over 30 s (`sensors.leader_attitude_sigma_deg`, "
-            "`leader_attitude_feels_acceleration`, `leader_gyro_time_constant_s`). Beside it stand an error that each "
-            "message has anew, and one that a run keeps, as of a crooked mounting. Inflated σp: the follower trusts "
-            "fixes less by the pitch it must expect (`navigation.expected_pitch_deg`)."
-        )
-    ]
+    removed: list[Block] = []
     if chosen:
         by_pitch = sorted(chosen, key=lambda e: e.real.pitch_rms_deg)
         arms = [(arm.short, np.array([e.removed(arm) for e in by_pitch]), _COLOURS[arm]) for arm in REMEDIES]
         figure = svg(drawing.removed_shares(arms, "LAISN-2, a dot for each mission"), "removed")
         caption = (
-            "Share of what pitch adds to the mean error in runs that nobody captures. 1: nothing of it is left. Below "
-            "0: worse than without. In each band pitch grows from the lowest dot to the highest."
+            "Share of what pitch adds to the mean error in runs without capture. 1: all of it removed. Below 0: more "
+            "than without the remedy. In each band pitch grows from the lowest dot to the highest."
         )
-        blocks.append(Figures(panels=[figure], caption=caption))
+        removed.append(Figures(panels=[figure], caption=caption))
     undecided = _open_table(missions, plan)
-    blocks += [
-        _remedy_table(missions, plan.variants),
-        *([undecided] if undecided else []),
-        _capture_table(missions, plan.variants),
-        _split_table(missions, plan.offsets_m),
-        _route_table(missions, plan.routes),
-    ]
-    if chosen:
-        blocks.append(_on_distrust(chosen))
-    return Section(title="Remedies", blocks=blocks)
+    return {
+        "removed": removed,
+        "remedies": _remedy_table(missions, plan.variants),
+        "undecided": [undecided] if undecided else [],
+        "captures": _capture_table(missions, plan.variants),
+        "split": _split_table(missions, plan.offsets_m),
+        "by_route": _route_table(missions, plan.routes),
+        "inflated": _inflated(chosen),
+    }
 
 
-def shortfalls(missions: dict[Mission, ComparedMission], plan: Plan) -> list[Block]:
-    """The missions on which the broadcast attitude falls short of its aim, and why."""
+def shortfalls(missions: dict[Mission, ComparedMission], plan: Plan) -> dict[str, Any]:
+    """Values of the page's template on missions where the broadcast attitude falls short of its aim."""
     blocks: list[Block] = []
     for arm in (EXACT, STEADIED, READINGS, CROOKED):
         for cause, label in CAUSES.items():
@@ -273,18 +256,7 @@ def shortfalls(missions: dict[Mission, ComparedMission], plan: Plan) -> list[Blo
                     f"largest such rest is {max(e.left_free(arm) for e in missed):.2f} m."
                 )
                 blocks.append(Notice(text=text, tone="warning"))
-    if blocks:
-        chosen = judged(missions, "laisn-2")
-        _, undecided, missed_paired, _ = counts(
-            e.judge_errors(READINGS, plan.looks, LEVEL_BROADCAST).verdict for e in chosen
-        )
-        blocks.append(
-            Text(
-                text="An error of 0.5° in each message is a pitch of 0.5° that nobody told the follower: errors add in "
-                "squares, so that it can take away nine tenths of the excess only where the leader pitches by √10 "
-                "times as much, 1.6° rms. Against a level leader with the same sensor the aim is missed on "
-                f"{missed_paired} of {len(chosen)} missions ({undecided} open). A constant error adds to the pitch "
-                "itself and cannot be seen from the ranges: it must be calibrated away before the mission."
-            )
-        )
-    return blocks
+    _, undecided, missed_paired, _ = counts(
+        e.judge_errors(READINGS, plan.looks, LEVEL_BROADCAST).verdict for e in judged(missions, "laisn-2")
+    )
+    return {"shortfalls": blocks, "missed_paired": missed_paired, "open_paired": undecided}

@@ -173,17 +173,14 @@ def write_page(findings: Findings, found: Mapping[tuple[Any, ...], Any], path: P
         ("Version", findings.version),
         ("Repeat with", findings.command + (" --quick" if quick else "")),
     ]
-    page = page_of(
-        "experiments.estimators",
-        facts,
-        findings,
-        quick=quick,
-        ratio=ratio,
-        cases=_cases(findings),
-        plain=_plain(findings),
-        captures=_many(findings),
-        routes=_routes(found),
+    values = {
+        "quick": quick,
+        "ratio": ratio,
+        "cases": _cases(findings),
+        "plain": _plain(findings),
+        "captures": _many(findings),
+        "routes": _routes(found),
         **_varied(findings),
-    )
-    write(page, path)
+    }
+    write(page_of("experiments.estimators", facts, values, findings), path)
     return path

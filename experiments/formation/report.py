@@ -149,25 +149,24 @@ def write_page(findings: Findings, path: Path, *, quick: bool = False) -> Path:
         caption=_CAPTION,
     )
     swarm = load("swarm", ())
-    page = page_of(
-        "experiments.formation",
-        facts=[
-            ("Runs of each condition", str(runs)),
-            ("Version", findings.version),
-            ("Repeat with", "laisn formation --quick" if quick else f"laisn formation --runs {runs}"),
-        ],
-        findings=findings,
-        quick=quick,
-        bits=message_bits(swarm),
-        reach_m=reach_m(swarm),
-        stations=Figures(
-            panels=[svg(figure, "stations", "Distance from the station in all conditions")],
-            caption="Distance from the station, on a logarithmic axis.",
-            legend=legend,
-        ),
-        conditions=table,
-        channel=_channel(swarm),
-        weaves=_weaves(findings),
+    facts = [
+        ("Runs of each condition", str(runs)),
+        ("Version", findings.version),
+        ("Repeat with", "laisn formation --quick" if quick else f"laisn formation --runs {runs}"),
+    ]
+    stations = Figures(
+        panels=[svg(figure, "stations", "Distance from the station in all conditions")],
+        caption="Distance from the station, on a logarithmic axis.",
+        legend=legend,
     )
-    write(page, path)
+    values = {
+        "quick": quick,
+        "bits": message_bits(swarm),
+        "reach_m": reach_m(swarm),
+        "stations": stations,
+        "conditions": table,
+        "channel": _channel(swarm),
+        "weaves": _weaves(findings),
+    }
+    write(page_of("experiments.formation", facts, values, findings), path)
     return path

@@ -6,7 +6,7 @@ paragraph, and `> warning: text` is a notice. `{{ n("lost calm", ".0% i") }}` is
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from typing import Any, get_args
 
@@ -46,16 +46,15 @@ def _paragraph(text: str) -> Text | Notice:
 
 
 def page_of(
-    package: str, facts: Sequence[tuple[str, str]], findings: Findings | None = None, name: str = NAME, **values: Any
+    package: str, facts: Sequence[tuple[str, str]], values: Mapping[str, Any], findings: Findings | None = None
 ) -> Page:
     """The page of a template.
 
     Args:
         package: that the template lies in, such as `experiments.formation`.
         facts: of the page.
-        findings: numbers that the template prints with `n`.
-        name: file name of the template.
-        values: what else it names: text, numbers, or blocks of the page.
+        values: what the template names: text, numbers, or blocks of the page.
+        findings: numbers that it prints with `n`.
 
     Raises:
         LaisnError: there is no finding of a name.
@@ -75,18 +74,18 @@ def page_of(
     environment = jinja2.Environment(
         finalize=place, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, autoescape=False
     )
-    source = (resources.files(package) / name).read_text(encoding="utf-8")
+    source = (resources.files(package) / NAME).read_text(encoding="utf-8")
     text = environment.from_string(source).render(values, n=_numbers(findings))
     parts = [part.strip() for part in re.split(r"\n\s*\n", text) if part.strip()]
     title, *rest = parts or [""]
     if not title.startswith("# ") or not rest:
-        raise ValueError(f"{package}: {name} does not start with a title and a summary")
+        raise ValueError(f"{package}: {NAME} does not start with a title and a summary")
     sections: list[tuple[str, list[Block]]] = []
     for part in rest[1:]:
         if part.startswith("## "):
             sections.append((" ".join(part.removeprefix("## ").split()), []))
         elif not sections:
-            raise ValueError(f"{package}: {name} has more than a summary before its first section")
+            raise ValueError(f"{package}: {NAME} has more than a summary before its first section")
         elif part.startswith(_MARK):
             sections[-1][1].append(placed[int(part.removeprefix(_MARK))])
         else:

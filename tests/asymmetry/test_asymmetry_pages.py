@@ -11,10 +11,12 @@ import pytest
 from experiments.asymmetry import missions_page, question_page, report
 from experiments.asymmetry.added_error import ComparedMission, Mission, paired
 from experiments.asymmetry.conditions import QUICK_CONDITIONS
+from experiments.asymmetry.example import EVERYTHING
 from experiments.asymmetry.missions import Plan
 from experiments.asymmetry.missions_page import Results
 from experiments.flight.range_budget import Cause
-from experiments.pages.page import Figures
+from experiments.pages.page import Figures, Page, Text
+from experiments.pages.template import page_of
 from tests.asymmetry.test_added_error import row
 
 
@@ -28,15 +30,31 @@ def missions(*added: float, **changes: Any) -> dict[Mission, ComparedMission]:
     return paired(rows)
 
 
+def page(**values: Any) -> Page:
+    """The page's template with some of its values, and nothing in place of the others."""
+    blank: dict[str, Any] = dict.fromkeys(
+        ("geometry", "first_minutes", "shares", "one_mission", "film", "maps", "excess", "offsets", "missions",
+         "commands", "stage_4", "removed", "remedies", "undecided", "captures", "split", "by_route", "shortfalls",
+         "planner", "gates"), ())  # fmt: skip
+    blank |= dict.fromkeys(("points", "closed_form_m", "third_median_m", "third_p95_m", "missed_paired"), 0)
+    blank |= {"everything": EVERYTHING, "abeam": np.zeros(1), "inflated": "", "open_paired": 0}
+    return page_of("experiments.asymmetry", [], blank | report.answer({}) | values)
+
+
+def text_of(made: Page) -> str:
+    """All paragraphs of a page."""
+    return " ".join(block.text for section in made.sections for block in section.blocks if isinstance(block, Text))
+
+
 def test_the_summary_names_the_mission_to_which_pitch_adds_most() -> None:
     found = missions(1.0, 4.0, 2.0)
     steep = missions(0.3, depth_offset_m=10.0, depth_offset_rms_m=10.0, pitch_rms_deg=9.0)
-    said = report._summary(found | steep)
-    assert "On 4 missions that adds up to 4.0 m to the mean error (route T3, 5 m below, 5.0° rms)" in said
-    assert "takes that away: 100 % (" in said
+    said = page(**report.answer(found | steep)).summary
+    assert "On 4 missions this adds up to 4.0 m to the mean error (route T3, 5 m below, 5.0° rms)" in said
+    assert "removes that error: 100 % (" in said
     assert "exactly, 90 % (" in said
     unmoved = {key: replace(e, level=replace(e.level, fix_error_m=0.0)) for key, e in found.items()}
-    assert "moves no fix" in report._summary(unmoved)
+    assert "moves no fix" in page(**report.answer(unmoved)).summary
 
 
 def test_figures_of_missions_are_levers_parts_and_medians(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,6 +63,7 @@ def test_figures_of_missions_are_levers_parts_and_medians(monkeypatch: pytest.Mo
     monkeypatch.setattr(missions_page, "drawing", drawing)
     monkeypatch.setattr(missions_page, "svg", lambda *_: "")
     monkeypatch.setattr(missions_page, "mission_table", lambda *_: (Figures(panels=[]), ""))
+    monkeypatch.setattr(missions_page, "stage_4_table", Mock())
     monkeypatch.setattr(missions_page, "CAUSES", {"trim": "trim"})
     results: Any = SimpleNamespace(plan=Plan(offsets_m=(5.0,)), conditions=(), curves=None)
     given: Results = results
@@ -71,13 +90,12 @@ def test_a_message_is_told_with_its_pitch_and_the_error_of_its_fix(monkeypatch: 
     shares[:, Cause.LEVER_ARM], shares[:, Cause.RANDOM], shares[:, Cause.MOTION] = 0.02, [0.03, -0.04, 9.0], 0.01
     budget = SimpleNamespace(time=time, asymmetry=shares)
     example: Any = SimpleNamespace(condition=QUICK_CONDITIONS[0], flight=flight, telling=1, budget=budget)
-    blocks = question_page.one_message(example).blocks
-    first = blocks[0]
-    assert isinstance(first, Figures)
+    values = question_page.one_message(example)
+    first = values["geometry"]
     assert "route T6, follower 10 m below: a message sent at a pitch of -5.0°" in first.caption
-    assert "centimetres become 5.00 m" in first.caption
-    drawn = blocks[2]
-    assert isinstance(drawn, Figures)
+    assert "the fix is 5.00 m off" in first.caption
+    drawn = values["first_minutes"]
+    assert "pings 0.05 s apart" in text_of(page(**values)).replace(str(EVERYTHING["acoustics.ping_slot_s"]), "0.05")
     # of the first 200 s alone
     assert drawn.caption.endswith("RMS: lever arm 2.0 cm, random error 3.5 cm, travel time and motion 1.0 cm.")
     ((shown, pitch, _), _) = drawing.pitch_over_time.call_args

@@ -17,7 +17,7 @@ from experiments.asymmetry.missions import Plan, Row
 from experiments.asymmetry.remedies import CROOKED, EXACT, LEVEL, READINGS, REAL, STEADIED
 from experiments.asymmetry.remedies_page import (
     _capture_table,
-    _on_distrust,
+    _inflated,
     _remedy_table,
     _route_table,
     _split_table,
@@ -27,8 +27,9 @@ from experiments.asymmetry.remedies_page import (
 from experiments.asymmetry.tables import between, gate_table, mean_cell, mission_table, planner_table, stage_4_table
 from experiments.asymmetry.tau import Curve, Curves
 from experiments.intervals import Interval
-from experiments.pages.page import Notice, Table, Text
+from experiments.pages.page import Notice, Table
 from tests.asymmetry.test_added_error import row
+from tests.asymmetry.test_asymmetry_pages import page, text_of
 
 ROUTES, RUNS = ("T3", "T4"), 64
 WOBBLE = np.tile([1.0, -1.0], RUNS // 2)
@@ -209,17 +210,17 @@ def test_captures_are_told_arm_by_arm() -> None:
 def test_shortfalls_are_told_with_their_number_and_largest_rest() -> None:
     plan = Plan(looks=(RUNS,))
     missed = verdicts("missed", "open")
-    told = [block.text for block in shortfalls(paired(missed), plan) if isinstance(block, Notice)]
+    told = [block.text for block in shortfalls(paired(missed), plan)["shortfalls"] if isinstance(block, Notice)]
     assert told[1] == (
         "AHRS of 0.5°, trim: on 2 of 2 missions (LAISN-2) the runs show that more than 10 % of the pitch-driven error "
         "without captures stays; the largest such rest is 0.15 m."
     )
     assert told[0].startswith("attitude, exact, trim: on 2 of 2 missions (LAISN-2) the runs show that more than 1 % of")
     assert told[2].endswith("the largest such rest is 0.90 m.")
-    (paired_too,) = [block.text for block in shortfalls(paired(missed), plan) if isinstance(block, Text)]
+    paired_too = text_of(page(judged=2, **shortfalls(paired(missed), plan)))
     # against a level leader with the same sensor 0.2 of 1 m and 0.8 of 3 m stay
     assert "the aim is missed on 2 of 2 missions (0 open)" in paired_too
-    assert shortfalls(paired(verdicts("met", "open")), plan) == []
+    assert shortfalls(paired(verdicts("met", "open")), plan)["shortfalls"] == []
 
 
 def test_what_distrust_does_is_told_cause_by_cause() -> None:
@@ -232,8 +233,8 @@ def test_what_distrust_does_is_told_cause_by_cause() -> None:
             row("real", 1.5 + 0.01 * WOBBLE, **where),
             row("expected", 0.5 + left, **where),
         ]
-    said = _on_distrust([*paired(made).values()]).text
-    assert "inflating σp removes −20 % (" in said.replace("-", "−")
+    said = _inflated([*paired(made).values()])
+    assert said.replace("-", "−").startswith("−20 % (")
     assert " with trim, 50 % (" in said
     assert in_words(Interval(0.5, 0.25, 0.75)) == "50 % (25 to 75 %)"
 
@@ -253,7 +254,7 @@ def test_the_map_says_how_far_closed_form_and_engine_are_apart(monkeypatch: pyte
     columns |= {"error_laisn-2_m": engine, "error_closed_form_m": form, "error_laisn-3-2_m": engine + third}
     monkeypatch.setattr(question_page, "drawing", Mock())
     monkeypatch.setattr(question_page, "svg", lambda *_: "")
-    said = " ".join(b.text for b in question_page.chart_section(pa.table(columns)).blocks if isinstance(b, Text))
+    said = text_of(page(**question_page.on_map(pa.table(columns))))
     assert "At 5° and 10 m the error abeam is 0.876 to 1.100 m, whatever the range" in said
     assert "differ from those of LAISN-2 by 0.001 m in the median, and by less than 0.003 m at 95 %" in said
-    assert "Over all 32 points of the map, closed form and engine differ by at most 0.003 m" in said
+    assert "Over all 32 points of the map, closed form and simulation differ by at most 0.003 m" in said

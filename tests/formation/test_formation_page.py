@@ -86,8 +86,8 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     values = {key: i + 0.25 if not key.startswith("lost") else (i - 87) / 100 for i, key in enumerate(keys)}
     made = {key: Finding(value=value, low=0.0, high=1.0) for key, value in values.items()}
     findings = Findings(study="", command="", modules=(), version="", findings=made)
-    blocks: dict[str, list[Text]] = {key: [] for key in ("stations", "conditions", "channel", "weaves")}
-    page = page_of("experiments.formation", [], findings, quick=False, bits=1, reach_m=1.0, **blocks)
+    given = {"quick": False, "bits": 1, "reach_m": 1.0, "stations": (), "conditions": (), "channel": (), "weaves": ()}
+    page = page_of("experiments.formation", [], given, findings)
     said = " ".join(block.text for block in page.sections[-1].blocks if isinstance(block, Text))
     for phrase, key in (
         ("every second the median follower is {} off", "run-median calm"),

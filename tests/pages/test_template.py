@@ -28,7 +28,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     def render(text: str, **values: Any) -> Page:
         sys.modules.pop("templated", None)
         (package / "page.md.j2").write_text(text)
-        return page_of("templated", [("seed", "1")], FINDINGS, **values)
+        return page_of("templated", [("seed", "1")], values, FINDINGS)
 
     return render
 
