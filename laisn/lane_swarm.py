@@ -1,7 +1,6 @@
-"""LAISN's navigators of a swarm in one compiled call: each follower is a lane.
+"""LAISN's navigators of a swarm in one compiled call: each follower is a lane."""
 
-Of biases and the current they conclude nothing: LAISN has no such states.
-"""
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,11 +16,48 @@ from laisn.tuning import Tuning
 
 _GATED = float(FixKind.GATED)
 
-Navigators = tuple[Floats, Tuning, Ints]
-"""A block of lanes, their settings, and how many fixes of each follower were gated so far, shape (f,)."""
+
+class LaneSwarm(NamedTuple):
+    """LAISN's navigators of f followers; biases and current are no states of theirs."""
+
+    block: Floats
+    """Lanes, as of `laisn.lane_rows`."""
+    tuning: Tuning
+    gated: Ints
+    """See `Swarm.gated`."""
+
+    @compiled_lanes
+    def navigate(
+        self, step: int, readings: Floats, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+    ) -> int:
+        """Advance by one filter step; see `laisn.swarm.Swarm.navigate`."""
+        block = self.block
+        last, any_received = readings.shape[0] - 1, bool(received.any())
+        for lane in range(LANES):
+            i = min(lane, last)
+            block[row.SPEED + lane], block[row.HEADING + lane] = readings[i, 0], readings[i, 1]
+            block[row.DEPTH + lane] = readings[i, 2]
+            if any_received:
+                block[row.EAST + lane], block[row.NORTH + lane] = messages[i, 1], messages[i, 2]
+                block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = messages[i, 3], messages[i, 4]
+                block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = messages[i, 5], messages[i, 6]
+                block[row.ROLL + lane] = messages[i, 7]
+                # a message without ranges has the same effect as none
+                block[row.R1 + lane] = ranges[i, 0] if received[i] else np.nan
+                block[row.R2 + lane] = ranges[i, 1] if received[i] else np.nan
+                block[row.R3 + lane] = ranges[i, 2] if received[i] else np.nan
+        advance(block, self.tuning, step, any_received)
+        for i in range(readings.shape[0]):
+            position, velocity = estimates[i].position, estimates[i].velocity
+            position[0], position[1] = block[row.X + i], block[row.Y + i]
+            velocity[0], velocity[1] = block[row.VX + i], block[row.VY + i]
+            if received[i]:
+                for first in fix_rows(self.tuning.variant):
+                    self.gated[i] += first >= 0 and block[first + 3 * LANES + i] == _GATED
+        return 0
 
 
-def new_navigators(settings: NavigationSettings, starts: Floats) -> Navigators:
+def new_lanes(settings: NavigationSettings, starts: Floats) -> LaneSwarm:
     """Navigators of followers at known starts, rows of x, y [m] and vx, vy [m/s], shape (f, 4).
 
     Raises:
@@ -37,34 +73,4 @@ def new_navigators(settings: NavigationSettings, starts: Floats) -> Navigators:
         for first, value in zip(rows, start, strict=True):
             block[first + lane] = value
         block[row.ACCEPTED_X + lane], block[row.ACCEPTED_Y + lane] = start[0], start[1]
-    return block, tuning, np.zeros(len(starts), dtype=np.int64)
-
-
-@compiled_lanes
-def navigate(
-    navigators: Navigators, k: int, readings: Floats, received: Bools, message: Floats, ranges: Floats, out: Floats
-) -> int:
-    """Filter step k of all followers; arguments otherwise as of `laisn.tight.swarm.navigate`. Returns −1."""
-    block, tuning, gated = navigators
-    last, any_received = readings.shape[0] - 1, bool(received.any())
-    for lane in range(LANES):
-        i = min(lane, last)
-        block[row.SPEED + lane], block[row.HEADING + lane] = readings[i, 0], readings[i, 1]
-        block[row.DEPTH + lane] = readings[i, 2]
-        if any_received:
-            block[row.EAST + lane], block[row.NORTH + lane] = message[i, 1], message[i, 2]
-            block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = message[i, 3], message[i, 4]
-            block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = message[i, 5], message[i, 6]
-            block[row.ROLL + lane] = message[i, 7]
-            # to hear no ping of a message is the same to it as no message
-            block[row.R1 + lane] = ranges[i, 0] if received[i] else np.nan
-            block[row.R2 + lane] = ranges[i, 1] if received[i] else np.nan
-            block[row.R3 + lane] = ranges[i, 2] if received[i] else np.nan
-    advance(block, tuning, k, any_received)
-    for i in range(readings.shape[0]):
-        out[i, 0], out[i, 1] = block[row.X + i], block[row.Y + i]
-        out[i, 9], out[i, 10] = block[row.VX + i], block[row.VY + i]
-        if received[i]:
-            for first in fix_rows(tuning.variant):
-                gated[i] += first >= 0 and block[first + 3 * LANES + i] == _GATED
-    return -1
+    return LaneSwarm(block, tuning, np.zeros(len(starts), dtype=np.int64))

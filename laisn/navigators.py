@@ -1,4 +1,4 @@
-"""The navigator of a follower by its settings: LAISN's family, or the tightly coupled one.
+"""The navigators of a follower or a swarm by their settings: LAISN's family, or the tightly coupled one.
 
 Apart from `navigating`, which the simulator may know, and from both navigators, neither of which knows the other.
 """
@@ -6,6 +6,7 @@ Apart from `navigating`, which the simulator may know, and from both navigators,
 from laisn.arrays import Floats
 from laisn.navigating import AnyNavigator, AnySettings
 from laisn.navigator import Navigator
+from laisn.swarm import Swarm
 from laisn.tight.settings import TightSettings
 
 
@@ -22,3 +23,18 @@ def new_navigator(settings: AnySettings, start: Floats) -> AnyNavigator:
 
         return TightNavigator(settings, start)
     return Navigator(settings, start)
+
+
+def new_swarm(settings: AnySettings, starts: Floats) -> Swarm:
+    """The navigators of a swarm that these settings are of, at their starts [x, y, vx, vy], shape (f, 4).
+
+    Raises:
+        LaisnError: there are more followers than such a swarm may have, or the settings are for single vehicles.
+    """
+    if isinstance(settings, TightSettings):
+        from laisn.tight.swarm import new_tight_swarm
+
+        return new_tight_swarm(settings, starts)
+    from laisn.lane_swarm import new_lanes
+
+    return new_lanes(settings, starts)

@@ -1,7 +1,7 @@
 """What a navigator believes and how it decides: every constant of the paper, with the paper's value as default."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -28,6 +28,8 @@ class NavigationSettings:
     Raises ValueError naming the field if a value is out of its range.
     """
 
+    known_start: ClassVar[bool] = True
+    """LAISN begins at a known start."""
     variant: Variant = "laisn-2"
     dt: float = 0.1
     """Filter step Δt [s]."""

@@ -1,39 +1,31 @@
-"""Followers that steer by their own estimates: one tick of all vehicles but for navigation and physics.
+"""Followers that steer by their own estimates: the controller of a closed loop.
 
-What such a follower measures depends on where its estimates have led it, so that sensing and navigation are part of
-the flight. A tick is `sense`, at filter steps the followers' navigators, `guide`, physics, `record_state`.
-The navigators belong to `laisn`, of which this package knows no more than its words; a `Swarm` of them is given to
-whoever puts the tick together (`experiments.flight.swarm`), all in compiled code. Noise is addressed by step, so that
-navigating on the finished mission gives the estimates that steered it.
+What such a follower measures depends on where its estimates have led it, so that sensing and navigation are part of the
+simulation: at each instant `sense`, at filter steps the followers' navigators, `guide`. The navigators are a
+`laisn.swarm.Swarm`. Noise is addressed by step, so that navigating on the finished mission gives the estimates that
+steered it.
 
 A follower keeps a station or a route. On either, guidance and autopilot have nothing but readings, messages and
 estimates: position, heading, speed, depth and current are those that the follower measures or estimates itself.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints
-from laisn.compiled import compiled, copy_values
-from sim.control.approach import LAWS, Approach
+from laisn.compiled import compiled
+from laisn.failure import LaisnError
+from laisn.swarm import Swarm, SwarmFactory, new_estimates
 from sim.control.autopilot import control, vehicle_state
-from sim.control.avoidance import Avoidance
 from sim.control.follower import (
-    ESTIMATED_CURRENT_EAST,
-    ESTIMATED_CURRENT_NORTH,
-    ESTIMATED_EAST,
-    ESTIMATED_NORTH,
-    ESTIMATES,
     FOLLOWER_MEMORY,
     READINGS,
-    VELOCITY_EAST,
-    VELOCITY_NORTH,
     Law,
-    Silence,
     extend_trail,
     init_memory,
     keep_station,
+    law_of,
     measured_motion,
     update_avoidance,
 )
@@ -47,26 +39,27 @@ from sim.control.guidance import (
     steer,
     track_current,
 )
-from sim.control.station import Frame
 from sim.control.trail import TRAIL
-from sim.fleet import QUATERNION, TICK, VELOCITY, WATER, Steering, steer_along_route
-from sim.scenario.formation import Formation, Proximity
+from sim.flight import navigation_settings
+from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
 from sim.sensing.ahrs import follow_tilt
 from sim.sensing.instant import Senses, forward_speed, read_own, senses_of
 from sim.sensing.listening import HEARD, SILENT, Inbox, hear, is_under_way, new_inbox
+from sim.sensing.observation import start_of
 from sim.sensing.pings import site
 from sim.sensing.proximity import SEEN, Lookout, look, lookout_of
+from sim.simulation import QUATERNION, TICK, VELOCITY, WATER, RouteControl, standing, steer_along_route
+from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
 
 POSE, TWIST = slice(0, 7), slice(7, 13)
 ROUTE, ROUTE_BY_ESTIMATE, STATION_BY_TRUTH, STATION = range(4)
 """What a follower keeps to, and what it steers by."""
-_SILENT = ("go-on", "circle", "surface")
 
 
 class ClosedLoopState(NamedTuple):
-    """All that a tick works on beside the truth; f followers."""
+    """All that control works on beside the truth and the navigators; f followers."""
 
     law: Law
     senses: Senses
@@ -79,8 +72,8 @@ class ClosedLoopState(NamedTuple):
     """Columns BEHIND, PORT, STATION_DEPTH, shape (f, 3), [m]."""
     sites: tuple[Floats, Floats, Floats]
     """Offsets of the transmitters, shape (3, 3), of hydrophones and of pressure sensors, shape (f, 3), [m]."""
-    steering: Steering
-    """Steering of vehicles along their routes."""
+    routes: RouteControl
+    """Control along routes, of the leader and of followers that steer by the truth; it holds all commands."""
     readings: Floats
     """Readings of each follower's sensors, shape (f, READINGS)."""
     inbox: Inbox
@@ -91,8 +84,8 @@ class ClosedLoopState(NamedTuple):
     """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]."""
     seen: Floats
     """What each follower's last look around showed, shape (f, v, SEEN)."""
-    estimates: Floats
-    """What each navigator concludes, shape (f, ESTIMATES)."""
+    estimates: Any
+    """Estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)."""
     trails: Floats
     """Trail of the leader as each follower has heard it, shape (f, room, TRAIL)."""
     counts: Ints
@@ -101,47 +94,8 @@ class ClosedLoopState(NamedTuple):
     """Memory of each follower, shape (f, FOLLOWER_MEMORY)."""
     reference: Floats
     """Reference of the autopilot of one follower at a time, shape (8,)."""
-    history: Floats
-    """Estimates at each instant, shape (n + 1, f, ESTIMATES)."""
-
-
-def law_of(formation: Formation) -> Law:
-    """Settings as compiled code takes them."""
-    frame = Frame(
-        time=formation.frame_time_s,
-        lag=formation.frame_lag_s,
-        ahead=formation.frame_ahead_m,
-        acceleration=formation.frame_acceleration_m_s2,
-        inner=formation.inner_share,
-        outer=formation.outer_share,
-        slowest=formation.inner_least_m_s,
-        fastest=formation.outer_most_m_s,
-        preview=formation.preview_s,
-    )
-    law = Approach(
-        law=LAWS.index(formation.law),
-        speed=formation.approach_speed_m_s,
-        lookahead=formation.lookahead_m,
-        integral=formation.integral_m_s,
-        least_way=formation.least_way_m_s,
-        slowest=formation.slowest_m_s,
-        fastest=formation.fastest_m_s,
-    )
-    silence = Silence(
-        velocity_sigma=formation.leader_velocity_sigma_m_s,
-        limit=formation.silence_s,
-        then=_SILENT.index(formation.when_silent),
-        speed=formation.silent_speed_m_s,
-    )
-    near = formation.proximity or Proximity()
-    avoidance = Avoidance(
-        reach=near.range_m,
-        full=near.full_m,
-        speed=near.give_way_m_s,
-        least_way=formation.least_way_m_s,
-        fastest=formation.fastest_m_s,
-    )
-    return Law(frame, law, silence, formation.unsure_m, avoidance)
+    history: Any
+    """Estimates at each instant, records of `laisn.swarm.ESTIMATE`, shape (n + 1, f)."""
 
 
 def _kind(on_station: bool, by_estimate: bool) -> int:
@@ -150,15 +104,15 @@ def _kind(on_station: bool, by_estimate: bool) -> int:
     return ROUTE_BY_ESTIMATE if by_estimate else ROUTE
 
 
-def init_closed_loop(scenario: Scenario, plant: Plant, steering: Steering) -> ClosedLoopState:
-    """Everything at its start.
+def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> ClosedLoopState:
+    """The state of a closed loop at its start.
 
     Args:
-        scenario: whose followers sense and navigate while they swim.
+        scenario: whose followers sense and navigate under way.
         plant: at its start.
-        steering: of the routes.
+        routes: control along its routes.
     """
-    f, n = len(scenario.followers), steering[0].shape[0]
+    f, n = len(scenario.followers), routes.reference.shape[0]
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
     memory, navigation = np.zeros((f, FOLLOWER_MEMORY)), scenario.navigation
@@ -185,18 +139,18 @@ def init_closed_loop(scenario: Scenario, plant: Plant, steering: Steering) -> Cl
             np.array([offset[f"{name}/hydrophone"] for name in names]),
             np.array([offset[f"{name}/depth_sensor"] for name in names]),
         ),
-        steering=steering,
+        routes=routes,
         readings=np.zeros((f, READINGS)),
         inbox=new_inbox(f),
         arrived=np.zeros(f, dtype=np.bool_),
         tilts=np.zeros((n, 2)),
         seen=np.full((f, f + 1, SEEN), np.nan),
-        estimates=np.zeros((f, ESTIMATES)),
+        estimates=new_estimates(f),
         trails=trails,
         counts=counts,
         memory=memory,
         reference=np.zeros(8),
-        history=np.full((n, f, ESTIMATES), np.nan),
+        history=new_estimates(n, f),
     )
 
 
@@ -224,8 +178,9 @@ def sense(k: int, record: Floats, a: ClosedLoopState) -> bool:
         _lean(k, record, a)
     if k % stride != 0:
         for i in range(a.kinds.size):
-            a.estimates[i, ESTIMATED_EAST] += TICK * a.estimates[i, VELOCITY_EAST]
-            a.estimates[i, ESTIMATED_NORTH] += TICK * a.estimates[i, VELOCITY_NORTH]
+            estimate = a.estimates[i]
+            for j in range(2):
+                estimate.position[j] += TICK * estimate.velocity[j]
         return False
     step = k // stride
     for i in range(a.kinds.size):
@@ -247,43 +202,38 @@ def sense(k: int, record: Floats, a: ClosedLoopState) -> bool:
 
 
 @compiled
-def _true_estimate(row: Floats, hydrophone: Floats, guided: Floats, reading: Floats, estimate: Floats) -> None:
+def _true_estimate(row: Floats, hydrophone: Floats, guidance: Floats, reading: Floats, estimate: Any) -> None:
     """Replace readings and estimates of a follower that steers by the truth."""
     pose, twist, water = row[POSE], row[TWIST], row[WATER]
     motion = vehicle_state(pose, twist, water)
     reading[0], reading[1], reading[2] = forward_speed(pose, twist, water), motion.heading, motion.depth
     reading[3], reading[4], reading[5] = motion.pitch, motion.turning, motion.pitching
-    track_current((water[0], water[1]), TICK, guided)
-    estimate[:] = 0.0
-    estimate[0], estimate[1], _ = site(pose, hydrophone)
-    estimate[4], estimate[5] = guided[CURRENT_EAST], guided[CURRENT_NORTH]
-
-
-@compiled
-def _estimated_position(k: int, f: int, a: ClosedLoopState) -> Floats:
-    """Where a follower takes itself to be: as long as it knows of no place, where its route has it."""
-    place = a.estimates[f, ESTIMATED_EAST : ESTIMATED_NORTH + 1]
-    if k < a.senses.stride or place[0] != place[0]:
-        return a.steering[0][k, f + 1, EAST : NORTH + 1]
-    return place
+    track_current((water[0], water[1]), TICK, guidance)
+    estimate.log_bias = estimate.compass_bias = estimate.spread = 0.0
+    estimate.position[0], estimate.position[1], _ = site(pose, hydrophone)
+    for i in range(2):
+        estimate.velocity[i] = estimate.to_likelier[i] = 0.0
+        estimate.current[i] = guidance[CURRENT_EAST + i]
 
 
 @compiled
 def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
     """Find the command of a follower that keeps to its route by its own readings and estimates."""
-    wanted, autopilots, memory, command = a.steering
-    i, estimate = f + 1, a.estimates[f]
-    reference, guided = wanted[k, i], memory[0][i]
+    routes, i, estimate = a.routes, f + 1, a.estimates[f]
+    reference, guidance = routes.reference[k, i], routes.guidance[i]
     motion = measured_motion(a.readings[f], estimate, TICK, a.memory[f])
     if k == 0:
-        begin(reference, motion.heading, motion.surge, (0.0, 0.0), guided)
-    place = _estimated_position(k, f, a)
+        begin(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
+    place = estimate.position[0], estimate.position[1]
+    if k < a.senses.stride or place[0] != place[0]:
+        # as long as there is no estimate, the reference itself
+        place = reference[EAST], reference[NORTH]
     if a.estimates_current:
-        track_current((estimate[ESTIMATED_CURRENT_EAST], estimate[ESTIMATED_CURRENT_NORTH]), TICK, guided)
+        track_current((estimate.current[0], estimate.current[1]), TICK, guidance)
     else:
-        integrate_offset(reference, place, TICK, guided)
-    steered = steer(reference, place, TICK, guided)
-    control(autopilots[i], steered, reference, motion, TICK, memory[1][i], command[i])
+        integrate_offset(reference, place, TICK, guidance)
+    steered = steer(reference, place, TICK, guidance)
+    control(routes.autopilots[i], steered, reference, motion, TICK, routes.autopilot[i], routes.command[i])
 
 
 @compiled
@@ -293,24 +243,23 @@ def guide(k: int, row: Floats, a: ClosedLoopState) -> None:
     Args:
         k: instant.
         row: recorded truth, shape (v, COLUMNS + m), of which only the leader and who steers by the truth is read.
-        a: memories and commands are brought forward; estimates are written down.
+        a: memories and commands are brought forward; estimates are recorded.
     """
-    _, autopilots, memory, command = a.steering
-    steer_along_route(k, row, 0, a.steering)
+    routes = a.routes
+    steer_along_route(k, row, 0, routes)
     for f in range(a.kinds.size):
-        i = f + 1
-        copy_values(a.estimates[f], a.history[k, f])
+        i, reading, estimate = f + 1, a.readings[f], a.estimates[f]
+        a.history[k, f] = estimate
         if a.kinds[f] == ROUTE:
-            steer_along_route(k, row, i, a.steering)
+            steer_along_route(k, row, i, routes)
             continue
         if a.kinds[f] == ROUTE_BY_ESTIMATE:
             _follow_route(k, f, a)
             continue
-        reading, estimate = a.readings[f], a.estimates[f]
         if a.kinds[f] == STATION_BY_TRUTH:
             if k == 0:
-                memory[0][i, CURRENT_EAST], memory[0][i, CURRENT_NORTH] = row[i, WATER][0], row[i, WATER][1]
-            _true_estimate(row[i], a.sites[1][f], memory[0][i], reading, estimate)
+                routes.guidance[i, CURRENT_EAST], routes.guidance[i, CURRENT_NORTH] = row[i, WATER][0], row[i, WATER][1]
+            _true_estimate(row[i], a.sites[1][f], routes.guidance[i], reading, estimate)
         steering = keep_station(
             a.law,
             a.stations[f],
@@ -320,4 +269,89 @@ def guide(k: int, row: Floats, a: ClosedLoopState) -> None:
             a.memory[f],
             a.reference,
         )
-        control(autopilots[i], steering.wanted, a.reference, steering.motion, TICK, memory[1][i], command[i])
+        autopilot, memory, command = routes.autopilots[i], routes.autopilot[i], routes.command[i]
+        control(autopilot, steering.wanted, a.reference, steering.motion, TICK, memory, command)
+
+
+class ClosedLoop(NamedTuple):
+    """Controller of a leader on its route and followers that sense and navigate under way."""
+
+    state: ClosedLoopState
+    swarm: Swarm
+    """The followers' navigators, with a compiled `navigate`."""
+
+    @compiled
+    def control(self, k: int, record: Floats) -> int:
+        """Sense, navigate and find the commands of all vehicles; see `sim.simulation.Controller.control`."""
+        state, failed = self.state, 0
+        if sense(k, record, state):
+            step, inbox = k // state.senses.stride, state.inbox
+            failed = self.swarm.navigate(
+                step, state.readings, state.arrived, inbox.message, inbox.ranges, state.estimates
+            )
+        guide(k, record[k], state)
+        return failed
+
+
+class PythonClosedLoop:
+    """The same controller with navigators that Python calls."""
+
+    def __init__(self, state: ClosedLoopState, swarm: Swarm) -> None:
+        """Take what `ClosedLoop` takes; `navigate` need not be compiled."""
+        self.state, self.swarm = state, swarm
+
+    def control(self, k: int, record: Floats) -> int:
+        """As `ClosedLoop.control`."""
+        return cast(int, cast(Any, ClosedLoop.control).py_func(self, k, record))
+
+
+def closed_loop_of(
+    scenario: Scenario, make_swarm: SwarmFactory, plant: Plant, routes: RouteControl
+) -> ClosedLoop | PythonClosedLoop:
+    """The closed loop of a scenario, at its start.
+
+    Args:
+        scenario: mission.
+        make_swarm: makes the followers' navigators.
+        plant: at its start.
+        routes: control along its routes.
+
+    Raises:
+        LaisnError: the followers' hydrophones are not equally high above their pressure sensors.
+    """
+    still, numbers = standing(plant), range(len(scenario.followers))
+    settings = [navigation_settings(scenario, still, i) for i in numbers]
+    if any(one != settings[0] for one in settings):
+        raise LaisnError(
+            f"scenario {scenario.name!r}: followers that navigate under way need hydrophones of one height above their "
+            "depth sensors"
+        )
+    starts = np.array([start_of(still, i) for i in numbers])
+    state, swarm = init_closed_loop(scenario, plant, routes), make_swarm(settings[0], starts)
+    state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
+    return ClosedLoop(state, swarm) if isinstance(swarm, tuple) else PythonClosedLoop(state, swarm)
+
+
+def simulate_closed_loop(
+    scenario: Scenario, make_swarm: SwarmFactory
+) -> tuple[Trajectory, ClosedLoop | PythonClosedLoop]:
+    """Simulate a scenario whose followers all navigate under way, also those that steer by the truth.
+
+    Args:
+        scenario: mission.
+        make_swarm: makes the followers' navigators.
+
+    Returns:
+        The motion, and the closed loop at its end: `state.history` holds the estimates, `swarm.gated` counts fixes.
+
+    Raises:
+        LaisnError, DivergedError, ContactError: as of `simulate_motion`.
+    """
+    loops: list[ClosedLoop | PythonClosedLoop] = []
+
+    def make_controller(plant: Plant, routes: RouteControl) -> ClosedLoop | PythonClosedLoop:
+        loops.append(closed_loop_of(scenario, make_swarm, plant, routes))
+        return loops[0]
+
+    trajectory = simulate_motion(scenario, make_controller=make_controller)
+    return trajectory, loops[0]

@@ -1,15 +1,14 @@
 """Truth of a scenario: how its vehicles move, by the physics or by the paper's point motion."""
 
 from collections.abc import Callable
-from functools import partial
 
 from laisn.failure import LaisnError
 from sim import point_fleet
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.contact import contacts, first_touch
-from sim.fleet import Controller, ControllerFactory, FleetError, Steering, simulate_fleet
 from sim.point_fleet import Sites
 from sim.scenario.settings import Scenario
+from sim.simulation import ControllerFactory, SimulationError, simulate
 from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
 
@@ -30,43 +29,27 @@ class ContactError(EndedError):
     """Vehicles touched, in a scenario whose missions end with that."""
 
 
-MissionControllerFactory = Callable[[Scenario, Plant, Steering], Controller]
-"""Makes the controller of a scenario whose followers navigate under way, from its plant at the start and the arrays of
-its routes."""
-
-
 def listeners(scenario: Scenario) -> list[str]:
     """Keys by which followers need what they hear to swim at all: their stations, or that they steer by estimates."""
     kept = [f"followers.{i}.station" for i, follower in enumerate(scenario.followers) if follower.station]
     return kept + [f"followers.{i}.steers_by = 'estimate'" for i, f in enumerate(scenario.followers) if f.believes]
 
 
-def _controller_factory(
-    scenario: Scenario, make_controller: MissionControllerFactory | None
-) -> ControllerFactory | None:
-    keys = listeners(scenario)
-    if keys and make_controller is None:
-        raise LaisnError(
-            f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so that no campaign can "
-            "fly it once for all runs; use `laisn fly --run N`"
-        )
-    return None if make_controller is None else partial(make_controller, scenario)
-
-
 def simulate_motion(
     scenario: Scenario,
     progress: Callable[[float], None] | None = None,
-    make_controller: MissionControllerFactory | None = None,
+    make_controller: ControllerFactory | None = None,
 ) -> Trajectory:
-    """Fly a scenario's vehicles along their routes.
+    """Simulate a scenario's vehicles.
 
     Args:
         scenario: `motion` chooses rigid bodies in water, or point motion in still water with the same sites.
         progress: called now and then with the share that is done, 0 … 1.
-        make_controller: makes one that navigates under way, needed if there are `listeners`; None: there is none.
+        make_controller: makes another controller than that of routes; that of `sim.closed_loop` is needed if there are
+            `listeners`. None: there is none.
 
     Raises:
-        LaisnError: a route cannot be flown, the sea is impossible, or nobody makes the controller that it needs.
+        LaisnError: a route cannot be flown, the sea is impossible, or the controller that is needed is missing.
         DivergedError: the simulation left finite numbers.
         ContactError: vehicles touched, and that ends the scenario's mission.
     """
@@ -82,26 +65,31 @@ def simulate_motion(
 def _simulated(
     scenario: Scenario,
     progress: Callable[[float], None] | None,
-    make_controller: MissionControllerFactory | None,
+    make_controller: ControllerFactory | None,
 ) -> Trajectory:
     """The motion of a scenario; where contact ends its mission, it may stop soon after the first."""
-    factory = _controller_factory(scenario, make_controller)
+    keys = listeners(scenario)
+    if keys and make_controller is None:
+        raise LaisnError(
+            f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so that no campaign can "
+            "fly it once for all runs; use `laisn fly --run N`"
+        )
     routes = routes_of(scenario)
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
         sites = Sites(plant.site_names, plant.site_vehicle, plant.site_offset)
         return point_fleet.simulate_points(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
     try:
-        return simulate_fleet(
+        return simulate(
             plant,
             routes,
             scenario.duration_s,
             [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
-            make_controller=factory,
+            make_controller=make_controller,
             ending=first_touch if scenario.contact == "end" else None,
             progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
         )
-    except FleetError as error:
+    except SimulationError as error:
         if error.trajectory is None:
             raise
         raise DivergedError(str(error), error.trajectory) from error

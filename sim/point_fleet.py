@@ -1,4 +1,4 @@
-"""The paper's point motion of a whole fleet as a Trajectory, beside `sim.fleet`, which flies rigid hulls."""
+"""The paper's point motion of a whole fleet as a Trajectory, beside `sim.simulation`, which flies rigid hulls."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -7,7 +7,7 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from sim.assembly import routes_of
-from sim.closed_loop import law_of
+from sim.control.follower import law_of
 from sim.control.station import FRAME, FRAME_MEMORY, Frame, station_at, turn_frame
 from sim.control.trail import TRAIL, extend
 from sim.scenario.formation import LEAST_LAYER_M, Formation

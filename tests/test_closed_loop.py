@@ -2,6 +2,7 @@
 
 from copy import deepcopy
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,11 @@ from experiments.campaign.missions import simulate_mission
 from experiments.closed_loop import study
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
-from experiments.flight.swarm import Swarm, simulate_swarm, swarm_of
 from experiments.study.closed_runs import records_of_run
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
-from laisn.navigators import new_navigator
-from sim.closed_loop import guide
-from sim.fleet import Steering
+from laisn.navigators import new_navigator, new_swarm
+from sim.closed_loop import guide, simulate_closed_loop
 from sim.flight import navigate
 from sim.motion import simulate_motion
 from sim.scenario.file import validate
@@ -25,7 +24,6 @@ from sim.scenario.settings import Scenario
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import observe
 from sim.trajectory import Trajectory
-from sim.vehicle.plant import Plant
 
 
 def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Scenario:
@@ -37,14 +35,14 @@ def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Sce
 
 def apart(scenario: Scenario, follower: int = 0) -> Floats:
     """Believed places that steered, less those that navigating on the finished mission gives, shape (n, 2), [m]."""
-    trajectory, beliefs, gated = simulate_swarm(scenario)
+    trajectory, loop = simulate_closed_loop(scenario, new_swarm)
     flight = navigate(scenario, trajectory, new_navigator)
     measured, estimates = flight.measurements[follower], flight.estimates[follower]
     assert measured.message_step.size > 5
     if scenario.navigation.variant != "tight":
-        assert gated[follower] == np.count_nonzero(estimates.fix_kind == FixKind.GATED)
+        assert loop.swarm.gated[follower] == np.count_nonzero(estimates.fix_kind == FixKind.GATED)
     stride = flight.stride
-    return np.asarray(beliefs[stride::stride, follower, :2] - estimates.state[:, :2])
+    return np.asarray(loop.state.history.position[stride::stride, follower] - estimates.state[:, :2])
 
 
 TROUBLED = (
@@ -96,7 +94,7 @@ def test_of_two_messages_that_come_in_together_the_first_is_kept() -> None:
               *TILTED[:4], "sensors.leader_gyro_time_constant_s=3")  # fmt: skip
     scenario = mission(*nearer)
     np.testing.assert_allclose(apart(scenario), 0.0, rtol=0, atol=1e-9)
-    trajectory, _, _ = simulate_swarm(scenario)
+    trajectory, _ = simulate_closed_loop(scenario, new_swarm)
     sent = observe(trajectory, Hearing.of(scenario)).emission_step
     assert np.count_nonzero(np.diff(sent) == 2) == 1
 
@@ -109,7 +107,7 @@ def test_the_gate_counts_filter_steps() -> None:
 
 def test_sound_that_takes_its_time_comes_in_later() -> None:
     scenario = mission(*SLOW_SOUND)
-    trajectory, _, _ = simulate_swarm(scenario)
+    trajectory, _ = simulate_closed_loop(scenario, new_swarm)
     late = navigate(scenario, trajectory, new_navigator).measurements[0].message_step % scenario.message_every
     assert late.size > 50
     assert late.min() >= 3
@@ -141,13 +139,7 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
     scenario = validate(
         {"name": "mixed", "duration_s": 5.0, "followers": followers, "formation": {"proximity": near}}, "test"
     )
-    controllers: list[Swarm] = []
-
-    def make_controller(scenario: Scenario, plant: Plant, steering: Steering) -> Swarm:
-        controllers.append(swarm_of(scenario, plant, steering))
-        return controllers[0]
-
-    flown = simulate_motion(scenario, make_controller=make_controller)
+    flown, loop = simulate_closed_loop(scenario, new_swarm)
     row = np.concatenate(
         [flown.position[-1], flown.quaternion[-1], flown.velocity[-1], flown.angular_velocity[-1], flown.thrust[-1],
          flown.water_velocity[-1]], axis=1,
@@ -156,9 +148,9 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
     other[1:] += np.linspace(0.1, 0.7, other[1:].size).reshape(other[1:].shape)
     commands = []
     for truth in (row, other):
-        state = deepcopy(controllers[0].state)
+        state = deepcopy(loop.state)
         guide(50, truth, state)
-        commands.append(state.steering[3])
+        commands.append(state.routes.command)
     np.testing.assert_array_equal(commands[1][[0, 2, 3]], commands[0][[0, 2, 3]])
     assert (commands[1][1] != commands[0][1]).any()
 
@@ -168,8 +160,8 @@ def test_who_hears_nothing_drifts_with_the_water(variant: str) -> None:
     """Its readings are those of still water, so that it swims as there, and the water takes it 0.4 m/s eastwards."""
     silent = ("leader.waypoints=[[0, 0, 0], [300, 0, 300]]", "followers.0.waypoints=[[0, 20, 0], [300, 20, 300]]",
               "acoustics.max_range_m=1", f"navigation.variant={variant}", *EXACT)  # fmt: skip
-    still, _, _ = simulate_swarm(mission(*silent, duration=60.0))
-    moved, _, _ = simulate_swarm(mission(*silent, *EASTWARD, duration=60.0))
+    still, _ = simulate_closed_loop(mission(*silent, duration=60.0), new_swarm)
+    moved, _ = simulate_closed_loop(mission(*silent, *EASTWARD, duration=60.0), new_swarm)
     off = moved.position[:, 1] - still.position[:, 1]
     made_good = (off[600] - off[300]) / 30.0
     assert made_good == pytest.approx([0.4, 0.0, 0.0], abs=0.002)
@@ -180,8 +172,8 @@ def test_in_a_current_it_keeps_to_its_route(variant: str) -> None:
     """By the current that it estimates, or by the integral of how far it is off."""
     settings = ("leader.waypoints=[[0, 0, 0], [600, 0, 600]]", "followers.0.waypoints=[[0, 20, 0], [600, 20, 600]]",
                 f"navigation.variant={variant}", *EXACT, *EASTWARD)  # fmt: skip
-    flown, beliefs, _ = simulate_swarm(mission(*settings, duration=400.0))
-    assert np.abs(beliefs[3000:, 0, 0] - 20.0).mean() < 0.4
+    flown, loop = simulate_closed_loop(mission(*settings, duration=400.0), new_swarm)
+    assert np.abs(loop.state.history.position[3000:, 0, 0] - 20.0).mean() < 0.4
     assert flown.position[3000:, 1, 1] - flown.time[3000:] == pytest.approx(0.0, abs=1.0)
 
 
@@ -208,18 +200,19 @@ def test_who_hears_nothing_follows_its_log_and_compass_astray() -> None:
 def test_between_filter_steps_it_dead_reckons(variant: str) -> None:
     """From where its navigator has it, and with the velocity that its navigator gives it."""
     scenario = mission(f"navigation.variant={variant}", "timing.filter_step_s=0.5", duration=10.0)
-    trajectory, beliefs, _ = simulate_swarm(scenario)
+    trajectory, loop = simulate_closed_loop(scenario, new_swarm)
     state = navigate(scenario, trajectory, new_navigator).estimates[0].state
     for beyond in range(5):
         expected = state[:-1, :2] + 0.1 * beyond * state[:-1, 2:]
-        np.testing.assert_allclose(beliefs[5 + beyond : -1 : 5, 0, :2], expected, rtol=0, atol=1e-9)
+        found = loop.state.history.position[5 + beyond : -1 : 5, 0]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
 def test_who_knows_of_no_place_goes_as_its_route_does() -> None:
     """It hears nothing and was told no start: it makes its turns as planned, and corrects nothing of what they miss."""
     silent = ("navigation.variant=tight", "navigation.assume.known_start=false", "acoustics.max_range_m=0.001", *EXACT)
-    lost = simulate_swarm(mission(*silent, duration=20.0))[0]
-    told = simulate_swarm(mission("followers.0.steers_by=truth", duration=20.0))[0]
+    lost, _ = simulate_closed_loop(mission(*silent, duration=20.0), new_swarm)
+    told, _ = simulate_closed_loop(mission("followers.0.steers_by=truth", duration=20.0), new_swarm)
     astray = np.linalg.norm(lost.position[:, 1] - told.position[:, 1], axis=1)
     assert 0.02 < astray.max() < 0.5
 
@@ -243,7 +236,7 @@ def test_followers_on_routes_and_stations_swim_together(tilt: bool) -> None:
                  "leader": {"broadcast_attitude": tilt}, "navigation": {"use_attitude": tilt},
                  "sensors": dict.fromkeys(exact, 0.0),
                  "acoustics": {"range_tau_m": [0.0, 0.0, 0.0], "range_scale_sigma_m": 0.0}}  # fmt: skip
-        return simulate_swarm(validate(table, "test"))[0]
+        return simulate_closed_loop(validate(table, "test"), new_swarm)[0]
 
     together = flown([*routes, *stations])
     for i, alone in enumerate([*routes, *stations]):
@@ -264,7 +257,7 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
     """Estimates 3 m east and 4 m south of the truth; followers where their routes have them, but for a last stretch."""
     asked = []
 
-    def flown(scenario: Scenario) -> tuple[Trajectory, Floats, None]:
+    def flown(scenario: Scenario, _: object) -> tuple[Trajectory, Any]:
         asked.append(scenario)
         short = study.scenario(tuple(ROUTES), 10.0).model_copy(update={"motion": "kinematic"})
         trajectory = simulate_motion(short)
@@ -274,9 +267,10 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
         hydrophones = [moved.site_path(f"{follower.name}/hydrophone")[:, :2] for follower in short.followers]
         beliefs = [path + np.array([3.0, -4.0]) * (i + 1) for i, path in enumerate(hydrophones)]
         # at the start it knows its place
-        return moved, np.stack(beliefs, axis=1), None
+        history = SimpleNamespace(position=np.stack(beliefs, axis=1))
+        return moved, SimpleNamespace(state=SimpleNamespace(history=history))
 
-    monkeypatch.setattr(study, "simulate_swarm", flown)
+    monkeypatch.setattr(study, "simulate_closed_loop", flown)
     one, other, *_ = study.measure(3, "tight-2", "estimate")
     assert one == pytest.approx({"error": 5.0, "off": 0.0, "end": 0.0}, abs=1e-6)
     # for the last 10 of 101 instants

@@ -15,11 +15,11 @@ from experiments.study.facts import facts_of
 from experiments.study.run import _of_runs
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.contact import contacts, first_touch, hull_gap
-from sim.fleet import simulate_fleet
 from sim.flight import Outcome
 from sim.geometry import attitude
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
+from sim.simulation import simulate
 from sim.vehicle.plant import Plant
 from tests.synthetic import make_flight
 
@@ -99,7 +99,7 @@ def test_a_fleet_stops_where_its_ending_says() -> None:
     scenario = meeting()
     routes = routes_of(scenario)
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario))
-    trajectory = simulate_fleet(plant, routes, 40.0, ending=first_touch)
+    trajectory = simulate(plant, routes, 40.0, ending=first_touch)
     assert first_touch(trajectory.position, trajectory.quaternion) == trajectory.time.size - 1
     assert trajectory.time[-1] < 31.0
 

@@ -8,23 +8,20 @@ import pytest
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors, summarise
-from experiments.flight.swarm import Swarm, swarm_of
 from laisn.arrays import Floats
-from laisn.navigators import new_navigator
-from sim.assembly import ocean_of, routes_of, setups_of
-from sim.closed_loop import law_of
+from laisn.navigators import new_navigator, new_swarm
+from laisn.swarm import new_estimates
+from sim.closed_loop import ClosedLoop, PythonClosedLoop, simulate_closed_loop
 from sim.control.follower import (
-    ESTIMATES,
     FOLLOWER_MEMORY,
     READINGS,
-    SPREAD,
     extend_trail,
     init_memory,
     keep_station,
+    law_of,
     update_avoidance,
 )
 from sim.control.trail import TRAIL
-from sim.fleet import simulate_fleet
 from sim.flight import navigate
 from sim.motion import simulate_motion
 from sim.scenario.file import validate
@@ -36,7 +33,6 @@ from sim.station_keeping import (
     true_stations,
 )
 from sim.trajectory import Trajectory
-from sim.vehicle.plant import Plant
 
 PLACES = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0), (15.0, -30.0, 13.0)]
 
@@ -46,16 +42,8 @@ def mission(*, duration: float = 40.0, places: list[tuple[float, float, float]] 
     return validate({"name": "stations", "duration_s": duration, "followers": followers, **tables}, "test")
 
 
-def flown(scenario: Scenario) -> tuple[Trajectory, Swarm]:
-    controllers: list[Swarm] = []
-
-    def board(plant: Plant, steering: object) -> Swarm:
-        controllers.append(swarm_of(scenario, plant, steering))  # type: ignore[arg-type]
-        return controllers[0]
-
-    routes = routes_of(scenario)
-    plant = Plant(setups_of(scenario, routes), ocean_of(scenario))
-    return simulate_fleet(plant, routes, scenario.duration_s, make_controller=board), controllers[0]
+def flown(scenario: Scenario) -> tuple[Trajectory, ClosedLoop | PythonClosedLoop]:
+    return simulate_closed_loop(scenario, new_swarm)
 
 
 NOISY = {
@@ -80,7 +68,7 @@ def test_the_finished_mission_gives_the_estimates_that_steered_it(variant: str) 
     lost = np.isnan(flight.measurements[0].ranges).all(axis=1)
     assert 2 < lost.sum() < 38
     for i, estimates in enumerate(flight.estimates):
-        steered = controller.state.history[1:, i, :2]
+        steered = controller.state.history.position[1:, i]
         np.testing.assert_allclose(steered, estimates.state[:, :2], rtol=0, atol=1e-9)
 
 
@@ -92,7 +80,7 @@ def test_the_tight_navigator_steers_by_the_very_estimates(assume: dict[str, obje
     trajectory, controller = flown(scenario)
     flight = navigate(scenario, trajectory, new_navigator)
     for i, estimates in enumerate(flight.estimates):
-        np.testing.assert_array_equal(controller.state.history[1:, i, :2], estimates.state[:, :2])
+        np.testing.assert_array_equal(controller.state.history.position[1:, i], estimates.state[:, :2])
 
 
 def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
@@ -123,7 +111,7 @@ def test_stations_are_kept_where_sound_takes_its_time() -> None:
     flight = navigate(scenario, trajectory, new_navigator)
     assert (flight.measurements[0].message_step % 10 == 1).all()
     for i, estimates in enumerate(flight.estimates):
-        np.testing.assert_allclose(controller.state.history[1:, i, :2], estimates.state[:, :2], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(controller.state.history.position[1:, i], estimates.state[:, :2], rtol=0, atol=1e-9)
     # the worst station of those who hear at once is allowed as much
     assert np.sqrt(np.mean(off_station(scenario, trajectory) ** 2, axis=0)).max() < 0.6
 
@@ -175,14 +163,14 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
     """It is handed readings, beliefs, messages and a clock: arrays made here, with no vehicle behind them."""
     law, memory = law_of(Formation()), np.zeros(FOLLOWER_MEMORY)
     trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 5.0, 12.0])
-    reading, estimate, reference = np.zeros(READINGS), np.zeros(ESTIMATES), np.zeros(8)
-    reading[:3], estimate[:4] = (1.2, 0.1, 12.0), (-5.0, -20.0, 0.2, 0.1)
+    reading, estimate, reference = np.zeros(READINGS), new_estimates(1)[0], np.zeros(8)
+    reading[:3], estimate.log_bias, estimate.compass_bias = (1.2, 0.1, 12.0), 0.2, 0.1
     init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 31):
         extend_trail(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
         for tenth in range(10):
             now = second + 0.1 * tenth
-            estimate[:2] = -5.0, now - 20.0
+            estimate.position = -5.0, now - 20.0
             steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
     # on its station and told so, it goes on north at the leader's speed, whatever its sensors' biases
     assert steering.wanted == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
@@ -200,14 +188,14 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
     """Headings and speeds wanted, and depths, of a follower on its station that hears nothing any more."""
     law, memory = law_of(formation), np.zeros(FOLLOWER_MEMORY)
     trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 0.0, 12.0])
-    reading, estimate, reference, rows = np.zeros(READINGS), np.zeros(ESTIMATES), np.zeros(8), []
-    reading[:3], estimate[SPREAD] = (1.0, 0.0, 12.0), spread
+    reading, estimate, reference, rows = np.zeros(READINGS), new_estimates(1)[0], np.zeros(8), []
+    reading[:3], estimate.spread = (1.0, 0.0, 12.0), spread
     init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 21):
         extend_trail(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
     for k in range(round(10 * seconds)):
         now = 20.0 + 0.1 * k
-        estimate[1] = now - 20.0
+        estimate.position[1] = now - 20.0
         steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
         rows.append((*steering.wanted, reference[6]))
     table = np.array(rows)

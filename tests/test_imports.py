@@ -12,7 +12,7 @@ SOURCES = import_graph.modules()
 PACKAGES = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
 VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry",
               "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigating",
-              "laisn.records", "laisn.tight.estimates", "laisn.tight.settings"}  # fmt: skip
+              "laisn.records", "laisn.swarm", "laisn.tight.estimates", "laisn.tight.settings"}  # fmt: skip
 """What the simulator may know of navigation: words, not navigators."""
 
 
@@ -28,6 +28,9 @@ LATE = {
     "laisn.compiled": "the compiler takes half a second to load, and only showing progress needs none",
     "rich": "tables on a terminal, which Python's users have no use for",
     "laisn.tight.navigator": "its code takes long to load, and few missions need it",
+    "laisn.tight.swarm": "as laisn.tight.navigator",
+    "laisn.lane_swarm": "as laisn.tight.navigator",
+    "sim.closed_loop": "control of formations takes long to load, and few missions need it",
     "sim.vehicle.own_hull": "only scenarios with a hull of their own need MuJoCo to be looked at",
     "sim.control.autopilot": "as sim.vehicle.own_hull",
     "sim.vehicle.mjcf": "as sim.vehicle.own_hull",
@@ -35,7 +38,6 @@ LATE = {
     "sim.water.ocean": "as sim.vehicle.own_hull",
     "sim.station_plan": "only scenarios with stations need the plant to be looked at",
     "sim.feasibility": "the sea and the hulls take half a second, and who reads or lists scenarios needs neither",
-    "experiments.flight.swarm": "navigators of swarms take a tenth of a second, and few missions have stations",
     "experiments.study.page": "drawing takes a third of a second, and who reads a table draws nothing",
 }
 """What may be imported within functions, and why; in the command and in `laisn_sim`, which answer at once, anything."""

@@ -12,12 +12,12 @@ from pydantic import BaseModel
 from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
-from sim.fleet import FleetError
 from sim.motion import EndedError, simulate_motion
 from sim.scenario.settings import Leader, Scenario
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import observe
 from sim.sensing.truth import MissionTruth
+from sim.simulation import SimulationError
 from sim.trajectory import Trajectory
 from sim.vehicle.mjcf import transmitter_places
 
@@ -76,7 +76,7 @@ def simulate_mission(scenario: Scenario) -> Trajectory:
     """Motion of a mission's vehicles; CampaignError naming it, and how it ended, if that was before its time."""
     try:
         trajectory = simulate_motion(motion_of(scenario))
-    except (EndedError, FleetError) as error:
+    except (EndedError, SimulationError) as error:
         # They carry the motion so far, which no process can hand to another: what they say is what counts.
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
     if not np.all(np.isfinite(trajectory.position)):

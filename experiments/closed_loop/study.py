@@ -15,12 +15,13 @@ from experiments.campaign.campaign import Design
 from experiments.campaign.store import Record
 from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.flight.library import ROUTES
-from experiments.flight.swarm import simulate_swarm
 from experiments.intervals import proportion
 from experiments.route_keeping.study import scenario
 from laisn import metrics
+from laisn.navigators import new_swarm
 from laisn.settings import AnyVariant
 from sim.assembly import routes_of
+from sim.closed_loop import simulate_closed_loop
 from sim.scenario.settings import Scenario
 from sim.tracking import off_place
 
@@ -64,11 +65,11 @@ def steering(run: int, navigator: str, way: str) -> Scenario:
 def measure(run: int, navigator: str, way: str) -> list[Record]:
     """Mean E_P, RMS distance off its place, and that distance at the end, of each follower, [m]."""
     mission = steering(run, navigator, way)
-    trajectory, beliefs, _ = simulate_swarm(mission)
+    trajectory, loop = simulate_closed_loop(mission, new_swarm)
     routes, rows = routes_of(mission), []
     for i, follower in enumerate(mission.followers):
         hydrophone = trajectory.site_path(f"{follower.name}/hydrophone")[1:, :2]
-        error = metrics.position_errors(beliefs[1:, i, :2], hydrophone)
+        error = metrics.position_errors(loop.state.history.position[1:, i], hydrophone)
         off = off_place(routes[i + 1], trajectory.time, trajectory.position[:, i + 1, :2])
         rms = float(np.sqrt(np.mean(off**2)))
         rows.append({"error": float(error.mean()), "off": rms, "end": float(off[-1])})
@@ -110,7 +111,7 @@ def run(folder: Path) -> None:
     """Fly all runs, or those that are missing, and write the record into a folder."""
     ways = [(name, way) for name in NAVIGATORS for way in WAYS]
     tasks = {(*way, run): partial(measure, run, *way) for way in ways for run in RUNS}
-    ahead = partial(simulate_swarm, steering(0, "laisn-2", "estimate").first_messages)
+    ahead = partial(simulate_closed_loop, steering(0, "laisn-2", "estimate").first_messages, new_swarm)
     flown = campaign.fly(Design(tasks=tasks, what="fleets", ahead=ahead), folder).tasks
     findings_of({way: [flown[*way, run] for run in RUNS] for way in ways}).write(folder / FILE)
 

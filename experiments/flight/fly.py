@@ -4,15 +4,17 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from laisn.navigating import NavigatorFactory
-from laisn.navigators import new_navigator
+from laisn.navigators import new_navigator, new_swarm
 from sim.flight import Flight, Outcome, navigate, navigation_settings
-from sim.motion import ContactError, DivergedError, MissionControllerFactory, listeners, simulate_motion
+from sim.motion import ContactError, DivergedError, listeners, simulate_motion
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
+from sim.simulation import ControllerFactory
 from sim.trajectory import Trajectory
 
 
@@ -35,11 +37,12 @@ def motion_and_outcome(
     scenario: Scenario, progress: Callable[[float], None] | None = None
 ) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario and how it ended; if before its time, what was flown until then."""
-
-    make_controller: MissionControllerFactory | None = None
+    make_controller: ControllerFactory | None = None
     if listeners(scenario):
-        # navigators of whole swarms take a tenth of a second to import, and few missions need them
-        from experiments.flight.swarm import swarm_of as make_controller
+        # control of formations takes long to load
+        from sim.closed_loop import closed_loop_of
+
+        make_controller = partial(closed_loop_of, scenario, new_swarm)
     try:
         return simulate_motion(scenario, progress, make_controller), Outcome.COMPLETED
     except DivergedError as error:

@@ -12,12 +12,13 @@ from experiments.campaign import campaign
 from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.tasks import with_arrays
 from experiments.findings import FILE, Finding, Findings, of, plain, record
-from experiments.flight.swarm import simulate_swarm
 from experiments.formation import weave
 from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.intervals import mean_interval, proportion
 from experiments.study.facts import thruster_power
 from laisn.arrays import Floats
+from laisn.navigators import new_swarm
+from sim.closed_loop import simulate_closed_loop
 from sim.contact import contacts
 from sim.station_keeping import closest_approaches, closest_in_a_layer, off_station, station_keeping, true_stations
 
@@ -58,13 +59,13 @@ class Run:
 def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> Run:
     """Fly one run of a condition."""
     scenario = condition.scenario(run, duration_s)
-    trajectory, beliefs, _ = simulate_swarm(scenario)
+    trajectory, loop = simulate_closed_loop(scenario, new_swarm)
     stations = true_stations(scenario, trajectory)
     off = off_station(scenario, trajectory, stations)
     kept = [station_keeping(column, trajectory.time) for column in off.T]
     turning = np.abs(stations[..., 3]) > TURNING
     hydrophones = np.stack([trajectory.site_path(f"{f.name}/hydrophone")[:, :2] for f in scenario.followers], axis=1)
-    error = np.hypot(*np.moveaxis(beliefs[1:, :, :2] - hydrophones[1:], -1, 0))
+    error = np.hypot(*np.moveaxis(loop.state.history.position[1:] - hydrophones[1:], -1, 0))
     density = scenario.ocean.density_kg_m3
     power = [float(thruster_power(trajectory, v + 1, density).mean()) for v in range(len(kept))]
     layer = closest_in_a_layer(scenario, trajectory)

@@ -3,10 +3,11 @@
 import numpy as np
 
 from experiments.campaign.store import CampaignError, Record
-from experiments.flight.swarm import simulate_swarm
 from experiments.study.facts import facts_of
 from laisn import metrics
 from laisn.arrays import Floats
+from laisn.navigators import new_swarm
+from sim.closed_loop import simulate_closed_loop
 from sim.flight import Outcome
 from sim.motion import ContactError, DivergedError
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -25,14 +26,14 @@ def _flown(scenario: Scenario) -> tuple[Trajectory, Outcome, list[Floats], list[
     """Motion of a run and its outcome, each follower's estimated positions, shape (n, 2), [m], and its gated fixes."""
     stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
     try:
-        trajectory, beliefs, rejected = simulate_swarm(scenario)
+        trajectory, loop = simulate_closed_loop(scenario, new_swarm)
     except (ContactError, DivergedError) as error:
         outcome = Outcome.CONTACT if isinstance(error, ContactError) else Outcome.DIVERGED
         unknown = np.full(((error.trajectory.time.size - 1) // stride, 2), np.nan)
         followers = len(scenario.followers)
         return error.trajectory, outcome, [unknown] * followers, [0] * followers
-    estimates = list(np.moveaxis(beliefs[stride::stride, :, :2], 1, 0))
-    return trajectory, Outcome.COMPLETED, estimates, rejected.tolist()
+    estimates = list(np.moveaxis(loop.state.history.position[stride::stride], 1, 0))
+    return trajectory, Outcome.COMPLETED, estimates, loop.swarm.gated.tolist()
 
 
 _OF_ENDED = ("run", "touched", "ended")

@@ -1,6 +1,7 @@
 """The tightly coupled navigators of a swarm in one compiled call, for followers that steer while they navigate."""
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,34 +16,9 @@ from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import TightSettings
 from laisn.tight.sides import heaviest, hypothesis_weight
 
-EAST, NORTH, LOG_BIAS, COMPASS_BIAS, CURRENT_EAST, CURRENT_NORTH, SPREAD, LEAN_EAST, LEAN_NORTH = range(9)
-VELOCITY_EAST, VELOCITY_NORTH = range(9, 11)
-"""Columns of what is concluded: place [m], biases [m/s] and [rad], current [m/s]; of the mixture at the last message,
-the largest standard deviation of the place and, where it may be two places, the way from their mean to the likelier one
-[m]; and the velocity over ground [m/s]."""
-COLUMNS = 11
-
 _APART = 2.0
 """Two hypotheses are two places, and not the halves of a wide one, where they are farther apart than so many times the
 sum of their standard deviations: intervals of 95 % about each do not meet."""
-
-Navigators = tuple[Belief, Model, Heard, Ints]
-"""Beliefs of all followers, shape (f,), their one model, room for a message, and how many messages each follower's
-gate refused so far, shape (f,)."""
-
-
-def new_navigators(settings: TightSettings, starts: Floats) -> Navigators:
-    """Navigators of followers at their starts, rows of x, y [m] and more, shape (f, 2) or wider.
-
-    The starts are not looked at if the settings say that they are unknown.
-    """
-    model = model_of(settings)
-    known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
-    beliefs = [new_belief(settings, model, start) for start in known]
-    together = np.zeros(len(beliefs), dtype=beliefs[0].dtype)
-    for i, belief in enumerate(beliefs):
-        together[i] = belief
-    return together.view(np.recarray), model, new_heard(), np.zeros(len(beliefs), dtype=np.int64)
 
 
 @compiled
@@ -76,7 +52,7 @@ def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> t
 
 
 @compiled
-def _write_outputs(b: Belief, m: Model, out: Floats) -> None:
+def _write_outputs(b: Belief, m: Model, out: Any) -> None:
     """Write biases and current (means over the mixture), its spread, and the offset to the likelier hypothesis."""
     x = y = log_bias = compass_bias = east = north = 0.0
     for k in range(b.alive * m.modes):
@@ -95,45 +71,63 @@ def _write_outputs(b: Belief, m: Model, out: Floats) -> None:
         xy += w * (b.covariance[k, X, Y] + dx * dy)
         yy += w * (b.covariance[k, Y, Y] + dy * dy)
     half, across = 0.5 * (xx + yy), 0.5 * (xx - yy)
-    out[LOG_BIAS], out[COMPASS_BIAS], out[CURRENT_EAST], out[CURRENT_NORTH] = log_bias, compass_bias, east, north
-    out[SPREAD] = math.sqrt(half + math.sqrt(across * across + xy * xy))
-    out[LEAN_EAST], out[LEAN_NORTH] = _offset_to_likelier_hypothesis(b, m, x, y)
+    out.log_bias, out.compass_bias = log_bias, compass_bias
+    out.current[0], out.current[1] = east, north
+    out.spread = math.sqrt(half + math.sqrt(across * across + xy * xy))
+    out.to_likelier[0], out.to_likelier[1] = _offset_to_likelier_hypothesis(b, m, x, y)
 
 
-@compiled
-def navigate(
-    navigators: Navigators, readings: Floats, received: Bools, message: Floats, ranges: Floats, out: Floats
-) -> int:
-    """One filter step of all followers, the same to the bit as `TightNavigator.step` of each.
+class TightSwarm(NamedTuple):
+    """Tightly coupled navigators of f followers."""
 
-    Args:
-        navigators: brought forward.
-        readings: log, compass and depth (more is not read), shape (f, 3) or wider, [m/s], [rad], [m].
-        received: whether a message is in, shape (f,).
-        message: it, columns of `LeaderMessage` from timestamp to roll, shape (f, 8) or wider.
-        ranges: shape (f, 3), [m]; NaN where nothing was received.
-        out: columns EAST … VELOCITY_NORTH, shape (f, COLUMNS); overwritten.
+    beliefs: Any
+    """`Belief` of each follower, shape (f,)."""
+    model: Model
+    """Of all of them."""
+    heard: Heard
+    """Room for a message."""
+    gated: Ints
+    """See `Swarm.gated`."""
 
-    Returns:
-        The follower whose covariance is not positive definite any more; −1 if there is none.
+    @compiled
+    def navigate(
+        self, step: int, readings: Floats, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+    ) -> int:
+        """Advance by one filter step, the same to the bit as `TightNavigator.step`; see `laisn.swarm.Swarm.navigate`.
+
+        The step's number is not read.
+        """
+        beliefs, m, heard, gated = self
+        outcome = np.empty(3)
+        for i in range(beliefs.size):
+            b, message, estimate = beliefs[i], messages[i], estimates[i]
+            advance(b, m, readings[i, 0], readings[i, 1], m.dt)
+            if received[i]:
+                heard.time, heard.east, heard.north = message[0], message[1], message[2]
+                heard.heading, heard.speed = message[3], message[4]
+                copy_values(ranges[i], heard.ranges)
+                place_arms(heard, m, message[6], message[7], message[5] - (readings[i, 2] - m.hydrophone_height))
+                used = receive(b, m, heard)
+                if used < 0:
+                    return i + 1
+                record_outcome(b, m, heard, used, outcome)
+                # ranges were received, there was an estimate to test them against, and none was used
+                gated[i] += outcome[0] > 0.0 and outcome[1] == 0.0 and b.alive > 0
+                _write_outputs(b, m, estimate)
+            estimate.position[0], estimate.position[1] = position(b)
+            estimate.velocity[0], estimate.velocity[1] = velocity(b)
+        return 0
+
+
+def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
+    """Navigators of followers at their starts, rows of x, y [m] and more, shape (f, 2) or wider.
+
+    The starts are not read if the settings say that they are unknown.
     """
-    beliefs, m, heard, gated = navigators
-    outcome = np.empty(3)
-    for i in range(beliefs.size):
-        b = beliefs[i]
-        advance(b, m, readings[i, 0], readings[i, 1], m.dt)
-        if received[i]:
-            heard.time, heard.east, heard.north = message[i, 0], message[i, 1], message[i, 2]
-            heard.heading, heard.speed = message[i, 3], message[i, 4]
-            copy_values(ranges[i], heard.ranges)
-            place_arms(heard, m, message[i, 6], message[i, 7], message[i, 5] - (readings[i, 2] - m.hydrophone_height))
-            used = receive(b, m, heard)
-            if used < 0:
-                return i
-            record_outcome(b, m, heard, used, outcome)
-            # of ranges that were received none was used, though there was an estimate to hold them against
-            gated[i] += outcome[0] > 0.0 and outcome[1] == 0.0 and b.alive > 0
-            _write_outputs(b, m, out[i])
-        out[i, EAST], out[i, NORTH] = position(b)
-        out[i, VELOCITY_EAST], out[i, VELOCITY_NORTH] = velocity(b)
-    return -1
+    model = model_of(settings)
+    known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
+    beliefs = [new_belief(settings, model, start) for start in known]
+    together = np.zeros(len(beliefs), dtype=beliefs[0].dtype)
+    for i, belief in enumerate(beliefs):
+        together[i] = belief
+    return TightSwarm(together.view(np.recarray), model, new_heard(), np.zeros(len(beliefs), dtype=np.int64))

@@ -17,7 +17,7 @@ likelier one. By their mean it would not steer at all, and both would stay as li
 station from one of them, ranges soon tell whether that was the right one.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,23 +26,18 @@ from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
 from sim.control.anticipation import rate_limited_velocity
-from sim.control.approach import CONSTANT_BEARING, Approach, approach
+from sim.control.approach import CONSTANT_BEARING, LAWS, Approach, approach
 from sim.control.autopilot import VehicleState
 from sim.control.avoidance import Avoidance, away, give_way
 from sim.control.guidance import DEPTH, SINKING, SPEED_LEAST
 from sim.control.station import FRAME, FRAME_MEMORY, FRAME_RATE, STATION_DEPTH, Frame, Target, station_at, turn_frame
 from sim.control.trail import TIME, extend
+from sim.scenario.formation import Formation, Proximity
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
 LOG, COMPASS, PRESSURE, INCLINE, TURNING, PITCHING = range(6)
 """Columns of readings: speed log [m/s], compass [rad], pressure as depth [m], pitch [rad], rates of turn [rad/s]."""
 READINGS = 6
-ESTIMATED_EAST, ESTIMATED_NORTH, LOG_BIAS, COMPASS_BIAS, ESTIMATED_CURRENT_EAST, ESTIMATED_CURRENT_NORTH = range(6)
-"""Columns of estimates: mean place [m], NaN before there is one; biases [m/s] and [rad]; current [m/s] …"""
-SPREAD, LEAN_EAST, LEAN_NORTH, VELOCITY_EAST, VELOCITY_NORTH = range(6, 11)
-"""… largest standard deviation of the place [m]; where it may be two places, the way from the mean to the likelier one
-[m]; velocity over ground [m/s]."""
-ESTIMATES = 11
 HEARD_TIME, HEARD_EAST, HEARD_NORTH, HEARD_HEADING, HEARD_SPEED = range(5)
 """Columns of a message that the controller reads, as of `laisn.messages.LeaderMessage`."""
 KEPT_FRAME, KEPT_RATE, INTEGRAL, HEADING_WANTED, SPEED_WANTED, LOG_PASSED, COMPASS_PASSED, DEPTH_WANTED = range(
@@ -66,6 +61,8 @@ _CIRCLE = float(np.deg2rad(4.0))
 
 HOLD, CIRCLE, RISE = range(3)
 """What a follower does that hears nothing for long: goes on slowly, circles, surfaces."""
+_WHEN_SILENT = ("go-on", "circle", "surface")
+"""The same, by their names in a scenario."""
 
 
 class Silence(NamedTuple):
@@ -91,6 +88,45 @@ class Law(NamedTuple):
     """With a larger standard deviation of its place in the trail a follower does not steer towards its station, and
     from there on slows down [m]."""
     avoidance: Avoidance
+
+
+def law_of(formation: Formation) -> Law:
+    """Settings as compiled code takes them."""
+    frame = Frame(
+        time=formation.frame_time_s,
+        lag=formation.frame_lag_s,
+        ahead=formation.frame_ahead_m,
+        acceleration=formation.frame_acceleration_m_s2,
+        inner=formation.inner_share,
+        outer=formation.outer_share,
+        slowest=formation.inner_least_m_s,
+        fastest=formation.outer_most_m_s,
+        preview=formation.preview_s,
+    )
+    law = Approach(
+        law=LAWS.index(formation.law),
+        speed=formation.approach_speed_m_s,
+        lookahead=formation.lookahead_m,
+        integral=formation.integral_m_s,
+        least_way=formation.least_way_m_s,
+        slowest=formation.slowest_m_s,
+        fastest=formation.fastest_m_s,
+    )
+    silence = Silence(
+        velocity_sigma=formation.leader_velocity_sigma_m_s,
+        limit=formation.silence_s,
+        then=_WHEN_SILENT.index(formation.when_silent),
+        speed=formation.silent_speed_m_s,
+    )
+    near = formation.proximity or Proximity()
+    avoidance = Avoidance(
+        reach=near.range_m,
+        full=near.full_m,
+        speed=near.give_way_m_s,
+        least_way=formation.least_way_m_s,
+        fastest=formation.fastest_m_s,
+    )
+    return Law(frame, law, silence, formation.unsure_m, avoidance)
 
 
 class Steering(NamedTuple):
@@ -153,26 +189,26 @@ def init_memory(leader: Floats, trail: Floats, count: Ints, memory: Floats) -> N
 
 
 @compiled
-def update_avoidance(avoidance: Avoidance, seen: Floats, estimate: Floats, memory: Floats) -> None:
+def update_avoidance(avoidance: Avoidance, seen: Floats, estimate: Any, memory: Floats) -> None:
     """Take a look around by the proximity sensor: from now on the follower gives way to what is nearby.
 
     Args:
         avoidance: how to give way.
         seen: columns of `sim.control.avoidance` for each vehicle, shape (v, 2).
-        estimate: column COMPASS_BIAS is read [rad].
+        estimate: record of `laisn.swarm.ESTIMATE`.
         memory: columns PUSH_EAST and PUSH_NORTH are brought forward; the heading is as measured last.
     """
-    heading = memory[COMPASS_PASSED] - estimate[COMPASS_BIAS]
+    heading = memory[COMPASS_PASSED] - estimate.compass_bias
     memory[PUSH_EAST], memory[PUSH_NORTH] = away(avoidance, seen, heading)
 
 
 @compiled
-def measured_motion(reading: Floats, estimate: Floats, dt: float, memory: Floats) -> VehicleState:
+def measured_motion(reading: Floats, estimate: Any, dt: float, memory: Floats) -> VehicleState:
     """Own motion by smoothed readings, less their estimated biases.
 
     Args:
         reading: columns LOG … PITCHING.
-        estimate: columns LOG_BIAS and COMPASS_BIAS are read.
+        estimate: record of `laisn.swarm.ESTIMATE`.
         dt: since the last call [s].
         memory: columns LOG_PASSED and COMPASS_PASSED are brought forward; NaN before the first reading.
     """
@@ -181,24 +217,24 @@ def measured_motion(reading: Floats, estimate: Floats, dt: float, memory: Floats
     memory[LOG_PASSED] += (reading[LOG] - memory[LOG_PASSED]) * dt / _LOG_TIME
     memory[COMPASS_PASSED] -= reading[TURNING] * dt
     memory[COMPASS_PASSED] += wrap_angle(reading[COMPASS] - memory[COMPASS_PASSED]) * dt / _COMPASS_TIME
-    surge, pitch = memory[LOG_PASSED] - estimate[LOG_BIAS], reading[INCLINE]
-    heading = memory[COMPASS_PASSED] - estimate[COMPASS_BIAS]
+    surge, pitch = memory[LOG_PASSED] - estimate.log_bias, reading[INCLINE]
+    heading = memory[COMPASS_PASSED] - estimate.compass_bias
     # nothing measures how it slips; it sinks the way it points
     sinking = -surge * np.sin(pitch)
     return VehicleState(surge, 0.0, heading, reading[TURNING], pitch, reading[PITCHING], reading[PRESSURE], sinking)
 
 
 @compiled
-def _current(law: Law, estimate: Floats) -> tuple[float, float]:
+def _current(law: Law, estimate: Any) -> tuple[float, float]:
     """Current that the law takes off [m/s]; those with an integral have that instead."""
     if law.approach.law != CONSTANT_BEARING:
         return 0.0, 0.0
-    return estimate[ESTIMATED_CURRENT_EAST], estimate[ESTIMATED_CURRENT_NORTH]
+    return estimate.current[0], estimate.current[1]
 
 
 @compiled
 def _foreseen(
-    law: Law, station: Floats, known: tuple[Floats, int], now: float, estimate: Floats, memory: Floats
+    law: Law, station: Floats, known: tuple[Floats, int], now: float, estimate: Any, memory: Floats
 ) -> Target:
     """The station, and the velocity that takes a hull along with it."""
     t = station_at(law.frame, station, known, now, memory)
@@ -207,18 +243,19 @@ def _foreseen(
 
 
 @compiled
-def _uncertainty(quiet: Silence, estimate: Floats, age: float) -> float:
+def _uncertainty(quiet: Silence, estimate: Any, age: float) -> float:
     """Standard deviation of the follower's place in the trail, by the age of the last message [s], [m]."""
-    return float(np.hypot(estimate[SPREAD], quiet.velocity_sigma * max(age, 0.0)))
+    return float(np.hypot(estimate.spread, quiet.velocity_sigma * max(age, 0.0)))
 
 
 @compiled
 def _to_station(
-    law: Law, target: Target, estimate: Floats, sigma: float, dt: float, memory: Floats
+    law: Law, target: Target, estimate: Any, sigma: float, dt: float, memory: Floats
 ) -> tuple[float, float]:
     """Velocity through the water towards the station, by the standard deviation of the place in the trail [m/s]."""
-    place = estimate[ESTIMATED_EAST] + estimate[LEAN_EAST], estimate[ESTIMATED_NORTH] + estimate[LEAN_NORTH]
-    current = estimate[ESTIMATED_CURRENT_EAST], estimate[ESTIMATED_CURRENT_NORTH]
+    at, likelier = estimate.position, estimate.to_likelier
+    place = at[0] + likelier[0], at[1] + likelier[1]
+    current = estimate.current[0], estimate.current[1]
     if place[0] != place[0]:
         # nothing is known of it yet
         place = target.east, target.north
@@ -246,7 +283,7 @@ def _sink_to(depth: float, dt: float, memory: Floats, reference: Floats) -> None
 def keep_station(
     law: Law,
     station: Floats,
-    senses: tuple[Floats, Floats],
+    senses: tuple[Floats, Any],
     known: tuple[Floats, int],
     clock: tuple[float, float],
     memory: Floats,
@@ -257,7 +294,8 @@ def keep_station(
     Args:
         law: how to keep station.
         station: columns BEHIND, PORT and STATION_DEPTH [m].
-        senses: readings, columns LOG … PITCHING, and estimates, columns ESTIMATED_EAST … SPREAD.
+        senses: readings, columns LOG … PITCHING, and the estimate, a record of
+            `laisn.swarm.ESTIMATE`.
         known: the leader's trail as heard, shape (room, TRAIL), and how many points it has, at least one.
         clock: time, and time since the last call [s].
         memory: brought forward, shape (FOLLOWER_MEMORY,).

@@ -157,12 +157,12 @@ def track_current(current: tuple[float, float], dt: float, memory: Floats) -> No
 
 
 @compiled
-def integrate_offset(reference: Floats, position: Floats, dt: float, memory: Floats) -> None:
+def integrate_offset(reference: Floats, position: tuple[float, float], dt: float, memory: Floats) -> None:
     """Take what keeps a vehicle off its reference for a current: integral action, for who cannot estimate one.
 
     Args:
         reference: of this instant, columns EAST and NORTH are read [m].
-        position: where the vehicle takes itself to be: east, north (more is not read) [m].
+        position: true or estimated, east and north [m].
         dt: since the last call [s].
         memory: columns CURRENT_EAST and CURRENT_NORTH are brought forward.
     """
@@ -207,12 +207,12 @@ def _hold(
 
 
 @compiled
-def steer(reference: Floats, position: Floats, dt: float, memory: Floats) -> tuple[float, float, float]:
+def steer(reference: Floats, position: tuple[float, float], dt: float, memory: Floats) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 
     Args:
         reference: of this instant, columns EAST … SINKING, shape (8,).
-        position: where the vehicle takes itself to be: east, north (more is not read) [m].
+        position: true or estimated, east and north [m].
         dt: since the last call [s].
         memory: columns HEADING_COMMAND and SPEED_COMMAND are brought forward, the current is read, shape (4,).
 

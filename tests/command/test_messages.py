@@ -15,7 +15,7 @@ from experiments.campaign.store import CampaignError, DamagedResult
 from experiments.campaign.version import code_version
 from experiments.command.cli import app
 from laisn.failure import LaisnError
-from sim.fleet import FleetError
+from sim.simulation import SimulationError
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
     [
         (WorkerDiedError("a worker process died"), "laisn: a worker process died"),
         (CampaignError("the sources changed while it ran"), "laisn: the sources changed while it ran"),
-        (FleetError("the state of T2 is lost", 0.0, None), "laisn: the state of T2 is lost"),
+        (SimulationError("the state of T2 is lost", 0.0, None), "laisn: the state of T2 is lost"),
         (LaisnError("unknown stage 9"), "laisn: unknown stage 9"),
         (LaisnError("one\ntwo \x1b[2J"), "laisn: one\ntwo \\x1b[2J"),
         (OSError(errno.ENOSPC, "No space left on device", "out/a"), "laisn: out/a: No space left on device"),

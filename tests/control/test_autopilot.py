@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from sim.control import allocation, autopilot
-from sim.fleet import FleetError, simulate_fleet
 from sim.scenario.routes import DepthProfile, Route
+from sim.simulation import SimulationError, simulate
 from sim.vehicle import effectors
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
@@ -138,7 +138,7 @@ def test_unknown_modes_are_refused(modes):
 @pytest.mark.parametrize("model", ["leader", "follower"])
 def test_the_drag_that_the_autopilot_expects_is_that_of_the_plant(model):
     # at constant speed thrust is drag; nothing is left for the integral or the along-track correction to do
-    flown = simulate_fleet(plant(model), [northbound()], 60.0)
+    flown = simulate(plant(model), [northbound()], 60.0)
     d = autopilot.design(plant(model), ("pitch",))[0]
     expected = d["drag"] + d["drag_linear"] * np.exp(-d["drag_fade"])
     assert flown.thrust[-1, 0, 0] == pytest.approx(expected, rel=1e-3)
@@ -149,7 +149,7 @@ def test_the_drag_that_the_autopilot_expects_is_that_of_the_plant(model):
 @pytest.mark.parametrize("speed", [1.0, 2.0])
 def test_a_turn_of_ninety_degrees_is_flown_at_ten_degrees_per_second(model, speed):
     route = Route.at_speed("corner", [[0, 0], [0, 80], [160, 80]], speed, 10.0)
-    flown = simulate_fleet(plant(model, speed=speed), [route], 160.0 / speed)
+    flown = simulate(plant(model, speed=speed), [route], 160.0 / speed)
     rate = -flown.angular_velocity[:, 0, 2]
     assert np.rad2deg(rate.max()) == pytest.approx(10.0, abs=1.0)
     # from 5 to 85 degrees in 8 s
@@ -167,7 +167,7 @@ def test_speed_changes_at_a_fifth_of_a_metre_per_second_squared(model, top):
     time = np.array([0.0, 30.0, 90.0])
     north = np.array([0.0, 30.0, 30.0 + 60.0 * top - (top - 1) ** 2 / 0.4])
     route = Route.timed("ramp", np.column_stack([time, 0 * time, north]), 10.0)
-    flown = simulate_fleet(plant(model), [route], 90.0)
+    flown = simulate(plant(model), [route], 90.0)
     speed = flown.forward_speed[:, 0]
     assert speed.max() < top + 0.02
     assert speed[-1] == pytest.approx(top, abs=0.02)
@@ -179,7 +179,7 @@ def test_speed_changes_at_a_fifth_of_a_metre_per_second_squared(model, top):
 @pytest.mark.parametrize("buoyancy", [-12.0, 3.0, 12.0])
 @pytest.mark.parametrize("model", ["leader", "follower"])
 def test_depth_is_held_by_trim_against_excess_buoyancy(model, buoyancy):
-    flown = simulate_fleet(plant(model, buoyancy=buoyancy), [northbound(speed=1.2)], 200.0)
+    flown = simulate(plant(model, buoyancy=buoyancy), [northbound(speed=1.2)], 200.0)
     last = flown.time > 150
     assert flown.depth[last, 0] == pytest.approx(10.0, abs=0.02)
     # buoyant: the nose stays down; the incidence lifts what the hull's and the fins' coefficients say
@@ -193,7 +193,7 @@ def test_depth_is_held_by_trim_against_excess_buoyancy(model, buoyancy):
 
 @pytest.mark.parametrize("model", ["leader", "follower"])
 def test_depth_is_held_by_thrust_with_a_level_hull(model):
-    flown = simulate_fleet(plant(model, buoyancy=7.0), [northbound()], 150.0, ("thrust",))
+    flown = simulate(plant(model, buoyancy=7.0), [northbound()], 150.0, ("thrust",))
     assert flown.depth[-1, 0] == pytest.approx(10.0, abs=0.02)
     assert np.rad2deg(flown.pitch[-1, 0]) == pytest.approx(0.0, abs=0.1)
     # what floats up is pushed down
@@ -202,7 +202,7 @@ def test_depth_is_held_by_thrust_with_a_level_hull(model):
 
 @pytest.mark.parametrize("mode", ["pitch", "thrust"])
 def test_slow_vehicles_hold_depth_too(mode):
-    flown = simulate_fleet(plant("follower", buoyancy=3.0, speed=0.3), [northbound(speed=0.3)], 150.0, (mode,))
+    flown = simulate(plant("follower", buoyancy=3.0, speed=0.3), [northbound(speed=0.3)], 150.0, (mode,))
     assert flown.depth[-1, 0] == pytest.approx(10.0, abs=0.03)
 
 
@@ -210,7 +210,7 @@ def test_slow_vehicles_hold_depth_too(mode):
 @pytest.mark.parametrize("model", ["leader", "follower"])
 def test_a_step_of_depth_settles_without_much_overshoot(model, mode):
     profile = DepthProfile.through([[0, 10], [20, 10], [20.1, 12]])
-    flown = simulate_fleet(plant(model), [northbound(profile)], 120.0, (mode,))
+    flown = simulate(plant(model), [northbound(profile)], 120.0, (mode,))
     assert flown.depth[:, 0].max() < 12 + 0.25 * 2
     late = flown.time > 20 + 60
     assert flown.depth[late, 0] == pytest.approx(12.0, abs=0.05)
@@ -236,7 +236,7 @@ def test_integrals_do_not_wind_up_while_thrusters_are_at_their_limit():
 
 def test_a_route_against_a_current_is_kept():
     ocean = Ocean(current_speed_m_s=0.4, current_direction_rad=np.pi / 2)
-    flown = simulate_fleet(plant(ocean=ocean), [northbound()], 150.0)
+    flown = simulate(plant(ocean=ocean), [northbound()], 150.0)
     late = flown.time > 60
     assert np.abs(flown.position[late, 0, 0]).max() < 0.05
     # 0.4 m/s from the west: the sine of the crab angle is 0.4 over the speed through the water
@@ -251,24 +251,24 @@ def test_a_lost_state_stops_the_flight_where_it_appears():
         if time == 50.0:
             vehicle.twist[0, 0] = np.nan
 
-    with pytest.raises(FleetError, match="the state of leader is lost") as caught:
-        simulate_fleet(vehicle, [northbound()], 60.0, progress=strike)
-    # 50 s are told of when the instant after them is recorded, and lost is the state that follows it
-    assert caught.value.trajectory.time[-1] == pytest.approx(50.1)
+    with pytest.raises(SimulationError, match="the state of leader is lost") as caught:
+        simulate(vehicle, [northbound()], 60.0, progress=strike)
+    # lost is the state that follows the instant at which progress is reported
+    assert caught.value.trajectory.time[-1] == pytest.approx(50.0)
     assert np.isfinite(caught.value.trajectory.velocity).all()
-    assert caught.value.time == pytest.approx(50.1)
+    assert caught.value.time == pytest.approx(50.0)
 
 
 def test_flights_are_refused_that_do_not_fit():
     with pytest.raises(ValueError, match="1 vehicles need as many routes, got 2"):
-        simulate_fleet(plant(), [northbound()] * 2, 10.0)
+        simulate(plant(), [northbound()] * 2, 10.0)
     with pytest.raises(ValueError, match="no positive multiple"):
-        simulate_fleet(plant(), [northbound()], 10.05)
+        simulate(plant(), [northbound()], 10.05)
 
 
 def test_progress_is_told_seldom():
     told = []
-    simulate_fleet(plant(), [northbound()], 100.0, progress=told.append)
+    simulate(plant(), [northbound()], 100.0, progress=told.append)
     assert told == pytest.approx([0, 50])
 
 

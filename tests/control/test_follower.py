@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from sim.closed_loop import law_of
+from laisn.swarm import new_estimates
 from sim.control import follower
 from sim.control.follower import Steering, extend_trail, init_memory, keep_station
 from sim.control.guidance import DEPTH, SINKING
@@ -22,11 +22,11 @@ class Deck:
     """A follower 20 m behind a leader that goes north at 1 m/s, as it hears it for half a minute."""
 
     def __init__(self, aside: float = 0.0, **formation: Any) -> None:
-        self.law, self.memory = law_of(Formation(**formation)), np.zeros(follower.FOLLOWER_MEMORY)
+        self.law, self.memory = follower.law_of(Formation(**formation)), np.zeros(follower.FOLLOWER_MEMORY)
         self.trail, self.count = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64)
         self.station, self.reference = np.array([20.0, 0.0, 12.0]), np.zeros(8)
-        self.reading, self.estimate = np.zeros(follower.READINGS), np.zeros(follower.ESTIMATES)
-        self.reading[:3], self.estimate[:2] = (1.0, 0.0, 12.0), (aside, 10.0)
+        self.reading, self.estimate = np.zeros(follower.READINGS), new_estimates(1)[0]
+        self.reading[:3], self.estimate.position = (1.0, 0.0, 12.0), (aside, 10.0)
         init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
         for second in range(1, 31):
             said = np.array([second, 0.0, second, 0.0, 1.0])
@@ -84,7 +84,7 @@ def test_the_log_is_smoothed_over_a_second_and_the_compass_over_two() -> None:
 def test_gyros_are_followed_at_once_and_biases_are_taken_off() -> None:
     deck = Deck()
     deck.tick()
-    deck.reading[4], deck.estimate[2], deck.estimate[3] = 0.05, 0.25, 0.1
+    deck.reading[4], deck.estimate.log_bias, deck.estimate.compass_bias = 0.05, 0.25, 0.1
     told = deck.tick()
     # to port is the other way round than headings are counted; the compass still says 0
     turned = -0.05 * DT
@@ -107,18 +107,18 @@ def test_what_is_wanted_changes_no_faster_than_a_hull_can_follow() -> None:
     np.testing.assert_allclose(wanted[:, 2], -TURN_RATE * DT * np.arange(1, 6))
     assert deck.tick().wanted[1] == pytest.approx(-TURN_RATE)
     far = Deck()
-    far.estimate[1] = -500.0
+    far.estimate.position[1] = -500.0
     np.testing.assert_allclose(far.ticks(3)[:, 3], 1.0 + ACCELERATION * DT * np.arange(1, 4))
 
 
 @pytest.mark.parametrize(("spread", "aims"), [(0.99, True), (1.01, False), (np.nan, False)])
 def test_who_does_not_know_its_side_goes_parallel(spread: float, aims: bool) -> None:
     deck = Deck(aside=10.0, unsure_m=1.0)
-    deck.estimate[6] = spread
+    deck.estimate.spread = spread
     deck.tick()
     assert (deck.memory[follower.HEADING_WANTED] < -0.001) == aims
     # along the way it closes up all the same
-    deck.estimate[1] = 4.0
+    deck.estimate.position[1] = 4.0
     before = deck.memory[follower.SPEED_WANTED]
     deck.tick()
     assert deck.memory[follower.SPEED_WANTED] > before
@@ -129,7 +129,7 @@ def test_who_may_be_at_either_of_two_places_steers_by_the_likelier() -> None:
     wanted = []
     for lean in (-4.0, 0.0, 4.0):
         deck = Deck()
-        deck.estimate[follower.LEAN_EAST] = lean
+        deck.estimate.to_likelier[0] = lean
         wanted.append(deck.ticks(20)[-1, 2])
     assert wanted[1] == pytest.approx(0.0, abs=1e-9)
     assert wanted[0] > 0.1
@@ -160,7 +160,7 @@ def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncerta
         (38.05, False, True),
     ):
         deck = Deck(aside=10.0, **given)
-        deck.estimate[1], deck.estimate[follower.SPREAD] = now - 20.0, 0.3
+        deck.estimate.position[1], deck.estimate.spread = now - 20.0, 0.3
         told = deck.tick(now)
         assert (told.wanted[0] < -0.001) == aims, now
         assert (told.wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now

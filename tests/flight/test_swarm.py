@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from experiments.flight.swarm import simulate_swarm
 from laisn.estimates import FixKind
-from laisn.navigators import new_navigator
+from laisn.navigators import new_navigator, new_swarm
+from sim.closed_loop import simulate_closed_loop
 from sim.flight import navigate
 from sim.scenario.file import validate
 
@@ -20,13 +20,14 @@ def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(varian
         "followers": [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in stations],
     }  # fmt: skip
     scenario = validate(table, "test")
-    trajectory, history, gated = simulate_swarm(scenario)
+    trajectory, loop = simulate_closed_loop(scenario, new_swarm)
+    history, gated = loop.state.history.position, loop.swarm.gated
     flight = navigate(scenario, trajectory, new_navigator)
     assert trajectory.time[-1] == pytest.approx(12.0)
     for i, estimates in enumerate(flight.estimates):
-        np.testing.assert_allclose(history[1:, i, :2], estimates.state[:, :2], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(history[1:, i], estimates.state[:, :2], rtol=0, atol=1e-9)
         start = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[0, :2]
-        np.testing.assert_allclose(history[0, i, :2], start, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(history[0, i], start, rtol=0, atol=1e-9)
         assert gated[i] == np.count_nonzero(estimates.fix_kind == FixKind.GATED)
     assert 0 < gated.sum() < 24
     assert gated.tolist() != gated[::-1].tolist()

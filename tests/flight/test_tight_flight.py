@@ -12,7 +12,6 @@ from experiments.campaign.bound import flight_bound
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors, summarise
-from experiments.flight.swarm import Swarm
 from experiments.pages import bound_panel
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
@@ -48,13 +47,6 @@ def estimates_of(flight: Flight) -> TightEstimates:
     (estimates,) = flight.estimates
     assert isinstance(estimates, TightEstimates)
     return estimates
-
-
-def test_a_navigator_that_fails_aboard_is_named_by_its_number_from_one() -> None:
-    swarm = object.__new__(Swarm)
-    swarm._check(-1)
-    with pytest.raises(ArithmeticError, match="the covariance of follower 3 is not"):
-        swarm._check(2)
 
 
 def test_a_scenario_says_the_same_by_default_as_the_settings_do() -> None:

@@ -14,6 +14,7 @@ from experiments.formation import study
 from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.formation.study import Run, findings_of, measure
 from experiments.study.facts import DISC_DIAMETER_M
+from laisn.swarm import new_estimates
 from tests.synthetic import make_scenario, make_trajectory
 
 
@@ -162,17 +163,19 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
     # the leader's do not count
     thrust[:, 0], thrust[:, 1:, 3] = 50.0, -each
     trajectory = replace(trajectory, thrust=thrust)
-    beliefs = np.full((n, 10, 7), 99.0)
+    estimates = new_estimates(n, 10)
+    estimates.position[0] = 99.0
     for i, name in enumerate(trajectory.names[1:]):
         hydrophone = trajectory.site_path(f"{name}/hydrophone")[1:]
-        beliefs[1:, i, :2] = hydrophone[:, :2] + (i + 1) * np.array([0.3, -0.4])
+        estimates.position[1:, i] = hydrophone[:, :2] + (i + 1) * np.array([0.3, -0.4])
     # on legs 0.1 to 1 m off, in the turn, the last 11 of 31 instants, up to 1.2 to 12 m
     turning = np.arange(n) >= n - 11
     far = np.where(turning[:, None], np.linspace(-2.4, 1.2, n)[:, None] * each, 0.1 * each)
     frame = np.zeros((n, 10, 4))
     frame[turning, :, 3] = -1.1e-3
     frame[~turning, :, 3] = 0.9e-3
-    monkeypatch.setattr(study, "simulate_swarm", lambda _: (trajectory, beliefs, np.zeros(10)))
+    loop = SimpleNamespace(state=SimpleNamespace(history=estimates))
+    monkeypatch.setattr(study, "simulate_closed_loop", lambda *_: (trajectory, loop))
     monkeypatch.setattr(study, "off_station", lambda *_: far)
     monkeypatch.setattr(study, "true_stations", lambda *_: frame)
     run = measure(condition, 0, 3.0)

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from laisn import lane_swarm
 from laisn.arrays import Bools, Floats
 from laisn.failure import LaisnError
+from laisn.lane_swarm import new_lanes
 from laisn.messages import OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
+from laisn.swarm import SeparateNavigators, new_estimates
 from laisn.tight import swarm
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
@@ -57,24 +58,24 @@ def tables(step: Step) -> tuple[Floats, Bools, Floats, Floats]:
 def test_a_swarm_of_lanes_is_so_many_navigators(variant: str) -> None:
     settings = NavigationSettings(variant=variant, dt=DT, use_attitude=True, hydrophone_height=0.2)  # type: ignore[arg-type]
     steps, starts = shared_voyage()
-    together, alone = lane_swarm.new_navigators(settings, starts), [Navigator(settings, row) for row in starts]
-    out = np.zeros((FOLLOWERS, swarm.COLUMNS))
+    together, alone = new_lanes(settings, starts), [Navigator(settings, row) for row in starts]
+    out = new_estimates(FOLLOWERS)
     for k, step in enumerate(steps, start=1):
-        assert lane_swarm.navigate(together, k, *tables(step), out) == -1
+        assert together.navigate(k, *tables(step), out) == 0
         for i, navigator in enumerate(alone):
             navigator.step(step[0][i], step[1][i])
-            found = out[i, [swarm.EAST, swarm.NORTH, swarm.VELOCITY_EAST, swarm.VELOCITY_NORTH]]
+            found = [*out[i].position, *out[i].velocity]
             np.testing.assert_allclose(found, navigator.state, rtol=0, atol=1e-9)
-    # LAISN concludes nothing else
-    assert not out[:, 2 : swarm.VELOCITY_EAST].any()
+    # LAISN estimates nothing else
+    assert not any(out[name].any() for name in out.dtype.names if name not in ("position", "velocity"))
 
 
 def test_there_is_a_lane_for_each_of_sixty_four_followers_and_no_more() -> None:
     starts = np.arange(4.0 * 64).reshape(64, 4)
-    block, *_ = lane_swarm.new_navigators(NavigationSettings(), starts)
+    block = new_lanes(NavigationSettings(), starts).block
     np.testing.assert_array_equal(block[: 4 * 64].reshape(4, 64).T, starts)
     with pytest.raises(LaisnError, match="65 followers cannot navigate together, at most 64"):
-        lane_swarm.new_navigators(NavigationSettings(), np.zeros((65, 4)))
+        new_lanes(NavigationSettings(), np.zeros((65, 4)))
 
 
 @pytest.mark.parametrize("told", [ALL_OF_2, TightSettings(known_start=False)], ids=["all of 2", "start of 3"])
@@ -84,24 +85,24 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
     """
     told = replace(told, dt=DT)
     steps, starts = shared_voyage()
-    together, alone = swarm.new_navigators(told, starts), [TightNavigator(told, row) for row in starts]
-    out, leant, upright = np.zeros((FOLLOWERS, swarm.COLUMNS)), 0, 0
-    for step in steps:
-        assert swarm.navigate(together, *tables(step), out) == -1
+    together, alone = swarm.new_tight_swarm(told, starts), [TightNavigator(told, row) for row in starts]
+    out, leant, upright = new_estimates(FOLLOWERS), 0, 0
+    for k, step in enumerate(steps, start=1):
+        assert together.navigate(k, *tables(step), out) == 0
         for i, navigator in enumerate(alone):
             updates = navigator.step(step[0][i], step[1][i])
-            assert out[i, :2].tobytes() == navigator.state[:2].tobytes()
+            assert out[i].position.tobytes() == navigator.state[:2].tobytes()
             if np.isfinite(navigator.state).all():
-                np.testing.assert_allclose(out[i, swarm.VELOCITY_EAST :], navigator.state[2:], rtol=0, atol=1e-12)
+                np.testing.assert_allclose(out[i].velocity, navigator.state[2:], rtol=0, atol=1e-12)
             for update in updates:
                 x = update.full_state
                 current = x[6:8] if told.assume.current else np.zeros(2)
-                found = [out[i, swarm.LOG_BIAS], out[i, swarm.COMPASS_BIAS], *out[i, 4:6]]
+                found = [out[i].log_bias, out[i].compass_bias, *out[i].current]
                 np.testing.assert_allclose(found, [x[2], x[3], *current], rtol=0, atol=1e-12)
                 off = update.hypothesis - x[:2]
                 spread = update.hypothesis_covariance + off[:, :, None] * off[:, None, :]
                 largest = np.linalg.eigvalsh(np.einsum("h,hij->ij", update.weight, spread))[-1]
-                assert out[i, swarm.SPREAD] == pytest.approx(np.sqrt(largest), rel=1e-9)
+                assert out[i].spread == pytest.approx(np.sqrt(largest), rel=1e-9)
                 if told.assume.drift:
                     continue
                 lean = np.zeros(2)
@@ -110,7 +111,7 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
                     along = apart / np.hypot(*apart)
                     spreads = np.sqrt([along @ update.hypothesis_covariance[h] @ along for h in range(2)])
                     lean = off[0] * (np.hypot(*apart) >= 2.0 * spreads.sum())
-                np.testing.assert_allclose(out[i, [swarm.LEAN_EAST, swarm.LEAN_NORTH]], lean, rtol=0, atol=1e-9)
+                np.testing.assert_allclose(out[i].to_likelier, lean, rtol=0, atol=1e-9)
                 leant, upright = leant + lean.any(), upright + (not lean.any())
     assert told.assume.drift or min(leant, upright) > 5
 
@@ -118,19 +119,31 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
 @pytest.mark.parametrize(("half", "leans"), [(1.99, False), (2.01, True)])
 def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, leans: bool) -> None:
     """At ±half m east, weights 0.4 and 0.6, spreads 1 m: the mean is 0.2 half east, the likelier 0.8 half farther."""
-    (beliefs, model, *_) = swarm.new_navigators(TightSettings(transmitters=2), np.zeros((1, 4)))
-    belief, out = beliefs[0], np.zeros(swarm.COLUMNS)
+    (beliefs, model, *_) = swarm.new_tight_swarm(TightSettings(transmitters=2), np.zeros((1, 4)))
+    belief, out = beliefs[0], new_estimates(1)[0]
     belief.alive, belief.weight[:2] = 2, (0.4, 0.6)
     belief.state[:2] = 0.0
     belief.state[:2, 0] = -half, half
     belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(10)])
     swarm._write_outputs(belief, model, out)
-    assert out[[swarm.LEAN_EAST, swarm.LEAN_NORTH]] == pytest.approx((0.8 * half * leans, 0.0))
+    assert out.to_likelier == pytest.approx((0.8 * half * leans, 0.0))
 
 
 def test_the_follower_whose_covariance_is_not_positive_definite_is_told() -> None:
     steps, starts = shared_voyage()
-    together = swarm.new_navigators(replace(ALL_OF_2, dt=DT), starts)
-    together[0][1].covariance[:] = -np.eye(12)
-    answers = [swarm.navigate(together, *tables(step), np.zeros((FOLLOWERS, swarm.COLUMNS))) for step in steps[:3]]
-    assert answers == [-1, -1, 1]
+    together = swarm.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
+    together.beliefs[1].covariance[:] = -np.eye(12)
+    answers = [together.navigate(k, *tables(step), new_estimates(FOLLOWERS)) for k, step in enumerate(steps[:3])]
+    assert answers == [0, 0, 2]
+
+
+def test_navigators_that_python_calls_one_by_one_get_the_measurements_of_their_own() -> None:
+    """The same as lanes, which the readable navigators agree with to rounding."""
+    settings = NavigationSettings(dt=DT, use_attitude=True)
+    steps, starts = shared_voyage()
+    together, separate = new_lanes(settings, starts), SeparateNavigators(Navigator, settings, starts)
+    expected, found = new_estimates(FOLLOWERS), new_estimates(FOLLOWERS)
+    for k, step in enumerate(steps, start=1):
+        assert together.navigate(k, *tables(step), expected) == separate.navigate(k, *tables(step), found) == 0
+        np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.velocity, expected.velocity, rtol=0, atol=1e-9)

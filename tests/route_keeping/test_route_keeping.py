@@ -7,10 +7,10 @@ import pytest
 
 from experiments.route_keeping import study
 from sim import point_fleet
-from sim.fleet import simulate_fleet
 from sim.geometry import attitude
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan
 from sim.scenario.routes import Route, library_route, names
+from sim.simulation import simulate
 from sim.tracking import TrackingReport, arrival_errors, cross_track, off_place, tracking
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
@@ -45,7 +45,7 @@ def test_the_study_flies_all_routes_of_the_paper_for_1000_s() -> None:
 def test_leader_and_follower_fly_their_routes(name):
     """They keep to what the README says: 0.07 to 0.21 m off the legs, 0.1 s, 1.6° of pitch and 2.7° of roll."""
     routes = (library_route("L"), library_route(name))
-    flown = simulate_fleet(Plant(setups(routes), Ocean.calm()), routes, 1000.0)
+    flown = simulate(Plant(setups(routes), Ocean.calm()), routes, 1000.0)
     assert flown.time.size == 10001
     assert flown.position[0, 1, :2].tolist() == routes[1].waypoint[0].tolist()
     for report in tracking(flown, routes):
@@ -63,7 +63,7 @@ def test_leader_and_follower_fly_their_routes(name):
 def test_routes_are_kept_in_a_current():
     routes = (library_route("L"), library_route("T6"))
     sea = Ocean(current_speed_m_s=0.3, current_direction_rad=1.0)
-    flown = simulate_fleet(Plant(setups(routes), sea), routes, 1000.0)
+    flown = simulate(Plant(setups(routes), sea), routes, 1000.0)
     for report in tracking(flown, routes):
         assert report.cross_track_rms < 0.25
         assert report.arrival_error_max < 0.5
@@ -85,7 +85,7 @@ STOP = Route.timed("stop", [[0, 0, 0], [60, 60, 0], [120, 60, 0], [200, 60, 60]]
 def test_a_hull_holds_its_place_at_a_stop(sea: Ocean, off: float) -> None:
     """To a few centimetres in still water, to a metre in a current that sets in; and goes on in time."""
     routes = (STOP, library_route("T6"))
-    flown = simulate_fleet(Plant(setups(routes), sea), routes, 200.0)
+    flown = simulate(Plant(setups(routes), sea), routes, 200.0)
     resting = flown.position[620:1201, 0, :2]
     assert np.hypot(*(resting - [60.0, 0.0]).T).max() < off
     if not sea.current_change.size:
@@ -99,7 +99,7 @@ def test_a_hull_holds_its_place_at_a_stop(sea: Ocean, off: float) -> None:
 
 def test_the_same_flight_gives_the_same_bytes():
     routes = (library_route("L"), library_route("T7"))
-    a, b = (simulate_fleet(Plant(setups(routes), Ocean.calm()), routes, 50.0) for _ in range(2))
+    a, b = (simulate(Plant(setups(routes), Ocean.calm()), routes, 50.0) for _ in range(2))
     assert a.position.tobytes() == b.position.tobytes()
     assert a.thrust.tobytes() == b.thrust.tobytes()
 
@@ -107,7 +107,7 @@ def test_the_same_flight_gives_the_same_bytes():
 def test_the_record_is_that_of_the_plant():
     routes = (library_route("L"), library_route("T7"))
     plant = Plant(setups(routes), Ocean.calm())
-    flown = simulate_fleet(plant, routes, 20.0)
+    flown = simulate(plant, routes, 20.0)
     assert plant.time == pytest.approx(20.0)
     assert np.array_equal(flown.position[-1], plant.pose[:, :3])
     assert np.array_equal(flown.quaternion[-1], plant.pose[:, 3:])
@@ -124,7 +124,7 @@ def test_the_error_of_a_mission_falls_with_the_square_of_the_physics_step():
     routes = (library_route("L"), library_route("T6"))
     sea = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.7, floor_depth_m=40.0)
     coarse, middle, fine = (
-        simulate_fleet(Plant(setups(routes), Ocean(waves=sea), dt), routes, 100.0) for dt in (0.05, 0.025, 0.005)
+        simulate(Plant(setups(routes), Ocean(waves=sea), dt), routes, 100.0) for dt in (0.05, 0.025, 0.005)
     )
     errors = [np.sqrt(np.mean((flown.position - fine.position) ** 2)) for flown in (coarse, middle)]
     assert errors[0] < 0.001

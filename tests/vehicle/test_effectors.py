@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import laisn_sim
-from sim.fleet import simulate_fleet
 from sim.scenario.routes import DepthProfile, Route
+from sim.simulation import simulate
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
@@ -56,8 +56,8 @@ def test_three_thrusters_at_odd_places_follow_a_route(tmp_path: Path) -> None:
     plant = Plant([setup("one", three_thrusters())], Ocean.calm())
     depth = DepthProfile(time=np.array([0.0, 40.0]), depth=np.array([10.0, 12.0]))
     route = Route.at_speed("turn", [[0, 0], [60, 0], [60, 60]], 1.0, depth)
-    flown = simulate_fleet(plant, [route], 110.0)
-    usual = simulate_fleet(Plant([setup("one", "follower")], Ocean.calm()), [route], 110.0)
+    flown = simulate(plant, [route], 110.0)
+    usual = simulate(Plant([setup("one", "follower")], Ocean.calm()), [route], 110.0)
     apart = np.linalg.norm(flown.position - usual.position, axis=2)
     assert apart[-1, 0] < 0.1
     assert np.sqrt(np.mean(apart**2)) < 0.3

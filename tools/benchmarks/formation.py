@@ -6,10 +6,11 @@ from functools import partial
 import mujoco
 
 from experiments.flight.library import load
-from experiments.flight.swarm import simulate_swarm, swarm_of
+from laisn.navigators import new_swarm
 from sim.assembly import ocean_of, routes_of, setups_of
-from sim.fleet import simulate_fleet
+from sim.closed_loop import closed_loop_of, simulate_closed_loop
 from sim.scenario.settings import Scenario
+from sim.simulation import simulate
 from sim.vehicle.mjcf import compose
 from sim.vehicle.plant import NO_CONTACT, Plant
 from tools.benchmarks.row import Row, least_time, least_times
@@ -44,8 +45,8 @@ def _closed(scenario: Scenario) -> Callable[[], object]:
     """The closed loop: sensing, navigation, guidance, autopilot, physics, recording."""
     routes, ocean = routes_of(scenario), ocean_of(scenario)
     plants = [Plant(setups_of(scenario, routes), ocean, scenario.timing.physics_step_s) for _ in range(_REPEATS + 1)]
-    make_controller = partial(swarm_of, scenario)
-    return lambda: simulate_fleet(plants.pop(), routes, scenario.duration_s, make_controller=make_controller)
+    make_controller = partial(closed_loop_of, scenario, new_swarm)
+    return lambda: simulate(plants.pop(), routes, scenario.duration_s, make_controller=make_controller)
 
 
 def formation() -> list[Row]:
@@ -64,5 +65,11 @@ def formation() -> list[Row]:
             Row(f"{fleet}: real-time factor", duration / seconds, "x"),
         ]
     whole = load("swarm", (f"duration_s={_WHOLE_S}",))
-    rows.append(Row(f"leader + 10: a run of {_WHOLE_S:g} s, whole", least_time(partial(simulate_swarm, whole), 2), "s"))
+    rows.append(
+        Row(
+            f"leader + 10: a run of {_WHOLE_S:g} s, whole",
+            least_time(partial(simulate_closed_loop, whole, new_swarm), 2),
+            "s",
+        )
+    )
     return rows

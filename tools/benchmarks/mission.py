@@ -16,9 +16,9 @@ from experiments.flight.summary import position_and_bearing_errors
 from laisn.compiled import compiled
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.film import graphics, render
-from sim.fleet import simulate_fleet
 from sim.log import writer
 from sim.scenario.settings import Follower, Scenario
+from sim.simulation import simulate
 from sim.vehicle import mujoco_functions
 from sim.vehicle.mjcf import compose, spec_of
 from sim.vehicle.plant import NO_CONTACT, Plant
@@ -68,7 +68,7 @@ def physics() -> list[Row]:
         floor = least_time(partial(_stages, calls, steps), 3) / steps * 1e6
         with_water = least_time(partial(wet.step, thrust, steps), 3) / steps * 1e6
         fleets = [Plant(setups, ocean, dt) for _ in range(4)]
-        flown = least_time(lambda f=fleets, r=routes, d=duration: simulate_fleet(f.pop(), r, d), 3)  # type: ignore[misc]
+        flown = least_time(lambda f=fleets, r=routes, d=duration: simulate(f.pop(), r, d), 3)  # type: ignore[misc]
         per_step = flown / steps * 1e6
         fleet = f"leader + {followers}"
         rows += [

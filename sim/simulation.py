@@ -1,9 +1,15 @@
-"""A fleet flown by its autopilots: plant, guidance and autopilot make a Trajectory."""
+"""The simulation loop: controllers, MuJoCo and the water make a Trajectory.
+
+A controller is a NamedTuple whose `control` is compiled, or any other object with such a method. There is one loop.
+With a NamedTuple it is compiled and chooses the method by its type; with any other object it runs as Python.
+"""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
+from numba import types
+from numba.extending import overload_method
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled, copy_values
@@ -27,11 +33,13 @@ WATER = slice(13, 16)
 """Columns of a record of one vehicle at one instant; the thrusts of its m effectors follow."""
 COLUMNS = 16
 """Number of columns before the thrusts."""
+NAVIGATION_FAILED = -1
+"""Fault of a navigator; the number of its follower, from 1, is given with it."""
 _PROGRESS_TICKS = 500
 
 
-class FleetError(LaisnError):
-    """A flight that could not go on.
+class SimulationError(LaisnError):
+    """A simulation that could not go on.
 
     Attributes:
         time: at which it stopped [s].
@@ -44,9 +52,51 @@ class FleetError(LaisnError):
         self.trajectory = trajectory
 
 
-Steering = tuple[Floats, Any, tuple[Floats, Floats], Floats]
-"""Wanted, autopilots, memory and command of vehicles along their routes: the reference of all instants, shape
-(n, v, 8); records of DESIGN, shape (v,); memories of guidance and autopilot; thrusts, shape (v, m), [N]."""
+class Controller(Protocol):
+    """Computes the commands of all vehicles; its class may be of a user's own, in Python."""
+
+    def control(self, k: int, record: Floats) -> int | None:
+        """Write the commands that hold from instant k until k + 1 into the array that it was made with.
+
+        Args:
+            k: instant; all are controlled in order, the last one of the mission as well.
+            record: truth, shape (n, v, COLUMNS + m), known until instant k.
+
+        Returns:
+            Number, from 1, of the follower whose navigator failed; 0 or None if none did.
+        """
+
+
+@overload_method(types.BaseNamedTuple, "control", inline="always")
+def _control(controller, k, record):  # type: ignore[no-untyped-def]
+    method = getattr(controller.instance_class, "control", None)
+    return method and (lambda controller, k, record: method(controller, k, record))
+
+
+class RouteControl(NamedTuple):
+    """Controller of v vehicles along their routes, by the truth."""
+
+    reference: Floats
+    """Of all instants, columns of `sim.control.guidance.reference`, shape (n, v, 8)."""
+    autopilots: Any
+    """Records of `sim.control.autopilot.DESIGN`, shape (v,)."""
+    guidance: Floats
+    """Memory of guidance, shape (v, GUIDANCE_MEMORY)."""
+    autopilot: Floats
+    """Memory of the autopilots, shape (v, AUTOPILOT_MEMORY)."""
+    command: Floats
+    """Thrust asked of each effector, shape (v, m), [N]."""
+
+    @compiled
+    def control(self, k: int, record: Floats) -> int:
+        """Find the commands of all vehicles; see `Controller.control`."""
+        for i in range(record.shape[1]):
+            steer_along_route(k, record[k], i, self)
+        return 0
+
+
+ControllerFactory = Callable[[Plant, RouteControl], Controller]
+"""Makes a controller of a plant at its start; it may use the control of routes, and writes its `command`."""
 
 
 @compiled
@@ -62,106 +112,57 @@ def record_state(k: int, state: tuple[Floats, Floats, Floats], water: Water, rec
 
 
 @compiled
-def steer_along_route(k: int, row: Floats, i: int, steering: Steering) -> None:
+def steer_along_route(k: int, row: Floats, i: int, routes: RouteControl) -> None:
     """Find the command of vehicle i, by its true motion, that holds from the recorded instant k until k + 1.
 
     Args:
         k: instant.
         row: recorded truth, shape (v, COLUMNS + m).
         i: vehicle.
-        steering: memory is brought forward, set up at k = 0; command is written down.
+        routes: memory is brought forward, set up at k = 0; command is written.
     """
-    wanted, autopilots, memory, command = steering
-    reference, guided = wanted[k, i], memory[0][i]
+    reference, guidance = routes.reference[k, i], routes.guidance[i]
     motion = vehicle_state(row[i, 0:7], row[i, 7:13], row[i, WATER])
     current = row[i, WATER][0], row[i, WATER][1]
     if k == 0:
-        begin(reference, motion.heading, motion.surge, current, guided)
-    track_current(current, TICK, guided)
-    steered = steer(reference, row[i, 0:2], TICK, guided)
-    control(autopilots[i], steered, reference, motion, TICK, memory[1][i], command[i])
+        begin(reference, motion.heading, motion.surge, current, guidance)
+    track_current(current, TICK, guidance)
+    steered = steer(reference, (row[i, 0], row[i, 1]), TICK, guidance)
+    control(routes.autopilots[i], steered, reference, motion, TICK, routes.autopilot[i], routes.command[i])
 
 
 @compiled
-def steer_along_routes(k: int, row: Floats, steering: Steering) -> None:
-    """Find the commands of all vehicles, which know where they are; memory is set up at k = 0."""
-    for i in range(row.shape[0]):
-        steer_along_route(k, row, i, steering)
-
-
-@compiled
-def _fly(
+def _simulate(
     span: tuple[int, int, int],
-    handles: Any,
-    state: tuple[Floats, Floats, Floats],
-    water: Water,
-    steering: Steering,
+    plant: tuple[Any, tuple[Floats, Floats, Floats], Water],
+    controller: Controller,
+    command: Floats,
     record: Floats,
 ) -> tuple[int, Fault]:
-    """Steer, advance and record from one instant to another.
+    """Step, record and control from one instant to another.
 
     Args:
-        span: the first instant, which is recorded; the last; physics steps from one to the next.
-        handles: of `Plant.step_handles`.
-        state: pose, twist and thrust of the plant.
-        water: as of `record_state`.
-        steering: of all vehicles.
+        span: first and last instant; physics steps from one to the next.
+        plant: `Plant.step_handles`; pose, twist and thrust; the water.
+        controller: called at each instant.
+        command: that it writes, shape (v, m), [N].
         record: of all instants, shape (n, v, COLUMNS + m).
 
     Returns:
-        The last instant that is recorded, and what ended the flight there, if it is not FINE.
+        The last instant that is recorded, and what ended the simulation there, if it is not FINE.
     """
     first, last, substeps = span
-    for k in range(first, last):
-        steer_along_routes(k, record[k], steering)
-        fault = advance(handles, steering[3], substeps)
-        if fault[0] != FINE:
-            return k, fault
-        record_state(k + 1, state, water, record)
+    handles, state, water = plant
+    for k in range(first, last + 1):
+        if k > 0:
+            fault = advance(handles, command, substeps)
+            if fault[0] != FINE:
+                return k - 1, fault
+        record_state(k, state, water, record)
+        failed = controller.control(k, record)
+        if failed:
+            return k, (NAVIGATION_FAILED, failed)
     return last, (FINE, -1)
-
-
-class Controller(Protocol):
-    """What steers the vehicles of a fleet."""
-
-    def fly(
-        self,
-        span: tuple[int, int, int],
-        handles: Any,
-        state: tuple[Floats, Floats, Floats],
-        water: Water,
-        record: Floats,
-    ) -> tuple[int, Fault]:
-        """Control, advance and record from one instant to another in compiled code; arguments as of `_fly`."""
-
-    def end(self, k: int, record: Floats) -> None:
-        """Handle the last instant, after which nothing is steered."""
-
-
-class RouteController:
-    """Vehicles on routes, steered by the truth."""
-
-    def __init__(self, steering: Steering) -> None:
-        """Take the arrays of the routes."""
-        self._steering = steering
-
-    def fly(
-        self,
-        span: tuple[int, int, int],
-        handles: Any,
-        state: tuple[Floats, Floats, Floats],
-        water: Water,
-        record: Floats,
-    ) -> tuple[int, Fault]:
-        """Steer, advance and record; see `Controller.fly`."""
-        return _fly(span, handles, state, water, self._steering, record)
-
-    def end(self, k: int, record: Floats) -> None:
-        """Do nothing: whoever is steered by the truth has nothing to remember."""
-
-
-ControllerFactory = Callable[[Plant, Steering], Controller]
-"""Makes the controller of a plant from the arrays of its routes."""
 
 
 def _trajectory(plant: Plant, record: Floats) -> Trajectory:
@@ -190,14 +191,14 @@ def _trajectory(plant: Plant, record: Floats) -> Trajectory:
 
 
 def standing(plant: Plant) -> Trajectory:
-    """A plant as it stands: a trajectory of two equal instants, for what is told of vehicles before they move."""
+    """A plant as it stands, as a trajectory of two equal instants: for settings that depend on the hulls."""
     record = np.empty((2, len(plant.names), COLUMNS + plant.thrust.shape[1]))
     for k in range(2):
         record_state(k, plant.state, plant.ocean.water, record)
     return _trajectory(plant, record)
 
 
-def simulate_fleet(
+def simulate(
     plant: Plant,
     routes: Sequence[Route],
     duration: float,
@@ -208,7 +209,7 @@ def simulate_fleet(
     ending: Ending | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
-    """Fly every vehicle of a plant along its route.
+    """Simulate all vehicles of a plant.
 
     Args:
         plant: at its start, which is where the vehicles begin, whatever the routes say; moved on to the end.
@@ -216,7 +217,7 @@ def simulate_fleet(
         duration: [s]; a multiple of 0.1 s.
         depth_control: of each vehicle; empty: "pitch" for all.
         limits: what each vehicle can do; None: the paper's turn rate, acceleration and top speed.
-        make_controller: makes one that steers otherwise than along routes by the truth; None: there is none.
+        make_controller: makes another controller than that of routes, compiled or in Python; None: there is none.
         ending: what ends the flight before its time; None: nothing does.
         progress: called with the mission time [s], every 50 s of it.
 
@@ -225,7 +226,8 @@ def simulate_fleet(
 
     Raises:
         ValueError: there is not one route for each vehicle, a route cannot be flown, or the times do not fit.
-        FleetError: the simulation left finite numbers; carries the trajectory up to there.
+        SimulationError: the simulation left finite numbers; carries the trajectory up to there.
+        ArithmeticError: naming the follower whose navigator failed.
     """
     substeps, ticks = round(TICK / plant.dt), round(duration / TICK)
     if substeps < 1 or abs(substeps * plant.dt - TICK) > 1e-9:
@@ -238,34 +240,28 @@ def simulate_fleet(
     autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
     lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
     wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, limits, lead)
-    record = np.empty((ticks + 1, v, COLUMNS + plant.thrust.shape[1]))
     memory = np.zeros((v, GUIDANCE_MEMORY)), np.zeros((v, AUTOPILOT_MEMORY))
-    command = np.zeros_like(plant.thrust)
-    state, water = plant.state, plant.ocean.water
-    steering = wanted, autopilots, memory, command
-    controller: Controller = RouteController(steering) if make_controller is None else make_controller(plant, steering)
-
-    def leg(k: int, last: int) -> None:
-        """Fly from instant k to the last one."""
+    along = RouteControl(wanted, autopilots, *memory, np.zeros_like(plant.thrust))
+    controller = along if make_controller is None else make_controller(plant, along)
+    loop = _simulate if isinstance(controller, tuple) else cast(Any, _simulate).py_func
+    record = np.empty((ticks + 1, v, COLUMNS + plant.thrust.shape[1]))
+    first = 0
+    for last in sorted({1, *range(_PROGRESS_TICKS, ticks, _PROGRESS_TICKS), ticks}):
+        # between these instants nothing from outside is looked at, not even Ctrl-C
+        handles = plant.step_handles(), plant.state, plant.ocean.water
+        k, fault = loop((first, last, substeps), handles, controller, along.command, record)
+        if fault[0] == NAVIGATION_FAILED:
+            raise ArithmeticError(f"the covariance of follower {fault[1]} is not positive definite any more")
         try:
-            k, fault = controller.fly((k, last, substeps), plant.step_handles(), state, water, record)
             plant.finish_step(fault)
         except PlantError as error:
-            flown = _trajectory(plant, record[: k + 1]) if k > 0 else None
-            raise FleetError(str(error), error.time, flown) from error
-
-    record_state(0, state, water, record)
-    k = 0
-    while k < ticks:
-        # between these instants nothing from outside is looked at, not even Ctrl-C
-        last = min(k + _PROGRESS_TICKS - (k - 1) % _PROGRESS_TICKS, ticks)
-        leg(k, last)
-        new = record[k : last + 1]
+            until = _trajectory(plant, record[: k + 1]) if k > 0 else None
+            raise SimulationError(str(error), error.time, until) from error
+        new = record[first : last + 1]
         end = None if ending is None else ending(new[..., POSITION], new[..., QUATERNION])
         if end is not None:
-            return _trajectory(plant, record[: max(k + end, 1) + 1])
-        if progress is not None and (last - 1) % _PROGRESS_TICKS == 0:
-            progress((last - 1) * TICK)
-        k = last
-    controller.end(ticks, record)
+            return _trajectory(plant, record[: max(first + end, 1) + 1])
+        if progress is not None and last < ticks:
+            progress(last // _PROGRESS_TICKS * _PROGRESS_TICKS * TICK)
+        first = last + 1
     return _trajectory(plant, record)

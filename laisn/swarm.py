@@ -1,0 +1,95 @@
+"""Navigators of a swarm: all followers advance by one filter step in one call, and their estimates control them.
+
+A swarm is a NamedTuple whose `navigate` is compiled (`laisn.lane_swarm`, `laisn.tight.swarm`), or any other object with
+such a method, which Python calls. Compiled code chooses the method by the type of the NamedTuple.
+"""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numba import types
+from numba.extending import overload_method
+
+from laisn.arrays import Bools, Floats, Ints
+from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
+from laisn.navigating import AnySettings, NavigatorFactory
+
+_VECTOR = np.float64, (2,)
+ESTIMATE = np.dtype(
+    [
+        ("position", *_VECTOR),  # mean, east and north [m]; NaN before there is one
+        ("velocity", *_VECTOR),  # over ground [m/s]
+        ("log_bias", np.float64),  # [m/s]
+        ("compass_bias", np.float64),  # [rad]
+        ("current", *_VECTOR),  # [m/s]
+        ("spread", np.float64),  # largest standard deviation of the position at the last message [m]
+        ("to_likelier", *_VECTOR),  # where the position is ambiguous: from the mean to the likelier hypothesis [m]
+    ]
+)
+"""Estimate of one follower; a navigator without such states leaves their fields at zero."""
+
+
+class Swarm(Protocol):
+    """Navigators of f followers."""
+
+    @property
+    def gated(self) -> Ints:
+        """Number of fixes or messages of each follower that its gate has rejected so far, shape (f,)."""
+
+    def navigate(
+        self, step: int, readings: Floats, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+    ) -> int:
+        """Advance by one filter step.
+
+        Args:
+            step: from 1.
+            readings: log, compass and depth (more is not read), shape (f, 3) or wider, [m/s], [rad], [m].
+            received: whether a message is in, shape (f,).
+            messages: columns of `LeaderMessage` from timestamp to roll, shape (f, 8) or wider.
+            ranges: shape (f, 3), [m]; NaN where nothing was received.
+            estimates: out: records of ESTIMATE, shape (f,).
+
+        Returns:
+            Number, from 1, of the follower whose covariance is not positive definite any more; 0 if there is none.
+        """
+
+
+SwarmFactory = Callable[[AnySettings, Floats], Swarm]
+"""Makes the navigators of a swarm from their settings and their known starts x, y [m], vx, vy [m/s], shape (f, 4)."""
+
+
+@overload_method(types.BaseNamedTuple, "navigate", inline="always")
+def _navigate(swarm, step, readings, received, messages, ranges, estimates):  # type: ignore[no-untyped-def]
+    method = getattr(swarm.instance_class, "navigate", None)
+    return method and (
+        lambda swarm, step, readings, received, messages, ranges, estimates: method(
+            swarm, step, readings, received, messages, ranges, estimates
+        )
+    )
+
+
+def new_estimates(*shape: int) -> Any:
+    """Records of ESTIMATE, all zero, as a recarray."""
+    return np.zeros(shape, ESTIMATE).view(np.recarray)
+
+
+class SeparateNavigators:
+    """A swarm of navigators of any kind, each of which Python calls with its own measurements."""
+
+    def __init__(self, make_navigator: NavigatorFactory, settings: AnySettings, starts: Floats) -> None:
+        """Make a navigator for each of the known starts, shape (f, 4)."""
+        self.navigators = [make_navigator(settings, start) for start in starts]
+        self.gated: Ints = np.zeros(len(starts), dtype=np.int64)
+
+    def navigate(
+        self, step: int, readings: Floats, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+    ) -> int:
+        """Advance by one filter step; see `Swarm.navigate`. Gates are not counted."""
+        for i, navigator in enumerate(self.navigators):
+            reception = None
+            if received[i]:
+                reception = Reception(LeaderMessage(*messages[i].tolist()), Ranges(*ranges[i].tolist()))
+            navigator.step(OwnMotion(*readings[i, :3].tolist()), reception)
+            estimates.position[i], estimates.velocity[i] = np.split(navigator.state, 2)
+        return 0

@@ -1,0 +1,96 @@
+"""The simulation loop with controllers and navigators in Python, against the compiled ones and closed forms."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.flight.library import load
+from laisn.arrays import Floats
+from laisn.navigators import new_navigator, new_swarm
+from laisn.swarm import SeparateNavigators
+from sim.closed_loop import simulate_closed_loop
+from sim.flight import navigate
+from sim.motion import simulate_motion
+from sim.scenario.settings import Scenario
+from sim.simulation import RouteControl
+from sim.vehicle.plant import Plant
+
+
+def route(*assignments: str) -> Scenario:
+    return load("T6", ["duration_s=60", "followers.0.steers_by=estimate", *assignments])
+
+
+class Recorder:
+    """A controller in Python that leaves control to another one."""
+
+    def __init__(self, plant: Plant, routes: RouteControl) -> None:
+        self.plant, self.routes, self.called, self.positions = plant, routes, [], []  # type: ignore[var-annotated]
+
+    def control(self, k: int, record: Floats) -> None:
+        self.called.append(k)
+        self.positions.append((record[k, :, :3].copy(), self.plant.pose[:, :3].copy()))
+        self.routes.control(k, record)
+
+
+def test_a_controller_in_python_is_called_at_each_instant_and_flies_as_the_compiled_one() -> None:
+    scenario = load("T5", ["duration_s=60", "ocean.current_speed_m_s=0.3"])
+    made: list[Recorder] = []
+
+    def make(plant: Plant, routes: RouteControl) -> Recorder:
+        made.append(Recorder(plant, routes))
+        return made[0]
+
+    own, usual = simulate_motion(scenario, make_controller=make), simulate_motion(scenario)
+    for name in ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust"):
+        np.testing.assert_array_equal(getattr(own, name), getattr(usual, name))
+    assert made[0].called == list(range(601))
+    # what it is handed is the state of the plant at that instant
+    for recorded, true in made[0].positions:
+        np.testing.assert_array_equal(recorded, true)
+
+
+def test_a_command_from_python_holds_until_the_next_instant() -> None:
+    """Thrust follows a constant command u as u (1 - exp(-t / lag)), and one that ends as exp(-t / lag)."""
+    lags: list[float] = []
+
+    class Pulse:
+        def __init__(self, plant: Plant, routes: RouteControl) -> None:
+            self.command = routes.command
+            lags.append(float(plant.effectors["lag"][1, 0]))
+
+        def control(self, k: int, record: Floats) -> None:
+            self.command[1, 0] = 5.0 if k < 10 else 0.0
+
+    flown = simulate_motion(load("T5", ["duration_s=3"]), make_controller=Pulse)
+    time, start = flown.time, flown.thrust[0, 1, 0]
+    assert start == 0.0
+    rise = 5.0 * -np.expm1(-time / lags[0])
+    fall = rise[10] * np.exp(-(time - 1.0) / lags[0])
+    np.testing.assert_allclose(flown.thrust[:, 1, 0], np.where(time <= 1.0, rise, fall), rtol=0, atol=1e-9)
+    assert not flown.thrust[:, 0].any()
+
+
+@pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
+def test_navigators_in_python_steer_by_their_estimates(variant: str) -> None:
+    """What steers is what such a navigator estimates on the finished mission; LAISN's flies as the compiled one."""
+    scenario = route(f"navigation.variant={variant}", "acoustics.loss_chance=0.2")
+    own, loop = simulate_closed_loop(scenario, partial(SeparateNavigators, new_navigator))
+    (estimates,) = navigate(scenario, own, new_navigator).estimates
+    np.testing.assert_array_equal(loop.state.history.position[1:, 0], estimates.state[:, :2])
+    np.testing.assert_array_equal(loop.state.history.velocity[1:, 0], estimates.state[:, 2:])
+    if variant == "laisn-3-1":
+        usual, _ = simulate_closed_loop(scenario, new_swarm)
+        np.testing.assert_allclose(own.position, usual.position, rtol=0, atol=1e-9)
+
+
+def test_a_navigator_that_fails_is_named_by_its_number_from_one() -> None:
+    class Failing:
+        gated = np.zeros(1, dtype=np.int64)
+
+        def navigate(self, step: int, *_: Any) -> int:
+            return 3 if step == 7 else 0
+
+    with pytest.raises(ArithmeticError, match="the covariance of follower 3 is not positive definite"):
+        simulate_closed_loop(route(), lambda *_: Failing())
