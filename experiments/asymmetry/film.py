@@ -1,4 +1,4 @@
-"""The film of the pitch study: the leader pitches, its rays show by how much, and two followers' minds disagree."""
+"""The film of the pitch study: the leader pitches, rays in the colour of their errors, and two estimates."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from sim.scenario.file import assigned, validate
 from sim.scenario.settings import Scenario, Video
 
 BEFORE_S, AFTER_S = 40.0, 20.0
-"""Stretch of the mission that is filmed before and after the telling message [s]."""
+"""Stretch of the mission that is filmed before and after the message of the example [s]."""
 VIDEO = Video(camera="profile", speed_up=4.0, frame_rate_hz=24)
 AWARE_COLOUR = (0.30, 1.0, 0.60)
 
@@ -47,7 +47,7 @@ def _round_up(value: float) -> float:
 
 
 def scene(example: Example) -> tuple[Flight, Annotations]:
-    """What the film shows: the stretch about the telling message, and the estimate of the other follower's mind."""
+    """What the film shows: the stretch about the message of the example, and an estimate by the broadcast pitch."""
     level = example.flight
     # truth and all other noise are the same: random numbers belong to their sensor
     aware = navigate(_attitude_aware(level.scenario), level.trajectory, new_navigator)
@@ -60,17 +60,16 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     errors = pitch_errors(level)[(heard > first) & (heard <= last)]
     largest = float(np.nanmax(np.abs(errors), initial=0.0))
     added = Annotations(
-        caption=f"The leader pitches: where the follower, {OFFSET_M:g} m below, believes to be",
-        label="takes the leader for level",
+        caption=f"The leader pitches: estimates of a follower {OFFSET_M:g} m below",
+        label="level leader assumed",
         others=(
             OtherEstimate(
-                label="is told the pitch",
+                label="leader's pitch broadcast",
                 colour=AWARE_COLOUR,
                 position=excerpt(aware, start, end).estimates[0].state[:, :2],
             ),
         ),
         rays=RayErrors(label="range error from pitch", value=errors, limit=_round_up(max(largest, 1e-3))),
-        level_axis=True,
     )
     return shown, added
 

@@ -40,7 +40,7 @@ from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, navigate
 from sim.log.events import Event
 from sim.processes import background_process
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import Scenario, Video
 from sim.screen import plain, shortened
 
 _LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
@@ -261,12 +261,10 @@ class FilmOptions(NamedTuple):
 
 def _changes(options: FilmOptions) -> dict[str, object]:
     """Film settings that the options change; RenderError naming the option."""
-    from experiments.flight.picture import require_camera
     from sim.film.render import RenderError
 
     changes: dict[str, object] = {}
     if options.camera is not None:
-        require_camera(options.camera)
         changes["camera"] = options.camera
     if options.size is not None:
         match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", options.size)
@@ -291,10 +289,12 @@ def film(source: str, assignments: Iterable[str], options: FilmOptions) -> None:
         LaisnError: an option or the source is invalid.
     """
     from experiments.command.errors import say
-    from experiments.flight.picture import picture
+    from experiments.flight.picture import picture, video_of
     from experiments.flight.source import flight_of
 
     changes = _changes(options)
+    # before the mission is simulated
+    video_of(Video(), changes)
     flight = flight_of(source, list(assignments))
     path = options.out or Path(f"{flight.scenario.name}.{'mp4' if options.still is None else 'png'}")
     with phases(Console()) as phase, phase("video") if options.still is None else nullcontext() as update:

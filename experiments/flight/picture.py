@@ -10,23 +10,18 @@ from sim.feasibility import film_errors
 from sim.film import render
 from sim.flight import Flight
 from sim.scenario.settings import Video
-from sim.scenario.video import CAMERAS
-
-
-def require_camera(name: object) -> None:
-    """Raise RenderError, naming the cameras that there are, unless this is one of them."""
-    if name not in CAMERAS:
-        raise render.RenderError(f"unknown camera {name!r}; available: {', '.join(CAMERAS)}")
 
 
 def video_of(video: Video, changes: Mapping[str, object]) -> Video:
-    """Settings of a film with some of them changed; RenderError naming each that is at fault."""
-    require_camera(changes.get("camera", video.camera))
+    """Settings of a film with some of them changed; RenderError naming each that is invalid."""
     try:
         return Video.model_validate(video.model_dump() | dict(changes))
     except ValidationError as error:
-        faults = (f"{fault['loc'][0]}: {fault['msg']} (given: {fault['input']})" for fault in error.errors())
-        raise render.RenderError("; ".join(faults)) from None
+        found = (
+            f"{one['loc'][0]}: {one['msg'].removeprefix('Value error, ')} (given: {one['input']})"
+            for one in error.errors()
+        )
+        raise render.RenderError("; ".join(found)) from None
 
 
 def picture(

@@ -76,14 +76,11 @@ class Annotations:
     """Additions to a film; the default adds nothing."""
 
     caption: str = ""
-    """What the film shows: a line at the upper edge throughout, with a legend, in place of the title at the start."""
+    """What the film shows: a line at the upper edge, with a legend."""
     label: str = "estimate"
     """Name of the follower's own estimate in the legend."""
     others: tuple[OtherEstimate, ...] = ()
     rays: RayErrors | None = None
-    level_axis: bool = False
-    """Whether the film is about the leader's pitch: beside its axis a dashed line as it would lie in a level hull, the
-    pitch in words, and its curve in place of that of E_B."""
 
     def check(self, steps: int, messages: int) -> None:
         """ValueError unless the arrays fit a flight of n filter steps and m messages."""

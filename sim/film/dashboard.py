@@ -17,13 +17,15 @@ from matplotlib.transforms import IdentityTransform
 
 from laisn.arrays import Bytes, Floats
 from laisn.estimates import FixKind
-from sim.film.annotations import ESTIMATE, LEADER, TRUTH, Annotations, RayErrors, diverging
-from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure, panel_colours
+from sim.film.annotations import ESTIMATE, LEADER, TRANSMITTER_COLOURS, TRUTH, Annotations, RayErrors, diverging
+from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
 from sim.film.film_data import FilmData, FrameState
 from sim.film.formation import STATION
 
 Trail = tuple[Floats, Colour]
 """Positions, shape (p, 3), [m], and the colour of their line."""
+Text = tuple[float, str, Colour, float]
+"""Distance from the left edge of a panel, or from the right one if negative, words, colour and size."""
 
 SIGMAS = 2.0
 """Half axes of the ellipse of uncertainty in standard deviations."""
@@ -41,13 +43,13 @@ _FIX_WORDS = {
 }
 _SHORT = 576
 """Frames of fewer rows have the short panel of numbers and one curve: text that can be read leaves no room for more."""
-_GRID: Colour = (0.55, 0.80, 0.90, 0.22)
-_FUTURE_OPACITY = 0.3
+_PANEL: Colour = (0.01, 0.06, 0.10)
+_EDGE: Colour = (0.55, 0.80, 0.90)
 _FLEET_SHARE = 0.25
 """A map of the whole mission shows several followers apart if they take at least this share of it."""
 _TRANSMITTERS = ("rear", "front", "middle")
-_MOTION = ((84.0, "depth [m]"), (103.0, "pitch [°]"), (122.0, "heading [°]"), (141.0, "speed [m/s]"))
-"""Baselines and names of rows."""
+_COLUMNS = (-106.0, -12.0)
+"""Right edges of the leader's and the follower's numbers."""
 _MARGIN_PX = 2
 
 
@@ -82,21 +84,17 @@ class Dashboard:
         canvas: of the frames.
         annotations: what a study adds.
         station_error: distance of the follower from its station at filter steps, shape (n,), [m]; None: it has none.
+        show_pitch: whether the film is about the leader's pitch, whose curve then replaces that of the bearing error.
     """
 
-    def __init__(
-        self,
-        data: FilmData,
-        follower: int,
-        canvas: Canvas,
-        annotations: Annotations,
-        station_error: Floats | None = None,
-    ) -> None:
+    def __init__(self, data: FilmData, follower: int, canvas: Canvas, annotations: Annotations,
+                 station_error: Floats | None = None, show_pitch: bool = False) -> None:  # fmt: skip
         self._data, self._follower, self._added = data, follower, annotations
         s, t = canvas.scale, canvas.text_scale
         self._s, self._t, self._size, self._short = s, t, (canvas.width, canvas.height), canvas.height < _SHORT
         left, top, width, gap, side = 16 * s, 16 * s, 292 * s, 6 * s, 232 * s
-        self._numbers: Place = (left, top, width, (118 if self._short else 258) * t)
+        rows = self._rows(data.at(data.start), TRANSMITTER_COLOURS)
+        self._numbers: Place = (left, top, width, (9 + sum(height for height, _ in rows)) * t)
         first, height = top + self._numbers[3] + gap, 92 * t
         curves: list[Place] = [(left, first + n * (height + gap), width, height) for n in range(2 - self._short)]
         corner = canvas.width - side - left
@@ -116,32 +114,26 @@ class Dashboard:
             (corner, 0.0, canvas.width - corner, lower_right),
             *words,
         ]
-        """Where no lines are drawn, for between panels snippets of them would remain."""
+        """Where nothing of the picture is drawn: between panels, snippets of lines would remain."""
 
         self.figure = new_figure(*self._size)
         """Static content of all panels."""
-        for place in self.places:
-            x, y, width, height = place
-            face, edge = panel_colours(0.6 if place in words else 0.5)
-            below = canvas.height - y - height
+        for x, y, width, height in self.places:
             self.figure.add_artist(
-                Rectangle((x, below), width, height, fc=face, ec=edge, lw=s, zorder=-1, transform=IdentityTransform())
-            )
-        self._label_numbers()
+                Rectangle((x, canvas.height - y - height), width, height, fc=(*_PANEL, 0.55), ec=(*_EDGE, 0.35), lw=s,
+                          zorder=-1, transform=IdentityTransform())
+            )  # fmt: skip
+        quantities = self._quantities(station_error, show_pitch)
         self._curves = [
-            (place, self._add_curve(place, label, values), values)
-            for place, (label, values) in zip(curves, self._quantities(station_error), strict=False)
+            (self._add_curve(place, label, values), values)
+            for place, (label, values) in zip(curves, quantities, strict=False)
         ]
         self._add_map()
         if annotations.rays:
             self._add_colour_bar(bar, annotations.rays)
         if annotations.caption:
             self._add_caption(caption)
-        lines = [line for _, axes, _ in self._curves for line in axes.get_lines()]
-        past = self._drawn()
-        for line in lines:
-            line.set_alpha(_FUTURE_OPACITY)
-        self._layers = list(zip(self.places, past, self._drawn(), strict=True))
+        self._layers = self._drawn()
 
     # what stays
 
@@ -157,7 +149,7 @@ class Dashboard:
         return found
 
     def _write(self, at: tuple[float, float], words: str, colour: Colour, size: float, anchor: str = "lt") -> None:
-        """Static text; anchors by letters: left, right or centre, and top, middle or baseline; bold if size < 0."""
+        """Static text; anchors by letters: left, right or centre, and top or baseline; bold if size < 0."""
         self.figure.text(
             at[0] / self._size[0],
             1 - at[1] / self._size[1],
@@ -166,7 +158,7 @@ class Dashboard:
             fontsize=abs(size) * self._t,
             fontweight="bold" if size < 0 else "normal",
             ha={"l": "left", "r": "right", "c": "center"}[anchor[0]],
-            va={"t": "top", "m": "center_baseline", "b": "baseline"}[anchor[1]],
+            va={"t": "top", "b": "baseline"}[anchor[1]],
         )
 
     def _axes(self, place: Place) -> Axes:
@@ -177,60 +169,37 @@ class Dashboard:
         axes.tick_params(length=0, pad=3, colors=DIM, labelsize=10.5 * self._t)
         return axes
 
-    def _number_place(self, x: float, y: float) -> tuple[tuple[float, float], str]:
-        """Place [px] and side of a number whose x counts from the left edge, or from the right one if negative."""
-        left, top, width, _ = self._numbers
-        return (left + x * self._t if x > 0 else left + width + x * self._t, top + y * self._t), "l" if x > 0 else "r"
-
-    def _label_numbers(self) -> None:
-        """Names of the numbers: x, baseline, text, colour and size of each."""
-        data, end = self._data, f"of {clock(self._data.end)}"
-        bold_p, bold_b, sigma = r"$\mathbf{E_P}$", r"$\mathbf{E_B}$", f"{SIGMAS:g}σ"
-        labels: list[tuple[float, float, str, Colour, float]]
-        if self._short:
-            labels = [(-6, 22, end, DIM, 11), (6, 50, bold_p, ESTIMATE, 14), (6, 70, bold_b, ESTIMATE, 14),
-                      (6, 89, sigma, DIM, 12)]  # fmt: skip
-        else:
-            leader, follower = (data.flight.trajectory.names[v][:12] for v in (0, self._follower + 1))
-            labels = [(-12, 34, end, DIM, 13), (-106, 64, leader, LEADER, -12), (-12, 64, follower, TRUTH, -12),
-                      (12, 180, "ranges [m]", DIM, 13), (12, 199, "fix", DIM, 13), (12, 225, bold_p, ESTIMATE, 16),
-                      (192, 225, bold_b, ESTIMATE, 16), (12, 245, f"filter's own {sigma}", DIM, 13),
-                      *((12.0, y, words, DIM, 13.0) for y, words in _MOTION)]  # fmt: skip
-        for x, y, words, colour, size in labels:
-            at, side = self._number_place(x, y)
-            self._write(at, words, colour, size, f"{side}b")
-
-    def _quantities(self, station_error: Floats | None) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
+    def _quantities(
+        self, station_error: Floats | None, show_pitch: bool
+    ) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
         """Label and curves, each a colour and values at filter steps, of what the panels of curves show."""
-        data, added, follower = self._data, self._added, self._follower
+        data, follower = self._data, self._follower
         truth = data.flight.hydrophone(follower)[:, :2]
         errors: list[tuple[Colour, Floats]] = [
-            *((other.colour, np.linalg.norm(other.position - truth, axis=1)) for other in added.others),
+            *((other.colour, np.linalg.norm(other.position - truth, axis=1)) for other in self._added.others),
             (ESTIMATE, data.position_error[follower]),
         ]
-        position = ("position error $E_P$ [m]", errors)
-        if added.level_axis:
+        position = ("position error [m]", errors)
+        if show_pitch:
             # pitch is the cause of what the errors show, and stands above them
             pitch = np.degrees(data.flight.trajectory.pitch[data.flight.step_index(), 0])
             return [("leader's pitch [°]", [(LEADER, pitch)]), position]
         if station_error is not None:
             return [position, ("distance from station [m]", [(STATION, station_error)])]
-        bearing = np.degrees(np.abs(data.bearing_error[follower]))
-        return [position, ("bearing error $E_B$ [°]", [(ESTIMATE, bearing)])]
+        return [position, ("bearing error [°]", [(ESTIMATE, np.degrees(np.abs(data.bearing_error[follower])))])]
 
     def _add_curve(self, place: Place, label: str, curves: list[tuple[Colour, Floats]]) -> Axes:
         left, top, width, height = place
         t, data = self._t, self._data
         axes = self._axes((left + 46 * t, top + 26 * t, width - 66 * t, height - 45 * t))
-        time = data.start + data.flight.measurements[0].dt * (1 + np.arange(curves[0][1].size))
         for colour, values in curves:
-            axes.plot(time, values, color=colour, lw=1.5 * self._s, clip_on=False)
+            axes.plot(data.steps, values, color=colour, lw=1.5 * self._s, clip_on=False)
         finite = np.concatenate([values[np.isfinite(values)] for _, values in curves])
         low, high = 1.08 * finite.min(initial=0.0), 1.08 * finite.max(initial=0.0)
         axes.set_ylim(low, high if high > low else 1.0)
-        axes.set_xlim(data.start, float(time[-1]))
+        axes.set_xlim(data.start, float(data.steps[-1]))
         axes.tick_params(axis="y", pad=7 * t)
-        axes.grid(axis="y", color=_GRID, lw=self._s)
+        axes.grid(axis="y", color=(*_EDGE, 0.22), lw=self._s)
         axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         axes.xaxis.set_major_locator(MaxNLocator(2 if self._s < self._t else 5, steps=[1, 2, 5, 10]))
         self._write((left + 12 * self._s, top + 17 * t), label, PALE, 12, "lb")
@@ -299,41 +268,81 @@ class Dashboard:
 
     # what changes
 
-    def draw(self, canvas: Canvas, state: FrameState, rays: Sequence[Colour], others: Sequence[Floats],
-             trails: Sequence[Trail]) -> None:  # fmt: skip
+    def draw(self, canvas: Canvas, state: FrameState, rays: Sequence[Colour], trails: Sequence[Trail]) -> None:
         """Draw all panels.
 
         Args:
             canvas: the frame.
             state: what it shows.
             rays: colours of the follower's rays.
-            others: positions of the other estimates, each of shape (3,), [m].
             trails: recent tracks of vehicles and estimates.
         """
-        curves = {place: self._cursor(axes, state.time) for place, axes, _ in self._curves}
-        for place, (left, top, past), (_, _, future) in self._layers:
-            now = round(curves[place]) - left if place in curves else past.shape[1]
-            canvas.image(np.ascontiguousarray(past[:, :now]), left, top)
-            if now < past.shape[1]:
-                canvas.image(np.ascontiguousarray(future[:, now:]), left + now, top)
+        for column, row, layer in self._layers:
+            canvas.image(layer, column, row)
         self._draw_cursors(canvas, state.time)
-        self._draw_map(canvas, state, others, trails)
-        self._draw_numbers(canvas, state, rays)
+        self._draw_map(canvas, state, trails)
+        left, baseline, width, _ = self._numbers
+        for height, texts in self._rows(state, rays):
+            baseline += height * self._t
+            for x, words, colour, size in texts:
+                at = left + x * self._t + (0.0 if x > 0 else width)
+                canvas.text((at, baseline), words, colour, size, "ls" if x > 0 else "rs")
 
-    def _cursor(self, axes: Axes, time: float) -> float:
-        """Column of a time on a curve [px]."""
-        return float(axes.transData.transform((time, 0.0))[0])
+    def _rows(self, state: FrameState, rays: Sequence[Colour]) -> list[tuple[float, list[Text]]]:
+        """Lines of the panel of numbers: distance from the line above, and texts."""
+        f, data = self._follower, self._data
+        kind, position, bearing = state.fix_kind[f], state.position_error[f], state.bearing_error[f]
+        fix = "–" if kind is None else _FIX_WORDS[kind]
+        e_p = "–" if np.isnan(position) else f"{position:.2f} m"
+        e_b = "–" if np.isnan(bearing) else f"{abs(np.degrees(bearing)):.1f}°"
+        half_axes = SIGMAS * np.sqrt(np.maximum(np.linalg.eigvalsh(state.covariance[f]), 0.0))
+        sigma = "" if np.isnan(position) else format_half_axes(*half_axes[self._short :])
+        end = f"of {clock(data.end)}"
+        if self._short:
+            return [
+                (22, [(6, clock(state.time), PALE, -18), (-6, end, DIM, 11)]),
+                (24, [(6, "position error", ESTIMATE, 11), (-6, e_p, ESTIMATE, -12)]),
+                (19, [(6, "bearing error", ESTIMATE, 11), (-6, e_b, ESTIMATE, -12)]),
+                (19, [(6, f"{SIGMAS:g}σ", DIM, 11), (-6, sigma, ESTIMATE, 12)]),
+                (19, [(6, fix, PALE, 12)]),
+            ]
+        vehicles = (0, f + 1)
+        motion: dict[str, list[str]] = {
+            "depth [m]": [f"{-state.position[v, 2]:.1f}" for v in vehicles],
+            "pitch [°]": [f"{round(float(np.degrees(state.pitch[v])), 1) + 0.0:+.1f}" for v in vehicles],
+            "heading [°]": [f"{round(float(np.degrees(state.heading[v]))) % 360}" for v in vehicles],
+            "speed [m/s]": [f"{state.speed[v]:.1f}" for v in vehicles],
+        }
+        rows: list[tuple[float, list[Text]]] = [
+            (19, [(12, name, DIM, 13), *((x, words, PALE, 13) for x, words in zip(_COLUMNS, values, strict=True))])
+            for name, values in motion.items()
+        ]
+        heads = zip(_COLUMNS, vehicles, (LEADER, TRUTH), strict=True)
+        transmitters = range(data.flight.scenario.navigation.transmitters)
+        # names in the colours of the rays, as their legend
+        right = [-12.0 - 65.0 * (len(transmitters) - 1 - i) for i in transmitters]
+        ranges = ["–" if np.isnan(state.ranges[f, i]) else f"{state.ranges[f, i]:.2f}" for i in transmitters]
+        return [
+            (34, [(12, clock(state.time), (1, 1, 1), -26), (-12, end, DIM, 13)]),
+            (27, [(x, data.flight.trajectory.names[v][:12], colour, -12) for x, v, colour in heads]),
+            *rows,
+            (20, [(right[i], _TRANSMITTERS[i], rays[i], 11) for i in transmitters]),
+            (17, [(12, "ranges [m]", DIM, 13), *((right[i], ranges[i], rays[i], 13) for i in transmitters)]),
+            (19, [(12, "fix", DIM, 13), (-12, fix, PALE, 13)]),
+            (24, [(12, "position error", ESTIMATE, -14), (-12, e_p, ESTIMATE, -14)]),
+            (20, [(12, "bearing error", ESTIMATE, -14), (-12, e_b, ESTIMATE, -14)]),
+            (19, [(12, f"filter's {SIGMAS:g}σ", DIM, 13), (-12, sigma, ESTIMATE, 13)]),
+        ]  # fmt: skip
 
     def _draw_cursors(self, canvas: Canvas, time: float) -> None:
-        dt, strokes, dots = self._data.flight.measurements[0].dt, [], []
-        for _, axes, curves in self._curves:
-            step = min(int((time - self._data.start) / dt + 1e-9), curves[0][1].size)
+        step, strokes, dots = self._data.step(time), [], []
+        for axes, curves in self._curves:
             ends = axes.transData.transform([(time, limit) for limit in axes.get_ylim()])
-            strokes.append(Stroke(self._downward(ends), (*PALE, 0.5), 1.0))
+            strokes.append(Stroke(self._downward(ends), (*PALE, 0.8), 1.5))
             for colour, values in curves:
                 if step and np.isfinite(values[step - 1]):
-                    now = axes.transData.transform([(self._data.start + dt * step, values[step - 1])])
-                    dots.append(canvas.disc(self._downward(now)[0], 3.0, colour))
+                    now = axes.transData.transform([(self._data.steps[step - 1], values[step - 1])])
+                    dots.append(canvas.disc(self._downward(now)[0], 3.5, colour, PALE))
         canvas.strokes(strokes)
         canvas.shapes(dots)
 
@@ -341,7 +350,7 @@ class Dashboard:
         """Points of the figure, shape (n, 2), counted from the top left [px]."""
         return np.asarray(points * [1.0, -1.0] + [0.0, self._size[1]])
 
-    def _draw_map(self, canvas: Canvas, state: FrameState, others: Sequence[Floats], trails: Sequence[Trail]) -> None:
+    def _draw_map(self, canvas: Canvas, state: FrameState, trails: Sequence[Trail]) -> None:
         left, top, width, height = self._map
         fleet = state.position[:, :2]
         centre = (fleet.min(axis=0) + fleet.max(axis=0)) / 2 if self._moves else self._centre
@@ -353,39 +362,8 @@ class Dashboard:
         if self._moves:
             lines = [Stroke(pixels(points), (*colour[:3], 0.5), 1.2) for points, colour in trails]
             canvas.strokes(lines, self._map)
-        estimates = [(o.colour, now) for o, now in zip(self._added.others, others, strict=True)]
+        estimates = [(o.colour, now) for o, now in zip(self._added.others, state.others, strict=True)]
         marks = [canvas.diamond(pixels(now), 4.5, colour)
                  for colour, now in [*estimates, (ESTIMATE, state.estimate[self._follower])]]  # fmt: skip
         marks += [canvas.disc(at, 3.4, TRUTH if v else LEADER) for v, at in enumerate(pixels(fleet))]
         canvas.shapes(marks, self._map)
-
-    def _draw_numbers(self, canvas: Canvas, state: FrameState, rays: Sequence[Colour]) -> None:
-        f = self._follower
-        kind, position, bearing = state.fix_kind[f], state.position_error[f], state.bearing_error[f]
-        fix = "–" if kind is None else _FIX_WORDS[kind]
-        e_p = "–" if np.isnan(position) else f"{position:.2f} m"
-        e_b = "–" if np.isnan(bearing) else f"{abs(np.degrees(bearing)):.1f}°"
-        half_axes = SIGMAS * np.sqrt(np.maximum(np.linalg.eigvalsh(state.covariance[f]), 0.0))
-        sigma = "" if np.isnan(position) else format_half_axes(*half_axes[self._short :])
-        numbers: list[tuple[float, float, str, Colour, float]]
-        if self._short:
-            numbers = [(6, 22, clock(state.time), PALE, -18), (34, 50, e_p, ESTIMATE, -14), (6, 108, fix, PALE, 12),
-                       (34, 70, e_b, ESTIMATE, -14), (-6, 89, sigma, ESTIMATE, 12)]  # fmt: skip
-        else:
-            numbers = [(12, 34, clock(state.time), (1, 1, 1), -26), (46, 225, e_p, ESTIMATE, -16),
-                       (-12, 225, e_b, ESTIMATE, -16), (-12, 245, sigma, ESTIMATE, 13),
-                       (-12, 199, fix, PALE, 13)]  # fmt: skip
-            for v, x in ((0, -106.0), (f + 1, -12.0)):
-                pitch = round(float(np.degrees(state.pitch[v])), 1) + 0.0
-                heading = round(float(np.degrees(state.heading[v]))) % 360
-                motion = (f"{-state.position[v, 2]:.1f}", f"{pitch:+.1f}", f"{heading}", f"{state.speed[v]:.1f}")
-                numbers += [(x, y, words, PALE, 13) for (y, _), words in zip(_MOTION, motion, strict=True)]
-            transmitters = self._data.flight.scenario.navigation.transmitters
-            for i in range(transmitters):
-                # names in the colours of the rays, as their legend
-                value, x = state.ranges[f, i], -12.0 - 65.0 * (transmitters - 1 - i)
-                numbers.append((x, 162, _TRANSMITTERS[i], rays[i], 11))
-                numbers.append((x, 180, "–" if np.isnan(value) else f"{value:.2f}", rays[i], 13))
-        for x, y, words, colour, size in numbers:
-            at, side = self._number_place(x, y)
-            canvas.text(at, words, colour, size, f"{side}s")

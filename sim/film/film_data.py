@@ -63,6 +63,8 @@ class FrameState:
     """Hydrophones in the world, shape (f, 3), [m]."""
     estimate: Floats
     """Estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar."""
+    others: Floats
+    """Other estimates of the filmed follower's hydrophone, shape (o, 3), [m]; likewise."""
     covariance: Floats
     """Covariance of the estimated position, shape (f, 2, 2), [m²]."""
     hypotheses: tuple[tuple[Hypothesis, ...], ...]
@@ -76,9 +78,9 @@ class FrameState:
     fix_kind: tuple[FixKind | None, ...]
     """Outcome of the last message, per follower."""
     position_error: Floats
-    """E_P, shape (f,), [m]; NaN before the first step."""
+    """Shape (f,), [m]; NaN before the first step."""
     bearing_error: Floats
-    """E_B, shape (f,); NaN before the first step."""
+    """Shape (f,); NaN before the first step."""
 
 
 class FilmData:
@@ -86,14 +88,17 @@ class FilmData:
 
     Args:
         flight: the mission.
-        errors: E_P [m] and E_B [rad] of each follower at steps k = 1 … n, each of shape (n,).
+        errors: position error [m] and bearing error [rad] of each follower at steps k = 1 … n, each of shape (n,).
         speed_up: seconds of mission in a second of film.
+        follower: index of the follower that other estimates are of.
+        others: other estimates of its position at steps k = 1 … n, each of shape (n, 2), [m].
 
     Raises:
         ValueError: the errors do not fit the flight.
     """
 
-    def __init__(self, flight: Flight, errors: Sequence[tuple[Floats, Floats]], speed_up: float) -> None:
+    def __init__(self, flight: Flight, errors: Sequence[tuple[Floats, Floats]], speed_up: float, follower: int = 0,
+                 others: Sequence[Floats] = ()) -> None:  # fmt: skip
         n = flight.measurements[0].speed.size
         if len(errors) != len(flight.measurements) or any(e.shape != (n,) for pair in errors for e in pair):
             raise ValueError(
@@ -106,7 +111,9 @@ class FilmData:
         self.bearing_error = np.stack([e for _, e in errors])
         truth = flight.trajectory
         self.start, self.end = float(truth.time[0]), float(truth.time[-1])
-        self._dt = flight.measurements[0].dt
+        self.dt = flight.measurements[0].dt
+        self.steps = self.start + self.dt * np.arange(1, n + 1)
+        """Times of the filter steps, shape (n,), [s]."""
         names = truth.names
         self._transmitters = [truth.site(f"{names[0]}/{t}") for t in TRANSMITTERS]
         self._hydrophones = [truth.site(f"{name}/hydrophone") for name in names[1:]]
@@ -114,6 +121,12 @@ class FilmData:
         rate = _SPIN_RAD_S_N * np.sign(main) * np.sqrt(np.abs(main))
         self._spin = np.cumsum(rate, axis=0) * truth.dt / speed_up
         self._trail_every = max(1, round(_TRAIL_POINT_S * speed_up / truth.dt))
+        self._estimates = [(f, estimates.state[:, :2]) for f, estimates in enumerate(flight.estimates)]
+        self._others = [(follower, positions) for positions in others]
+
+    def step(self, time: float) -> int:
+        """Number k of the last filter step before a mission time [s]; 0 before the first."""
+        return min(int((time - self.start) / self.dt + 1e-9), self.steps.size)
 
     def at(self, time: float) -> FrameState:
         """State at mission time `time` [s].
@@ -128,11 +141,13 @@ class FilmData:
         place = (time - self.start) / truth.dt
         i = min(round(place), truth.time.size - 1)
         j, u = min(int(place), truth.time.size - 1), place % 1.0
-        k = min(int((time - self.start) / self._dt + 1e-9), self.position_error.shape[1])
+        k = self.step(time)
         followers = range(len(self._hydrophones))
         hydrophone = sites[self._hydrophones]
-        now = np.array([time])
-        estimate = np.array([[*self._estimate(f, now)[0], hydrophone[f, 2]] for f in followers])
+        estimate, others = (
+            np.array([[*self._interpolated(p, np.array([time]))[0], hydrophone[f, 2]] for f, p in kind]).reshape(-1, 3)
+            for kind in (self._estimates, self._others)
+        )
         ray, ranges, message, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
         before = k == 0
         return FrameState(
@@ -148,6 +163,7 @@ class FilmData:
             transmitter=sites[self._transmitters],
             hydrophone=hydrophone,
             estimate=estimate,
+            others=others,
             hypotheses=tuple(self._hypotheses(f, max(k, 1), estimate[f]) for f in followers),
             covariance=np.stack([self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]),
             ray=np.stack(ray),
@@ -158,11 +174,9 @@ class FilmData:
             bearing_error=np.full(len(followers), np.nan) if before else self.bearing_error[:, k - 1],
         )
 
-    def _estimate(self, follower: int, time: Floats) -> Floats:
-        """Estimated positions, carried on by the estimated velocity from the last step, shape (m, 2), [m]."""
-        state, elapsed = self.flight.estimates[follower].state, time - self.start
-        k = np.clip((elapsed / self._dt + 1e-9).astype(np.int64), 1, len(state))
-        return np.asarray(state[k - 1, :2] + (elapsed - k * self._dt)[:, None] * state[k - 1, 2:4])
+    def _interpolated(self, positions: Floats, times: Floats) -> Floats:
+        """Positions at filter steps, shape (n, 2), at other times, shape (p, 2), [m]; constant beyond the ends."""
+        return np.column_stack([np.interp(times, self.steps, along) for along in positions.T])
 
     def _hypotheses(self, follower: int, k: int, now: Floats) -> tuple[Hypothesis, ...]:
         """Hypotheses after the last message before step k, moved as the estimate has moved since, to `now`."""
@@ -186,56 +200,35 @@ class FilmData:
         if last < 0:
             return np.zeros(3), np.full(3, np.nan), -1, None
         step = int(measured.message_step[last])
-        age = (time - self.start - step * self._dt) / self.speed_up
+        age = (time - self.start - step * self.dt) / self.speed_up
         ranges = measured.ranges[last]
         fixes = self.flight.estimates[follower]
         made = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
         kind = FixKind(int(fixes.fix_kind[made])) if made >= 0 else None
         return np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)), ranges, last, kind
 
-    def _trail_part(self, time: float, film_seconds: float) -> slice:
-        """Points of a trail on their grid; they stay put while time goes on, or the trail would seem to crawl."""
-        every, dt = self._trail_every, self.flight.trajectory.dt
-        now = int((time - self.start) / dt)
-        first = max(0, int(now - film_seconds * self.speed_up / dt))
-        return slice(-(-first // every), now // every + 1)
-
     @cached_property
-    def _trail_grid(self) -> Floats:
-        """Instants of the points of all trails, shape (g,), [s]."""
-        return self.flight.trajectory.time[:: self._trail_every]
-
-    @cached_property
-    def _tracks(self) -> list[Floats]:
-        """Points of the trails of the leader's body origin and of each follower's hydrophone, shapes (g, 3), [m]."""
+    def _trails(self) -> tuple[Floats, Floats]:
+        """Instants, shape (g,), [s], and points, shape (v + f + o, g, 3), [m], of all trails; see `trail`."""
         truth = self.flight.trajectory
-        hydrophones = [truth.site_at(f"{name}/hydrophone", self._trail_grid) for name in truth.names[1:]]
-        return [np.asarray(truth.at(self._trail_grid)[0][:, 0]), *hydrophones]
+        grid = truth.time[:: self._trail_every]
+        hydrophones = [truth.site_at(f"{name}/hydrophone", grid) for name in truth.names[1:]]
+        estimates = [np.column_stack([self._interpolated(positions, grid), hydrophones[f][:, 2]])
+                     for f, positions in (*self._estimates, *self._others)]  # fmt: skip
+        return grid, np.stack([truth.at(grid)[0][:, 0], *hydrophones, *estimates])
 
-    def trail(self, vehicle: int, state: FrameState, film_seconds: float) -> Floats:
-        """Positions of a vehicle in the last `film_seconds` of film, oldest first, shape (p, 3), [m].
+    def trail(self, number: int, state: FrameState, film_seconds: float) -> Floats:
+        """Positions in the last `film_seconds` of film, oldest first, shape (p, 3), [m].
 
-        They are those of the leader's body origin, but of a follower's hydrophone, for that is what it estimates.
+        Points lie on a grid that stays in place while time goes on, or the trail would seem to crawl.
+
+        Args:
+            number: 0 for the leader's body origin, then the hydrophones of the followers, their estimates, and the
+                other estimates.
+            state: of the frame.
+            film_seconds: length of the trail.
         """
-        now = state.hydrophone[vehicle - 1] if vehicle else state.position[0]
-        return np.vstack([self._tracks[vehicle][self._trail_part(state.time, film_seconds)], now])
-
-    def estimate_trail(self, follower: int, state: FrameState, film_seconds: float) -> Floats:
-        """Estimated positions in the last `film_seconds` of film, at the true depth, shape (p, 3), [m]."""
-        part = self._trail_part(state.time, film_seconds)
-        past = self._estimate(follower, self._trail_grid[part])
-        return np.vstack([np.column_stack([past, self._tracks[follower + 1][part, 2]]), state.estimate[follower]])
-
-    def on_plane(self, follower: int, positions: Floats, times: Floats) -> Floats:
-        """Positions known at filter steps, at other times and at the hydrophone's depth; shapes (n, 2) to (p, 3), [m].
-
-        Linear between the steps, constant before the first and after the last.
-        """
-        steps = self.start + self._dt * np.arange(1, len(positions) + 1)
-        x, y = (np.interp(times, steps, values) for values in positions.T)
-        truth = self.flight.trajectory
-        return np.stack([x, y, truth.site_at(f"{truth.names[follower + 1]}/hydrophone", times)[:, 2]], axis=1)
-
-    def trail_times(self, time: float, film_seconds: float) -> Floats:
-        """Instants of the points of a trail, oldest first, shape (p,), [s]."""
-        return np.append(self._trail_grid[self._trail_part(time, film_seconds)], time)
+        grid, points = self._trails
+        shown = (grid <= state.time) & (grid >= state.time - film_seconds * self.speed_up)
+        now = np.vstack([state.position[:1], state.hydrophone, state.estimate, state.others])[number]
+        return np.vstack([points[number, shown], now])

@@ -3,14 +3,12 @@
 import os
 import pickle
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from laisn.arrays import Bytes, Floats
 from sim.assembly import models_of, ocean_of
@@ -46,9 +44,8 @@ class Job:
     flight: Flight
     errors: Sequence[tuple[Floats, Floats]]
     video: Video
-    follower: int
-    workers: int
-    samples: int
+    follower: int = 0
+    samples: int = 0
     """Samples of each pixel for the anti-aliasing, 0 for none."""
     annotations: Annotations = NOTHING
 
@@ -74,20 +71,18 @@ class FrameRenderer:
     """
 
     def __init__(self, job: Job, scene: GlScene) -> None:
-        video = job.video
-        size = (video.width_px, video.height_px)
-        self._data = FilmData(job.flight, job.errors, video.speed_up)
-        self._cameras = CameraRig(self._data, job.follower, size[0] / size[1])
-        film_s = job.times.size / video.frame_rate_hz
-        self._overlay = Overlay(self._data, job.follower, size, film_s, job.annotations)
+        video, others = job.video, [other.position for other in job.annotations.others]
+        self._data = FilmData(job.flight, job.errors, video.speed_up, job.follower, others)
+        self._cameras = CameraRig(self._data, job.follower, video.width_px / video.height_px)
+        self._overlay = Overlay(self._data, job.follower, video, job.annotations)
         self._scene, self._camera = scene, video.camera
 
-    def frame(self, time: float, title: bool = True) -> Bytes:
+    def frame(self, time: float) -> Bytes:
         """The frame at mission time `time` [s], top row first, shape (height, width, 4); reused at every call."""
         state = self._data.at(time)
         shot = self._cameras.shot(self._camera, state)
         self._overlay.canvas.load(self._scene.picture(state, shot, self._overlay.inset_boxes(shot)))
-        self._overlay.draw(state, shot, title)
+        self._overlay.draw(state, shot)
         return self._overlay.canvas.pixels
 
 
@@ -132,35 +127,26 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
     yield from (bytes(packet) for packet in codec.encode(None))
 
 
-def group_file(folder: Path, group: int) -> Path:
-    """File that holds the access units of a group of pictures."""
-    return folder / f"{group:06d}.units"
-
-
-def main(folder: Path, worker: int) -> None:
-    """Render and encode the groups worker, worker + workers … of the job in `folder`, with a byte to stdout a frame."""
-    job: Job = pickle.loads((folder / "job").read_bytes())
-    times = job.times
-
-    def frames(renderer: FrameRenderer, group: int) -> Iterator[Bytes]:
-        for time in times[group * GROUP : (group + 1) * GROUP]:
-            yield renderer.frame(float(time))
-            # a parent that is gone ends the child here
-            os.write(sys.stdout.fileno(), b".")
-
+def main(worker: int, workers: int) -> None:
+    """Render and encode the groups worker, worker + workers … of the job; results are (group, access units)."""
+    job, send = _connect()
     with open_scene(job) as scene:
         renderer = FrameRenderer(job, scene)
-        for group in range(worker, job.groups, job.workers):
-            units = list(encode(frames(renderer, group), job.video))
-            # the name appears when the content is whole
-            part = folder / f"{worker}.part"
-            part.write_bytes(pickle.dumps(units))
-            part.replace(group_file(folder, group))
+        for group in range(worker, job.groups, workers):
+            frames = (renderer.frame(float(time)) for time in job.times[group * GROUP : (group + 1) * GROUP])
+            send((group, list(encode(frames, job.video))))
 
 
-def main_still(folder: Path, time: float) -> None:
-    """Render one frame of the job in `folder` into its file "still.png"."""
-    job: Job = pickle.loads((folder / "job").read_bytes())
+def main_still(time: float) -> None:
+    """Render one frame of the job; the result is its pixels, shape (height, width, 4)."""
+    job, send = _connect()
     with open_scene(job) as scene:
-        pixels = FrameRenderer(job, scene).frame(time, title=False)
-        Image.fromarray(pixels).convert("RGB").save(folder / "still.png")
+        send(FrameRenderer(job, scene).frame(time))
+
+
+def _connect() -> tuple[Job, Callable[[object], None]]:
+    """The job, pickled on standard input, and a function that pickles results to standard output."""
+    output = os.fdopen(os.dup(1), "wb", buffering=0)
+    # what a library prints must not stand between results
+    os.dup2(2, 1)
+    return pickle.load(sys.stdin.buffer), lambda result: pickle.dump(result, output)

@@ -87,7 +87,7 @@ def plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]]) ->
     canvas.shapes([Shape(corners((left, top, width + 2 * gap, height + 2 * gap)), _GROUND)
                    for (_, _, left, top), (width, height) in zip(texts, extents, strict=True)])  # fmt: skip
     for (words, colour, left, top), (_, height) in zip(texts, extents, strict=True):
-        canvas.text((left + gap, top + gap + height / 2), words, colour, -_SIZE, "lm", moves=True)
+        canvas.text((left + gap, top + gap + height / 2), words, colour, -_SIZE, "lm")
 
 
 def draw(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> None:

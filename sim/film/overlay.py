@@ -8,17 +8,17 @@ from laisn.arrays import Floats
 from sim.film import formation, labels
 from sim.film.annotations import ESTIMATE, LEADER, TRANSMITTER_COLOURS, TRUTH, Annotations
 from sim.film.cameras import Shot, View
-from sim.film.canvas import DIM, PALE, Canvas, Colour, Shape, Stroke, corners
+from sim.film.canvas import PALE, Canvas, Colour, Shape, Stroke, corners
 from sim.film.dashboard import SIGMAS, Dashboard, Trail, round_length
 from sim.film.film_data import FilmData, FrameState
 from sim.film.formation import Stations
 from sim.film.labels import Label
 from sim.film.scene import Box
+from sim.scenario.settings import Video
 
 _TRAIL_FILM_S = 5.0
 _TRAIL_PIECES = 12
 _RAY_PIECES = 6
-_TITLE_FILM_S = 3.0
 _HULL_CLEAR_M = 0.45
 _ELLIPSE_PX = 9.0
 """Half axis from which an ellipse of uncertainty is drawn, at 720 rows: below it would lie under the marker."""
@@ -37,23 +37,23 @@ class Overlay:
     Args:
         data: what is filmed.
         follower: index of the follower whose numbers are shown.
-        size: width and height of the frames [px].
-        film_s: length of the film [s].
+        video: camera and size of the frames.
         annotations: what a study adds.
     """
 
-    def __init__(
-        self, data: FilmData, follower: int, size: tuple[int, int], film_s: float, annotations: Annotations
-    ) -> None:
+    def __init__(self, data: FilmData, follower: int, video: Video, annotations: Annotations) -> None:
         self._data, self._added, self._follower = data, annotations, follower
-        self.canvas = Canvas(*size)
-        self._box: Box = (0, 0, *size)
-        self._title_s = min(_TITLE_FILM_S, 0.2 * film_s)
+        self.canvas = Canvas(video.width_px, video.height_px)
+        self._box: Box = (0, 0, video.width_px, video.height_px)
         self._transmitters = range(data.flight.scenario.navigation.transmitters)
         self._stations = Stations(data.flight)
+        # that camera is for the leader's pitch: a line shows its axis as it would lie in a level hull
+        self._level_axis = video.camera == "profile"
         self._dashboard = None
-        if size[0] >= _SMALL[0] and size[1] >= _SMALL[1]:
-            self._dashboard = Dashboard(data, follower, self.canvas, annotations, self._stations.error(follower))
+        if video.width_px >= _SMALL[0] and video.height_px >= _SMALL[1]:
+            self._dashboard = Dashboard(
+                data, follower, self.canvas, annotations, self._stations.error(follower), self._level_axis
+            )
 
     def inset_boxes(self, shot: Shot) -> tuple[Box, ...]:
         """Places of a shot's insets along the lower edge, from one side on: left, top, width, height [px]."""
@@ -63,14 +63,14 @@ class Overlay:
         lefts = [edge + i * (width + gap) for i in range(len(shot.insets))]
         return tuple((x if shot.insets_left else c.width - width - x, top, width, height) for x in lefts)
 
-    def draw(self, state: FrameState, shot: Shot, title: bool = True) -> None:
-        """Draw over the picture on the canvas; the title at the start of the film, if wanted."""
+    def draw(self, state: FrameState, shot: Shot) -> None:
+        """Draw over the picture on the canvas."""
         c, board = self.canvas, self._dashboard
-        boxes, trails = self.inset_boxes(shot), self._trails(state)
+        boxes, trails, covered = self.inset_boxes(shot), self._trails(state), board.covered if board else []
         # lines of the whole picture pass below insets and panels: across a curve they would look like one
         regions = [
             (slice(int(top), int(top + height) + 1), slice(int(left), int(left + width) + 1))
-            for left, top, width, height in (*boxes, *(board.covered if board else []))
+            for left, top, width, height in (*boxes, *covered)
         ]
         kept = [c.pixels[region].copy() for region in regions]
         self._draw_view(state, shot.view, self._box, shot.fog[1], trails)
@@ -85,15 +85,11 @@ class Overlay:
             labels.plates(c, [(words, TRUTH if vehicle else LEADER, left + 5 * c.scale, top + 4 * c.scale)])
             self._scale_bar(view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35)
         if board:
-            board.draw(c, state, self._ray_colours(state, self._follower), self._others(state), trails)
+            board.draw(c, state, self._ray_colours(state, self._follower), trails)
             words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
             self._scale_bar(shot.view, self._box, board.scale[:2], 0.12, words)
-        taken = [*board.places, board.scale] if board else []
-        labels.draw(self._labels(state, shot.view), [*boxes, *taken], c)
+        labels.draw(self._labels(state, shot.view), [*boxes, *covered, *([board.scale] if board else [])], c)
         self._draw_footer()
-        opacity = min(1.0, 4.0 * (1.0 - state.film_time / self._title_s))
-        if title and opacity > 0 and board and not self._added.caption:
-            self._draw_title(opacity)
 
     # what stands in the water
 
@@ -146,12 +142,13 @@ class Overlay:
         return rings + [formation.WorldLine(dash, formation.NEAREST, 0.9, 1.6) for dash in pair]
 
     def _trails(self, state: FrameState) -> list[Trail]:
-        data, times = self._data, self._data.trail_times(state.time, _TRAIL_FILM_S)
-        trails: list[Trail] = [
-            (data.trail(v, state, _TRAIL_FILM_S), TRUTH if v else LEADER) for v in range(len(state.position))
-        ]
-        trails += [(data.on_plane(self._follower, o.position, times), o.colour) for o in self._added.others]
-        return [*trails, (data.estimate_trail(self._follower, state, _TRAIL_FILM_S), ESTIMATE)]
+        """Trails of all vehicles, of the other estimates and of the filmed follower's own, which lies on top."""
+        vehicles = len(state.position)
+        own = vehicles + self._follower
+        first_other = vehicles + len(state.estimate)
+        colours = [(v, TRUTH if v else LEADER) for v in range(vehicles)]
+        colours += [(first_other + i, other.colour) for i, other in enumerate(self._added.others)]
+        return [(self._data.trail(i, state, _TRAIL_FILM_S), colour) for i, colour in (*colours, (own, ESTIMATE))]
 
     def _ellipses(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
         """The filters' uncertainty about their estimates, where it is large enough to be seen."""
@@ -170,8 +167,8 @@ class Overlay:
     def _markers(self, state: FrameState, view: View, box: Box) -> tuple[list[Stroke], list[Shape]]:
         """Transmitters, estimates and hydrophones, and dashed lines between what belongs together."""
         c, lines, shapes = self.canvas, list[Stroke](), list[Shape]()
-        if self._added.level_axis:
-            for pixels, _, _ in self._lines(view, box, self._level_axis(state)):
+        if self._level_axis:
+            for pixels, _, _ in self._lines(view, box, level_axis(state)):
                 lines += [Stroke(dash, _WHITE, 1.3) for dash in formation.dashes(pixels[[0, -1]], 30)]
         colours = self._ray_colours(state, self._follower)
         for i in self._transmitters:
@@ -179,7 +176,7 @@ class Overlay:
             shapes += [c.disc(at, 2.6, colours[i], _DARK)] if at is not None else []
         there = [self._pixel(view, box, hydrophone) for hydrophone in state.hydrophone]
         estimates = [(self._follower, o, other.colour)
-                     for o, other in zip(self._others(state), self._added.others, strict=True)]  # fmt: skip
+                     for o, other in zip(state.others, self._added.others, strict=True)]  # fmt: skip
         for f, estimate, colour in [*estimates, *((f, e, ESTIMATE) for f, e in enumerate(state.estimate))]:
             truth, at = there[f], self._pixel(view, box, estimate)
             if at is not None:
@@ -200,25 +197,13 @@ class Overlay:
         rays = self._added.rays
         return rays.colours(state.message[follower]) if rays and follower == self._follower else TRANSMITTER_COLOURS
 
-    def _others(self, state: FrameState) -> list[Floats]:
-        """Positions of the other estimates, each of shape (3,), [m]."""
-        now = np.array([state.time])
-        return [self._data.on_plane(self._follower, o.position, now)[0] for o in self._added.others]
-
-    def _level_axis(self, state: FrameState) -> Floats:
-        """Ends, shape (2, 3), [m], of the leader's axis as it would lie in a level hull, a little longer than that."""
-        rear, front = state.transmitter[:2]
-        middle, heading = state.position[0], state.heading[0]
-        reach = 0.8 * float(np.linalg.norm(front - rear)) * np.array([np.sin(heading), np.cos(heading), 0.0])
-        return np.array([middle - reach, middle + reach])
-
     # what is written
 
     def _labels(self, state: FrameState, view: View) -> list[Label]:
         """Labels of the picture, the most important first."""
         c, f, names = self.canvas, self._follower, self._data.flight.trajectory.names
         truth, leader = state.hydrophone[f], state.position[0]
-        pitch = f", pitch {np.degrees(state.pitch[0]):+.1f}°" if self._added.level_axis else ""
+        pitch = f", pitch {np.degrees(state.pitch[0]):+.1f}°" if self._level_axis else ""
         apart = float(np.linalg.norm(leader - state.position[f + 1]))
 
         def off(name: str, at: Floats) -> str:
@@ -237,12 +222,12 @@ class Overlay:
                 wanted.append((station, f"station, {missed:.1f} m off", formation.STATION, 1))
             distance = f"{float(np.linalg.norm(pair[1] - pair[0])):.1f} m apart, the nearest"
             wanted.append((pair.mean(axis=0), distance, formation.NEAREST, 1))
-        for other, there in zip(self._added.others, self._others(state), strict=True):
+        for other, there in zip(self._added.others, state.others, strict=True):
             wanted.append((there, off(other.label, there), other.colour, 1))
         rest = [i for i in range(len(state.hydrophone)) if i != f][: _LABELS - 1]
         wanted += [(state.hydrophone[i], names[i + 1], TRUTH, -1) for i in rest]
-        if self._added.level_axis:
-            wanted.append((self._level_axis(state)[0], "level", (1.0, 1.0, 1.0), 0))
+        if self._level_axis:
+            wanted.append((level_axis(state)[0], "level", (1.0, 1.0, 1.0), 0))
         found, covered = [], self._dashboard.covered if self._dashboard else []
         for point, words, colour, side in wanted:
             at = self._pixel(view, self._box, point)
@@ -270,24 +255,13 @@ class Overlay:
             words += f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time"
         c.text((c.width / 2, c.height - 8 * c.scale), words, (0.85, 0.95, 1.0, 0.85), 12, "ms")
 
-    def _draw_title(self, opacity: float) -> None:
-        """Scenario, vehicles, navigation and seed, in the middle of the frame."""
-        c, data = self.canvas, self._data
-        scenario, t = data.flight.scenario, c.text_scale
-        width, top, followers, waves = 620 * t, 0.30 * c.height, len(scenario.followers), scenario.ocean.waves
-        c.panel(((c.width - width) / 2, top, width, 210 * t), 0.92 * opacity)
-        fleet = "one follower" if followers == 1 else f"{followers} followers"
-        sea = "calm sea" if waves.kind == "none" else f"{waves.kind} waves, {waves.height_m:g} m, {waves.period_s:g} s"
-        interval = scenario.timing.message_interval_s
-        lines: list[tuple[float, float, str, Colour]] = [
-            (-34, 56, scenario.name, (1.0, 1.0, 1.0)),
-            (15, 92, "LAISN: low-cost acoustic in-swarm navigation, simulated", PALE),
-            (15, 126, f"one leader, {fleet}  ·  {data.end - data.start:g} s  ·  {sea}", PALE),
-            (15, 150, f"{scenario.navigation.variant}, a message every {interval:g} s  ·  {scenario.motion}", PALE),
-            (15, 182, f"seed {scenario.seed}, run {scenario.run}  ·  {data.speed_up:g}× real time", DIM),
-        ]
-        for size, y, words, colour in lines:
-            c.text((c.width / 2, top + y * t), words, (*colour, opacity), size, "ms")
+
+def level_axis(state: FrameState) -> Floats:
+    """Ends, shape (2, 3), [m], of the leader's axis as it would lie in a level hull, a little longer than that."""
+    rear, front = state.transmitter[:2]
+    middle, heading = state.position[0], state.heading[0]
+    reach = 0.8 * float(np.linalg.norm(front - rear)) * np.array([np.sin(heading), np.cos(heading), 0.0])
+    return np.array([middle - reach, middle + reach])
 
 
 def metres_per_pixel(view: View, point: Floats) -> float:

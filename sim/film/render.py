@@ -2,32 +2,32 @@
 
 import os
 import pickle
-import selectors
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing, suppress
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from queue import SimpleQueue
+from tempfile import TemporaryFile
+from threading import Thread
+from typing import IO, Any
 
-import numpy as np
+from PIL import Image
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.files import atomic_write
 from sim.film import graphics
 from sim.film.annotations import NOTHING, Annotations
-from sim.film.frame_renderer import GROUP, Job, group_file
+from sim.film.frame_renderer import GROUP, Job
 from sim.flight import Flight
 from sim.scenario.settings import Video
-from sim.scenario.video import CAMERAS
 
 Errors = Sequence[tuple[Floats, Floats]]
 Progress = Callable[[float], None]
 
-_IMPORTS = "from pathlib import Path; from sim.film import frame_renderer"
+_IMPORTS = "from sim.film import frame_renderer"
 """First line of the program that a child process runs."""
 _STILL_SAMPLES = 4
 _LAST_WORDS = 12
@@ -47,31 +47,19 @@ def _job(
     video: Video | None,
     *,
     follower: int = 0,
-    workers: int = 1,
     samples: int = 0,
     annotations: Annotations = NOTHING,
 ) -> Job:
-    video = video or flight.scenario.video
     followers = flight.trajectory.names[1:]
-    if video.camera not in CAMERAS:
-        listed = "\n".join(f"  {name:<10}{what}" for name, what in CAMERAS.items())
-        raise RenderError(f"unknown camera {video.camera!r}; available:\n{listed}")
-    if video.width_px % 2 or video.height_px % 2 or min(video.width_px, video.height_px) < 2:
-        raise RenderError(f"H.264 needs even numbers of pixels, got {video.width_px} × {video.height_px}")
-    if not (np.isfinite(video.speed_up) and video.speed_up > 0):
-        raise RenderError(f"speed_up = {video.speed_up:g} must be positive")
     if not 0 <= follower < len(followers):
         raise RenderError(f"follower {follower} does not exist; available: 0 … {len(followers) - 1}")
-    if workers < 1:
-        raise RenderError(f"workers = {workers} must be at least 1")
     measured = flight.measurements[follower]
     annotations.check(measured.speed.size, measured.message_step.size)
     return Job(
         flight=flight,
         errors=errors,
-        video=video,
+        video=video or flight.scenario.video,
         follower=follower,
-        workers=workers,
         samples=samples,
         annotations=annotations,
     )
@@ -86,62 +74,60 @@ def _check_file(path: Path, suffix: str) -> None:
         raise RenderError(f"the folder {path.resolve().parent} does not exist")
 
 
-@contextmanager
-def _children(job: Job, programs: Sequence[tuple[str, ...]]) -> Iterator[tuple[Path, list[Any]]]:
-    """A folder with the job, and a child for each of the programs; none outlives the block."""
+def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
+    """What children that run these programs send, in the order of arrival; none outlives the generator.
+
+    Raises:
+        RendererDiedError: a child died.
+    """
     backend = graphics.working()
     if backend is None:
         raise RenderError(graphics.MISSING)
     threads = max(1, (os.cpu_count() or 1) // len(programs))
-    children: list[Any] = []
-    with TemporaryDirectory(prefix="laisn-") as name:
-        folder = Path(name)
-        (folder / "job").write_bytes(pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL))
-        try:
-            ending = f"from sim.processes import exit_with_parent; exit_with_parent({os.getpid()})"
-            for number, (program, *arguments) in enumerate(programs):
-                words = (str(folder), *arguments)
-                command, environment = graphics.child(f"{ending}; {program}", words, backend.name, threads)
-                with (folder / f"{number}.log").open("wb") as log:
-                    children.append(subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=log))
-            yield folder, children
-        finally:
-            for child in children:
-                child.kill()
-                child.wait()
-                child.stdout.close()
+    content = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
+    start = f"from sim.processes import exit_with_parent; exit_with_parent({os.getpid()}); {_IMPORTS}"
+    results: SimpleQueue[Any] = SimpleQueue()
+    children, readers = list[Any](), list[Thread]()
+    try:
+        for program in programs:
+            command, environment = graphics.child(f"{start}; frame_renderer.{program}", (), backend.name, threads)
+            log = TemporaryFile()  # noqa: SIM115 (the reader closes it)
+            pipe = subprocess.PIPE
+            children.append(subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=log))
+            readers.append(Thread(target=_read, args=(children[-1], log, content, results), daemon=True))
+            readers[-1].start()
+        going = len(children)
+        while going:
+            result = results.get()
+            if isinstance(result, RendererDiedError):
+                raise result
+            if result is None:
+                going -= 1
+            else:
+                yield result
+    finally:
+        for child in children:
+            child.kill()
+        for reader in readers:
+            reader.join()
 
 
-def _require_success(folder: Path, number: int, child: Any) -> None:
-    code = child.wait()
-    if code:
-        words = (folder / f"{number}.log").read_text(errors="replace").strip().splitlines()[-_LAST_WORDS:]
+def _read(child: Any, log: IO[bytes], content: bytes, results: SimpleQueue[Any]) -> None:
+    """Send a child its job and collect its results, then None or, if it failed, an error with the end of its log."""
+    with log, child, suppress(BrokenPipeError):
+        with suppress(BrokenPipeError):
+            child.stdin.write(content)
+            child.stdin.close()
+        # the last result of a child that dies may be cut short
+        with suppress(EOFError, pickle.UnpicklingError):
+            while True:
+                results.put(pickle.load(child.stdout))
+        code = child.wait()
+        log.seek(0)
+        words = log.read().decode(errors="replace").strip().splitlines()[-_LAST_WORDS:]
         how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
-        raise RendererDiedError("\n".join([f"a process that renders frames {how}", *words]))
-
-
-@contextmanager
-def _rendered(job: Job, progress: Progress | None) -> Iterator[Path]:
-    """A folder with all groups of pictures of the job, rendered by its children."""
-    frames, done = job.times.size, 0
-    workers = min(job.workers, job.groups)
-    program = f"{_IMPORTS}; frame_renderer.main(Path(sys.argv[1]), int(sys.argv[2]))"
-    with (
-        _children(job, [(program, str(w)) for w in range(workers)]) as (folder, children),
-        selectors.DefaultSelector() as selector,
-    ):
-        for number, child in enumerate(children):
-            selector.register(child.stdout, selectors.EVENT_READ, number)
-        while selector.get_map():
-            for key, _ in selector.select():
-                marks = os.read(key.fd, 4096)
-                done += len(marks)
-                if not marks:
-                    selector.unregister(key.fileobj)
-                    _require_success(folder, key.data, children[key.data])
-                elif progress:
-                    progress(done / frames)
-        yield folder
+        message = "\n".join([f"a process that renders frames {how}", *words])
+        results.put(RendererDiedError(message) if code else None)
 
 
 def render(
@@ -162,7 +148,7 @@ def render(
     Args:
         flight: the mission.
         path: of the film, ending in .mp4; overwritten.
-        errors: E_P [m] and E_B [rad] of each follower at steps k = 1 … n, each of shape (n,).
+        errors: position error [m] and bearing error [rad] of each follower at steps k = 1 … n, each of shape (n,).
         video: camera, size and speed; the scenario's if None.
         follower: index of the follower that the film keeps to.
         workers: processes that render.
@@ -178,10 +164,18 @@ def render(
         RendererDiedError: a child died.
         ValueError: the annotations do not fit the flight.
     """
-    job = _job(flight, errors, video, follower=follower, workers=workers, annotations=annotations)
+    job = _job(flight, errors, video, follower=follower, annotations=annotations)
+    if workers < 1:
+        raise RenderError(f"workers = {workers} must be at least 1")
     _check_file(path, ".mp4")
-    with _rendered(job, progress) as folder:
-        units = [unit for g in range(job.groups) for unit in pickle.loads(group_file(folder, g).read_bytes())]
+    workers = min(workers, job.groups)
+    groups: dict[int, list[bytes]] = {}
+    with closing(_results(job, [f"main({worker}, {workers})" for worker in range(workers)])) as results:
+        for group, found in results:
+            groups[group] = found
+            if progress:
+                progress(len(groups) / job.groups)
+    units = [unit for group in range(job.groups) for unit in groups[group]]
     with atomic_write(path) as part:
         _write_mp4(part, units, job.video)
     return list(zip(job.times.tolist(), units, strict=True))
@@ -219,7 +213,7 @@ def still(
     follower: int = 0,
     annotations: Annotations = NOTHING,
 ) -> None:
-    """One frame of the film as PNG, with smoothed edges and without title.
+    """One frame of the film as PNG, with smoothed edges.
 
     Args:
         flight: the mission.
@@ -240,8 +234,7 @@ def still(
     start, end = float(flight.trajectory.time[0]), float(flight.trajectory.time[-1])
     if not start <= time_s <= end:
         raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
-    program = f"{_IMPORTS}; frame_renderer.main_still(Path(sys.argv[1]), float(sys.argv[2]))"
-    with _children(job, [(program, repr(float(time_s)))]) as (folder, (child,)):
-        _require_success(folder, 0, child)
-        with atomic_write(path) as part:
-            part.write_bytes((folder / "still.png").read_bytes())
+    with closing(_results(job, [f"main_still({float(time_s)!r})"])) as results:
+        (pixels,) = results
+    with atomic_write(path) as part:
+        Image.fromarray(pixels).convert("RGB").save(part, format="png")

@@ -124,9 +124,8 @@ class GlScene:
         # insets look at a hull from above, or from close by
         self._sea.show_surface(False)
         for (view, _), box in zip(shot.insets, insets, strict=True):
-            if not self._sea.covers(view.target, 0.8 * _INSET_FOG[1]):
-                self._sea.show(view.target, _INSET_FOG[1], state.time, state.film_time, self._context)
-                mujoco.mj_kinematics(self._model, self._data)  # floor and surface have moved
+            self._sea.show(view.target, _INSET_FOG[1], state.time, state.film_time, self._context)
+            mujoco.mj_kinematics(self._model, self._data)  # the sea has moved
             self._render(state, view, box)
         frame = mujoco.MjrRect(0, 0, self.width, self.height)
         mujoco.mjr_readPixels(self._pixels, None, frame, self._context)

@@ -1,8 +1,7 @@
-"""What the film shows of the sea: floor and surface as height fields that travel with the camera, fog, light.
+"""What the film shows of the sea: a floor and a height field of the surface that travel with the camera, fog, light.
 
 Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.ocean.Ocean.elevation`) with
-ripples of a few centimetres on top, so that a calm sea still shimmers; the relief of the floor lies below
-the simulated depth.
+ripples of a few centimetres on top, so that a calm sea still shimmers.
 """
 
 from collections.abc import Sequence
@@ -23,8 +22,8 @@ _CELLS = 48
 _TILE_M = 40.0
 _SPACINGS_M = (*(_TILE_M / k for k in range(16, 0, -1)), *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)))
 """Spacings of a height field's points; they divide the tile, or are whole tiles."""
-_RELIEF_M = 3.0
 _CREST_M = 25.0
+_TEXELS = 256
 _RIPPLES = np.array(
     [
         # amplitude [m], kx, ky [1/m], ω [rad/s of film], phase
@@ -34,22 +33,6 @@ _RIPPLES = np.array(
     ]
 )
 """Looks only: they keep a calm sea from being a mirror."""
-_HILLS = np.array(
-    [
-        (1.0, 0.071, 0.023, 0.0, 0.0),
-        (0.9, -0.031, 0.083, 0.0, 1.3),
-        (0.5, 0.113, -0.137, 0.0, 2.1),
-        (0.3, 0.211, 0.171, 0.0, 0.4),
-        (0.2, -0.293, 0.247, 0.0, 4.0),
-        (0.15, 0.391, -0.083, 0.0, 5.1),
-    ]
-) - [0.0, 0.0, 0.0, 0.0, np.pi / 2]
-"""As `_RIPPLES`; incommensurate waves of 15–90 m give hills that never repeat within sight."""
-
-
-def relief(x: Floats, y: Floats) -> Floats:
-    """Height of the sea floor above its deepest point, as a share of the relief, over the grid x by y [m]."""
-    return np.asarray(0.5 + 0.5 * _sum_of_waves(_HILLS, x, y, 0.0) / _HILLS[:, 0].sum())
 
 
 def _tile(size: int, wavelength: float, seed: int) -> Floats:
@@ -60,20 +43,9 @@ def _tile(size: int, wavelength: float, seed: int) -> Floats:
     return np.asarray((noise - noise.mean()) / noise.std())
 
 
-def _network(size: int, wavelength: float, seed: int) -> Floats:
+def _network(wavelength: float, seed: int) -> Floats:
     """Bright curved lines, as light focused by ripples draws them, in [0, 1]."""
-    return np.asarray(np.exp(-4.0 * np.abs(_tile(size, wavelength, seed))))
-
-
-def _pixels(shade: Floats, dark: Sequence[float], bright: Sequence[float]) -> bytes:
-    shade = np.clip(shade, 0.0, 1.0)[..., None]
-    colour = (1 - shade) * np.asarray(dark) + shade * np.asarray(bright)
-    return bytes((255 * colour).round().astype(np.uint8))
-
-
-def _add_texture(spec: Any, name: str, pixels: bytes, size: int) -> None:
-    texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=size, height=size, nchannel=3)
-    texture.data = pixels
+    return np.asarray(np.exp(-4.0 * np.abs(_tile(_TEXELS, wavelength, seed))))
 
 
 def build(
@@ -97,33 +69,39 @@ def build(
     )
     for flat in ("floor", "surface"):
         spec.delete(spec.geom(flat))
-    size = 256
-    sand = 0.5 + 0.10 * _tile(size, 0.03, 1) + 0.10 * _tile(size, 0.22, 2) + 0.35 * (_network(size, 0.13, 3) - 0.3)
-    _add_texture(spec, "seabed", _pixels(sand, (0.20, 0.25, 0.22), (0.70, 0.72, 0.58)), size)
-    sheen = 0.30 + 0.55 * _network(size, 0.15, 4) * (0.6 + 0.4 * _network(size, 0.35, 5)) + 0.08 * _tile(size, 0.5, 6)
-    _add_texture(spec, "sea", _pixels(sheen, (0.10, 0.42, 0.52), (0.85, 1.0, 1.0)), size)
-    for name, z, quaternion, span, emission in (
-        ("seabed", -floor_depth_m - _RELIEF_M, (1, 0, 0, 0), _RELIEF_M, 0.0),
-        # upside down: a height field shows only its upper face, and this one is seen from below
-        ("sea", _CREST_M / 2, (0, 1, 0, 0), _CREST_M, 0.0),
+    sand = 0.5 + 0.10 * _tile(_TEXELS, 0.03, 1) + 0.10 * _tile(_TEXELS, 0.22, 2) + 0.35 * (_network(0.13, 3) - 0.3)
+    sheen = 0.30 + 0.55 * _network(0.15, 4) * (0.6 + 0.4 * _network(0.35, 5)) + 0.08 * _tile(_TEXELS, 0.5, 6)
+    for name, shade, dark, bright in (
+        ("seabed", sand, (0.20, 0.25, 0.22), (0.70, 0.72, 0.58)),
+        ("sea", sheen, (0.10, 0.42, 0.52), (0.85, 1.0, 1.0)),
     ):
-        material = spec.add_material(
-            name=f"{name}_look", emission=emission, specular=0.0, shininess=0.0, texuniform=True
+        colours = np.asarray(dark) + np.clip(shade, 0.0, 1.0)[..., None] * np.subtract(bright, dark)
+        texture = spec.add_texture(
+            name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=_TEXELS, height=_TEXELS, nchannel=3
         )
+        texture.data = bytes((255 * colours).round().astype(np.uint8))
+        material = spec.add_material(name=f"{name}_look", specular=0.0, shininess=0.0, texuniform=True)
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
         # MuJoCo lays a texture twice over 1 / texrepeat
         material.texrepeat = [2 / _TILE_M, 2 / _TILE_M]
-        spec.add_hfield(name=name, nrow=_CELLS, ncol=_CELLS, size=[200, 200, span, 0.001], userdata=np.zeros(_CELLS**2))
-        spec.worldbody.add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_HFIELD,
-            hfieldname=name,
-            material=f"{name}_look",
-            pos=[0, 0, z],
-            quat=quaternion,
-            contype=0,
-            conaffinity=0,
-        )
+    looks_only = {"contype": 0, "conaffinity": 0}
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    spec.worldbody.add_geom(
+        name="seabed", type=plane, size=[200, 200, 20], pos=[0, 0, -floor_depth_m], material="seabed_look", **looks_only
+    )
+    spec.add_hfield(
+        name="sea", nrow=_CELLS, ncol=_CELLS, size=[200, 200, _CREST_M, 0.001], userdata=np.zeros(_CELLS**2)
+    )
+    # upside down: a height field shows only its upper face, and this one is seen from below
+    spec.worldbody.add_geom(
+        name="sea",
+        type=mujoco.mjtGeom.mjGEOM_HFIELD,
+        hfieldname="sea",
+        material="sea_look",
+        pos=[0, 0, _CREST_M / 2],
+        quat=(0, 1, 0, 0),
+        **looks_only,
+    )
     # low light from one side shows the waves' slopes; the hulls are lit by the rest
     spec.material("sea_look").rgba = [2.6, 2.6, 2.6, 1.0]
     spec.worldbody.add_light(
@@ -147,7 +125,7 @@ def build(
 
 
 class Sea:
-    """The moving height fields of a model made by `build`.
+    """Floor and moving surface of a model made by `build`.
 
     Args:
         model: the compiled model.
@@ -156,17 +134,15 @@ class Sea:
 
     def __init__(self, model: Any, ocean: Ocean) -> None:
         self._model = model
-        self._geom = {n: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("seabed", "sea")}
-        self._field = {n: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_HFIELD, n) for n in ("seabed", "sea")}
+        self._geom, self._floor = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("sea", "seabed"))
         self._ocean = ocean
         self._waves = ocean.wave_parameters
         self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
-        self._shown: tuple[float, float, float] | None = None
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
-        """East and north of the height fields' points, at least `reach` around `centre`, each of shape (_CELLS,), [m].
+        """East and north of the height field's points, at least `reach` around `centre`, each of shape (_CELLS,), [m].
 
-        The points of one spacing always lie on the same lattice, or the floor would change shape as the camera moves.
+        The points of one spacing always lie on the same lattice, or the surface would change shape with the camera.
         """
         half = (_CELLS - 1) / 2
         cell = next((c for c in _SPACINGS_M if half * c >= reach), _SPACINGS_M[-1])
@@ -186,33 +162,21 @@ class Sea:
         return np.asarray(swell + _sum_of_waves(_RIPPLES, x, y, film_time))
 
     def show(self, centre: Floats, reach: float, time: float, film_time: float, context: Any) -> None:
-        """Bring floor and surface to where the camera looks, as they are at `time`, and hand them to the renderer."""
+        """Bring floor and surface to where the camera looks, the surface as it is at `time`, and upload it."""
         model = self._model
         x, y = self.grid(centre, reach)
-        middle, half = np.array([x.mean(), y.mean()]), float(x[-1] - x[0]) / 2
-        place = (float(middle[0]), float(middle[1]), half)
-        shapes = {"sea": 0.5 - self.elevation(x, y, time, film_time)[::-1] / _CREST_M}
-        if place != self._shown:
-            shapes["seabed"] = relief(x, y)
-            self._shown = place
-        for name, share in shapes.items():
-            field = self._field[name]
-            first = model.hfield_adr[field]
-            model.hfield_data[first : first + share.size] = share.ravel()
-            model.hfield_size[field, :2] = half
-            model.geom_pos[self._geom[name], :2] = middle
-            mujoco.mjr_uploadHField(model, context, field)
-
-    def covers(self, place: Floats, sight: float) -> bool:
-        """Whether floor and surface as shown reach `sight` [m] around a place of shape (3,), [m]."""
-        if self._shown is None:
-            return False
-        x, y, reach = self._shown
-        return bool(max(abs(place[0] - x), abs(place[1] - y)) + sight <= reach)
+        heights = 0.5 - self.elevation(x, y, time, film_time)[::-1] / _CREST_M
+        field = int(model.geom_dataid[self._geom])
+        first = model.hfield_adr[field]
+        model.hfield_data[first : first + heights.size] = heights.ravel()
+        # a floor beyond the fog would cost a third of a frame
+        model.hfield_size[field, :2] = model.geom_size[self._floor, :2] = (x[-1] - x[0]) / 2
+        model.geom_pos[[self._geom, self._floor], :2] = x.mean(), y.mean()
+        mujoco.mjr_uploadHField(model, context, field)
 
     def show_surface(self, visible: bool) -> None:
         """Whether the surface is drawn."""
-        self._model.geom_rgba[self._geom["sea"], 3] = float(visible)
+        self._model.geom_rgba[self._geom, 3] = float(visible)
 
 
 def _sum_of_waves(waves: Floats, x: Floats, y: Floats, time: float) -> Floats:

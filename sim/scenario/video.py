@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from sim.scenario.section import Name, Positive, Section
 
@@ -20,10 +20,18 @@ CAMERAS = {
 _NAMES = list(CAMERAS)
 
 
+def _known(name: str) -> str:
+    if name not in CAMERAS:
+        raise ValueError(f"unknown camera {name!r}; available: {', '.join(CAMERAS)}")
+    return name
+
+
 class Video(Section):
     """The film of the mission."""
 
-    camera: Name = Field("chase", description=f"{', '.join(_NAMES[:-1])} or {_NAMES[-1]}")
+    camera: Annotated[Name, AfterValidator(_known)] = Field(
+        "chase", description=f"{', '.join(_NAMES[:-1])} or {_NAMES[-1]}"
+    )
     width_px: Annotated[int, Field(ge=160, le=3840, multiple_of=2)] = 1280
     height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
     frame_rate_hz: Annotated[int, Field(ge=1, le=60)] = 30

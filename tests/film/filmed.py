@@ -38,11 +38,9 @@ class Notebook(Canvas):
         colour: Colour = (1, 1, 1),
         size: float = 14,
         anchor: str = "la",
-        *,
-        moves: bool = False,
     ) -> None:
         self.words.append(words)
-        font = canvas._font(self._size(size), size < 0)
+        font = canvas.font(self.text_size(size), size < 0)
         left, top, right, bottom = font.getbbox(words, anchor=anchor)
         self.boxes.append((at[0] + left, at[1] + top, right - left, bottom - top))
         self.sizes.append(font.size)

@@ -91,12 +91,16 @@ def test_annotations_that_do_not_fit_are_refused(flight, tmp_path):
 
 
 def test_positions_between_steps_lie_on_the_line_between_them(flight):
-    data = FilmData(flight, errors_of(flight), 4.0)
     n = np.arange(1.0, 601.0)
-    places = data.on_plane(0, np.stack([n, -2 * n], axis=1), np.array([0.0, 10.0, 10.05, 60.0]))
+    data = FilmData(flight, errors_of(flight), 4.0, 0, [np.stack([n, -2 * n], axis=1)])
+    states = [data.at(time) for time in (0.0, 10.0, 10.05, 60.0)]
+    places = np.concatenate([state.others for state in states])
     assert_allclose(places[:, 0], [1.0, 100.0, 100.5, 600.0])
     assert_allclose(places[:, 1], -2 * places[:, 0])
-    assert_allclose(places[1:, 2], [data.at(t).hydrophone[0, 2] for t in (10.0, 10.05, 60.0)])
+    assert_allclose(places[:, 2], [state.hydrophone[0, 2] for state in states])
+    # the trail of the other estimate follows those of leader, follower and its own estimate
+    assert_allclose(data.trail(3, states[2], 1.0)[:, 0] * -2, data.trail(3, states[2], 1.0)[:, 1])
+    assert_allclose(data.trail(3, states[2], 1.0)[-1], states[2].others[0])
 
 
 def test_a_moment_knows_its_message(flight):
@@ -154,7 +158,7 @@ import numpy as np
 from sim.film.frame_renderer import FrameRenderer, open_scene
 jobs, when = pickle.load(open(sys.argv[1], "rb"))
 with open_scene(jobs["plain"]) as scene:
-    np.savez(sys.argv[2], **{name: FrameRenderer(job, scene).frame(when, title=False) for name, job in jobs.items()})
+    np.savez(sys.argv[2], **{name: FrameRenderer(job, scene).frame(when) for name, job in jobs.items()})
 """
 
 
@@ -162,7 +166,7 @@ with open_scene(jobs["plain"]) as scene:
 def shown(flight, tmp_path_factory):
     """Stills with what is added, by camera, and a plain one; of one process, for a start takes longer than a still."""
     folder, errors = tmp_path_factory.mktemp("shown"), errors_of(flight)
-    job = Job(flight=flight, errors=errors, video=Video(), follower=0, workers=1, samples=4)
+    job = Job(flight=flight, errors=errors, video=Video(), samples=4)
     jobs = {"plain": job, "profile": replace(job, video=Video(camera="profile"), annotations=added(flight))}
     (folder / "jobs").write_bytes(pickle.dumps((jobs, WHEN)))
     arguments = (str(folder / "jobs"), str(folder / "stills.npz"))
@@ -194,8 +198,8 @@ def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(fl
 def test_the_curve_of_the_other_estimate_is_drawn_where_one_is_given(shown):
     for rendering in (render.render, render.still):
         assert inspect.signature(rendering).parameters["annotations"].default == Annotations() == NOTHING
-    # the panel of E_P: left edge 16, top 258, 292 × 84 px
-    panels = [shown[name][258:342, 16:308].astype(float) for name in ("plain", Video().camera)]
+    # the panel of the position error: left edge 16, top 288, 292 × 92 px
+    panels = [shown[name][290:378, 16:308].astype(float) for name in ("plain", Video().camera)]
     # green more than anything else: the panel itself is blue, the other curve magenta
     near = [panel[..., 1] - np.maximum(panel[..., 0], panel[..., 2]) > 25 for panel in panels]
     assert not near[0].any()

@@ -14,7 +14,7 @@ from sim.film.formation import Stations, dashes, nearest, station_rings
 from sim.film.overlay import Overlay, metres_per_pixel
 from sim.flight import Flight
 from sim.scenario.formation import Station
-from sim.scenario.settings import Follower
+from sim.scenario.settings import Follower, Video
 
 BEHIND, DEPTH = 10.0, 12.0
 
@@ -81,11 +81,11 @@ def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
     """On a black picture a ring is bright in the colour of stations, and the labels tell distances."""
     flight = in_formation()
     data = film_data_of(flight)
-    overlay = Overlay(data, 1, (1280, 720), 3.0, NOTHING)
+    overlay = Overlay(data, 1, Video(), NOTHING)
     state = data.at(30.0)
     shot = CameraRig(data, 1, 16 / 9).shot("top", state)
     overlay.canvas.load(np.zeros((720, 1280, 3), dtype=np.uint8))
-    overlay.draw(state, shot, title=False)
+    overlay.draw(state, shot)
     stations = Stations(flight).at(30.0)
     (centre,), (ahead,) = shot.view.project(stations[1], 1280, 720)
     angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
@@ -103,14 +103,14 @@ def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
     assert f"station, {off:.1f} m off" in words
     # lanes of followers are 9 m apart, each a metre deeper, and the leader is farther off: √82 m, but for a wobble
     assert "9.1 m apart, the nearest" in words
-    others = [label.words for label in Overlay(data, 0, (1280, 720), 3.0, NOTHING)._labels(state, shot.view)]
+    others = [label.words for label in Overlay(data, 0, Video(), NOTHING)._labels(state, shot.view)]
     assert not [word for word in others if word.startswith("station")]
 
 
 def test_every_follower_of_ten_has_a_label() -> None:
     """All ten stand in the picture from above, and there is room for a label of each."""
     data = film_data_of(make_flight(60.0, 10))
-    overlay, state = Overlay(data, 0, (1280, 720), 3.0, NOTHING), data.at(30.0)
+    overlay, state = Overlay(data, 0, Video(), NOTHING), data.at(30.0)
     wanted = overlay._labels(state, CameraRig(data, 0, 16 / 9).shot("top", state).view)
     placed = {label.words for label, _, _ in labels.place(wanted, [], overlay.canvas)}
     assert set(data.flight.trajectory.names[1:]) <= placed

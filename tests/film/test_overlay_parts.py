@@ -12,7 +12,7 @@ from synthetic import make_flight
 from laisn.estimates import FixKind
 from laisn.settings import Variant
 from sim.film import canvas, frame_renderer
-from sim.film.annotations import ESTIMATE, NOTHING
+from sim.film.annotations import NOTHING
 from sim.film.cameras import View
 from sim.film.canvas import Canvas, Place, Shape, Stroke
 from sim.film.dashboard import Dashboard, format_half_axes, round_length
@@ -33,7 +33,7 @@ def test_text_is_pillows(anchor: str) -> None:
     ours.pixels[:] = (10, 40, 60, 255)
     expected = Image.fromarray(ours.pixels.copy(), "RGBA")
     place, size = (140.0, 90.0), 40
-    font = canvas._font(round(size * ours.text_scale), False)
+    font = canvas.font(round(size * ours.text_scale), False)
     ImageDraw.Draw(expected).text(place, "E 0.27 m, gjÅ", fill=(255, 128, 64, 255), font=font, anchor=anchor)
     ours.text(place, "E 0.27 m, gjÅ", (1.0, 128 / 255, 64 / 255), size, anchor)
     np.testing.assert_allclose(ours.pixels.astype(int), np.asarray(expected).astype(int), atol=1)
@@ -45,26 +45,11 @@ def test_text_is_cut_at_the_edge_of_the_frame() -> None:
     ours.pixels[:] = (10, 40, 60, 255)
     expected = Image.fromarray(ours.pixels.copy(), "RGBA")
     for at in ((-9.0, 30.0), (50.0, -4.0), (200.0, 10.0)):
-        font = canvas._font(round(20 * ours.text_scale), False)
+        font = canvas.font(round(20 * ours.text_scale), False)
         ImageDraw.Draw(expected).text(at, "8.8 m", fill=(255, 255, 255, 255), font=font)
         ours.text(at, "8.8 m", WHITE, 20)
     np.testing.assert_allclose(ours.pixels.astype(int), np.asarray(expected).astype(int), atol=1)
     assert (ours.pixels == 255).all(axis=2).sum() > 5
-
-
-@pytest.mark.parametrize("size", [6, 8, 10, 16])
-def test_text_that_moves_loses_nothing(size: int) -> None:
-    """A shift moves the centre of what is drawn by so much, and cuts nothing off."""
-    still, x, y = canvas._mask("i 0 8 Å 5.78 [m]", size, False, "la", 0, 0)
-    rows, columns = np.indices(still.shape)
-    for right in range(4):
-        for down in range(4):
-            mask, *corner = canvas._mask("i 0 8 Å 5.78 [m]", size, False, "la", right, down)
-            assert corner == [x, y]
-            assert mask.sum() == pytest.approx(still.sum(), rel=1e-9)
-            for place, parts in ((columns, right), (rows, down)):
-                shift = (place * mask).sum() / mask.sum() - (place * still).sum() / still.sum()
-                assert shift == pytest.approx(parts / 4, abs=1e-9)
 
 
 # shapes and images
@@ -160,7 +145,7 @@ def test_text_of_panels_can_be_read_and_keeps_clear_of_other_text(size: tuple[in
     still = static_boxes(board, size[1])
     for kind in FixKind:
         notes = Notebook(*size)
-        board.draw(notes, dataclasses.replace(state, fix_kind=(kind,)), RAYS, [], [])
+        board.draw(notes, dataclasses.replace(state, fix_kind=(kind,)), RAYS, [])
         assert ("middle" in notes.words) == (variant == "laisn-3-2" and size[1] >= 576)
         assert len(notes.words) >= 5
         assert min(notes.sizes) >= 8
@@ -191,25 +176,25 @@ def test_half_axes_are_given_in_a_unit_that_suits_them(half_axes: tuple[float, .
 
 
 def test_a_curve_shows_the_whole_mission_and_its_cursor_the_present() -> None:
-    """Pulses of the error before and after the present: the curve is drawn throughout, and bright up to its cursor."""
+    """Pulses of the error before and after the present: the curve is drawn throughout, and a cursor moves along it."""
     flight = make_flight(60.0)
     values = np.zeros(600)
     values[199:202], values[399:402], values[500:] = 7.0, 7.0, 2.0
-    board = Dashboard(FilmData(flight, [(values, np.zeros(600))], 20.0), 0, Canvas(1280, 720), NOTHING)
-    ours, state = Notebook(), board._data.at(30.1)
+    data = FilmData(flight, [(values, np.zeros(600))], 20.0)
+    board = Dashboard(data, 0, Canvas(1280, 720), NOTHING)
+    ours, state = Notebook(), data.at(30.1)
     ours.pixels[:] = (0, 0, 0, 255)
-    board.draw(ours, state, RAYS, [], [])
+    board.draw(ours, state, RAYS, [])
     cursor = ours.lines[0]
     dot = ours.polygons[0].mean(axis=0)
     # the axis spans 0 to 60 s: pulses about 20.1 s and 40.1 s lie as far on either side of the cursor
     assert cursor[0, 0] == pytest.approx(dot[0], abs=0.5)
-    (x, y, width, height), axes, _ = board._curves[0]
+    axes, _ = board._curves[0]
+    x, y, width, height = board.places[1]
     pulses = [axes.transData.transform((20.1 + 20 * n, 3.5))[0] for n in (0, 1)]
     assert cursor[0, 0] - pulses[0] == pytest.approx(pulses[1] - cursor[0, 0], abs=0.6)
     row = round(720 - axes.transData.transform((0.0, 3.5))[1])
-    past, future = (ours.pixels[row, round(at) - 2 : round(at) + 3, 0].max() for at in pulses)
-    assert past > 200
-    assert 40 < future < 0.6 * past
+    assert all(ours.pixels[row, round(at) - 2 : round(at) + 3, 0].max() > 200 for at in pulses)
     assert y < row < y + height
     assert x < pulses[0] < pulses[1] < x + width
 
@@ -222,7 +207,7 @@ def test_a_fleet_is_told_apart_on_the_map() -> None:
     flight = dataclasses.replace(flight, trajectory=dataclasses.replace(truth, position=far))
     data = FilmData(flight, errors_of(flight), 20.0)
     board, notes, state = Dashboard(data, 0, Canvas(1280, 720), NOTHING), Notebook(), data.at(30.0)
-    board.draw(notes, state, RAYS, [], [])
+    board.draw(notes, state, RAYS, [])
     left, top, width, height = board.places[3]
     # the last polygons are the vehicles
     dots = np.array([polygon.mean(axis=0) for polygon in notes.polygons[-4:]])
@@ -240,7 +225,7 @@ def test_a_fleet_is_told_apart_on_the_map() -> None:
 @pytest.mark.parametrize("distance", [3.0, 17.0, 240.0])
 def test_a_scale_bar_is_as_long_as_the_camera_sees_its_metres(distance: float) -> None:
     flight = make_flight(5.0)
-    overlay = Overlay(FilmData(flight, errors_of(flight), 20.0), 0, (1280, 720), 3.0, NOTHING)
+    overlay = Overlay(FilmData(flight, errors_of(flight), 20.0), 0, Video(), NOTHING)
     notes = overlay.canvas = Notebook()
     view = View(position=np.zeros(3), target=np.array([0.0, distance, 0.0]), plane_m=distance)
     overlay._scale_bar(view, (0, 0, 1280, 720), (20.0, 600.0), 120 / 1280)
@@ -255,13 +240,3 @@ def test_a_scale_bar_is_as_long_as_the_camera_sees_its_metres(distance: float) -
 @pytest.mark.parametrize(("longest", "length"), [(0.99, 0.5), (1.0, 1.0), (4.99, 2.0), (5.0, 5.0), (1234.0, 1000.0)])
 def test_lengths_of_scale_bars_are_round(longest: float, length: float) -> None:
     assert round_length(longest) == pytest.approx(length, rel=1e-12)
-
-
-def test_a_name_with_an_index_is_written_with_one() -> None:
-    """E_P is set as E with an index, in curves and numbers alike."""
-    flight = make_flight(5.0)
-    board = Dashboard(FilmData(flight, errors_of(flight), 20.0), 0, Canvas(1280, 720), NOTHING)
-    symbols = [text for text in static_text(board) if "_" in text.get_text()]
-    assert len(symbols) == 4
-    assert all(text.get_text().count("$") == 2 for text in symbols)
-    assert sum(np.allclose(text.get_color(), ESTIMATE) for text in symbols if isinstance(text.get_color(), tuple)) == 2

@@ -117,7 +117,7 @@ def film() -> list[Row]:
     rate = frames * (1.0 - already) / max(last - first, 1e-9)
     return [
         Row("frames a second, once running", rate, "1/s", rate / 20, "20/s"),
-        Row("until the first frame", first - begin, "s"),
+        Row("until the first group of frames", first - begin, "s"),
         Row(f"{frames} frames in all", seconds, "s"),
     ]
 
