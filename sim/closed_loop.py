@@ -49,11 +49,10 @@ from sim.sensing.listening import HEARD, SILENT, Inbox, hear, is_under_way, new_
 from sim.sensing.observation import start_of
 from sim.sensing.pings import site
 from sim.sensing.proximity import SEEN, Lookout, look, lookout_of
-from sim.simulation import QUATERNION, TICK, VELOCITY, WATER, RouteControl, standing, steer_along_route
-from sim.trajectory import Trajectory
+from sim.simulation import TICK, RouteControl, standing, steer_along_route
+from sim.trajectory import Trajectory, Truth
 from sim.vehicle.plant import Plant
 
-POSE, TWIST = slice(0, 7), slice(7, 13)
 ROUTE, ROUTE_BY_ESTIMATE, STATION_BY_TRUTH, STATION = range(4)
 """What a follower keeps to, and what it steers by."""
 
@@ -155,27 +154,27 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
 
 
 @compiled
-def _lean(k: int, record: Floats, a: ClosedLoopState) -> None:
+def _lean(k: int, truth: Truth, a: ClosedLoopState) -> None:
     """What accelerations make of the leader's pitch and roll; the first instant has those of the second."""
     for i in range(k - 1 if k == 1 else k, k + 1):
-        change = record[k, 0, VELOCITY] - record[k - 1, 0, VELOCITY]
-        follow_tilt(a.senses.tilt_share, record[i, 0, QUATERNION], change, a.tilts[max(i - 1, 0)], a.tilts[i])
+        change = truth.twist[k, 0, :3] - truth.twist[k - 1, 0, :3]
+        follow_tilt(a.senses.tilt_share, truth.pose[i, 0, 3:], change, a.tilts[max(i - 1, 0)], a.tilts[i])
 
 
 @compiled
-def sense(k: int, record: Floats, a: ClosedLoopState) -> bool:
+def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     """All sensors at instant k, and messages that are in; whether it is a filter step, at which navigators are due.
 
     Between filter steps followers dead-reckon.
 
     Args:
         k: instant.
-        record: truth, shape (n + 1, v, COLUMNS + m), known until then.
+        truth: motion until then.
         a: readings, inbox, arrivals, trails and estimated positions are brought forward.
     """
-    row, stride = record[k], a.senses.stride
+    stride = a.senses.stride
     if k > 0 and a.senses.feels_acceleration:
-        _lean(k, record, a)
+        _lean(k, truth, a)
     if k % stride != 0:
         for i in range(a.kinds.size):
             estimate = a.estimates[i]
@@ -184,16 +183,16 @@ def sense(k: int, record: Floats, a: ClosedLoopState) -> bool:
         return False
     step = k // stride
     for i in range(a.kinds.size):
-        body = row[i + 1, POSE], row[i + 1, TWIST], row[i + 1, WATER]
+        body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
         read_own(a.senses, step, i, body, a.sites[2][i], a.readings[i])
         on_station = a.kinds[i] >= STATION_BY_TRUTH
         if k > 0 and a.lookout.every > 0 and k % a.lookout.every == 0 and on_station:
-            look(a.lookout, k, i, row, a.seen[i])
+            look(a.lookout, k, i, truth.pose[k], a.seen[i])
             update_avoidance(a.law.avoidance, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         # few calls, for what is handed over costs more than the question
         if is_under_way(step, i, a.senses.message_every, a.inbox):
-            hear(a.senses, step, i, (a.sites[0], a.sites[1]), (record, k), a.tilts, a.inbox)
+            hear(a.senses, step, i, (a.sites[0], a.sites[1]), (truth, k), a.tilts, a.inbox)
             a.arrived[i] = a.inbox.outcome[i] != SILENT
             if a.inbox.outcome[i] == HEARD and on_station:
                 clock, message = (k * TICK, TICK), a.inbox.message[i]
@@ -202,9 +201,11 @@ def sense(k: int, record: Floats, a: ClosedLoopState) -> bool:
 
 
 @compiled
-def _true_estimate(row: Floats, hydrophone: Floats, guidance: Floats, reading: Floats, estimate: Any) -> None:
-    """Replace readings and estimates of a follower that steers by the truth."""
-    pose, twist, water = row[POSE], row[TWIST], row[WATER]
+def _true_estimate(
+    body: tuple[Floats, Floats, Floats], hydrophone: Floats, guidance: Floats, reading: Floats, estimate: Any
+) -> None:
+    """Replace readings and estimates of a follower that steers by the truth: pose, twist and velocity of the water."""
+    pose, twist, water = body
     motion = vehicle_state(pose, twist, water)
     reading[0], reading[1], reading[2] = forward_speed(pose, twist, water), motion.heading, motion.depth
     reading[3], reading[4], reading[5] = motion.pitch, motion.turning, motion.pitching
@@ -237,29 +238,30 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
 
 
 @compiled
-def guide(k: int, row: Floats, a: ClosedLoopState) -> None:
+def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
     """Find the commands of all vehicles that hold from instant k until k + 1.
 
     Args:
         k: instant.
-        row: recorded truth, shape (v, COLUMNS + m), of which only the leader and who steers by the truth is read.
+        truth: motion until then, of which only that of the leader and of followers that steer by the truth is read.
         a: memories and commands are brought forward; estimates are recorded.
     """
     routes = a.routes
-    steer_along_route(k, row, 0, routes)
+    steer_along_route(k, truth, 0, routes)
     for f in range(a.kinds.size):
         i, reading, estimate = f + 1, a.readings[f], a.estimates[f]
         a.history[k, f] = estimate
         if a.kinds[f] == ROUTE:
-            steer_along_route(k, row, i, routes)
+            steer_along_route(k, truth, i, routes)
             continue
         if a.kinds[f] == ROUTE_BY_ESTIMATE:
             _follow_route(k, f, a)
             continue
         if a.kinds[f] == STATION_BY_TRUTH:
+            body, guidance = (truth.pose[k, i], truth.twist[k, i], truth.water[k, i]), routes.guidance[i]
             if k == 0:
-                routes.guidance[i, CURRENT_EAST], routes.guidance[i, CURRENT_NORTH] = row[i, WATER][0], row[i, WATER][1]
-            _true_estimate(row[i], a.sites[1][f], routes.guidance[i], reading, estimate)
+                guidance[CURRENT_EAST], guidance[CURRENT_NORTH] = body[2][0], body[2][1]
+            _true_estimate(body, a.sites[1][f], guidance, reading, estimate)
         steering = keep_station(
             a.law,
             a.stations[f],
@@ -281,15 +283,15 @@ class ClosedLoop(NamedTuple):
     """The followers' navigators, with a compiled `navigate`."""
 
     @compiled
-    def control(self, k: int, record: Floats) -> int:
+    def control(self, k: int, truth: Truth) -> int:
         """Sense, navigate and find the commands of all vehicles; see `sim.simulation.Controller.control`."""
         state, failed = self.state, 0
-        if sense(k, record, state):
+        if sense(k, truth, state):
             step, inbox = k // state.senses.stride, state.inbox
             failed = self.swarm.navigate(
                 step, state.readings, state.arrived, inbox.message, inbox.ranges, state.estimates
             )
-        guide(k, record[k], state)
+        guide(k, truth, state)
         return failed
 
 
@@ -300,9 +302,9 @@ class PythonClosedLoop:
         """Take what `ClosedLoop` takes; `navigate` need not be compiled."""
         self.state, self.swarm = state, swarm
 
-    def control(self, k: int, record: Floats) -> int:
+    def control(self, k: int, truth: Truth) -> int:
         """As `ClosedLoop.control`."""
-        return cast(int, cast(Any, ClosedLoop.control).py_func(self, k, record))
+        return cast(int, cast(Any, ClosedLoop.control).py_func(self, k, truth))
 
 
 def closed_loop_of(

@@ -1,12 +1,17 @@
 """Truth of a scenario: how its vehicles move, by the physics or by the paper's point motion."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
+import numpy as np
+
+from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
-from sim import point_fleet
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.contact import contacts, first_touch
-from sim.point_fleet import Sites
+from sim.geometry import attitude
+from sim.scenario.point_motion import Limits, plan
+from sim.scenario.routes import Route
 from sim.scenario.settings import Scenario
 from sim.simulation import ControllerFactory, SimulationError, simulate
 from sim.trajectory import Trajectory
@@ -27,6 +32,70 @@ class DivergedError(EndedError):
 
 class ContactError(EndedError):
     """Vehicles touched, in a scenario whose missions end with that."""
+
+
+class Sites(NamedTuple):
+    """Points on the hulls."""
+
+    names: tuple[str, ...]
+    """"vehicle/site", shape (s,)."""
+    vehicle: Ints
+    """Index of the vehicle that carries the site, shape (s,)."""
+    offset: Floats
+    """Sites in the vehicle's body frame, shape (s, 3), [m]."""
+
+
+def simulate_points(
+    names: tuple[str, ...],
+    routes: Sequence[Route],
+    duration: float,
+    dt: float = 0.1,
+    limits: Limits | None = None,
+    *,
+    sites: Sites | None = None,
+) -> Trajectory:
+    """The point motion of a fleet: hulls level and on their courses, still water, no thrust.
+
+    Args:
+        names: of the vehicles, the leader first.
+        routes: one for each vehicle.
+        duration: [s]; a multiple of `dt`.
+        dt: time grid [s].
+        limits: of all vehicles.
+        sites: on the hulls; None: no sites.
+
+    Raises:
+        LaisnError: a route cannot be flown, or there is not one for each vehicle.
+    """
+    if len(names) != len(routes):
+        raise LaisnError(f"{len(names)} vehicles need as many routes, got {len(routes)}")
+    time: Floats = np.arange(round(duration / dt) + 1, dtype=np.float64) * dt
+    n, v = time.size, len(routes)
+    position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))
+    heading, turn_rate = np.empty((n, v)), np.empty((n, v))
+    for i, route in enumerate(routes):
+        motion = plan(route, limits).at(time)
+        depth, sinking = route.depth.at(time)
+        position[:, i] = np.column_stack([motion.east, motion.north, -depth])
+        level = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
+        velocity[:, i] = np.column_stack([*level, -sinking])
+        heading[:, i], turn_rate[:, i] = motion.course, motion.turn_rate
+    zero = np.zeros((n, v))
+    sites = sites or Sites((), np.zeros(0, np.int64), np.zeros((0, 3)))
+    return Trajectory(
+        names=names,
+        time=time,
+        position=position,
+        quaternion=attitude.from_euler(heading),
+        velocity=velocity,
+        angular_velocity=np.stack([zero, zero, -turn_rate], axis=-1),
+        water_velocity=np.zeros((n, v, 3)),
+        thrust=np.zeros((n, v, 0)),
+        effector_force=np.zeros((v, 0, 3)),
+        site_names=sites.names,
+        site_vehicle=sites.vehicle,
+        site_offset=sites.offset,
+    )
 
 
 def listeners(scenario: Scenario) -> list[str]:
@@ -78,7 +147,7 @@ def _simulated(
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
         sites = Sites(plant.site_names, plant.site_vehicle, plant.site_offset)
-        return point_fleet.simulate_points(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
+        return simulate_points(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
     try:
         return simulate(
             plant,

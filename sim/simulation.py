@@ -20,19 +20,13 @@ from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer, track
 from sim.scenario.point_motion import Limits
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S
-from sim.trajectory import Trajectory
+from sim.trajectory import Trajectory, Truth
 from sim.vehicle.plant import Plant, PlantError
 from sim.vehicle.stepping import FINE, Fault, advance
 from sim.water.ocean import Water, water_velocity
 
 TICK = CONTROL_STEP_S
 """Interval of guidance, autopilot and recording [s]."""
-POSITION, QUATERNION = slice(0, 3), slice(3, 7)
-VELOCITY, SPIN = slice(7, 10), slice(10, 13)
-WATER = slice(13, 16)
-"""Columns of a record of one vehicle at one instant; the thrusts of its m effectors follow."""
-COLUMNS = 16
-"""Number of columns before the thrusts."""
 NAVIGATION_FAILED = -1
 """Fault of a navigator; the number of its follower, from 1, is given with it."""
 _PROGRESS_TICKS = 500
@@ -55,12 +49,12 @@ class SimulationError(LaisnError):
 class Controller(Protocol):
     """Computes the commands of all vehicles; its class may be of a user's own, in Python."""
 
-    def control(self, k: int, record: Floats) -> int | None:
+    def control(self, k: int, truth: Truth) -> int | None:
         """Write the commands that hold from instant k until k + 1 into the array that it was made with.
 
         Args:
             k: instant; all are controlled in order, the last one of the mission as well.
-            record: truth, shape (n, v, COLUMNS + m), known until instant k.
+            truth: motion until instant k; later instants hold no values yet.
 
         Returns:
             Number, from 1, of the follower whose navigator failed; 0 or None if none did.
@@ -68,9 +62,9 @@ class Controller(Protocol):
 
 
 @overload_method(types.BaseNamedTuple, "control", inline="always")
-def _control(controller, k, record):  # type: ignore[no-untyped-def]
+def _control(controller, k, truth):  # type: ignore[no-untyped-def]
     method = getattr(controller.instance_class, "control", None)
-    return method and (lambda controller, k, record: method(controller, k, record))
+    return method and (lambda controller, k, truth: method(controller, k, truth))
 
 
 class RouteControl(NamedTuple):
@@ -88,10 +82,10 @@ class RouteControl(NamedTuple):
     """Thrust asked of each effector, shape (v, m), [N]."""
 
     @compiled
-    def control(self, k: int, record: Floats) -> int:
+    def control(self, k: int, truth: Truth) -> int:
         """Find the commands of all vehicles; see `Controller.control`."""
-        for i in range(record.shape[1]):
-            steer_along_route(k, record[k], i, self)
+        for i in range(self.command.shape[0]):
+            steer_along_route(k, truth, i, self)
         return 0
 
 
@@ -100,34 +94,33 @@ ControllerFactory = Callable[[Plant, RouteControl], Controller]
 
 
 @compiled
-def record_state(k: int, state: tuple[Floats, Floats, Floats], water: Water, record: Floats) -> None:
-    """Record instant k."""
+def record_state(k: int, state: tuple[Floats, Floats, Floats], water: Water, truth: Truth) -> None:
+    """Record instant k: pose, twist and thrust of a plant, and its water."""
     pose, twist, thrust = state
-    row = record[k]
-    water_velocity(pose[:, POSITION], k * TICK, water, row[:, WATER])
+    water_velocity(pose[:, :3], k * TICK, water, truth.water[k])
     for i in range(pose.shape[0]):
-        copy_values(pose[i], row[i, 0:7])
-        copy_values(twist[i], row[i, 7:13])
-        copy_values(thrust[i], row[i, COLUMNS:])
+        copy_values(pose[i], truth.pose[k, i])
+        copy_values(twist[i], truth.twist[k, i])
+        copy_values(thrust[i], truth.thrust[k, i])
 
 
 @compiled
-def steer_along_route(k: int, row: Floats, i: int, routes: RouteControl) -> None:
+def steer_along_route(k: int, truth: Truth, i: int, routes: RouteControl) -> None:
     """Find the command of vehicle i, by its true motion, that holds from the recorded instant k until k + 1.
 
     Args:
         k: instant.
-        row: recorded truth, shape (v, COLUMNS + m).
+        truth: motion until then.
         i: vehicle.
         routes: memory is brought forward, set up at k = 0; command is written.
     """
     reference, guidance = routes.reference[k, i], routes.guidance[i]
-    motion = vehicle_state(row[i, 0:7], row[i, 7:13], row[i, WATER])
-    current = row[i, WATER][0], row[i, WATER][1]
+    pose, water = truth.pose[k, i], truth.water[k, i]
+    motion, current = vehicle_state(pose, truth.twist[k, i], water), (water[0], water[1])
     if k == 0:
         begin(reference, motion.heading, motion.surge, current, guidance)
     track_current(current, TICK, guidance)
-    steered = steer(reference, (row[i, 0], row[i, 1]), TICK, guidance)
+    steered = steer(reference, (pose[0], pose[1]), TICK, guidance)
     control(routes.autopilots[i], steered, reference, motion, TICK, routes.autopilot[i], routes.command[i])
 
 
@@ -137,7 +130,7 @@ def _simulate(
     plant: tuple[Any, tuple[Floats, Floats, Floats], Water],
     controller: Controller,
     command: Floats,
-    record: Floats,
+    truth: Truth,
 ) -> tuple[int, Fault]:
     """Step, record and control from one instant to another.
 
@@ -146,7 +139,7 @@ def _simulate(
         plant: `Plant.step_handles`; pose, twist and thrust; the water.
         controller: called at each instant.
         command: that it writes, shape (v, m), [N].
-        record: of all instants, shape (n, v, COLUMNS + m).
+        truth: room for all instants.
 
     Returns:
         The last instant that is recorded, and what ended the simulation there, if it is not FINE.
@@ -158,44 +151,39 @@ def _simulate(
             fault = advance(handles, command, substeps)
             if fault[0] != FINE:
                 return k - 1, fault
-        record_state(k, state, water, record)
-        failed = controller.control(k, record)
+        record_state(k, state, water, truth)
+        failed = controller.control(k, truth)
         if failed:
             return k, (NAVIGATION_FAILED, failed)
     return last, (FINE, -1)
 
 
-def _trajectory(plant: Plant, record: Floats) -> Trajectory:
-    """What is recorded, which is two instants or more."""
-    part = {
-        name: np.ascontiguousarray(record[..., columns])
-        for name, columns in {
-            "position": POSITION,
-            "quaternion": QUATERNION,
-            "velocity": VELOCITY,
-            "angular_velocity": SPIN,
-            "water_velocity": WATER,
-            "thrust": slice(COLUMNS, None),
-        }.items()
-    }
+def _trajectory(plant: Plant, truth: Truth, instants: int) -> Trajectory:
+    """What is recorded of the first instants, which are two or more."""
+    pose, twist, water, thrust = (np.ascontiguousarray(array[:instants]) for array in truth)
     return Trajectory(
         names=plant.names,
-        time=np.arange(record.shape[0], dtype=np.float64) * TICK,
+        time=np.arange(instants, dtype=np.float64) * TICK,
+        position=np.ascontiguousarray(pose[..., :3]),
+        quaternion=np.ascontiguousarray(pose[..., 3:]),
+        velocity=np.ascontiguousarray(twist[..., :3]),
+        angular_velocity=np.ascontiguousarray(twist[..., 3:]),
+        water_velocity=water,
+        thrust=thrust,
         site_names=plant.site_names,
         site_vehicle=plant.site_vehicle.copy(),
         site_offset=plant.site_offset.copy(),
         effector_names=plant.effector_names,
         effector_force=plant.effectors["force"].copy(),
-        **part,
     )
 
 
 def standing(plant: Plant) -> Trajectory:
     """A plant as it stands, as a trajectory of two equal instants: for settings that depend on the hulls."""
-    record = np.empty((2, len(plant.names), COLUMNS + plant.thrust.shape[1]))
+    truth = Truth.empty(2, *plant.thrust.shape)
     for k in range(2):
-        record_state(k, plant.state, plant.ocean.water, record)
-    return _trajectory(plant, record)
+        record_state(k, plant.state, plant.ocean.water, truth)
+    return _trajectory(plant, truth, 2)
 
 
 def simulate(
@@ -244,24 +232,24 @@ def simulate(
     along = RouteControl(wanted, autopilots, *memory, np.zeros_like(plant.thrust))
     controller = along if make_controller is None else make_controller(plant, along)
     loop = _simulate if isinstance(controller, tuple) else cast(Any, _simulate).py_func
-    record = np.empty((ticks + 1, v, COLUMNS + plant.thrust.shape[1]))
+    truth = Truth.empty(ticks + 1, *plant.thrust.shape)
     first = 0
     for last in sorted({1, *range(_PROGRESS_TICKS, ticks, _PROGRESS_TICKS), ticks}):
         # between these instants nothing from outside is looked at, not even Ctrl-C
         handles = plant.step_handles(), plant.state, plant.ocean.water
-        k, fault = loop((first, last, substeps), handles, controller, along.command, record)
+        k, fault = loop((first, last, substeps), handles, controller, along.command, truth)
         if fault[0] == NAVIGATION_FAILED:
             raise ArithmeticError(f"the covariance of follower {fault[1]} is not positive definite any more")
         try:
             plant.finish_step(fault)
         except PlantError as error:
-            until = _trajectory(plant, record[: k + 1]) if k > 0 else None
+            until = _trajectory(plant, truth, k + 1) if k > 0 else None
             raise SimulationError(str(error), error.time, until) from error
-        new = record[first : last + 1]
-        end = None if ending is None else ending(new[..., POSITION], new[..., QUATERNION])
+        new = truth.pose[first : last + 1]
+        end = None if ending is None else ending(new[..., :3], new[..., 3:])
         if end is not None:
-            return _trajectory(plant, record[: max(first + end, 1) + 1])
+            return _trajectory(plant, truth, max(first + end, 1) + 1)
         if progress is not None and last < ticks:
             progress(last // _PROGRESS_TICKS * _PROGRESS_TICKS * TICK)
         first = last + 1
-    return _trajectory(plant, record)
+    return _trajectory(plant, truth, ticks + 1)

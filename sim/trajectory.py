@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import BinaryIO, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,24 @@ def _carry(position: Floats, axes: Floats, offset: Floats) -> None:
     for j in np.flatnonzero(offset):
         for i in range(3):
             position[:, i] += offset[j] * axes[j, i]
+
+
+class Truth(NamedTuple):
+    """Motion of v vehicles at n instants as the simulation records it, one instant after the other."""
+
+    pose: Floats
+    """Position [m] and quaternion (w, x, y, z), shape (n, v, 7)."""
+    twist: Floats
+    """Velocity in the world [m/s] and angular velocity in the body [rad/s], shape (n, v, 6)."""
+    water: Floats
+    """Velocity of the water in the world, shape (n, v, 3), [m/s]."""
+    thrust: Floats
+    """Of the effectors, shape (n, v, m), [N]."""
+
+    @classmethod
+    def empty(cls, instants: int, vehicles: int, effectors: int) -> Self:
+        """Room for so many instants."""
+        return cls(*(np.empty((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

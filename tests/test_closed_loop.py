@@ -23,7 +23,7 @@ from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import observe
-from sim.trajectory import Trajectory
+from sim.trajectory import Trajectory, Truth
 
 
 def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Scenario:
@@ -140,16 +140,19 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
         {"name": "mixed", "duration_s": 5.0, "followers": followers, "formation": {"proximity": near}}, "test"
     )
     flown, loop = simulate_closed_loop(scenario, new_swarm)
-    row = np.concatenate(
-        [flown.position[-1], flown.quaternion[-1], flown.velocity[-1], flown.angular_velocity[-1], flown.thrust[-1],
-         flown.water_velocity[-1]], axis=1,
-    )  # fmt: skip
-    other = row.copy()
-    other[1:] += np.linspace(0.1, 0.7, other[1:].size).reshape(other[1:].shape)
+    truth = Truth(
+        np.concatenate([flown.position, flown.quaternion], axis=2),
+        np.concatenate([flown.velocity, flown.angular_velocity], axis=2),
+        flown.water_velocity.copy(),
+        flown.thrust.copy(),
+    )
+    other = deepcopy(truth)
+    for array in other:
+        array[50, 1:] += np.linspace(0.1, 0.7, array[50, 1:].size).reshape(array[50, 1:].shape)
     commands = []
-    for truth in (row, other):
+    for motion in (truth, other):
         state = deepcopy(loop.state)
-        guide(50, truth, state)
+        guide(50, motion, state)
         commands.append(state.routes.command)
     np.testing.assert_array_equal(commands[1][[0, 2, 3]], commands[0][[0, 2, 3]])
     assert (commands[1][1] != commands[0][1]).any()

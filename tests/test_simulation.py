@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from experiments.flight.library import load
-from laisn.arrays import Floats
 from laisn.navigators import new_navigator, new_swarm
 from laisn.swarm import SeparateNavigators
 from sim.closed_loop import simulate_closed_loop
@@ -15,6 +14,7 @@ from sim.flight import navigate
 from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
 from sim.simulation import RouteControl
+from sim.trajectory import Truth
 from sim.vehicle.plant import Plant
 
 
@@ -26,12 +26,12 @@ class Recorder:
     """A controller in Python that leaves control to another one."""
 
     def __init__(self, plant: Plant, routes: RouteControl) -> None:
-        self.plant, self.routes, self.called, self.positions = plant, routes, [], []  # type: ignore[var-annotated]
+        self.plant, self.routes, self.called, self.poses = plant, routes, [], []  # type: ignore[var-annotated]
 
-    def control(self, k: int, record: Floats) -> None:
+    def control(self, k: int, truth: Truth) -> None:
         self.called.append(k)
-        self.positions.append((record[k, :, :3].copy(), self.plant.pose[:, :3].copy()))
-        self.routes.control(k, record)
+        self.poses.append((truth.pose[k].copy(), self.plant.pose.copy()))
+        self.routes.control(k, truth)
 
 
 def test_a_controller_in_python_is_called_at_each_instant_and_flies_as_the_compiled_one() -> None:
@@ -47,7 +47,7 @@ def test_a_controller_in_python_is_called_at_each_instant_and_flies_as_the_compi
         np.testing.assert_array_equal(getattr(own, name), getattr(usual, name))
     assert made[0].called == list(range(601))
     # what it is handed is the state of the plant at that instant
-    for recorded, true in made[0].positions:
+    for recorded, true in made[0].poses:
         np.testing.assert_array_equal(recorded, true)
 
 
@@ -60,7 +60,7 @@ def test_a_command_from_python_holds_until_the_next_instant() -> None:
             self.command = routes.command
             lags.append(float(plant.effectors["lag"][1, 0]))
 
-        def control(self, k: int, record: Floats) -> None:
+        def control(self, k: int, truth: Truth) -> None:
             self.command[1, 0] = 5.0 if k < 10 else 0.0
 
     flown = simulate_motion(load("T5", ["duration_s=3"]), make_controller=Pulse)

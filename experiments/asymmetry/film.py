@@ -11,11 +11,10 @@ from experiments.flight.range_budget import Cause, range_error_budget
 from experiments.flight.summary import position_and_bearing_errors
 from laisn.arrays import Floats
 from laisn.navigators import new_navigator
-from sim.excerpt import excerpt
 from sim.film import graphics
 from sim.film.annotations import Annotations, OtherEstimate, RayErrors
 from sim.film.render import render
-from sim.flight import Flight, navigate
+from sim.flight import Flight, excerpt, navigate
 from sim.scenario.file import assigned, validate
 from sim.scenario.settings import Scenario, Video
 

@@ -152,11 +152,11 @@ def _take_up(
     s: Senses, k: int, sent: int, follower: int, known: Known, tilts: Floats, true: Floats, inbox: Inbox
 ) -> None:
     """Read the message of filter step `sent`, and its ranges."""
-    leader = known[0][sent * s.stride, 0]
+    truth, at = known[0], sent * s.stride
     _wander(s, sent, sent - inbox.kept[follower] if inbox.kept[follower] > 0 else 0, inbox.wander[follower])
     inbox.kept[follower] = sent
-    body = leader[0:7], leader[7:13], leader[13:16]
-    broadcast(s, sent, body, tilts[sent * s.stride], inbox.wander[follower], inbox.message[follower])
+    body = truth.pose[at, 0], truth.twist[at, 0], truth.water[at, 0]
+    broadcast(s, sent, body, tilts[at], inbox.wander[follower], inbox.message[follower])
     inbox.outcome[follower] = read_ranges(s, k, sent, follower, true, inbox)
 
 
@@ -177,7 +177,7 @@ def hear(
         k: filter step, from 1; steps must come one by one.
         follower: index; its vehicle is the one after.
         sites: offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m].
-        known: the motion until now, rows of pose, twist, water and thrusts.
+        known: the motion until now.
         tilts: what accelerations add to the leader's measured pitch and roll at each instant, shape (n, 2), [rad].
         inbox: brought forward.
     """

@@ -15,6 +15,7 @@ from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing.acoustics import sound_speed
 from sim.sensing.echo import Path
 from sim.sensing.hearing import Hearing
+from sim.trajectory import Truth
 from sim.water.sound import Profile, mean_slowness, speed_at
 
 _DIRECT, _SURFACE = int(Path.DIRECT), int(Path.SURFACE)
@@ -22,8 +23,8 @@ _ITERATIONS = 6
 """As in `acoustics`."""
 _PATHS = len(Path)
 
-Known = tuple[Floats, int]
-"""Records of all instants, shape (n, v, 10) or wider: position, quaternion and velocity; and the last that is known."""
+Known = tuple[Truth, int]
+"""Motion at all instants, and the last that is known."""
 
 
 class Sound(NamedTuple):
@@ -99,18 +100,19 @@ def site(pose: Floats, offset: Floats) -> Vector:
 @compiled
 def _site_between(known: Known, vehicle: int, offset: Floats, time: float) -> Vector:
     """A site at any time that is known, as `Trajectory.site_at`; at a later one, where it is last known [m]."""
-    record, last = known
+    truth, last = known
     place = min(max(time / CONTROL_STEP_S, 0.0), float(last))
     i = min(int(place), last - 1)
     u = place - i
-    one, other = record[i, vehicle], record[i + 1, vehicle]
+    one, other = truth.pose[i, vehicle], truth.pose[i + 1, vehicle]
+    here, there = truth.twist[i, vehicle], truth.twist[i + 1, vehicle]
     a, b = 2.0 * u**3 - 3.0 * u**2 + 1.0, u**3 - 2.0 * u**2 + u
     c, d = 3.0 * u**2 - 2.0 * u**3, u**3 - u**2
     b, d = b * CONTROL_STEP_S, d * CONTROL_STEP_S
     origin = (
-        a * one[0] + b * one[7] + c * other[0] + d * other[7],
-        a * one[1] + b * one[8] + c * other[1] + d * other[8],
-        a * one[2] + b * one[9] + c * other[2] + d * other[9],
+        a * one[0] + b * here[0] + c * other[0] + d * there[0],
+        a * one[1] + b * here[1] + c * other[1] + d * there[1],
+        a * one[2] + b * here[2] + c * other[2] + d * there[2],
     )
     return _carried(origin, between(one[3:7], other[3:7], u), offset)
 
@@ -118,7 +120,7 @@ def _site_between(known: Known, vehicle: int, offset: Floats, time: float) -> Ve
 @compiled
 def _place(s: Sound, known: Known, vehicle: int, offset: Floats, time: float) -> Vector:
     if s.on_grid:
-        return site(known[0][round(time / CONTROL_STEP_S), vehicle], offset)
+        return site(known[0].pose[round(time / CONTROL_STEP_S), vehicle], offset)
     return _site_between(known, vehicle, offset, time)
 
 

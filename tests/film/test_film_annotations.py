@@ -19,12 +19,12 @@ from experiments.asymmetry.conditions import QUICK_CONDITIONS
 from experiments.asymmetry.example import fly_example
 from experiments.command.cli import app
 from laisn.geometry import horizontal_range
-from sim.excerpt import excerpt
 from sim.film import graphics, render
 from sim.film.annotations import ESTIMATE, NOTHING, Annotations, OtherEstimate, RayErrors, diverging
 from sim.film.cameras import CameraRig
 from sim.film.film_data import FilmData
 from sim.film.frame_renderer import Job
+from sim.flight import excerpt
 from sim.scenario.settings import Video
 from sim.trajectory import leveled
 

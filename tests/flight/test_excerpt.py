@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from synthetic import make_flight
 
-from sim.excerpt import excerpt
+from sim.flight import excerpt
 
 
 def test_an_excerpt_keeps_the_lengths_of_steps_and_the_places_of_transmitters() -> None:

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 from experiments.command import bounds
 from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
 from experiments.pages import range_budget_page
-from sim.excerpt import excerpt
-from sim.flight import Flight
+from sim.flight import Flight, excerpt
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from sim.sensing.acoustics import propagate
 from sim.sensing.hearing import Hearing

@@ -19,9 +19,8 @@ from laisn.navigators import new_navigator
 from laisn.settings import NavigationSettings
 from laisn.tight.estimates import TightEstimates
 from laisn.tight.settings import TightSettings
-from sim.excerpt import excerpt
 from sim.film.film_data import FilmData
-from sim.flight import SLIP_M_SQRT_S, Flight, laisn_settings, navigate, navigation_settings
+from sim.flight import SLIP_M_SQRT_S, Flight, excerpt, laisn_settings, navigate, navigation_settings
 from sim.log import reader, writer
 from sim.log.file import LogError
 from sim.scenario.settings import Assume, Scenario

@@ -22,8 +22,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import register_schema
 from synthetic import bits, make_flight
 
-from sim.excerpt import excerpt
-from sim.flight import Flight, Outcome
+from sim.flight import Flight, Outcome, excerpt
 from sim.log import writer
 from sim.log.export import export
 from sim.log.file import LogError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from experiments.route_keeping import study
-from sim import point_fleet
 from sim.geometry import attitude
+from sim.motion import simulate_points
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan
 from sim.scenario.routes import Route, library_route, names
 from sim.simulation import simulate
@@ -56,7 +56,7 @@ def test_leader_and_follower_fly_their_routes(name):
         assert round(np.rad2deg(report.pitch_max), 1) <= 1.6
         assert round(np.rad2deg(report.roll_max), 1) <= 2.7
     # the physical vehicles stay close to the paper's point motion
-    ideal = point_fleet.simulate_points(NAMES, routes, 1000.0)
+    ideal = simulate_points(NAMES, routes, 1000.0)
     assert np.linalg.norm(flown.position - ideal.position, axis=-1).max() < 0.25
 
 
@@ -164,7 +164,7 @@ def test_arrival_is_when_a_waypoint_is_nearest():
 def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:
     """100 m north at 1 m/s, then off by hand at every instant: aside, fast, deep, pitched and rolled."""
     route = Route.timed("line", [[0, 0, 0], [100, 0, 100]], 5.0)
-    flown = point_fleet.simulate_points(("vehicle",), (route,), 120.0)
+    flown = simulate_points(("vehicle",), (route,), 120.0)
     wave = np.where(np.arange(flown.time.size) % 2 == 0, 3.0, -1.0)
     position, velocity = flown.position.copy(), flown.velocity.copy()
     position[:, 0, 0] += wave
@@ -188,7 +188,7 @@ def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:
 @pytest.mark.parametrize("name", names())
 def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
     route = library_route(name)
-    (report,) = tracking(point_fleet.simulate_points(("vehicle",), (route,), 1000.0), (route,))
+    (report,) = tracking(simulate_points(("vehicle",), (route,), 1000.0), (route,))
     assert report.arrival_error_max < 0.1 + 1e-9
     assert report.speed_error_rms < 1e-9
     assert report.depth_error_max < 1e-9
@@ -202,7 +202,7 @@ def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
 def test_reports_need_a_route_for_each_vehicle():
     routes = (library_route("L"), library_route("T2"))
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
-        tracking(point_fleet.simulate_points(NAMES, routes, 20.0), routes[:1])
+        tracking(simulate_points(NAMES, routes, 20.0), routes[:1])
 
 
 def test_the_record_has_every_vehicle_and_the_extremes_of_all() -> None:

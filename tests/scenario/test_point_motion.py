@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
-from sim import point_fleet
-from sim.point_fleet import Sites
+from sim.motion import Sites, simulate_points
 from sim.scenario.point_motion import Limits, plan
 from sim.scenario.routes import Route, library_route, names
 
@@ -170,7 +169,7 @@ def test_any_route_is_met_on_time_or_refused(steps, limits):
 def test_a_fleet_moves_level_on_its_course():
     routes = (library_route("L"), library_route("T4", 12.0))
     sites = Sites(("leader/bow", "follower/top"), np.array([0, 1]), np.array([[1.0, 0, 0], [0, 0, 0.1]]))
-    flown = point_fleet.simulate_points(("leader", "follower"), routes, 1000.0, sites=sites)
+    flown = simulate_points(("leader", "follower"), routes, 1000.0, sites=sites)
     assert flown.time.size == 10001
     assert flown.time[-1] == pytest.approx(1000.0)
     assert np.abs(flown.pitch).max() < 1e-12
@@ -190,7 +189,7 @@ def test_a_fleet_moves_level_on_its_course():
 
 def test_a_fleet_needs_a_route_for_each_vehicle():
     with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
-        point_fleet.simulate_points(("leader", "follower"), (library_route("L"),), 10.0)
+        simulate_points(("leader", "follower"), (library_route("L"),), 10.0)
 
 
 def stop(*, first: float = 150.0, until: float = 270.0, corner: float = 90.0, begins: bool = False) -> Route:

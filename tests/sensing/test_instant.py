@@ -12,6 +12,7 @@ from sim.sensing.listening import DEAF, HEARD, broadcast, hear, new_inbox
 from sim.sensing.loss import Channel
 from sim.sensing.noise import Stream, normals, uniforms
 from sim.sensing.pings import site
+from sim.trajectory import Truth
 from tests.synthetic import make_scenario
 
 PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
@@ -25,11 +26,11 @@ def scenario(tilt_sigma_deg: float, gyro_sigma_deg_s: float) -> Scenario:
     return made.model_copy(update={"sensors": sensors, "followers": made.followers * 2})
 
 
-def standing(poses: Floats, instants: int) -> Floats:
-    """Records of vehicles that stay where they are, shape (instants, v, 21)."""
-    record = np.zeros((instants, len(poses), 21))
-    record[:, :, :7] = poses
-    return record
+def standing(poses: Floats, instants: int) -> Truth:
+    """Vehicles that stay where they are."""
+    still = Truth(*(np.zeros((instants, len(poses), columns)) for columns in (7, 6, 3, 5)))
+    still.pose[:] = poses
+    return still
 
 
 def read(senses: Senses, steps: int, follower: int = 0) -> Floats:
@@ -91,9 +92,9 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
     ])  # fmt: skip
     away = np.array([-30.0, 20.0, -1.9]) - transmitters
     true = np.linalg.norm(away, axis=1)
-    record, inbox = standing(poses, 21), new_inbox(2)
+    truth, inbox = standing(poses, 21), new_inbox(2)
     for k in (10, 20):
-        hear(senses, k, 1, (transmitters, hydrophones), (record, k), np.zeros((21, 2)), inbox)
+        hear(senses, k, 1, (transmitters, hydrophones), (truth, k), np.zeros((21, 2)), inbox)
         assert inbox.outcome.tolist() == [0, HEARD]
         found = inbox.ranges[1]
         drawn = uniforms(seed, run, Stream.RANGE_UNIFORM.number(1), [k])[0]
@@ -122,9 +123,9 @@ def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_r
     there, sources = poses[1, :3] + [0.0, 0.0, 0.1], poses[0, :3] + attitude.rotate(leader, transmitters)
     direct = np.linalg.norm(sources - there, axis=1)
     assert direct.min() < reach < direct.max(), "one transmitter is out of reach"
-    record, inbox, state, heard, in_bursts = standing(poses, 601), new_inbox(1), False, [], 0
+    truth, inbox, state, heard, in_bursts = standing(poses, 601), new_inbox(1), False, [], 0
     for k in range(10, 610, 10):
-        hear(senses, k, 0, (transmitters, np.array([[0.0, 0.0, 0.1]])), (record, k), np.zeros((601, 2)), inbox)
+        hear(senses, k, 0, (transmitters, np.array([[0.0, 0.0, 0.1]])), (truth, k), np.zeros((601, 2)), inbox)
         found, any_heard = inbox.ranges[0], inbox.outcome[0] == HEARD
         assert any_heard or inbox.outcome[0] == DEAF
         streams = Stream.ECHO, Stream.RANGE_UNIFORM, Stream.LOSS

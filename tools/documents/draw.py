@@ -20,9 +20,8 @@ from experiments.pages.figures import Line
 from experiments.pages.flight_figures import error_stack
 from experiments.pages.style import COLOURS, INK, SERIES, Legend
 from experiments.route_keeping import study as route_keeping
-from sim.excerpt import excerpt
 from sim.film import render
-from sim.flight import Flight
+from sim.flight import Flight, excerpt
 from sim.motion import simulate_motion
 from tools.documents import architecture, physics, study_pictures
 from tools.documents.markers import records
