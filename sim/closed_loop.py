@@ -17,11 +17,13 @@ from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.swarm import Swarm, SwarmFactory, new_estimates
+from sim.assembly import routes_of
 from sim.control.autopilot import control, vehicle_state
 from sim.control.follower import (
     FOLLOWER_MEMORY,
     READINGS,
     Law,
+    extend_silent_trail,
     extend_trail,
     init_memory,
     keep_station,
@@ -30,6 +32,7 @@ from sim.control.follower import (
     update_avoidance,
 )
 from sim.control.guidance import (
+    COURSE,
     CURRENT_EAST,
     CURRENT_NORTH,
     EAST,
@@ -39,6 +42,7 @@ from sim.control.guidance import (
     steer,
     track_current,
 )
+from sim.control.leader_plan import SPACING, LeaderPlan, plan_of
 from sim.control.trail import TRAIL
 from sim.flight import navigation_settings
 from sim.motion import simulate_motion
@@ -67,6 +71,8 @@ class ClosedLoopState(NamedTuple):
     """ROUTE … STATION of each follower, shape (f,)."""
     estimates_current: bool
     """Whether the navigators estimate a current."""
+    plan: LeaderPlan
+    """The leader's, as far as its messages carry it."""
     stations: Floats
     """Columns BEHIND, PORT, STATION_DEPTH, shape (f, 3), [m]."""
     sites: tuple[Floats, Floats, Floats]
@@ -116,7 +122,11 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     names = [follower.name for follower in scenario.followers]
     memory, navigation = np.zeros((f, FOLLOWER_MEMORY)), scenario.navigation
     kinds, stations = np.zeros(f, dtype=np.int64), np.zeros((f, 3))
-    trails = np.zeros((f, n // scenario.message_every + 2, TRAIL))
+    waypoints = scenario.leader.broadcast_waypoints
+    track = routes.reference[:, 0, [EAST, NORTH, COURSE]]
+    plan = plan_of(track, routes_of(scenario)[0].time, waypoints, TICK)
+    planned = n // round(SPACING / TICK) if waypoints else 0
+    trails = np.zeros((f, n // scenario.message_every + planned + 2, TRAIL))
     counts = np.zeros((f, 1), dtype=np.int64)
     leader = vehicle_state(plant.pose[0], plant.twist[0], plant.water_velocity()[0])
     start = np.array([0.0, *plant.pose[0, :2], leader.heading, leader.surge])
@@ -132,6 +142,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         lookout=lookout_of(scenario),
         kinds=kinds,
         estimates_current=navigation.variant == "tight" and navigation.assume.current,
+        plan=plan,
         stations=stations,
         sites=(
             np.array([offset[f"leader/tx_{which}"] for which in ("rear", "front", "middle")]),
@@ -197,6 +208,8 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
             if a.inbox.outcome[i] == HEARD and on_station:
                 clock, message = (k * TICK, TICK), a.inbox.message[i]
                 extend_trail(a.law.frame, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
+        if on_station:
+            extend_silent_trail(a.plan, a.trails[i], a.counts[i], (k, TICK), a.memory[i])
     return k > 0
 
 

@@ -23,10 +23,11 @@ def _bits(span: float, step: float) -> int:
 
 
 def message_bits(scenario: Scenario) -> int:
-    """Length of a message: its number within a day, place, heading, speed, depth, perhaps tilt, and a checksum."""
+    """Length of a message: its number within a day, the leader's state, its next waypoints if asked for, a checksum."""
+    place = 2 * _bits(_AREA_M, _STEP_M)
     told = [
         _bits(_DAY_S, scenario.timing.message_interval_s),
-        2 * _bits(_AREA_M, _STEP_M),
+        place,
         _bits(2.0 * math.pi, _STEP_RAD),
         _bits(_FASTEST_M_S, _STEP_M_S),
         _bits(scenario.ocean.floor_depth_m, _STEP_M),
@@ -34,6 +35,7 @@ def message_bits(scenario: Scenario) -> int:
     ]
     if scenario.leader.broadcast_attitude:
         told.append(2 * _bits(_TILT_RAD, _STEP_RAD))
+    told.append(scenario.leader.broadcast_waypoints * (_bits(_DAY_S, 1.0) + place))
     return sum(told)
 
 

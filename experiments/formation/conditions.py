@@ -76,6 +76,7 @@ _NEAR = ("formation.proximity.range_m=8",)
 _COMPASS = ("sensors.leader_heading_bias_deg=5", "navigation.assume.exact_leader=false")
 _BURSTS = ("acoustics.burst_chance=0.1333", "acoustics.burst_mean_messages=5")
 _LONG_BURSTS = ("acoustics.burst_chance=0.01111", "acoustics.burst_mean_messages=60")
+_PLANNED = ("leader.broadcast_waypoints=2",)
 _STRAIGHT = ("leader.waypoints=[[0, 0, 0], [1000, 1000, 0]]",)
 
 CONDITIONS = (
@@ -98,6 +99,14 @@ CONDITIONS = (
     Condition(name="long bursts straight",
               title="40 % of messages lost, in bursts of 60 s, behind a leader that goes straight on",
               settings=(*_LONG_BURSTS, *_STRAIGHT)),
+    Condition(name="long bursts truth", title="40 % of messages lost, in bursts of 60 s, steering by the truth",
+              settings=_LONG_BURSTS, truth=True),
+    Condition(name="long bursts plan",
+              title="40 % of messages lost, in bursts of 60 s, messages carry the leader's next two waypoints",
+              settings=(*_LONG_BURSTS, *_PLANNED)),
+    Condition(name="long bursts plan truth",
+              title="40 % of messages lost, in bursts of 60 s, next two waypoints, steering by the truth",
+              settings=(*_LONG_BURSTS, *_PLANNED), truth=True),
     Condition(name="echoes", title="5 % echoes",
               settings=("acoustics.surface_echo_chance=0.025", "acoustics.bottom_echo_chance=0.025")),
     Condition(name="compass", title="leader's compass 5° off, and estimated, in water known to be still",

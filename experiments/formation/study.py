@@ -20,7 +20,14 @@ from laisn.arrays import Floats
 from laisn.navigators import new_swarm
 from sim.closed_loop import simulate_closed_loop
 from sim.contact import contacts
-from sim.station_keeping import closest_approaches, closest_in_a_layer, off_station, station_keeping, true_stations
+from sim.station_keeping import (
+    LOST_M,
+    closest_approaches,
+    closest_in_a_layer,
+    off_station,
+    station_keeping,
+    true_stations,
+)
 
 COMMAND = "laisn formation"
 MODULES = ("experiments.formation.study",)
@@ -44,6 +51,8 @@ class Run:
     """RMS distance on legs [m]."""
     lost: Floats
     """1 where the follower was ever more than 10 m off, else 0."""
+    away: Floats
+    """1 where the follower was more than 10 m off when the run ended, else 0."""
     error: Floats
     """Mean E_P [m]."""
     closest: float
@@ -77,6 +86,7 @@ def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> R
         turn=np.max(np.where(turning, off, 0.0), axis=0),
         leg=np.sqrt(np.nanmean(legs**2, axis=0)),
         lost=np.array([float(k.lost) for k in kept]),
+        away=(off[-1] > LOST_M).astype(np.float64),
         error=error.mean(axis=0),
         closest=closest_approaches(trajectory)[1].distance_m,
         within=float("nan") if layer is None else layer.distance_m,
@@ -95,7 +105,8 @@ def _of_layers(within: Sequence[float]) -> Finding:
 def _of_condition(name: str, runs: Sequence[Run]) -> dict[str, Finding]:
     """Findings of one condition; intervals are over runs."""
     rms = np.array([run.rms for run in runs])
-    lost, followers = int(sum(run.lost.sum() for run in runs)), rms.size
+    lost, away = int(sum(run.lost.sum() for run in runs)), int(sum(run.away.sum() for run in runs))
+    followers = rms.size
 
     def over_runs(values: Sequence[float], what: str, unit: str) -> Finding:
         return of(mean_interval(np.array(values)), what, unit)
@@ -112,6 +123,7 @@ def _of_condition(name: str, runs: Sequence[Run]) -> dict[str, Finding]:
         f"error {name}": over_runs([float(r.error.mean()) for r in runs], "mean E_P, mean of runs, 95 %", "m"),
         f"lost-runs {name}": plain(lost, f"followers lost, of {followers}"),
         f"lost {name}": of(proportion(lost, followers), "share of followers lost, 95 %"),
+        f"away {name}": of(proportion(away, followers), "share of followers more than 10 m off at the end, 95 %"),
         f"closest {name}": plain(min(r.closest for r in runs), "least horizontal distance of two vehicles", "m"),
         f"within {name}": _of_layers([r.within for r in runs]),
         f"contact {name}": of(proportion(int(sum(r.touching for r in runs)), len(runs)), "share of runs with contact"),

@@ -30,8 +30,9 @@ from sim.control.approach import CONSTANT_BEARING, LAWS, Approach, approach
 from sim.control.autopilot import VehicleState
 from sim.control.avoidance import Avoidance, away, give_way
 from sim.control.guidance import DEPTH, SINKING, SPEED_LEAST
+from sim.control.leader_plan import SPACING, LeaderPlan, correct_planned, extend_as_planned
 from sim.control.station import FRAME, FRAME_MEMORY, FRAME_RATE, STATION_DEPTH, Frame, Target, station_at, turn_frame
-from sim.control.trail import TIME, extend
+from sim.control.trail import extend
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
@@ -45,8 +46,10 @@ KEPT_FRAME, KEPT_RATE, INTEGRAL, HEADING_WANTED, SPEED_WANTED, LOG_PASSED, COMPA
 )
 """Columns of what a follower remembers, after those of its frame: first the frame as it was at the last message."""
 PUSH_EAST, PUSH_NORTH = range(FRAME_MEMORY + 8, FRAME_MEMORY + 10)
-"""… and last the velocity away from vehicles that it has sensed nearby [m/s]."""
-FOLLOWER_MEMORY = FRAME_MEMORY + 10
+"""… then the velocity away from vehicles that it has sensed nearby [m/s] …"""
+LAST_HEARD, HEARD_POINTS = range(FRAME_MEMORY + 10, FRAME_MEMORY + 12)
+"""… and last the time of the last message [s], and how many points the trail had with it; later ones are planned."""
+FOLLOWER_MEMORY = FRAME_MEMORY + 12
 
 _LOG_TIME = 1.0
 """Time constant of the log's low-pass [s]."""
@@ -155,15 +158,17 @@ def extend_trail(
         frame: how frames turn.
         station: columns BEHIND and PORT are read [m].
         message: columns HEARD_TIME … HEARD_SPEED.
-        trail: columns of `sim.control.trail`, shape (room, TRAIL).
+        trail: columns of `sim.control.trail`, shape (room, TRAIL), begun by `init_memory`.
         count: points of it, shape (1,).
         clock: time, no earlier than that of the message, and step of the frame [s].
         memory: brought forward, shape (FOLLOWER_MEMORY,).
     """
-    (now, dt), time, n = clock, message[HEARD_TIME], count[0]
-    before = trail[n - 1, TIME] if n > 0 else time
+    (now, dt), time = clock, message[HEARD_TIME]
+    before, heard = memory[LAST_HEARD], int(memory[HEARD_POINTS])
     said = message[HEARD_SPEED], message[HEARD_HEADING]
+    correct_planned(trail, count, heard, (message[HEARD_EAST], message[HEARD_NORTH], time))
     extend(trail, count, message[HEARD_EAST], message[HEARD_NORTH], time, said)
+    memory[LAST_HEARD], memory[HEARD_POINTS] = time, count[0]
     memory[FRAME], memory[FRAME_RATE] = memory[KEPT_FRAME], memory[KEPT_RATE]
     turn_frame(frame, station, (trail, count[0]), (before, time), dt, memory)
     memory[KEPT_FRAME], memory[KEPT_RATE] = memory[FRAME], memory[FRAME_RATE]
@@ -186,6 +191,23 @@ def init_memory(leader: Floats, trail: Floats, count: Ints, memory: Floats) -> N
     said = leader[HEARD_SPEED], leader[HEARD_HEADING]
     extend(trail, count, leader[HEARD_EAST], leader[HEARD_NORTH], leader[HEARD_TIME], said)
     memory[LOG_PASSED], memory[COMPASS_PASSED] = np.nan, np.nan
+    memory[LAST_HEARD], memory[HEARD_POINTS] = leader[HEARD_TIME], count[0]
+
+
+@compiled
+def extend_silent_trail(plan: LeaderPlan, trail: Floats, count: Ints, clock: tuple[int, float], memory: Floats) -> None:
+    """Let the trail go on as the leader planned, while no message is in; nothing without a plan.
+
+    Args:
+        plan: of the leader, as its messages carry it.
+        trail: columns of `sim.control.trail`, shape (room, TRAIL).
+        count: points of it, shape (1,); brought forward.
+        clock: control step, and its length [s].
+        memory: columns LAST_HEARD and HEARD_POINTS are read.
+    """
+    k, dt = clock
+    if plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - memory[LAST_HEARD] > 0.5 * SPACING:
+        extend_as_planned(plan, trail, count, (memory[LAST_HEARD], int(memory[HEARD_POINTS])), clock)
 
 
 @compiled
@@ -301,14 +323,14 @@ def keep_station(
         memory: brought forward, shape (FOLLOWER_MEMORY,).
         reference: out: of the autopilot, columns TURNING … SINKING, shape (8,).
     """
-    (reading, estimate), (trail, count), (now, dt) = senses, known, clock
+    (reading, estimate), (now, dt) = senses, clock
     starts = memory[LOG_PASSED] != memory[LOG_PASSED]
     motion = measured_motion(reading, estimate, dt, memory)
     if starts:
         memory[HEADING_WANTED], memory[SPEED_WANTED], memory[DEPTH_WANTED] = motion.heading, motion.surge, motion.depth
     quiet, depth = law.silence, station[STATION_DEPTH]
     heading, speed = memory[HEADING_WANTED], memory[SPEED_WANTED]
-    silent = now - trail[count - 1, TIME]
+    silent = now - memory[LAST_HEARD]
     if silent > quiet.limit and quiet.then != HOLD:
         speed = quiet.speed
         if quiet.then == CIRCLE:

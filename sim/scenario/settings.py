@@ -187,6 +187,8 @@ class Scenario(Section):
         found += station_conflicts(stations)
         found += proximity_inconsistencies(self.formation.proximity, stations)
         found += self._closed_loop_errors(bool(stations))
+        if self.leader.broadcast_waypoints and not stations:
+            found.append("leader.broadcast_waypoints is for followers on stations; there are none")
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             found.append("navigation.use_attitude needs leader.broadcast_attitude = true")
         return found

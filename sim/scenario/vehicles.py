@@ -102,6 +102,11 @@ class Leader(Vehicle):
     broadcast_attitude: bool = Field(
         False, description="messages carry the measured pitch and roll; default where followers are on stations: true"
     )
+    broadcast_waypoints: Annotated[int, Field(ge=0, le=20)] = Field(
+        0,
+        description="messages carry so many of the leader's next waypoints with their times; followers on stations go "
+        "on along them while they receive nothing",
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -23,6 +23,9 @@ def test_bits_of_a_message_are_those_of_its_quantities() -> None:
     # with a message every 10 s there are a tenth of the numbers; 900 tilts about two axes take 10 bits each
     slow = formation(timing={"message_interval_s": 10.0})
     assert message_bits(slow) == 14 + 2 * 21 + 12 + 9 + 12 + 16 + 20
+    # a waypoint is a place and one of 86400 seconds
+    routed = formation(leader={"depth_m": 10.0, "broadcast_attitude": False, "broadcast_waypoints": 2})
+    assert message_bits(routed) == message_bits(level) + 2 * (2 * 21 + 17)
 
 
 def test_the_farthest_station_is_measured_from_the_farther_transmitter() -> None:

@@ -28,6 +28,7 @@ def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> Run:
         turn=np.full(10, turn),
         leg=each / 2,
         lost=(np.arange(10) < lost).astype(float),
+        away=np.zeros(10),
         error=np.full(10, 0.25),
         closest=7.5 + rms,
         within=8.5 + rms,

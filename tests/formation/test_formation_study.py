@@ -94,8 +94,8 @@ def test_a_record_counts_what_runs_came_to() -> None:
     each = np.array([1.0, 2.0, 9.0])
     runs = [
         Run(rms=each * (1 + i), p95=2 * each + i, largest=9 * each * (i + 1), turn=each * i, leg=each / 2 + i,
-            lost=np.array([0.0, 0.0, float(i > 0)]), error=each * i, closest=5.0 - i, within=4.0 + i,
-            touching=float(i == 1), power=10.0 * i * i)
+            lost=np.array([0.0, 0.0, float(i > 0)]), away=np.array([0.0, 0.0, float(i > 1)]), error=each * i,
+            closest=5.0 - i, within=4.0 + i, touching=float(i == 1), power=10.0 * i * i)
         for i in range(3)
     ]  # fmt: skip
     found = findings_of({"calm": runs})
@@ -111,6 +111,7 @@ def test_a_record_counts_what_runs_came_to() -> None:
     assert (found["lost-runs calm"].value, found["closest calm"].value) == (2, 3.0)
     assert found["lost-runs calm"].what == "followers lost, of 9"
     assert found["lost calm"].value == pytest.approx(2 / 9, rel=1e-5)
+    assert found["away calm"].value == pytest.approx(1 / 9, rel=1e-5)
     assert (found["within calm"].value, found["contact calm"].value) == (4.0, pytest.approx(1 / 3, rel=1e-5))
     assert found["runs"].value == 3
     assert [found[f"{what} calm"].unit for what in ("median", "error", "power", "lost")] == ["m", "m", "W", ""]
@@ -127,7 +128,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
         flown.append(design)
         row = asdict(
             Run(rms=np.ones(1), p95=np.ones(1), largest=np.ones(1), turn=np.ones(1), leg=np.ones(1), lost=np.ones(1),
-                error=np.ones(1), closest=1.0, within=1.0, touching=0.0, power=1.0)
+                away=np.ones(1), error=np.ones(1), closest=1.0, within=1.0, touching=0.0, power=1.0)
         )  # fmt: skip
         return SimpleNamespace(tasks={key: [row] for key in design.tasks})
 
