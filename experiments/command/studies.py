@@ -156,10 +156,6 @@ def reproduce(
     ] = None,
     motion: Annotated[str, typer.Option(help="physics, or the paper's point motion: kinematic")] = "physics",
     runs: Annotated[int, typer.Option(min=1, max=1_000_000, help="runs of each cell")] = 60,
-    missions: Annotated[
-        int | None,
-        typer.Option(min=2, max=10_000, help="draw this many routes for each class instead of the paper's eight"),
-    ] = None,
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="key of all random numbers")] = 1,
     workers: WorkersOption = None,
     out: OutOption = None,
@@ -171,7 +167,7 @@ def reproduce(
 
     report = reproduction.reproduce(
         stage, motion=motion,  # type: ignore[arg-type]  # reproduce refuses other motions
-        runs=runs, missions=missions, seed=seed, workers=workers, out=out, force=force, cluster=cluster,
+        runs=runs, seed=seed, workers=workers, out=out, force=force, cluster=cluster,
     )  # fmt: skip
     say(f"report in {report}")
 

@@ -72,15 +72,14 @@ def _kept(key: Key) -> bool:
 
 
 def plan_cells(
-    settings: Sequence[Setting], followers: Mapping[str, Follower], *, motion: Motion, runs: int, seed: int,
-    keep_steps: bool = True,
+    settings: Sequence[Setting], followers: Mapping[str, Follower], *, motion: Motion, runs: int, seed: int
 ) -> dict[Key, CellPlan]:  # fmt: skip
     """The cells of some settings on some missions."""
     return {
         (setting.name, name, variant): CellPlan(
             scenario=stages.scenario(setting, follower, name, variant=variant, motion=motion, seed=seed),
             runs=runs,
-            keep_steps=keep_steps and _kept((setting.name, name, variant)),
+            keep_steps=_kept((setting.name, name, variant)),
         )
         for setting in settings
         for name, follower in followers.items()

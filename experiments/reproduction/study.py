@@ -22,8 +22,6 @@ from experiments.reproduction.record import (
     plan_cells,
 )
 from experiments.reproduction.replications import by_cell, means, resampled, tasks
-from experiments.reproduction.routes_run import write_routes
-from experiments.reproduction.routes_study import draw_followers
 from experiments.reproduction.stages import METRICS, Key, Motion, Setting
 from experiments.reproduction.verdict import Judgement, Results
 from laisn.failure import LaisnError
@@ -83,7 +81,6 @@ def reproduce(
     *,
     motion: Motion = "physics",
     runs: int = 60,
-    missions: int | None = None,
     seed: int = 1,
     out: Path | None = None,
     **options: Unpack[ExecutionOptions],
@@ -94,7 +91,6 @@ def reproduce(
         stage: stages to fly; None or none: all five.
         motion: rigid bodies in water, or the paper's point motion.
         runs: of each cell.
-        missions: routes drawn for each class of the paper's routes, in place of the paper's eight; None: the eight.
         seed: key of all random numbers.
         out: folder; None: out/reproduce-MOTION.
         options: as of `campaign.fly`.
@@ -108,13 +104,9 @@ def reproduce(
     settings = stages.settings_of(stage or None)
     if motion not in ("physics", "kinematic"):
         raise LaisnError(f"unknown motion {motion!r}; available: physics, kinematic")
-    name = "reproduce" if missions is None else "routes"
-    folder = out or Path("out") / f"{name}-{motion}"
-    followers = followers_of_the_paper() if missions is None else draw_followers(missions, seed)
-    plans = plan_cells(settings, followers, motion=motion, runs=runs, seed=seed, keep_steps=missions is None)
+    folder, followers = out or Path("out") / f"reproduce-{motion}", followers_of_the_paper()
+    plans = plan_cells(settings, followers, motion=motion, runs=runs, seed=seed)
     cells = list(plans.values())
-    if missions is not None:
-        return write_routes(settings, plans, campaign.fly(Design(cells=cells), folder, **options))
     repeated = tasks(settings, followers, motion=motion, runs=runs, seed=seed)
     design = Design(cells=cells, tasks=repeated, what="replications")
     return _write(settings, plans, campaign.fly(design, folder, **options))

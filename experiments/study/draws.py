@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from sim.scenario.random_routes import CLASSES, random_waypoints
+
 _DRAW_KEY = 0xD3A3
 """Keeps these random numbers apart from all others that come from the same seed."""
 
@@ -52,7 +54,7 @@ _LARGEST = 1e9
 
 def known(name: str) -> bool:
     """Whether there is a distribution of this name."""
-    return name in _LISTED or name in _NAMED or name == "choice"
+    return name in _LISTED or name in _NAMED or name in ("choice", "route_class")
 
 
 def _frozen(name: str, given: object) -> Any:
@@ -83,6 +85,8 @@ class Draw:
     law: str
     """Law of the draws in the file's words, for the page."""
     choices: tuple[Any, ...] = ()
+    route_classes: tuple[str, ...] = ()
+    """Classes of `CLASSES`, of which each sea has one and a route of it."""
     distribution: Any = field(default=None, compare=False)
 
     @classmethod
@@ -97,13 +101,18 @@ class Draw:
         ((name, parameters),) = given.items()
         if not known(name):
             raise ValueError(
-                f"unknown distribution {name!r:.40}; available: choice, {', '.join(sorted({*_LISTED, *_NAMED}))}"
+                f"unknown distribution {name!r:.40}; available: choice, route_class, "
+                f"{', '.join(sorted({*_LISTED, *_NAMED}))}"
             )
         law = f"{name} {parameters}"
         if name == "choice":
             if not isinstance(parameters, list) or not parameters:
                 raise ValueError(f"choice expects a list of values (given: {parameters!r:.60})")
             return cls(key=key, law=law, choices=tuple(parameters))
+        if name == "route_class":
+            if parameters != "any" and parameters not in CLASSES:
+                raise ValueError(f"route_class expects any, {', '.join(CLASSES)} (given: {parameters!r:.60})")
+            return cls(key=key, law=law, route_classes=tuple(CLASSES) if parameters == "any" else (parameters,))
         distribution = _frozen(name, parameters)
         if not all(math.isfinite(float(distribution.ppf(share))) for share in (0.01, 0.5, 0.99)):
             raise ValueError(f"{name} has no values with these parameters (given: {parameters!r:.60})")
@@ -112,7 +121,10 @@ class Draw:
     def value(self, seed: int, sea: int) -> Any:
         """What a sea has of it."""
         hashed = int.from_bytes(hashlib.sha256(self.key.encode()).digest()[:8], "big")
-        share = float(np.random.default_rng([_DRAW_KEY, seed, sea, hashed]).random())
+        address = [_DRAW_KEY, seed, sea, hashed]
+        share = float(np.random.default_rng(address).random())
+        if self.route_classes:
+            return random_waypoints(self.route_classes[int(share * len(self.route_classes))], [*address, 1])
         if self.choices:
             return self.choices[int(share * len(self.choices))]
         drawn = float(self.distribution.ppf(share))

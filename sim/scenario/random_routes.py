@@ -1,5 +1,6 @@
 """Follower routes drawn at random, in the classes by which the paper chose its own (Section 3)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -135,3 +136,24 @@ def random_route(
             points = points[:-2] if len(points) > 2 else [(0.0, *_about(moving, 0, rng, route_class))]
             failed = 0
     raise LaisnError(f"no route found in {_TRIES} tries; {route_class} asks for more than the vehicle can do")
+
+
+def random_waypoints(name: str, address: Sequence[int]) -> tuple[tuple[float, float, float], ...]:
+    """Waypoints of a drawn route that can also be flown from the course of its first leg: time [s], east, north [m].
+
+    Args:
+        name: of one of CLASSES.
+        address: key of the random numbers.
+
+    Raises:
+        LaisnError: no such route was found.
+    """
+    for attempt in range(100):
+        route = random_route(np.random.default_rng([*address, attempt]), CLASSES[name])
+        points = np.column_stack([route.time, route.waypoint.round(1)])
+        try:
+            plan(Route.timed(name, points, FOLLOWER_DEPTH))
+        except LaisnError:
+            continue
+        return tuple((float(t), float(x), float(y)) for t, x, y in points)
+    raise LaisnError(f"no route of class {name} can be flown")

@@ -11,7 +11,7 @@ from experiments import findings
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
 from experiments.flight.library import ROUTES
-from experiments.reproduction import claims, replications, routes_study, seeds, stages
+from experiments.reproduction import claims, replications, seeds, stages
 from experiments.reproduction import study as reproduce
 from experiments.reproduction.replications import sector_errors
 from experiments.reproduction.verdict import Results
@@ -55,7 +55,6 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path):
         ({"stage": [7]}, "unknown stage 7"),
         ({"runs": 0}, "runs is 0"),
         ({"motion": "magic"}, "unknown motion 'magic'; available: physics, kinematic"),
-        ({"missions": 1}, "missions is 1"),
         ({"workers": 0}, "workers is 0"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -178,41 +177,12 @@ def test_sector_errors_take_each_sector():
     assert np.isnan(astern)
 
 
-def test_bootstrap_interval_of_a_mean():
-    values = np.random.default_rng(5).normal(10.0, 2.0, 400)
-    interval = routes_study.bootstrap(values, np.random.default_rng(1))
-    half = 1.96 * values.std() / np.sqrt(values.size)  # normal theory; the bootstrap's own error is a few per cent
-    assert interval.value == values.mean()
-    assert interval.low == pytest.approx(values.mean() - half, abs=0.15 * half)
-    assert interval.high == pytest.approx(values.mean() + half, abs=0.15 * half)
-
-
-def test_more_routes_leave_those_before_as_they_were():
-    few, many = routes_study.draw_followers(2, seed=4), routes_study.draw_followers(3, seed=4)
-    assert {name: many[name] for name in few} == few
-    assert len(many) == 3 * 8
-    assert routes_study.draw_followers(2, seed=5) != few
-
-
-@pytest.mark.usefixtures("few_figures")
-def test_a_study_of_drawn_routes(tmp_path, short):
-    report = reproduce.reproduce(
-        [1], motion="kinematic", runs=2, missions=2, out=tmp_path, workers=1, quiet=True
-    )  # fmt: skip
-    table = pq.read_table(tmp_path / "distributions.parquet").to_pylist()
-    assert {row["class"] for row in table} == {*routes_study.CLASSES, "all"}
-    for row in table:
-        assert row["e_p_mean_m_low"] <= row["e_p_mean_m"] <= row["e_p_mean_m_high"]
-    assert "resampled routes" in report.read_text(encoding="utf-8")
-
-
 def test_commands_of_drawn_missions_are_not_offered():
     plain = Scenario(name="T2", followers=({"route": "T2"},))
     assert reproduce.fly_command(plain, 4) == "laisn fly T2 --run 4"
 
 
-@pytest.mark.parametrize(("missions", "folder"), [(None, "reproduce-kinematic"), (2, "routes-kinematic")])
-def test_results_go_to_a_folder_of_their_motion(missions, folder, monkeypatch):
+def test_results_go_to_a_folder_of_their_motion(monkeypatch):
     class FlownError(Exception):
         pass
 
@@ -221,6 +191,6 @@ def test_results_go_to_a_folder_of_their_motion(missions, folder, monkeypatch):
 
     monkeypatch.setattr(reproduce.campaign, "fly", fly)
     with pytest.raises(FlownError) as told:
-        reproduce.reproduce([1], motion="kinematic", missions=missions)
-    assert told.value.args[0] == Path("out") / folder
+        reproduce.reproduce([1], motion="kinematic")
+    assert told.value.args[0] == Path("out") / "reproduce-kinematic"
     assert told.value.args[1] > 0

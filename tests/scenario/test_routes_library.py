@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sim.scenario import routes
 from sim.scenario.point_motion import Limits, plan
-from sim.scenario.random_routes import CLASSES, RouteClass, random_route
+from sim.scenario.random_routes import CLASSES, RouteClass, random_route, random_waypoints
 from sim.scenario.routes import DepthProfile, Route
 
 MISSION = np.arange(0.0, 1000.05, 0.1)
@@ -165,3 +165,14 @@ def test_an_impossible_class_is_refused():
         random_route(np.random.default_rng(0), slow, 200.0, limits=Limits(speed_max=0.2))
     with pytest.raises(ValueError, match="distance_min"):
         RouteClass(distance_min=60.0)
+
+
+def test_random_waypoints_depend_on_their_address_and_can_be_flown():
+    one = random_waypoints("50-near-alike", [4, 0])
+    assert random_waypoints("50-near-alike", [4, 0]) == one
+    assert random_waypoints("50-near-alike", [4, 1]) != one
+    assert (one[0][0], one[-1][0]) == (0.0, 1000.0)
+    motion = plan(routes.Route.timed("drawn", one, 8.0)).at(MISSION)
+    for time, east, north in one[1:-1]:
+        near = np.hypot(motion.east - east, motion.north - north).min()
+        assert near < 10.0, f"the route passes the waypoint of {time} s"

@@ -224,7 +224,7 @@ def test_what_is_not_feasible_is_reported_with_its_points():
         ),
         (
             {"draw": {"leader.depth_m": {"zipf": {"a": 1.0001}}}},
-            "unknown distribution 'zipf'; available: choice, bernoulli",
+            "unknown distribution 'zipf'; available: choice, route_class, bernoulli",
         ),
         ({"draw": {"leader.depth_m": {"norm": {"loc": [1, 2]}}}}, r"a parameter is a number within ±1e\+09"),
         ({"draw": {"leader.depth_m": {"gamma": {"a": 1e300}}}}, r"a parameter is a number within ±1e\+09"),

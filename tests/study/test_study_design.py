@@ -8,6 +8,7 @@ from scipy import stats
 
 from experiments.study.draws import Draw
 from experiments.study.factors import Factor, points_of
+from sim.scenario.random_routes import CLASSES
 
 
 def test_a_range_is_a_grid_with_both_ends():
@@ -112,3 +113,18 @@ def test_draws_of_keys_seas_and_seeds_are_independent():
 def test_a_draw_that_is_none_says_what_was_expected(given, told):
     with pytest.raises(ValueError, match=told):
         Draw.of("x", given)
+
+
+def test_a_route_is_drawn_for_each_sea_from_its_class() -> None:
+    """Waypoints depend on seed, sea and key alone; of any class all come up."""
+    key = "followers.0.waypoints"
+    near = Draw.of(key, {"route_class": "50-near-alike"})
+    assert near.value(3, 0) == near.value(3, 0) != near.value(3, 1)
+    legs = np.diff([time for time, _, _ in near.value(3, 0)])
+    assert np.all(legs[:-1] <= 80.0), "a class of near waypoints"
+    every = Draw.of(key, {"route_class": "any"})
+    assert every.route_classes == tuple(CLASSES)
+    far = [np.diff([time for time, _, _ in every.value(3, sea)]).min() >= 100.0 for sea in range(24)]
+    assert 4 <= sum(far) <= 20, "half of the classes have waypoints far apart"
+    with pytest.raises(ValueError, match=r"route_class expects any, 50-near-alike, .*\(given: 'near'\)"):
+        Draw.of(key, {"route_class": "near"})
