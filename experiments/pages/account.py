@@ -1,4 +1,4 @@
-"""What a flight's report says first: a few sentences, each computed from the flight, one figure in each."""
+"""A flight in a few sentences, each computed from the flight, one figure in each; the first stands above all else."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -103,18 +103,21 @@ def _joined(parts: Sequence[str]) -> str:
 
 
 def _size(all_seen: Mapping[str, Seen]) -> str:
-    if len(all_seen) > 1:
-        means = {name: float(one.error.mean()) for name, one in all_seen.items()}
-        best, worst = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
-        return (
-            f"Of {len(all_seen)} followers {best} knew its place best, with a mean E_P of {_metres(means[best])}, "
-            f"and {worst} worst, with {_metres(means[worst])}."
-        )
-    (one,) = all_seen.values()
+    """How well each follower's position was estimated, and the largest error with its time."""
+    worst, one = max(all_seen.items(), key=lambda item: float(item[1].error.max()))
     k = int(one.error.argmax())
+    largest, when = _metres(float(one.error[k])), f"{one.time[k]:.0f} s"
+    if len(all_seen) > 1:
+        means = {name: float(other.error.mean()) for name, other in all_seen.items()}
+        low, high = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
+        return (
+            f"The mean position errors of {len(all_seen)} followers lie between {_metres(means[low])} ({low}) and "
+            f"{_metres(means[high])} ({high}); the largest error was {largest} ({worst}, at {when})."
+        )
     return (
-        f"The estimate was farthest off, by {_metres(float(one.error[k]))}, at {one.time[k]:.0f} s, with the follower "
-        f"{one.distance[k]:.0f} m from the leader at a bearing of {np.degrees(one.bearing[k]):.0f}°."
+        f"The estimated position was off by {_metres(float(one.error.mean()))} on average and by {largest} "
+        f"at most, at {when}, with the follower {one.distance[k]:.0f} m from the leader at a bearing of "
+        f"{np.degrees(one.bearing[k]):.0f}°."
     )
 
 
@@ -158,8 +161,8 @@ def _side(one: Seen, several: bool) -> str:
 def _trust(one: Seen) -> str:
     """Without a verdict: errors of one flight hang together, so that its share says little of the filter's."""
     return (
-        f"The truth was outside the filter's own 2σ ellipse for {percent(float(one.outside.mean()))} of the time; over "
-        f"many flights {percent(RIGHT_SHARE)} would be right."
+        f"The truth was outside the filter's 2σ ellipse for {percent(float(one.outside.mean()))} of the time; a "
+        f"consistent filter would be outside for {percent(RIGHT_SHARE)} of it, over many flights."
     )
 
 
@@ -228,9 +231,9 @@ def _cause(budgets: Sequence[RangeErrorBudget]) -> list[str]:
 
 
 def sentences(flight: Flight) -> list[str]:
-    """What a reader should know first: size and cause of errors, stations, geometry, fixes, side, the filter's trust.
+    """Size of the errors, then stations, geometry, fixes, side, consistency, and the main cause of range errors.
 
-    Several followers are spoken of together. A flight whose estimates left finite numbers is not spoken of.
+    Several followers are treated together. There are none for a flight whose estimates are not finite.
     """
     followers = range(len(flight.estimates))
     if not all(np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates):

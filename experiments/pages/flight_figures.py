@@ -105,6 +105,14 @@ def error_stack(flight: Flight, follower: int, errors: tuple[Floats, Floats], wi
     return stack(parts, x_label="time [s]", width=width, height=ROW_HEIGHT)
 
 
+def position_errors(flight: Flight, errors: Sequence[Floats], worst: int) -> Figure:
+    """Position errors of all followers over time, each of shape (n,), [m]; that of the follower `worst` on top."""
+    time = flight.trajectory.time[flight.step_index()]
+    others = [Line(x=time, y=error, colour=MUTED, width=0.6) for i, error in enumerate(errors) if i != worst]
+    lines = [*others, Line(x=time, y=errors[worst], colour=ESTIMATE, width=1.2)]
+    return panel(lines, x_label="time [s]", y_label="position error [m]", y_limits=(0.0, None), width=FULL)
+
+
 def track_map(flight: Flight, followers: Sequence[int], width: float = MAP_WIDTH, height: float = ROW_HEIGHT) -> Figure:
     """True routes of the leader and of some followers from above, and where these believed to be."""
     steps = flight.step_index()

@@ -11,7 +11,7 @@ from experiments.pages import account, bound_panel, flight_figures, range_budget
 from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
 from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words, write
-from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, TRANSMITTERS
+from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED, TRANSMITTERS
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
@@ -36,10 +36,34 @@ def _all_drawn(flight: Flight) -> str:
     return "" if drawn == followers else f" The first {drawn} of {followers} followers are drawn."
 
 
-def _said(flight: Flight) -> list[Text]:
-    """The computed sentences, one paragraph."""
-    told = account.sentences(flight)
-    return [Text(text=" ".join(told))] if told else []
+def _overview(flight: Flight, errors: Errors) -> Figures:
+    """Position errors over time: of the follower, or of the worst beside the others."""
+    names = flight.trajectory.names[1:]
+    worst = max(range(len(names)), key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))
+    figure = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
+    legend = [(ESTIMATE, names[worst])] + ([(MUTED, "other followers")] if len(names) > 1 else [])
+    return Figures(panels=[svg(figure, "overview", "Position errors over time")], legend=legend)
+
+
+def _overview_table(flight: Flight) -> list[Table]:
+    """Position error and consistency of each follower; nothing where estimates are not finite."""
+    if not all(np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates):
+        return []
+    rows: list[list[Cell]] = []
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        one = account.seen(flight, i)
+        k = int(one.error.argmax())
+        numbers = [float(one.error.mean()), float(np.percentile(one.error, 95)), float(one.error[k])]
+        cells = [*map(number, numbers), number(float(one.time[k]), 0), number(100 * float(one.outside.mean()), 1)]
+        rows.append([words(name), *cells])
+    return [
+        Table(
+            heads=("follower", "mean [m]", "95 % below [m]", "largest [m]", "at [s]", "outside 2σ [%]"),
+            rows=rows,
+            caption="Position error of the estimate, and share of the time for which the truth is outside the filter's "
+            f"2σ ellipse: a consistent filter would be outside for {account.percent(account.RIGHT_SHARE)} of it.",
+        )
+    ]
 
 
 def _routes(flight: Flight) -> Figures:
@@ -47,7 +71,7 @@ def _routes(flight: Flight) -> Figures:
     figure = flight_figures.track_map(flight, range(len(flight.estimates)), width=FULL, height=6.0)
     return Figures(
         panels=[svg(figure, "map", "Routes of leader and followers, and the estimates")],
-        caption="Where everyone was, and believed to be; a dot marks where the mission ended.",
+        caption="True and estimated routes; a dot marks where the mission ended.",
         legend=VEHICLES,
     )
 
@@ -123,8 +147,8 @@ def _results(summary: Mapping[str, Any]) -> Table:
     rows = summary["followers"]
     kinds = [k for k in FixKind if any(row.get("fixes", {}).get(k.name.lower(), 0) for row in rows.values())]
     on_station = any("station_rms_m" in row for row in rows.values())
-    heads = ["follower", "E_P max [m]", "mean", "σ", "E_B max [°]", "mean", "σ", "rms [m]"]
-    heads += ["rms [m]", "95 %", "max", "joined [s]", ""] if on_station else []
+    heads = ["follower", "max [m]", "mean", "σ", "max [°]", "mean", "σ", "RMS [m]"]
+    heads += ["RMS [m]", "95 %", "max", "joined [s]", "lost"] if on_station else []
     table = []
     for name, row in rows.items():
         cells: list[Cell] = [words(name)]
@@ -133,17 +157,17 @@ def _results(summary: Mapping[str, Any]) -> Table:
         cells.append(number(row.get("off_place_rms_m")))
         if on_station:
             cells += [number(row.get(f"station_{what}_m")) for what in ("rms", "p95", "max")]
-            cells += [number(row.get("joined_s"), 0), words("lost" if row.get("lost") else "")]
+            cells += [number(row.get("joined_s"), 0), words("yes" if row.get("lost") else "")]
         cells += [number(int(row.get("fixes", {}).get(kind.name.lower(), 0))) for kind in kinds]
         table.append(cells)
-    groups = [("", 1), ("position error", 3), ("bearing error", 3), ("off its place", 1)]
-    groups += [("off its station, since it joined", 5)] if on_station else []
+    groups = [("", 1), ("position error", 3), ("bearing error", 3), ("track error", 1)]
+    groups += [("station error, since it joined", 5)] if on_station else []
     return Table(
         heads=[*heads, *(flight_figures.FIX_WORDS[kind] for kind in kinds)],
         rows=table,
         groups=groups + ([("fixes", len(kinds))] if kinds else []),
-        caption="Errors of the estimate over all filter steps; how far the follower is from where its route or "
-        f"station has it; {'since it joined, when it first was within 2 m of its station; ' * on_station}kinds of fix.",
+        caption="Errors of the estimate over all filter steps; distance of the follower from its place on its route or "
+        f"station; {'from joining on, when it first was within 2 m of its station; ' * on_station}kinds of fix.",
     )
 
 
@@ -183,7 +207,12 @@ def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
 def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     scenario = flight.scenario
     timing = f"{scenario.timing.filter_step_s:g} s, {scenario.timing.message_interval_s:g} s"
+    transmitters, variant = scenario.navigation.transmitters, scenario.navigation.variant
+    followers = len(scenario.followers)
+    navigator = "the tightly coupled navigator" if variant == "tight" else variant.upper()
     return [
+        ("Vehicles", f"a leader and {followers} follower{'s' if followers > 1 else ''}"),
+        ("Navigator", f"{navigator} on {transmitters} transmitters"),
         ("Seed, run", f"{scenario.seed}, {scenario.run}"),
         ("Motion", scenario.motion),
         ("Flown", f"{flight.trajectory.time[-1]:g} s"),
@@ -223,21 +252,20 @@ def flight_report(
     Raises:
         OSError: the file cannot be written.
     """
-    scenario, followers = flight.scenario, flight.trajectory.names[1:]
-    films = [Film(path=film, caption="The mission as filmed.")] if film else []
-    transmitters, variant = scenario.navigation.transmitters, scenario.navigation.variant
-    navigator = "the tightly coupled navigator" if variant == "tight" else variant.upper()
+    followers = flight.trajectory.names[1:]
+    films = [Film(path=film, caption="The film of the mission.")] if film else []
     routes = [Section(title="Routes", blocks=[_routes(flight)])] if len(followers) > 1 else []
+    first, *others = account.sentences(flight) or [f"{flight.outcome.value.capitalize()}."]
     page = Page(
-        title=f"Flight {scenario.name}",
-        summary=f"{len(followers)} follower{'s' if len(followers) > 1 else ''} and a leader, navigated by {navigator} "
-        f"on {transmitters} transmitters. {flight.outcome.value.capitalize()}.",
+        title=f"Flight {flight.scenario.name}",
+        summary=first,
         facts=_facts(flight, summary),
         sections=[
             Section(
                 title="Result",
-                blocks=[*_troubles(flight, errors), *_said(flight), _results(summary), *films],
+                blocks=[*_troubles(flight, errors), _overview(flight, errors), *_overview_table(flight), *films],
             ),
+            Section(title="Details", blocks=[*(Text(text=text) for text in others), _results(summary)]),
             *routes,
             *_stations(flight),
             _errors(flight, errors),

@@ -39,12 +39,12 @@ def test_the_table_of_results_has_each_figure_under_its_head() -> None:
     errors = ["1.10", "1.20", "1.30", "2.10", "2.20", "2.30", "3.10"]
     kinds = [flight_figures.FIX_WORDS[kind] for kind in sorted((FixKind.GATED, FixKind.TWO_POINTS))]
     assert list(table.heads)[-2:] == kinds
-    assert list(table.heads)[1:8] == ["E_P max [m]", "mean", "σ", "E_B max [°]", "mean", "σ", "rms [m]"]
-    assert list(table.heads)[8:13] == ["rms [m]", "95 %", "max", "joined [s]", ""]
+    assert list(table.heads)[1:8] == ["max [m]", "mean", "σ", "max [°]", "mean", "σ", "RMS [m]"]
+    assert list(table.heads)[8:13] == ["RMS [m]", "95 %", "max", "joined [s]", "lost"]
     first, second, third = ([*texts(row)] for row in table.rows)
     counts = {"gated": "0", "two_points": "8"}
     of = [counts["two_points" if word == flight_figures.FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds]
-    assert first == ["one", *errors, "6.10", "6.20", "6.30", "7", "lost", *of]
+    assert first == ["one", *errors, "6.10", "6.20", "6.30", "7", "yes", *of]
     assert second == ["two", *errors, "–", "–", "–", "–", "", "0", "0"]
     assert sorted(third[-2:]) == ["4", "5"]
     alone = _results({"followers": {"three": route}})

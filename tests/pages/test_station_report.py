@@ -117,8 +117,8 @@ def test_who_is_lost_leaves_the_panel() -> None:
 
 
 def columns(html: str) -> list[str]:
-    """Heads of the first table, with the groups above them."""
-    (head, *_) = re.findall(r"<thead>(.*?)</thead>", html, flags=re.DOTALL)
+    """Heads of the table of details, the second one, with the groups above them."""
+    (_, head, *_) = re.findall(r"<thead>(.*?)</thead>", html, flags=re.DOTALL)
     return [re.sub(r"<.*?>", "", cell).strip() for cell in re.findall(r"<th.*?</th>", head, flags=re.DOTALL)]
 
 
@@ -139,11 +139,11 @@ def test_the_report_has_columns_and_a_section_of_stations(tmp_path: Path) -> Non
     path = tmp_path / "report.html"
     flight_report(flight, errors, {"followers": rows}, path, None)
     html = path.read_text(encoding="utf-8")
-    assert "off its station, since it joined" in columns(html)
+    assert "station error, since it joined" in columns(html)
     assert 'id="stations"' in html
     text = re.sub(r"<[^>]*>|\s+", " ", html)
     assert re.search(r"follower1 [– ]+0\.31 +0\.62 +0\.93 +4 ", text)
-    assert re.search(r"follower2 [– ]+7\.00 +8\.00 +11\.00 +– +lost", text)
+    assert re.search(r"follower2 [– ]+7\.00 +8\.00 +11\.00 +– +yes", text)
 
 
 @pytest.mark.usefixtures("few_figures")
@@ -155,5 +155,5 @@ def test_the_report_of_routes_has_none(tmp_path: Path) -> None:
         flight, [(np.zeros(n), np.zeros(n))] * 2, {"followers": {"follower1": {}, "follower2": {}}}, path, None
     )
     html = path.read_text(encoding="utf-8")
-    assert "off its station, since it joined" not in columns(html)
+    assert "station error, since it joined" not in columns(html)
     assert 'id="stations"' not in html
