@@ -2,12 +2,12 @@
 
 import io
 import re
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from mcap.writer import Writer
 from rich.console import Console
 from rich.table import Table
 from typer.testing import CliRunner
@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 from experiments.campaign.progress import literal, tell
 from experiments.command import replaying
 from experiments.command.cli import app
-from sim.log.info import ChannelInfo, LogInfo
 from sim.screen import plain, screenful
 
 NAMES = st.text(st.sampled_from("[]/\\:=#@ab red\x00\x1b\x07\r\n\t\x9b\u202e\u2028\ud800😀°"), max_size=30) | st.text()
@@ -68,23 +67,20 @@ def test_a_screen_holds_every_message(lines: list[str], rows: int) -> None:
     assert len(told) - bool(left_out) + (int(left_out[1]) if left_out else 0) == len(lines)
 
 
-def test_topics_of_a_log_are_no_markup(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_topics_of_a_log_are_no_markup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     nasty = "[/red][bold]\x1b[2J"
-    seen = LogInfo(
-        path=Path("a.mcap"),
-        size=1,
-        start=datetime(2026, 1, 1, tzinfo=UTC),
-        duration_s=1.0,
-        channels=(ChannelInfo(nasty, nasty, 1),),
-        attachments={nasty: 1},
-        metadata={nasty: {nasty: nasty}},
-        unverified=(nasty,),
-    )
-    monkeypatch.setattr("sim.log.info.info", lambda _: seen)
-    replaying.show_info(Path("[/x]"))
+    with (tmp_path / "[x]").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel(nasty, "protobuf", writer.register_schema(nasty, "protobuf", b""))
+        writer.add_message(channel, 0, b"", 0)
+        writer.add_attachment(0, 0, nasty, "", b"")
+        writer.add_metadata(nasty, {nasty: nasty})
+        writer.finish()  # type: ignore[no-untyped-call]
+    replaying.show_info(tmp_path / "[x]")
     told = capsys.readouterr().out
-    assert told.startswith("[/x]: ")
-    assert told.count("[/red][bold]\\x1b[2J") == 7
+    assert "/[x]: 0.00 MB" in told
+    assert told.count("[/red][bold]\\x1b[2J") == 6
     assert "\x1b" not in told
 
 

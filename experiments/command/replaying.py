@@ -5,6 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -150,20 +151,21 @@ def replay_measurements(
 
 def show_info(path: Path) -> None:
     """Print what a log holds; LogError if it cannot be read."""
-    from sim.log.info import info
+    from sim.log.contents import Contents
 
-    found = info(path)
-    console = Console()
-    tell(console, f"{path}: {found.size / 1e6:.2f} MB, {found.duration_s:g} s from {found.start.isoformat()}")
+    log, console = Contents(path, lambda topic, _: False), Console()
+    begin, end = log.span_ns or (0, 0)
+    start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
+    tell(console, f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from {start.isoformat()}")
     table = Table("channel", "schema", "messages", box=None, pad_edge=False)
-    for channel in found.channels:
-        table.add_row(literal(channel.topic), literal(channel.schema), str(channel.messages))
+    for topic, messages in sorted(log.topics.items()):
+        table.add_row(literal(topic), literal(messages.schema.name if messages.schema else ""), str(messages.count))
     console.print(table)
-    for name, size in found.attachments.items():
-        tell(console, f"attachment {name}: {size} bytes")
-    for name, record in found.metadata.items():
+    for name, data in log.attachments.items():
+        tell(console, f"attachment {name}: {len(data)} bytes")
+    for name, record in log.metadata.items():
         tell(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")
-    for what in found.unverified:
+    for what in log.unverified:
         tell(console, f"{what}: no checksum, damage cannot be noticed", "note:")
 
 

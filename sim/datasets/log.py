@@ -5,27 +5,25 @@ In the log its beacons are transmitters of a leader that lies still, and the veh
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import repeat
 from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from foxglove import Schema
-from foxglove.messages import PoseInFrame
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from laisn.messages import Measurements, Ranges
+from laisn.messages import LeaderMessage, Measurements, Ranges
 from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData
 from sim.datasets.range_tables import read_range_tables
 from sim.files import atomic_write
-from sim.log.clock import timestamp
-from sim.log.contents import Contents, contents
+from sim.log.contents import Contents
 from sim.log.file import LogError, faults
 from sim.log.reader import read_recording
-from sim.log.scene import pose
-from sim.log.schema import OWN_MOTION, PLACED_RECEPTION
+from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE, RecordType
 from sim.log.writer import log_file
 
 VEHICLE = "vehicle"
@@ -92,47 +90,34 @@ def _slots(data: RangeData) -> tuple[Floats, list[str]]:
     return times, slots
 
 
-def _receptions(data: RangeData, slots: list[str]) -> list[tuple[float, dict[str, float]]]:
-    """Times [s] and fields of receptions: what was heard at one time is one."""
-    east, north = data.places.mean(axis=0).tolist()
-    empty = dict.fromkeys((f"range_{slot}" for slot in _SLOTS), float("nan"))
-    empty |= {f"{slot}_{axis}": float("nan") for slot in _SLOTS for axis in ("east", "north", "depth")}
-    found: dict[float, dict[str, float]] = {}
-    heard = zip(
-        data.range_time.tolist(), data.places[data.range_beacon].tolist(), data.ranges.tolist(), slots, strict=True
-    )
-    for at, place, measured, slot in heard:
-        leader = {"leader_timestamp": at, "leader_east": east, "leader_north": north}
-        found.setdefault(at, empty | leader).update(
-            {f"range_{slot}": measured, f"{slot}_east": place[0], f"{slot}_north": place[1], f"{slot}_depth": 0.0}
-        )
-    return list(found.items())
+def _receptions(data: RangeData, slots: list[str]) -> tuple[Floats, dict[str, Floats]]:
+    """Times of receptions, shape (m,), [s], and their arrays: what was heard at one time is one."""
+    time, row = np.unique(data.range_time, return_inverse=True)
+    message = np.zeros((time.size, len(LeaderMessage._fields)))
+    message[:, 0] = time
+    message[:, 1:3] = data.places.mean(axis=0)
+    message[:, LeaderMessage._fields.index("pitch") :] = np.nan
+    ranges, transmitters = np.full((time.size, len(_SLOTS)), np.nan), np.full((time.size, *PLACES.shape), np.nan)
+    slot = np.array([_SLOTS.index(name) for name in slots])
+    ranges[row, slot] = data.ranges
+    transmitters[row, slot, :2] = data.places[data.range_beacon]
+    transmitters[row, slot, 2] = 0.0
+    return time, {"message": message, "ranges": ranges, "transmitters": transmitters}
 
 
-def _messages(data: RangeData) -> Iterator[tuple[int, str, Schema, bytes]]:
-    """Time [ns], channel, type and content of every message."""
+def _channels(data: RangeData) -> Iterator[tuple[RecordType, Floats, dict[str, Floats]]]:
+    """Type, times [s] and arrays of each channel."""
     times, slots = _slots(data)
     data = replace(data, range_time=times)
     legs = data.legs()
-    motion: list[tuple[float, dict[str, float]]] = [
-        # ends a step that begins at rest, so that the next one begins at the start
-        (float(data.time[0]), {"speed": 0.0, "heading": float(legs.heading[0]), "depth": 0.0})
-    ]
-    for end, speed, heading in zip(*(column.tolist() for column in legs), strict=True):
-        motion.append((end, {"speed": speed, "heading": heading, "depth": 0.0}))
-    for schema, channel, rows in (
-        (OWN_MOTION, "motion", motion),
-        (PLACED_RECEPTION, "reception", _receptions(data, slots)),
-    ):
-        for at, values in rows:
-            time_ns = round(at * 1e9)
-            message = schema.message_class(**values)
-            message.timestamp.FromNanoseconds(time_ns)
-            yield time_ns, channel, schema.schema, message.SerializeToString()
-    for at, east, north in data.truth.tolist():
-        time_ns = round(at * 1e9)
-        place = PoseInFrame(timestamp=timestamp(time_ns), frame_id="world", pose=pose((east, north, 0.0)))
-        yield time_ns, "pose", PoseInFrame.get_schema(), place.encode()
+    # the first ends a step that begins at rest, so that the next one begins at the start
+    time = np.append(data.time[0], legs.end)
+    motion = {"speed": np.append(0.0, legs.speed), "heading": np.append(legs.heading[0], legs.heading)}
+    yield OWN_MOTION, time, motion | {"depth": np.zeros(time.size)}
+    yield PLACED_RECEPTION, *_receptions(data, slots)
+    at, flat = data.truth[:, 0], np.zeros(len(data.truth))
+    turn = np.tile([1.0, 0.0, 0.0, 0.0], (flat.size, 1))
+    yield POSE, at, {"position": np.column_stack([data.truth[:, 1:], flat]), "quaternion": turn}
 
 
 def write_data_set(data: RangeData, path: Path) -> None:
@@ -150,22 +135,23 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "start_north": repr(float(data.start[1])),
         **{name: "" if (value := getattr(data, name)) is None else repr(value) for name in _STATED},
     }
+    messages: list[tuple[int, str, Schema, bytes]] = []
+    for type_, time, arrays in _channels(data):
+        time_ns = np.rint(time * 1e9).astype(np.int64)
+        rows = type_.rows(time_ns, arrays.__getitem__)
+        messages += zip(time_ns.tolist(), repeat(type_.topic), repeat(type_.schema), rows, strict=False)
     with faults(path), atomic_write(path) as part, log_file(part) as log:
-        log.add_metadata(_RECORD, facts)
+        log.mcap.write_metadata(_RECORD, facts)
         channels: dict[str, Callable[[bytes, int], None]] = {}
-        for time_ns, channel, schema, content in sorted(_messages(data), key=itemgetter(0)):
+        for at, channel, schema, content in sorted(messages, key=itemgetter(0)):
             if channel not in channels:
                 channels[channel] = log.channel(f"/{VEHICLE}/{channel}", schema)
-            channels[channel](content, time_ns)
-
-
-def _own_log(path: Path) -> Contents:
-    return contents(path, lambda topic, _: topic in (f"/{VEHICLE}/pose", f"/{VEHICLE}/motion"))
+            channels[channel](content, at)
 
 
 def is_data_set(path: Path) -> bool:
     """Whether a log is of a data set; LogError if it cannot be read."""
-    return _RECORD in contents(path, lambda topic, _: False).metadata
+    return _RECORD in Contents(path, lambda topic, _: False).metadata
 
 
 def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
@@ -174,7 +160,7 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
     Raises:
         LogError: the log is damaged or of something else, or has too long a gap.
     """
-    log = _own_log(path)
+    log = Contents(path, lambda topic, _: topic in (f"/{VEHICLE}/pose", f"/{VEHICLE}/motion"))
     if _RECORD not in log.metadata:
         raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")
     measured, remarks = read_recording(path, VEHICLE, longest_gap_s)
@@ -189,6 +175,4 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             truth = np.column_stack([since, poses.table(("pose.position.x", "pose.position.y"))])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
         sigma, slip, walk = (float(value) if (value := facts.get(name)) else None for name in _STATED)
-    if log.unverified:
-        remarks = (*remarks, f"{', '.join(log.unverified)}: no checksum, damage cannot be noticed")
     return Replayable(measured, start, sigma, slip, walk, truth, remarks)

@@ -2,10 +2,8 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from foxglove import Schema
 from foxglove.messages import (
     FrameTransform,
@@ -14,9 +12,6 @@ from foxglove.messages import (
     LocationFixPositionCovarianceType,
     Log,
     LogLevel,
-    Pose,
-    PoseInFrame,
-    Quaternion,
     SceneUpdate,
 )
 
@@ -25,22 +20,10 @@ from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
 from sim.geometry import attitude
 from sim.geometry.geodesy import geodetic
+from sim.log import schema
 from sim.log.clock import Clock, timestamp
 from sim.log.events import Event, log_events
-from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles, pose, vector
-from sim.log.schema import (
-    ERROR,
-    FILTER_STATE,
-    FIX,
-    MIXTURE,
-    OWN_MOTION,
-    RECEPTION,
-    STAMP,
-    FixedLayout,
-    ScalarSchema,
-    slot,
-    vehicle_state,
-)
+from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
 from sim.scenario.settings import CONTROL_STEP_S
 
 Errors = tuple[Floats, Floats]
@@ -60,67 +43,56 @@ class Channel:
     """Serialised messages from one index up to another."""
 
 
-def _numeric(
-    topic: str, schema: Schema, layout: FixedLayout, time_ns: Ints, values: Callable[[slice], npt.NDArray[Any]]
-) -> Channel:
+def _numeric(name: str, type_: schema.RecordType, time_ns: Ints, arrays: Callable[[str], schema.Array]) -> Channel:
+    """Messages of one vehicle from arrays by attribute, n rows each."""
+
     def rows(start: int, stop: int) -> list[bytes]:
-        part = slice(start, stop)
-        return layout.rows(time_ns[part], values(part))
+        return type_.rows(time_ns[start:stop], lambda attribute: arrays(attribute)[start:stop])
 
-    return Channel(topic, schema, time_ns, rows)
-
-
-def _scalars(topic: str, schema: ScalarSchema, time_ns: Ints, values: Callable[[slice], npt.NDArray[Any]]) -> Channel:
-    return _numeric(topic, schema.schema, schema.layout, time_ns, values)
+    return Channel(f"/{name}/{type_.topic}", type_.schema, time_ns, rows)
 
 
-def _single(topic: str, schema: Schema, time_ns: Ints, encode: Callable[[int, int], bytes]) -> Channel:
+def _single(topic: str, type_: Schema, time_ns: Ints, encode: Callable[[int, int], bytes]) -> Channel:
     """Messages that are serialised one by one, from their index and their time [ns]."""
 
     def rows(start: int, stop: int) -> list[bytes]:
         return [encode(i, int(time_ns[i])) for i in range(start, stop)]
 
-    return Channel(topic, schema, time_ns, rows)
-
-
-def slot_pose(first: int) -> Pose:
-    """A pose whose slots take x, y, z and then the quaternion (w, x, y, z)."""
-    slots = [slot(first + k) for k in range(7)]
-    return pose(slots[:3], slots[3:])
+    return Channel(topic, type_, time_ns, rows)
 
 
 def _transforms(flight: Flight, clock: Clock) -> Channel:
     """World to vehicles, and vehicles to transmitters and hydrophones."""
     t = flight.trajectory
+    sites = [i for i, n in enumerate(t.site_names) if n.rpartition("/")[2].startswith(("tx_", "hydrophone"))]
+    frames = [("world", name, (0.0, 0.0, 0.0)) for name in t.names]
+    frames += [(t.names[t.site_vehicle[i]], t.site_names[i], tuple(t.site_offset[i].tolist())) for i in sites]
+    message = FrameTransforms(
+        transforms=[
+            FrameTransform(
+                timestamp=schema.STAMP,
+                parent_frame_id=parent,
+                child_frame_id=child,
+                translation=schema.vector(offset),
+                rotation=schema.rotation(),
+            )
+            for parent, child, offset in frames
+        ]
+    )
+    layout = schema.FixedLayout(schema.message_class_of(FrameTransforms.get_schema()).FromString(message.encode()))
+    fields = {f"translation.{a}": (t.position, k) for k, a in enumerate("xyz")}
+    fields |= {f"rotation.{a}": (t.quaternion, k) for k, a in enumerate("wxyz")}
+    time_ns = clock.ns(t.time)
 
-    def transform(parent: str, child: str, translation: Sequence[float], quaternion: Sequence[float]) -> FrameTransform:
-        w, x, y, z = quaternion
-        return FrameTransform(
-            timestamp=STAMP,
-            parent_frame_id=parent,
-            child_frame_id=child,
-            translation=vector(translation),
-            rotation=Quaternion(x=x, y=y, z=z, w=w),
-        )
+    def rows(start: int, stop: int) -> list[bytes]:
+        columns = {
+            f"transforms.{v}.{field}": array[start:stop, v, k]
+            for v in range(len(t.names))
+            for field, (array, k) in fields.items()
+        }
+        return layout.rows(time_ns[start:stop], columns)
 
-    transforms = []
-    for v, name in enumerate(t.names):
-        slots = [slot(7 * v + k) for k in range(7)]
-        transforms.append(transform("world", name, slots[:3], slots[3:]))
-    for name, v, offset in zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True):
-        if name.rpartition("/")[2].startswith(("tx_", "hydrophone")):
-            transforms.append(transform(t.names[v], name, offset, (1.0, 0.0, 0.0, 0.0)))
-
-    def values(part: slice) -> Floats:
-        return np.concatenate([t.position[part], t.quaternion[part]], axis=2).reshape(-1, 7 * len(t.names))
-
-    layout = FixedLayout(FrameTransforms(transforms=transforms).encode(), 7 * len(t.names))
-    return _numeric("/tf", FrameTransforms.get_schema(), layout, clock.ns(t.time), values)
-
-
-def _poses(topic: str, time_ns: Ints, values: Callable[[slice], Floats]) -> Channel:
-    message = PoseInFrame(timestamp=STAMP, frame_id="world", pose=slot_pose(0))
-    return _numeric(topic, PoseInFrame.get_schema(), FixedLayout(message.encode(), 7), time_ns, values)
+    return Channel("/tf", FrameTransforms.get_schema(), time_ns, rows)
 
 
 def _locations(topic: str, time_ns: Ints, place: Floats, covariance: Floats | None = None) -> Channel:
@@ -150,80 +122,42 @@ def _locations(topic: str, time_ns: Ints, place: Floats, covariance: Floats | No
 
 def _vehicle(flight: Flight, clock: Clock, v: int) -> list[Channel]:
     t, scenario = flight.trajectory, flight.scenario
-    name, time_ns = t.names[v], clock.ns(t.time)
-    second = round(1.0 / CONTROL_STEP_S)
+    name, time_ns, second = t.names[v], clock.ns(t.time), round(1.0 / CONTROL_STEP_S)
     effectors = t.effector_names[v] if t.effector_names else ()
+    place = geodetic(t.position[::second, v], scenario.origin_latitude_deg, scenario.origin_longitude_deg)
 
-    def state(part: slice) -> Floats:
-        derived = [x[part, v] for x in (t.depth, t.heading, t.pitch, t.roll, t.forward_speed)]
-        thrust = t.thrust[..., : len(effectors)]
-        vectors = (t.velocity, t.angular_velocity, t.water_velocity, thrust)
-        return np.column_stack([t.time[part], *(x[part, v] for x in vectors), *derived])
+    def arrays(attribute: str) -> schema.Array:
+        if attribute == "thrust":
+            return t.thrust[:, v, : len(effectors)]
+        array: schema.Array = getattr(t, attribute)
+        return array if attribute == "time" else array[:, v]
 
     return [
-        _poses(f"/{name}/pose", time_ns, lambda part: np.hstack([t.position[part, v], t.quaternion[part, v]])),
-        _scalars(f"/{name}/state", vehicle_state(effectors), time_ns, state),
-        _locations(
-            f"/{name}/fix",
-            time_ns[::second],
-            geodetic(t.position[::second, v], scenario.origin_latitude_deg, scenario.origin_longitude_deg),
-        ),
+        _numeric(name, schema.POSE, time_ns, arrays),
+        _numeric(name, schema.vehicle_state(effectors), time_ns, arrays),
+        _locations(f"/{name}/fix", time_ns[::second], place),
     ]
-
-
-def _mixture(topic: str, e: TightEstimates, time_ns: Ints) -> Channel:
-    """Biases and hypotheses of the tightly coupled navigator after each message."""
-
-    def estimate(part: slice) -> Floats:
-        spread = e.hypothesis_covariance[part]
-        pairs = np.stack([spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]], axis=2)
-        m = len(spread)
-        numbers = (e.nis[part], e.full_state[part], e.full_sigma[part], e.weight[part])
-        places = (e.hypothesis[part].reshape(m, -1), pairs.reshape(m, -1))
-        return np.column_stack([*numbers, *places, e.used[part].view(np.float64)])
-
-    return _scalars(topic, MIXTURE, time_ns, estimate)
 
 
 def _follower(flight: Flight, clock: Clock, f: int) -> list[Channel]:
     m, e, scenario = flight.measurements[f], flight.estimates[f], flight.scenario
     name, n = flight.trajectory.names[f + 1], m.speed.size
     time_ns = clock.ns(m.dt * np.arange(1, n + 1))
-    estimated = np.column_stack([e.state[:, :2], -m.depth])
     second = max(1, round(1.0 / m.dt))
+    estimated = {
+        "position": np.column_stack([e.state[:, :2], -m.depth]),
+        "quaternion": attitude.from_euler(m.heading),
+    }
     each = slice(second - 1, None, second)
-    place = geodetic(estimated[each], scenario.origin_latitude_deg, scenario.origin_longitude_deg)
-
-    def estimate(part: slice) -> Floats:
-        return np.hstack([estimated[part], attitude.from_euler(m.heading[part])])
-
-    def fix(part: slice) -> Floats:
-        numbers = (e.fix_position, e.fix_sigma, e.innovation, e.innovation_covariance.reshape(-1, 4))
-        return np.column_stack([*(x[part] for x in numbers), e.fix_kind[part].view(np.float64)])
-
-    mixture = [_mixture(f"/{name}/mixture", e, time_ns[e.fix_step - 1])] if isinstance(e, TightEstimates) else []
+    place = geodetic(estimated["position"][each], scenario.origin_latitude_deg, scenario.origin_longitude_deg)
+    measured, found = (lambda attribute: getattr(m, attribute)), (lambda attribute: getattr(e, attribute))
+    fixes = [schema.FIX, schema.MIXTURE] if isinstance(e, TightEstimates) else [schema.FIX]
     return [
-        *mixture,
-        _scalars(
-            f"/{name}/motion",
-            OWN_MOTION,
-            time_ns,
-            lambda part: np.column_stack([m.speed[part], m.heading[part], m.depth[part]]),
-        ),
-        _scalars(
-            f"/{name}/reception",
-            RECEPTION,
-            time_ns[m.message_step - 1],
-            lambda part: np.hstack([m.message[part], m.ranges[part]]),
-        ),
-        _scalars(
-            f"/{name}/filter",
-            FILTER_STATE,
-            time_ns,
-            lambda part: np.hstack([e.state[part], e.covariance[part].reshape(-1, 16)]),
-        ),
-        _scalars(f"/{name}/innovation", FIX, time_ns[e.fix_step - 1], fix),
-        _poses(f"/{name}/estimate", time_ns, estimate),
+        _numeric(name, schema.OWN_MOTION, time_ns, measured),
+        _numeric(name, schema.RECEPTION, time_ns[m.message_step - 1], measured),
+        _numeric(name, schema.FILTER_STATE, time_ns, found),
+        *(_numeric(name, type_, time_ns[e.fix_step - 1], found) for type_ in fixes),
+        _numeric(name, schema.ESTIMATE, time_ns, estimated.__getitem__),
         _locations(f"/{name}/estimate/fix", time_ns[each], place, e.covariance[each, :2, :2]),
     ]
 
@@ -233,8 +167,8 @@ def _error(flight: Flight, clock: Clock, f: int, errors: Errors) -> Channel:
     n = m.speed.size
     if any(error.shape != (n,) for error in errors):
         raise ValueError(f"errors of {name} have shapes {[e.shape for e in errors]}, expected ({n},) twice")
-    values = np.column_stack(errors)
-    return _scalars(f"/{name}/error", ERROR, clock.ns(m.dt * np.arange(1, n + 1)), lambda part: values[part])
+    arrays = dict(zip(schema.ERROR.fields, errors, strict=True))
+    return _numeric(name, schema.ERROR, clock.ns(m.dt * np.arange(1, n + 1)), arrays.__getitem__)
 
 
 def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
@@ -249,13 +183,13 @@ def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
 
 
 def _scene(flight: Flight, clock: Clock) -> list[Channel]:
-    t, schema = flight.trajectory, SceneUpdate.get_schema()
+    t, type_ = flight.trajectory, SceneUpdate.get_schema()
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
     acoustic_ns = clock.ns(received * flight.measurements[0].dt)
     return [
-        _single("/scene/vehicles", schema, clock.ns(t.time[seconds]), draw_vehicles(flight, seconds)),
-        _single("/scene/acoustics", schema, acoustic_ns, draw_acoustics(flight, received)),
+        _single("/scene/vehicles", type_, clock.ns(t.time[seconds]), draw_vehicles(flight, seconds)),
+        _single("/scene/acoustics", type_, acoustic_ns, draw_acoustics(flight, received)),
     ]
 
 

@@ -1,78 +1,78 @@
 """What is in a log: its attachments, metadata, and the messages of its channels as columns of numbers."""
 
+import struct
 from array import array
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Metadata, Schema
 from mcap.well_known import MessageEncoding
+from numpy.lib.stride_tricks import sliding_window_view
 
 from laisn.arrays import Floats, Ints
-from sim.log.file import Checksums, DamagedError, Decompressor, LogError, faults, records
-from sim.log.schema import FixedLayout
+from sim.log.file import LogError, faults, records
+from sim.log.schema import FixedLayout, RecordType, message_class_of
 
 Values = npt.NDArray[Any] | list[Any]
+Getter = Callable[[Any], Any]
+
+_HEAD = np.dtype(
+    {
+        "names": ["size", "channel", "time_ns"],
+        "formats": ["<u8", "<u2", "<i8"],
+        "offsets": [1, 9, 15],
+        "itemsize": 31,
+    }
+)
+"""What a message begins with: opcode, size, channel, sequence, log time, publish time."""
+_MESSAGE_HEAD = 22
+"""Of it, what the size counts [bytes]."""
 
 
-def message_class_of(schema: Schema) -> Any:
-    """The protobuf class of a message type by the file descriptors that a log holds of it."""
-    files = {file.name: file for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file}
-    pool = descriptor_pool.DescriptorPool()
-
-    def add(name: str) -> None:
-        file = files.pop(name, None)
-        if file is not None:
-            for needed in file.dependency:
-                add(needed)
-            pool.Add(file)
-
-    for name in list(files):
-        add(name)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
-
-
-@dataclass
 class Messages:
     """The messages of a topic in order of log time: their bytes one behind the other."""
 
-    schema: Any
-    """An MCAP schema (name, encoding, data), or None."""
-    encoding: str
-    data: bytearray = field(default_factory=bytearray)
-    times: Any = field(default_factory=lambda: array("q"))
-    sizes: Any = field(default_factory=lambda: array("I"))
+    def __init__(self, schema: Any, encoding: str) -> None:
+        self.schema, self.encoding = schema, encoding
+        self.kept, self.count, self._parts = True, 0, list[tuple[Ints, Ints]]()
+        self.data = bytearray()
 
-    def is_like(self, other: "Messages") -> bool:
-        """Whether messages of the other channel are of the same type."""
-        mine, yours = (None if m.schema is None else (m.schema.name, m.schema.data) for m in (self, other))
-        return (mine, self.encoding) == (yours, other.encoding)
+    def add(self, time_ns: Ints, sizes: Ints, parts: Iterable[bytes]) -> None:
+        """Append messages, or count them if they are not kept."""
+        self.count += time_ns.size
+        if self.kept:
+            self._parts.append((time_ns, sizes))
+            self.data += b"".join(parts)
 
     def sort(self) -> None:
         """Bring the messages into the order of their log time; those of equal time stay as they came."""
-        time_ns = self.time_ns
-        if np.any(time_ns[1:] < time_ns[:-1]):
-            each, order = list(self.each()), np.argsort(time_ns, kind="stable").tolist()
-            self.data = bytearray().join(each[i] for i in order)
-            self.times = array("q", [self.times[i] for i in order])
-            self.sizes = array("I", [self.sizes[i] for i in order])
+        if np.any(self.time_ns[1:] < self.time_ns[:-1]):
+            order, each = np.argsort(self.time_ns, kind="stable"), list(self.each())
+            self.data = bytearray().join(each[i] for i in order.tolist())
+            self.time_ns, self.sizes = self.time_ns[order], self.sizes[order]
 
-    @property
+    @cached_property
     def time_ns(self) -> Ints:
         """Log times since 1970, shape (n,), [ns]."""
-        return np.array(self.times, dtype=np.int64)
+        return np.concatenate([np.empty(0, dtype=np.int64), *(time_ns for time_ns, _ in self._parts)])
+
+    @cached_property
+    def sizes(self) -> Ints:
+        """Of each message, shape (n,), [bytes]."""
+        return np.concatenate([np.empty(0, dtype=np.int64), *(sizes for _, sizes in self._parts)])
 
     def each(self) -> Iterator[bytes]:
         """The bytes of one message after the other."""
-        start = 0
-        for size in self.sizes:
-            yield bytes(self.data[start : start + size])
-            start += size
+        ends = np.cumsum(self.sizes)
+        for start, end in zip((ends - self.sizes).tolist(), ends.tolist(), strict=True):
+            yield bytes(self.data[start:end])
 
     @cached_property
     def message_class(self) -> Any:
@@ -84,152 +84,195 @@ class Messages:
             raise ValueError(f"messages are encoded as {self.encoding or 'nothing known'}, expected protobuf")
         return message_class_of(self.schema)
 
-    @property
-    def descriptor(self) -> Any:
-        """The protobuf descriptor of the messages."""
-        return self.message_class.DESCRIPTOR
-
-    @cached_property
-    def _layout(self) -> FixedLayout | None:
-        """Where the numbers of the messages stand, if that is the same place in all of them."""
-        size = self.sizes[0] if self.sizes else 0
-        if not size or len(self.data) != size * len(self.sizes) or np.any(np.asarray(self.sizes) != size):
-            return None
-        layout = FixedLayout.of(self.message_class.FromString(bytes(self.data[:size])))
-        return layout if layout.fits(self.data, size) else None
+    def has(self, name: str) -> bool:
+        """Whether the messages have the field "name" or "name.of.a.nested.one"."""
+        descriptor = self.message_class.DESCRIPTOR
+        for part in name.split("."):
+            inner = descriptor.fields_by_name.get(part) if descriptor is not None else None
+            if inner is None:
+                return False
+            descriptor = inner.message_type
+        return True
 
     def columns(self, names: Sequence[str]) -> list[Values]:
         """Values by the names of their fields ("pose.position.x"), n each; enumerations are numbers.
 
+        A field that has presence and is not set gives None; of numbers, `table` makes it NaN.
+
         Raises ValueError if a message is malformed, or a field is a list or holds no value.
         """
-        paths = [name.split(".") for name in names]
-        for path in paths:
-            _leaf(self.descriptor, path)
-        layout, n = self._layout, len(self.sizes)
-        if layout is not None:
-            return [
-                layout.column(self.data, name) if name in layout.offsets else [_value(layout.first, path)] * n
-                for name, path in zip(names, paths, strict=True)
-            ]
+        getters = [_getter(self.message_class.DESCRIPTOR, name) for name in names]
+        # messages of one length mostly differ in numbers alone; of a log of a flight, all those of a channel do
+        order = np.argsort(self.sizes, kind="stable")
+        groups = np.split(order, 1 + np.flatnonzero(np.diff(self.sizes[order])))
+        if len(groups) == 1:
+            return self._decoded(self.data, self.sizes.size, names, getters)
+        whole, begins = np.frombuffer(self.data, dtype=np.uint8), np.cumsum(self.sizes) - self.sizes
+        columns = [np.empty(order.size, dtype=object) for _ in names]
+        for rows in groups:
+            size = int(self.sizes[rows[0]])
+            data = sliding_window_view(whole, size)[begins[rows]].tobytes() if size else b""
+            for column, values in zip(columns, self._decoded(data, rows.size, names, getters), strict=True):
+                column[rows] = values
+        return list(columns)
+
+    def _decoded(
+        self, data: bytes | bytearray, n: int, names: Sequence[str], getters: Sequence[Getter]
+    ) -> list[Values]:
+        """Values of n messages of one length: as arrays if they differ in numbers alone, otherwise one by one."""
+        size, parse = len(data) // max(n, 1), self.message_class.FromString
+        if n > 1:
+            first = parse(bytes(data[:size]))
+            layout = FixedLayout(first)
+            if layout.dtype.itemsize == size and layout.fits(data):
+                block: Any = np.frombuffer(data, layout.dtype) if size else np.empty(n)
+                return [
+                    block[name].copy() if name in layout.names else np.broadcast_to(np.array(get(first), object), n)
+                    for name, get in zip(names, getters, strict=True)
+                ]
         found: list[list[Any]] = [[] for _ in names]
-        for data in self.each():
-            message = self.message_class.FromString(data)
-            for values, path in zip(found, paths, strict=True):
-                values.append(_value(message, path))
+        for start in range(0, n * size, size) if size else [0] * n:
+            message = parse(bytes(data[start : start + size]))
+            for values, get in zip(found, getters, strict=True):
+                values.append(get(message))
         return list(found)
 
     def table(self, names: Sequence[str]) -> Floats:
-        """Numbers by the names of their fields, not to be written, shape (n, len(names))."""
-        result = np.empty((len(self.sizes), len(names)))
+        """Numbers by the names of their fields, NaN for what is absent, not to be written, shape (n, len(names))."""
+        result = np.empty((self.sizes.size, len(names)))
         for k, values in enumerate(self.columns(names)):
             result[:, k] = values
         result.flags.writeable = False
         return result
 
 
-def _leaf(descriptor: Any, path: Sequence[str]) -> Any:
-    """Descriptor of a field with a single value."""
-    for name in path:
-        if descriptor.fields_by_name[name].is_repeated:
-            raise ValueError(f"field {name} is a list, expected one value")
-        leaf = descriptor.fields_by_name[name]
-        descriptor = leaf.message_type
+def _getter(descriptor: Any, name: str) -> Getter:
+    """A function that takes a single value from a message, None if it or what holds it is not set."""
+    path = []
+    for part in name.split("."):
+        field_ = descriptor.fields_by_name[part]
+        if field_.is_repeated:
+            raise ValueError(f"field {part} is a list, expected one value")
+        path.append((part, field_.has_presence))
+        descriptor = field_.message_type
     if descriptor is not None:
-        raise ValueError(f"field {'.'.join(path)} holds no single value")
-    return leaf
+        raise ValueError(f"field {name} holds no single value")
 
+    def get(message: Any) -> Any:
+        for part, optional in path:
+            if optional and not message.HasField(part):
+                return None
+            message = getattr(message, part)
+        return message
 
-def _value(message: Any, path: Sequence[str]) -> Any:
-    for name in path:
-        message = getattr(message, name)
-    return message
-
-
-@dataclass
-class Contents:
-    """What a log holds."""
-
-    attachments: dict[str, bytes] = field(default_factory=dict)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    topics: dict[str, Messages] = field(default_factory=dict)
-    unverified: tuple[str, ...] = ()
-    """Parts of the file that have no checksum."""
+    return get
 
 
 Choice = Callable[[str, Messages], bool]
-"""Whether a channel is wanted, by its topic and its messages before there are any."""
+"""Whether the messages of a channel are kept, by its topic and the channel without messages."""
 
 
-def contents(path: Path, wanted: Choice = lambda topic, messages: True) -> Contents:
-    """Read a log in one pass; channels of the same topic are one, messages come in order of their log time.
+class Contents:
+    """What a log holds; read in one pass. Channels of the same topic are one.
+
+    Args:
+        path: the log.
+        wanted: of other channels, the messages are counted only.
 
     Raises:
         LogError: it cannot be read, is no MCAP file or is damaged, decompresses to more than is plausible, or a channel
             has messages of several types.
     """
-    result, checksums = Contents(), Checksums()
-    schemas, channels = dict[int, Schema](), dict[int, Messages | None]()
 
-    def take(record: Any) -> None:
-        if isinstance(record, Message):
-            messages = channels.get(record.channel_id)
-            if messages is not None:
-                messages.data += record.data
-                messages.times.append(record.log_time)
-                messages.sizes.append(len(record.data))
-        elif isinstance(record, Schema):
-            schemas.setdefault(record.id, record)
-        elif isinstance(record, Channel) and record.id not in channels:
-            messages = Messages(schemas.get(record.schema_id), record.message_encoding)
-            channels[record.id] = None
-            if wanted(record.topic, messages):
-                channels[record.id] = result.topics.setdefault(record.topic, messages)
-                if not result.topics[record.topic].is_like(messages):
-                    raise DamagedError(f"channel {record.topic} has messages of two types; it may have one")
+    def __init__(self, path: Path, wanted: Choice = lambda topic, messages: True) -> None:
+        self.path = path
+        self.attachments, self.metadata, self.topics = (
+            dict[str, bytes](),
+            dict[str, dict[str, str]](),
+            dict[str, Messages](),
+        )
+        self.span_ns: tuple[int, int] | None = None
+        """Log times of the first and the last message [ns]."""
+        self.unverified: tuple[str, ...] = ()
+        """Parts that no checksum covers, so that damage to them cannot be noticed."""
+        self._wanted, self._schemas, self._channels = wanted, dict[int, Schema](), dict[int, Messages]()
+        chunks = bare = 0
+        with faults(path):
+            for record in records(path):
+                if isinstance(record, Chunk):
+                    chunks, bare = chunks + 1, bare + (not record.uncompressed_crc)
+                    self._add(record.data)
+                elif isinstance(record, Attachment):
+                    self.attachments[record.name] = record.data
+                elif isinstance(record, Metadata):
+                    self.metadata[record.name] = record.metadata
+                elif isinstance(record, DataEnd) and not record.data_section_crc:
+                    self.unverified = ("metadata", *([f"{bare} of {chunks} chunks"] if bare else []))
+            for messages in self.topics.values():
+                messages.sort()
 
-    with faults(path), path.open("rb") as stream:
-        decompressor = Decompressor(path.stat().st_size)
-        for record in records(stream, checksums):
-            if isinstance(record, Chunk):
-                for inner in decompressor.records(record, stream.tell()):
-                    take(inner)
-            elif isinstance(record, Attachment):
-                result.attachments[record.name] = record.data
-            elif isinstance(record, Metadata):
-                result.metadata[record.name] = record.metadata
-            else:
-                take(record)
-    for messages in result.topics.values():
-        messages.sort()
-    result.unverified = checksums.missing
-    return result
+    def _add(self, data: bytes) -> None:
+        """Take the records of a chunk.
 
+        `mcap.stream_reader.breakup_chunk` makes an object of each message, which takes several times as long and ten
+        times the memory. Here a loop finds the records, and their heads are read as arrays.
+        """
+        starts, at, unpack = array("q"), 0, struct.Struct("<Q").unpack_from
+        while at < len(data):
+            starts.append(at)
+            at += 9 + unpack(data, at + 1)[0]
+        places, block = np.frombuffer(starts, dtype=np.int64), np.frombuffer(data, dtype=np.uint8)
+        opcodes = block[places]
+        for place in places[(opcodes == Opcode.SCHEMA) | (opcodes == Opcode.CHANNEL)].tolist():
+            self._define(data, place)
+        places = places[opcodes == Opcode.MESSAGE]
+        if at > len(data) or (places.size and places[-1] + _HEAD.itemsize > len(data)):
+            raise ValueError("a chunk holds a broken record")
+        if not places.size:
+            return
+        heads = np.ascontiguousarray(sliding_window_view(block, _HEAD.itemsize)[places]).view(_HEAD)[:, 0]
+        sizes = heads["size"].astype(np.int64) - _MESSAGE_HEAD
+        if np.any(sizes < 0):
+            raise ValueError("a chunk holds a broken message")
+        for channel in np.unique(heads["channel"]).tolist():
+            mine = heads["channel"] == channel
+            begins = places[mine] + _HEAD.itemsize
+            ends = (begins + sizes[mine]).tolist()
+            parts = (data[begin:end] for begin, end in zip(begins.tolist(), ends, strict=True))
+            self._channels[channel].add(heads["time_ns"][mine], sizes[mine], parts)
+        known, span = self.span_ns or (2**63 - 1, 0), (int(heads["time_ns"].min()), int(heads["time_ns"].max()))
+        self.span_ns = min(known[0], span[0]), max(known[1], span[1])
 
-def require(path: Path, log: Contents, topic: str, names: Sequence[str]) -> Messages:
-    """The messages of a topic that has all the named fields.
+    def _define(self, data: bytes, place: int) -> None:
+        """Take a schema or a channel, unless it is repeated."""
+        number, stream = int.from_bytes(data[place + 9 : place + 11], "little"), ReadDataStream(BytesIO(data))
+        stream.read(place + 9)
+        if data[place] == Opcode.SCHEMA and number not in self._schemas:
+            self._schemas[number] = Schema.read(stream)
+        elif data[place] == Opcode.CHANNEL and number not in self._channels:
+            channel = Channel.read(stream)
+            new = Messages(self._schemas.get(channel.schema_id), channel.message_encoding)
+            known = self._channels[number] = self.topics.setdefault(channel.topic, new)
+            if known is new:
+                new.kept = self._wanted(channel.topic, new)
+            mine, others = ((m.encoding, m.schema and (m.schema.name, m.schema.data)) for m in (known, new))
+            if mine != others:
+                raise LogError(f"channel {channel.topic} has messages of two types; it may have one")
 
-    Raises:
-        LogError: naming the topics or the fields that there are.
-    """
-    messages = log.topics.get(topic)
-    if messages is None:
-        raise LogError(f"{path}: lacks channel {topic}; available: {', '.join(sorted(log.topics)) or 'none'}")
-    with faults(path):
-        if messages.encoding != MessageEncoding.Protobuf:
-            raise LogError(f"{path}: channel {topic} is encoded as {messages.encoding!r}, expected protobuf")
-        missing = [name for name in names if not has_field(messages.descriptor, name)]
-    if missing:
-        known = ", ".join(f.name for f in messages.descriptor.fields)
-        raise LogError(f"{path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
-    return messages
+    def add_empty(self, topic: str, type_: RecordType) -> None:
+        """Add a channel of a flight that is not in its file, as it has no message."""
+        self.topics.setdefault(topic, Messages(type_.schema, MessageEncoding.Protobuf))
 
-
-def has_field(descriptor: Any, name: str) -> bool:
-    """Whether a protobuf type has the field "name" or "name.of.a.nested.one"."""
-    for part in name.split("."):
-        inner = descriptor.fields_by_name.get(part) if descriptor is not None else None
-        if inner is None:
-            return False
-        descriptor = inner.message_type
-    return True
+    def require(self, topic: str, names: Sequence[str]) -> Messages:
+        """The messages of a topic with all the named fields; LogError naming the topics or fields that there are."""
+        messages = self.topics.get(topic)
+        if messages is None:
+            raise LogError(f"{self.path}: lacks channel {topic}; available: {', '.join(sorted(self.topics)) or 'none'}")
+        with faults(self.path):
+            if messages.encoding != MessageEncoding.Protobuf:
+                raise LogError(f"{self.path}: channel {topic} is encoded as {messages.encoding!r}, expected protobuf")
+            missing = [name for name in names if not messages.has(name)]
+            if missing:
+                known = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
+                raise LogError(f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
+        return messages

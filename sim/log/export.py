@@ -14,7 +14,7 @@ from mcap.well_known import MessageEncoding
 
 from sim.files import atomic_write
 from sim.log.clock import Clock
-from sim.log.contents import Contents, Messages, contents
+from sim.log.contents import Contents, Messages
 from sim.log.file import SCENARIO, LogError, faults
 from sim.scenario import file as scenario_file
 
@@ -114,17 +114,19 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
     tables: dict[str, list[tuple[str, Any]]] = {}
 
     def has_table(topic: str, messages: Messages) -> bool:
-        tables[topic] = list(_leaves(messages.descriptor)) if messages.encoding == MessageEncoding.Protobuf else []
+        tables[topic] = (
+            list(_leaves(messages.message_class.DESCRIPTOR)) if messages.encoding == MessageEncoding.Protobuf else []
+        )
         return bool(tables[topic])
 
-    log = contents(path, has_table)
+    log = Contents(path, has_table)
     names = _file_names(sorted(tables))
     with faults(path):
         start_ns = _start_ns(log)
     files = []
     for topic, name in names.items():
-        messages, leaves = log.topics.pop(topic, None), tables[topic]
-        if messages is None:
+        messages, leaves = log.topics.pop(topic), tables[topic]
+        if not leaves or not messages.count:
             continue
         file = out / f"{name}.{table_format}"
         try:

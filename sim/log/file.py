@@ -1,47 +1,47 @@
 """The MCAP file under a log: its names, its errors, and one pass over its records that verifies every checksum."""
 
 import os
+import struct
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import lz4.frame
 import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.exceptions import InvalidMagic
-from mcap.records import Attachment, Chunk, DataEnd, Footer
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.exceptions import EndOfFile, InvalidMagic
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError, StreamReader
 
 from laisn.failure import LaisnError
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
 """Attachments of a log."""
-_MAGIC_BYTES = 8
-_DATA_END = b"\x0f\x04" + bytes(7)
-"""Opcode and length of the record at the end of the data section, which no checksum covers."""
-_CHUNK_ALLOWANCE, _CHUNK_RATIO = 16 << 20, 4
-_FILE_ALLOWANCE, _FILE_RATIO = 64 << 20, 16
-"""A chunk of n bytes may decompress to 16 MiB + 4 n, a file of n bytes to 64 MiB + 16 n in all. Flights decompress to
-6 n; as a Python object, the smallest message takes ten times its size."""
+FLIGHT = "laisn"
+"""Metadata record by which the log of a flight is known."""
+_ALLOWANCE, _RATIO = 8 << 20, 16
+"""A file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n."""
+_MAGIC = 8
+"""Length of the bytes that every MCAP file begins and ends with."""
+_LOOSE = Message, Schema, Channel
+"""Records that may stand outside of chunks."""
+_BLOCK = 4 << 20
+"""Size from which on records outside of chunks are taken together [bytes]."""
 
 
 class LogError(LaisnError):
     """A log that cannot be written or read; the text says which file, what is wrong and what helps."""
 
 
-class DamagedError(ValueError):
-    """A record is broken, or decompresses to more than is plausible; the text says which, and where."""
+class DamagedError(LogError):
+    """A record is broken; the text says which, and where."""
 
-
-class TrailingBytesError(DamagedError):
-    """Bytes follow the end of the log."""
-
-    def __init__(self, end: int, extra: int) -> None:
-        self.end = end
-        super().__init__(f"{extra} bytes follow the end of the log; laisn log recover makes a copy without them")
+    def __init__(self, path: Path, problem: str) -> None:
+        self.problem = problem
+        super().__init__(f"{path}: {problem}; laisn log recover keeps what is intact")
 
 
 def partial_path(path: Path) -> Path:
@@ -58,154 +58,101 @@ def faults(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from error
-    except DamagedError as error:
-        raise LogError(f"{path}: {error}") from error
     except Exception as error:
         # foreign bytes make decompressors, decoders and arrays fail in many ways; to the user they are one
         raise LogError(f"{path}: damaged, or written by something else ({type(error).__name__}: {error})") from error
 
 
-@dataclass
-class Checksums:
-    """Which parts of a file have no checksum."""
-
-    attachments: list[str] = field(default_factory=list)
-    chunks: int = 0
-    bare_chunks: int = 0
-    sections: list[str] = field(default_factory=list)
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """Parts whose damage cannot be noticed; a checksum of the data section covers all that stands in it."""
-        inside = [f"attachment {name!r}" for name in self.attachments]
-        inside += [f"{self.bare_chunks} of {self.chunks} chunks"] if self.bare_chunks else []
-        return (*inside, *self.sections)
-
-
-def _attachment_crc(stream: IO[bytes], attachment: Attachment) -> tuple[int, int]:
-    """Checksums of an attachment that was just read: as stored (0: none), and as computed."""
+def _check_attachment(stream: IO[bytes], attachment: Attachment) -> None:
+    """Verify the checksum of an attachment that was just read; the library skips it. 0 stands for none."""
     stream.seek(-4, os.SEEK_CUR)
-    stored = stream.read(4)
-    builder = RecordBuilder()
+    stored, builder = stream.read(4), RecordBuilder()
     attachment.write(builder)
-    computed = builder.end()[-4:]  # type: ignore[no-untyped-call]  # the library leaves it bare
-    return int.from_bytes(stored, "little"), int.from_bytes(computed, "little")
+    if stored not in (bytes(4), builder.end()[-4:]):  # type: ignore[no-untyped-call]  # the library leaves it bare
+        raise ValueError(f"the checksum of attachment {attachment.name!r} does not match")
 
 
-def _check_footer(stream: IO[bytes], data_end: int | None, footer: Footer) -> None:
-    """Check the end of the data section and the checksum of the summary, after the footer was read."""
-    end = stream.tell()
-    if data_end is None:
-        raise DamagedError("damaged: the data section has no end")
-    stream.seek(data_end - len(_DATA_END) - 4)
-    intact = stream.read(len(_DATA_END)) == _DATA_END
-    stream.seek(data_end)
-    computed = zlib.crc32(stream.read(end - 4 - data_end))
-    stream.seek(end)
-    if not intact or footer.summary_crc not in (0, computed):
-        raise DamagedError(f"damaged: the checksum of the summary at byte {data_end} does not match")
+def _decompressed(chunk: Chunk, most: int) -> Chunk:
+    """A chunk decompressed as a stream: at once, any size that it states would be allocated."""
+    size = chunk.uncompressed_size
+    if size > most:
+        raise ValueError(f"a chunk of {len(chunk.data)} bytes would decompress to {size}, too many")
+    data = chunk.data
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+    elif chunk.compression == "lz4":
+        data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    elif chunk.compression:
+        raise ValueError(f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing")
+    if len(data) != size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError("the size or the checksum of a chunk does not match")
+    return replace(chunk, compression="", data=data)
 
 
-def records(
-    stream: IO[bytes], checksums: Checksums | None = None, on_damaged: Callable[[str], None] | None = None
-) -> Iterator[Any]:
-    """All records of an MCAP file in order, chunks compressed as they are, each after its checksum was verified.
+def _verified(stream: IO[bytes], record: McapRecord | None, left: int, ended: bool) -> McapRecord | None:
+    """A record that was just read, a chunk decompressed, if it is intact and stands in its place."""
+    if record is None and stream.read(1):
+        raise ValueError("bytes follow the end of the log")
+    if isinstance(record, Footer) and not ended:
+        raise ValueError("the data section has no end")
+    if isinstance(record, Attachment):
+        _check_attachment(stream, record)
+    return _decompressed(record, left) if isinstance(record, Chunk) else record
 
-    The checksums of the data section and of the summary come at their ends: nothing is verified as a whole before the
-    last record was taken.
+
+def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
+    """The data section of an MCAP file in order, each record after its checksum was verified.
+
+    Metadata have no checksum but that of the section as a whole, at its end.
 
     Args:
-        stream: the file, at its start.
-        checksums: collects what has none.
-        on_damaged: is called with the name of each attachment whose checksum does not match, which is left out; None:
-            it raises.
+        path: the file.
+        on_damaged: is called for a damaged attachment, which is left out; None: it raises.
+
+    Yields:
+        Attachments, metadata, chunks with their decompressed bytes, and the end of the section. Records outside of
+        chunks come as chunks too.
 
     Raises:
         DamagedError: the first record that is broken, or the missing end of the file.
+        LogError: the file cannot be read, or is no MCAP file.
     """
-    checksums = checksums or Checksums()
-    size = os.fstat(stream.fileno()).st_size
-    # no record is longer than its file
-    found = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size).records
-    data_end: int | None = None
-    while True:
-        at = stream.tell()
-        try:
-            record = next(found, None)
-        except CRCValidationError as error:
-            raise DamagedError(f"damaged: the checksum of the data section, up to byte {at}, does not match") from error
-        except OSError:
-            raise
-        except Exception as error:
-            # the reader fails in many ways on bytes that are no record
-            if (isinstance(error, InvalidMagic) and at == 0) or size < _MAGIC_BYTES:
-                raise DamagedError("no MCAP file") from error
-            raise DamagedError(
-                f"broken or cut off in the record at byte {at}; laisn log recover rescues what is before it"
-            ) from error
-        if record is None:
-            break
-        if isinstance(record, Attachment):
-            stored, computed = _attachment_crc(stream, record)
-            if stored not in (0, computed):
-                if on_damaged is None:
-                    raise DamagedError(f"damaged: the checksum of attachment {record.name!r} at byte {at} is wrong")
-                on_damaged(record.name)
-                continue
-            checksums.attachments += [] if stored else [record.name]
-        elif isinstance(record, Chunk):
-            checksums.chunks += 1
-            checksums.bare_chunks += not record.uncompressed_crc
-        elif isinstance(record, DataEnd):
-            data_end = stream.tell()
-            checksums.sections += [] if record.data_section_crc else ["the data section"]
-        elif isinstance(record, Footer):
-            _check_footer(stream, data_end, record)
-            checksums.sections += [] if record.summary_crc else ["the summary"]
-        yield record
-    if stream.tell() < size:
-        raise TrailingBytesError(stream.tell(), size - stream.tell())
-
-
-class Decompressor:
-    """Decompresses the chunks of one file within bounds."""
-
-    def __init__(self, size: int) -> None:
-        self._left = _FILE_ALLOWANCE + _FILE_RATIO * size
-
-    def records(self, chunk: Chunk, end: int) -> list[Any]:
-        """Messages, schemas and channels of a chunk.
-
-        Args:
-            chunk: as `records` yields it.
-            end: offset of its end in the file, for messages.
-
-        Raises:
-            DamagedError: its size or checksum is wrong, or it decompresses to more than is plausible.
-        """
-        size, where = chunk.uncompressed_size, f"the chunk before byte {end}"
-        self._left -= size
-        if size > _CHUNK_ALLOWANCE + _CHUNK_RATIO * len(chunk.data) or self._left < 0:
-            raise DamagedError(f"damaged: {where} of {len(chunk.data)} bytes would decompress to {size}, too many")
-        try:
-            data = _decompressed(chunk, size + 1)
-            if len(data) != size:
-                raise DamagedError(f"damaged: {where} states {size} bytes and does not have them")
-            return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
-        except CRCValidationError as error:
-            raise DamagedError(f"damaged: the checksum of {where} does not match") from error
-        except DamagedError:
-            raise
-        except Exception as error:
-            raise DamagedError(f"damaged: {where} ({type(error).__name__}: {error})") from error
-
-
-def _decompressed(chunk: Chunk, most: int) -> bytes:
-    """The first bytes of a chunk, decompressed as a stream: at once, any size that it states would be allocated."""
-    if chunk.compression == "zstd":
-        return zstandard.ZstdDecompressor().stream_reader(chunk.data).read(most)
-    if chunk.compression == "lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most))
-    if chunk.compression:
-        raise DamagedError(f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing")
-    return chunk.data
+    with faults(path), path.open("rb") as stream:
+        size, loose, problem, ended = path.stat().st_size, RecordBuilder(), None, False
+        left = _ALLOWANCE + _RATIO * size
+        # no record is longer than its file
+        found = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size).records
+        record: McapRecord | None = Message(0, 0, b"", 0, 0)
+        while record is not None:
+            at, record = stream.tell(), None
+            try:
+                record = next(found, None)
+                record = _verified(stream, record, left, ended)
+            except Exception as error:
+                # the library fails in many ways on bytes that are no record
+                if isinstance(error, OSError):
+                    raise
+                if size < _MAGIC or (isinstance(error, InvalidMagic) and at == 0):
+                    raise LogError(f"{path}: no MCAP file") from error
+                if isinstance(record, Attachment) and on_damaged is not None:
+                    on_damaged(f"attachment {record.name!r} is damaged and is left out")
+                    continue
+                reason = str(error)
+                if isinstance(error, CRCValidationError):
+                    reason = "the checksum of the data section does not match"
+                elif isinstance(error, (EndOfFile, struct.error)):
+                    reason = "the file ends within a record"
+                problem = DamagedError(path, f"damaged or cut off at byte {at}: {reason}")
+                problem.__cause__, record = error, None
+            if isinstance(record, _LOOSE) and not ended:
+                record.write(loose)
+            if loose.count > (_BLOCK if isinstance(record, _LOOSE) else 0):
+                data = loose.end()  # type: ignore[no-untyped-call]  # the library leaves it bare
+                yield Chunk("", data, 0, 0, 0, len(data))
+            if isinstance(record, Chunk):
+                left -= len(record.data)
+            if isinstance(record, (Chunk, Attachment, Metadata, DataEnd)):
+                yield record
+            ended = ended or isinstance(record, DataEnd)
+        if problem is not None:
+            raise problem

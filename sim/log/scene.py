@@ -14,12 +14,10 @@ from foxglove.messages import (
     LinePrimitiveLineType,
     Point3,
     Pose,
-    Quaternion,
     SceneEntity,
     SceneUpdate,
     SpherePrimitive,
     TriangleListPrimitive,
-    Vector3,
 )
 
 from laisn.arrays import Floats, Ints
@@ -30,6 +28,7 @@ from sim.assembly import models_of
 from sim.flight import Flight
 from sim.log.clock import timestamp
 from sim.log.hull import Shape, hull
+from sim.log.schema import pose, vector
 
 Draw = Callable[[int, int], bytes]
 """Serialises the SceneUpdate of one instant: index on its own time grid, and time since 1970 [ns]."""
@@ -50,18 +49,6 @@ RAY = Color(r=0.20, g=0.75, b=0.95, a=0.9)
 RANGE = Color(r=0.20, g=0.75, b=0.95, a=0.05)
 ACCEPTED = Color(r=0.15, g=0.80, b=0.25, a=1.0)
 REJECTED = Color(r=0.90, g=0.15, b=0.10, a=1.0)
-
-
-def vector(xyz: Sequence[float]) -> Vector3:
-    """A Foxglove vector."""
-    x, y, z = xyz
-    return Vector3(x=x, y=y, z=z)
-
-
-def pose(position: Sequence[float], quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Pose:
-    """A Foxglove pose; the quaternion is (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return Pose(position=vector(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
 
 def _points(position: Floats) -> list[Point3]:

@@ -1,269 +1,316 @@
-"""Messages of the log: numeric types described at run time, and their numbers as columns of bytes."""
+"""The table of numeric channels: which arrays of a flight their messages hold, as protobuf types and as bytes."""
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
-from typing import Any, Self
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
 from foxglove import Schema
-from foxglove.messages import Timestamp
+from foxglove.messages import Pose, PoseInFrame, Quaternion, Timestamp, Vector3
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from mcap.well_known import SchemaEncoding
 
-from laisn.arrays import Bytes, Ints
-from laisn.messages import LeaderMessage, Ranges
-from laisn.messages import OwnMotion as OwnMotionTuple
+from laisn.arrays import Floats, Ints
+from laisn.messages import LeaderMessage, OwnMotion, Ranges
 from laisn.tight.estimates import HYPOTHESES, TightEstimates
 
-STATE_NAMES = ("x", "y", "vx", "vy")
-"""Order of the filter's state."""
-
+Array = npt.NDArray[Any]
 
 _STAMP_S, _STAMP_NS = 2**32 - 1, 999_999_999
 STAMP = Timestamp(sec=_STAMP_S, nsec=_STAMP_NS)
-"""Stands where the time of a message goes; both numbers take five bytes."""
+"""Timestamp of messages that a `FixedLayout` is made from; both its numbers take five bytes."""
 _STAMP = timestamp_pb2.Timestamp(seconds=_STAMP_S, nanos=_STAMP_NS)
 
 
-def slot(k: int) -> float:
-    """A number that stands, in a message that a `FixedLayout` is made from, where column k of the values goes."""
-    return float(struct.unpack("<d", _slot_bytes(k))[0])
+def _slot(k: int) -> bytes:
+    """Eight bytes that mark the place of number k in a serialised message."""
+    return b"slt" + struct.pack("<I", k) + b"\x42"
 
 
-def _slot_bytes(k: int) -> bytes:
-    return b"slots" + struct.pack("<H", k) + b"\x42"
-
-
-def _slot_integer(k: int) -> int:
-    return int.from_bytes(_slot_bytes(k), "little")
-
-
-def _positions(pattern: bytes, data: bytes) -> Iterator[int]:
-    start = data.find(pattern)
-    while start >= 0:
-        yield start
-        start = data.find(pattern, start + len(pattern))
-
-
-def _varints(values: Ints) -> Bytes:
-    """Numbers below 2³⁵ as protobuf varints of five bytes each, shape (n, 5).
-
-    Shorter ones are padded with zero groups, which the wire format allows, so that all messages are equally long.
-    """
-    groups = (values[:, None] >> np.arange(0, 35, 7)) & 0x7F
-    groups[:, :4] |= 0x80
-    return groups.astype(np.uint8)
-
-
-def _fill_slots(message: Any, prefix: str, kinds: dict[str, str]) -> None:
-    """Put a slot into every number of eight bytes of a protobuf message, and note its name and type."""
+def _mark(message: Any, prefix: str, found: dict[str, tuple[str, Any]]) -> None:
+    """Put a slot into every number of eight bytes of a protobuf message; collect its path, type and former value."""
+    formats = {"TYPE_DOUBLE": "<f8", "TYPE_SFIXED64": "<i8", "TYPE_FIXED64": "<u8"}
     for field in message.DESCRIPTOR.fields:
-        if field.is_repeated or (field.has_presence and not message.HasField(field.name)):
+        name, value = f"{prefix}{field.name}", getattr(message, field.name)
+        format_ = formats.get(descriptor_pb2.FieldDescriptorProto.Type.Name(field.type))
+        if field.is_repeated:
+            for i, item in enumerate(value if field.message_type is not None else ()):
+                _mark(item, f"{name}.{i}.", found)
+        elif field.has_presence and not message.HasField(field.name):
             continue
-        name = f"{prefix}{field.name}"
-        if field.type == field.TYPE_DOUBLE:
-            setattr(message, field.name, slot(len(kinds)))
-            kinds[name] = "<f8"
-        elif field.type in (field.TYPE_SFIXED64, field.TYPE_FIXED64):
-            setattr(message, field.name, _slot_integer(len(kinds)))
-            kinds[name] = "<i8" if field.type == field.TYPE_SFIXED64 else "<u8"
+        elif format_ is not None:
+            setattr(message, field.name, np.frombuffer(_slot(len(found)), dtype=format_)[0].item())
+            found[name] = format_, value
+        elif field.message_type is not None and field.message_type.full_name == _STAMP.DESCRIPTOR.full_name:
+            value.ParseFromString(_STAMP.SerializeToString())
         elif field.message_type is not None:
-            inner = getattr(message, field.name)
-            if field.message_type.full_name == _STAMP.DESCRIPTOR.full_name:
-                inner.ParseFromString(_STAMP.SerializeToString())
-            else:
-                _fill_slots(inner, f"{name}.", kinds)
+            _mark(value, f"{name}.", found)
 
 
 class FixedLayout:
-    """Serialised messages of one length that differ in their times and in numbers of eight bytes only.
+    """Serialised messages of one length, which differ only in timestamps and in numbers of eight bytes.
 
-    Columns of numbers are copied to and from such messages as bytes, without a protobuf object for each message.
+    Whole columns are copied to and from such messages, without a protobuf object for each.
 
     Args:
-        data: a serialised message with `slot(k)` for the numbers and `STAMP` for the times.
-        columns: number of slots; each must occur.
+        message: a protobuf message; numbers that are not set have no place in the layout.
     """
 
-    def __init__(self, data: bytes, columns: int) -> None:
-        self._bytes = np.frombuffer(data, dtype=np.uint8)
-        self._stamps = list(_positions(_STAMP.SerializeToString(), data))
-        self._slots = [list(_positions(_slot_bytes(k), data)) for k in range(columns)]
-        missing = [k for k, places in enumerate(self._slots) if not places]
-        if missing:
-            raise ValueError(f"the message has no slot for columns {missing}")
-        self.first: Any = None
-        self.offsets: dict[str, tuple[int, str]] = {}
+    def __init__(self, message: Any) -> None:
+        marked, found = type(message)(), dict[str, tuple[str, Any]]()
+        marked.CopyFrom(message)
+        _mark(marked, "", found)
+        data, stamp = marked.SerializeToString(), _STAMP.SerializeToString()
+        fields = {name: (format_, data.index(_slot(k))) for k, (name, (format_, _)) in enumerate(found.items())}
+        self.names, self._stamps, place = tuple(fields), list[tuple[str, str]](), data.find(stamp)
+        while place >= 0:
+            seconds, nanos = f"seconds at {place}", f"nanos at {place}"
+            fields |= {seconds: ("(5,)u1", place + 1), nanos: ("(5,)u1", place + 7)}
+            self._stamps.append((seconds, nanos))
+            place = data.find(stamp, place + len(stamp))
+        formats, offsets = ([field[i] for field in fields.values()] for i in (0, 1))
+        layout: Any = {"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": len(data)}
+        self.dtype = np.dtype(layout)
+        self._template = np.frombuffer(bytearray(data), self.dtype) if data else np.empty(1, self.dtype)
+        for name, (_, value) in found.items():
+            self._template[name] = value
 
-    @classmethod
-    def of(cls, message: Any) -> Self:
-        """The layout of messages that are like a protobuf message: numbers by the names of their fields."""
-        kinds: dict[str, str] = {}
-        slots = type(message)()
-        slots.CopyFrom(message)
-        _fill_slots(slots, "", kinds)
-        layout = cls(slots.SerializeToString(), len(kinds))
-        layout.first = message
-        layout.offsets = {name: (layout._slots[k][0], kind) for k, (name, kind) in enumerate(kinds.items())}
-        return layout
+    def rows(self, time_ns: Ints, columns: Mapping[str, Array]) -> list[bytes]:
+        """Messages at times since 1970, shape (n,), [ns], with these numbers, shape (n,) each; others stay as made."""
+        block = np.repeat(self._template, time_ns.size)
+        # varints of five bytes; shorter numbers are padded with zero groups, which the wire format allows
+        groups = [(part[:, None] >> np.arange(0, 35, 7)) & 0x7F for part in np.divmod(time_ns, 1_000_000_000)]
+        for names in self._stamps:
+            for name, group in zip(names, groups, strict=True):
+                block[name] = group | [0x80, 0x80, 0x80, 0x80, 0]
+        for name, values in columns.items():
+            block[name] = values
+        whole, length = block.tobytes(), self.dtype.itemsize
+        return [whole[i : i + length] for i in range(0, len(whole), length)]
 
-    def rows(self, time_ns: Ints, values: npt.NDArray[Any]) -> list[bytes]:
-        """One serialised message a row.
-
-        Args:
-            time_ns: since 1970, shape (n,), [ns].
-            values: shape (n, columns), of eight bytes each; integers keep their bits in a float64 view.
-        """
-        n, length = time_ns.size, self._bytes.size
-        block = np.empty((n, length), dtype=np.uint8)
-        block[:] = self._bytes
-        seconds, nanos = np.divmod(time_ns, 1_000_000_000)
-        for place in self._stamps:
-            block[:, place + 1 : place + 6] = _varints(seconds)
-            block[:, place + 7 : place + 12] = _varints(nanos)
-        columns = np.ascontiguousarray(values, dtype="<f8").view(np.uint8).reshape(*values.shape, 8)
-        for k, places in enumerate(self._slots):
-            for place in places:
-                block[:, place : place + 8] = columns[:, k]
-        whole = block.tobytes()
-        return [whole[i : i + length] for i in range(0, n * length, length)]
-
-    def fits(self, data: bytearray, size: int) -> bool:
-        """Whether messages of `size` bytes, one behind the other, all have this layout."""
-        if size != self._bytes.size:
-            return False
-        constant = np.ones(size, dtype=np.bool_)
-        for place in self._stamps:
-            constant[place + 1 : place + 6] = constant[place + 7 : place + 12] = False
-        for places in self._slots:
-            for place in places:
-                constant[place : place + 8] = False
-        block = np.frombuffer(data, dtype=np.uint8).reshape(-1, size)
-        return bool(np.all(block[:, constant] == self._bytes[constant]))
-
-    def column(self, data: bytearray, name: str) -> npt.NDArray[Any]:
-        """The numbers of a field in messages that this layout fits, shape (n,)."""
-        offset, kind = self.offsets[name]
-        place = np.dtype({"names": ["x"], "formats": [kind], "offsets": [offset], "itemsize": self._bytes.size})
-        return np.frombuffer(data, dtype=place)["x"].copy()
+    def fits(self, data: bytes | bytearray) -> bool:
+        """Whether messages, one behind the other, all have this layout."""
+        constant = np.ones(self.dtype.itemsize, dtype=np.bool_)
+        for kind, offset, *_ in (self.dtype.fields or {}).values():
+            constant[offset : offset + kind.itemsize] = False
+        if not data:
+            return not constant.size
+        block = np.frombuffer(data, dtype=np.uint8).reshape(-1, constant.size)
+        return bool(np.all(block[:, constant] == self._template.view(np.uint8)[constant]))
 
 
-@dataclass(frozen=True)
-class ScalarSchema:
-    """A message of a timestamp (field 1) and numbers (fields 2 …) in the package `laisn`."""
+def message_class_of(schema: Any) -> Any:
+    """The protobuf class of a message type, by the file descriptors that its schema holds."""
+    files = {file.name: file for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file}
+    pool = descriptor_pool.DescriptorPool()
+
+    def add(name: str) -> None:
+        file = files.pop(name, None)
+        if file is not None:
+            for needed in file.dependency:
+                add(needed)
+            pool.Add(file)
+
+    for name in list(files):
+        add(name)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+
+
+class Group(NamedTuple):
+    """An array of a record, and the fields of a message that hold its numbers."""
+
+    attribute: str
+    fields: tuple[str, ...]
+    """One for each number; those of equal numbers, as in a symmetric matrix, may be one."""
+    shape: tuple[int, ...] = ()
+    """Of the array, for each message."""
+    integer: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordType:
+    """Messages of one channel: a timestamp and numbers, all float64 or int64, in SI units and radians.
+
+    It is described at run time in the package `laisn`, with explicit presence, so that a number that was not set can be
+    told from zero; or it is a type of Foxglove's.
+    """
 
     name: str
-    fields: tuple[str, ...]
-    """All float64, in SI units and radians."""
-    integers: tuple[str, ...] = ()
-    """Further fields, int64 of fixed size."""
+    topic: str
+    """How its topics end."""
+    groups: tuple[Group, ...]
+    foxglove: Any = None
+    """A message of Foxglove's with all numbers, at the time `STAMP`."""
 
     @property
-    def full_name(self) -> str:
-        """Name of the type in the log."""
-        return f"laisn.{self.name}"
+    def fields(self) -> tuple[str, ...]:
+        """Names of all numbers."""
+        return tuple(dict.fromkeys(field for group in self.groups for field in group.fields))
 
     @cached_property
     def message_class(self) -> Any:
         """The protobuf class."""
+        if self.foxglove is not None:
+            return message_class_of(self.foxglove.get_schema())
         kind = descriptor_pb2.FieldDescriptorProto
         file = descriptor_pb2.FileDescriptorProto(
-            name=f"laisn/{self.name}.proto",
-            package="laisn",
-            syntax="proto3",
-            dependency=["google/protobuf/timestamp.proto"],
+            name=f"laisn/{self.name}.proto", package="laisn", dependency=["google/protobuf/timestamp.proto"]
         )
-        message = file.message_type.add(name=self.name)
-        message.field.add(
-            name="timestamp",
-            number=1,
-            type=kind.TYPE_MESSAGE,
-            type_name=".google.protobuf.Timestamp",
-            label=kind.LABEL_OPTIONAL,
-        )
-        types = [(f, kind.TYPE_DOUBLE) for f in self.fields] + [(f, kind.TYPE_SFIXED64) for f in self.integers]
-        for number, (field, type_) in enumerate(types, start=2):
-            message.field.add(name=field, number=number, type=type_, label=kind.LABEL_OPTIONAL)
+        fields = file.message_type.add(name=self.name).field
+        stamp = _STAMP.DESCRIPTOR.full_name
+        fields.add(name="timestamp", number=1, type=kind.TYPE_MESSAGE, type_name=f".{stamp}", label=kind.LABEL_OPTIONAL)
+        integers = {field for group in self.groups if group.integer for field in group.fields}
+        for number, name in enumerate(self.fields, start=2):
+            type_ = kind.TYPE_SFIXED64 if name in integers else kind.TYPE_DOUBLE
+            fields.add(name=name, number=number, type=type_, label=kind.LABEL_OPTIONAL)
         pool = descriptor_pool.Default()
         pool.Add(file)
-        return message_factory.GetMessageClass(pool.FindMessageTypeByName(self.full_name))
+        return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"laisn.{self.name}"))
 
     @cached_property
     def schema(self) -> Schema:
         """The type as a log holds it: with the descriptors of all files that it needs."""
-        file = self.message_class.DESCRIPTOR.file
-        files = descriptor_pb2.FileDescriptorSet()
-        for needed in (*file.dependencies, file):
+        if self.foxglove is not None:
+            schema: Schema = self.foxglove.get_schema()
+            return schema
+        descriptor, files = self.message_class.DESCRIPTOR, descriptor_pb2.FileDescriptorSet()
+        for needed in (*descriptor.file.dependencies, descriptor.file):
             needed.CopyToProto(files.file.add())
-        return Schema(name=self.full_name, encoding=SchemaEncoding.Protobuf, data=files.SerializeToString())
+        return Schema(name=descriptor.full_name, encoding=SchemaEncoding.Protobuf, data=files.SerializeToString())
 
     @cached_property
     def layout(self) -> FixedLayout:
-        """Serialises rows of `fields` followed by `integers`."""
-        slots = {f: slot(k) for k, f in enumerate(self.fields)}
-        slots |= {f: _slot_integer(k) for k, f in enumerate(self.integers, start=len(self.fields))}
-        return FixedLayout(self.message_class(timestamp=_STAMP, **slots).SerializeToString(), len(slots))
+        """Of messages with all numbers."""
+        if self.foxglove is not None:
+            return FixedLayout(self.message_class.FromString(self.foxglove.encode()))
+        zeros = {field: 0 if group.integer else 0.0 for group in self.groups for field in group.fields}
+        return FixedLayout(self.message_class(timestamp=_STAMP, **zeros))
+
+    def rows(self, time_ns: Ints, arrays: Callable[[str], Array]) -> list[bytes]:
+        """Serialised messages, from their times [ns] and the arrays of the attributes, n rows each."""
+        columns = dict[str, Array]()
+        for group in self.groups:
+            table = arrays(group.attribute).reshape(time_ns.size, len(group.fields))
+            columns |= {field: table[:, k] for k, field in enumerate(group.fields)}
+        return self.layout.rows(time_ns, columns)
+
+    def arrays(self, table: Callable[[Sequence[str]], Floats]) -> dict[str, Array]:
+        """Arrays by attribute, from a function that gives the numbers of fields as columns."""
+        found = dict[str, Array]()
+        for group in self.groups:
+            numbers = table(group.fields)
+            numbers = numbers.reshape(len(numbers), *group.shape)
+            found[group.attribute] = numbers.astype(np.int64) if group.integer else numbers
+        return found
 
 
-def _prefixed(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
-    return tuple(f"{prefix}_{name}" for name in names)
+def _array(attribute: str, prefix: str, *axes: Sequence[str]) -> Group:
+    """Fields named by a prefix and the index along each axis."""
+    names = tuple("_".join(filter(None, (prefix, *index))) for index in product(*axes))
+    return Group(attribute, names, tuple(len(axis) for axis in axes))
 
 
-def _matrix(name: str, axes: Sequence[str]) -> tuple[str, ...]:
-    return tuple(f"{name}_{row}_{column}" for row, column in product(axes, axes))
+def _numbers(*attributes: str) -> tuple[Group, ...]:
+    """Arrays with one number a message, in fields of their name."""
+    return tuple(Group(attribute, (attribute,)) for attribute in attributes)
 
 
-VELOCITY = _prefixed("velocity", ("east", "north", "up"))
-ANGULAR_VELOCITY = _prefixed("angular_velocity", ("x", "y", "z"))
-WATER_VELOCITY = _prefixed("water_velocity", ("east", "north", "up"))
-DERIVED = ("depth", "heading", "pitch", "roll", "forward_speed")
+def vector(xyz: Sequence[float]) -> Vector3:
+    """A vector of Foxglove's."""
+    x, y, z = xyz
+    return Vector3(x=x, y=y, z=z)
+
+
+def rotation(wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Quaternion:
+    """A quaternion of Foxglove's."""
+    w, x, y, z = wxyz
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def pose(xyz: Sequence[float] = (0.0, 0.0, 0.0), wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Pose:
+    """A pose of Foxglove's at a position [m] with a quaternion (w, x, y, z)."""
+    return Pose(position=vector(xyz), orientation=rotation(wxyz))
+
+
+_STATE = ("x", "y", "vx", "vy")
+_WORLD, _BODY, _PLANE = ("east", "north", "up"), ("x", "y", "z"), ("x", "y")
+_HYPOTHESES = tuple(str(h) for h in range(1, HYPOTHESES + 1))
+DERIVED = _numbers("depth", "heading", "pitch", "roll", "forward_speed")
 """Follow from pose and velocity; they are there for plots, and ignored on reading."""
-LEADER_MESSAGE = _prefixed("leader", LeaderMessage._fields)
-RANGES = _prefixed("range", Ranges._fields)
-COVARIANCE = _matrix("covariance", STATE_NAMES)
-INNOVATION = _prefixed("innovation", ("x", "y"))
-INNOVATION_COVARIANCE = _matrix("innovation_covariance", ("x", "y"))
-
-TRANSMITTERS = tuple(f"{place}_{axis}" for place in Ranges._fields for axis in ("east", "north", "depth"))
-"""Positions of the transmitters, if the messages of a vehicle's log hold them: rear_east, rear_north, rear_depth …"""
+PLACES = _array("transmitters", "", Ranges._fields, ("east", "north", "depth"))
+"""Positions of the transmitters: rear_east, rear_north, rear_depth …"""
 
 
-def thrust_fields(effectors: Sequence[str]) -> tuple[str, ...]:
-    """Fields of the thrusts of a vehicle's effectors: `thrust_main` of `thruster_main`."""
-    return tuple(f"thrust_{name.removeprefix('thruster_')}" for name in effectors)
+def _pose(topic: str) -> RecordType:
+    message = PoseInFrame(timestamp=STAMP, frame_id="world", pose=pose())
+    position = Group("position", tuple(f"pose.position.{axis}" for axis in _BODY), (3,))
+    quaternion = Group("quaternion", tuple(f"pose.orientation.{axis}" for axis in "wxyz"), (4,))
+    return RecordType(name="PoseInFrame", topic=topic, groups=(position, quaternion), foxglove=message)
 
 
 @cache
-def vehicle_state(effectors: tuple[str, ...]) -> ScalarSchema:
-    """Schema of the true state of a vehicle with these effectors."""
-    motion = ("time", *VELOCITY, *ANGULAR_VELOCITY, *WATER_VELOCITY)
-    # a type of protobuf has one definition in a process, and vehicles differ in their effectors
-    name = f"VehicleState_{crc32(','.join(effectors).encode()):08x}"
-    return ScalarSchema(name, (*motion, *thrust_fields(effectors), *DERIVED))
+def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
+    """True state of a vehicle with these effectors: the thrust of `thruster_main` is the field `thrust_main`."""
+    return RecordType(
+        # a type of protobuf has one definition in a process, and vehicles differ in their effectors
+        name=f"VehicleState_{crc32(','.join(effectors).encode()):08x}",
+        topic="state",
+        groups=(
+            *_numbers("time"),
+            _array("velocity", "velocity", _WORLD),
+            _array("angular_velocity", "angular_velocity", _BODY),
+            _array("water_velocity", "water_velocity", _WORLD),
+            _array("thrust", "thrust", [name.removeprefix("thruster_") for name in effectors]),
+            *DERIVED,
+        ),
+    )
 
 
-OWN_MOTION = ScalarSchema("OwnMotion", OwnMotionTuple._fields)
-RECEPTION = ScalarSchema("Reception", (*LEADER_MESSAGE, *RANGES))
-PLACED_RECEPTION = ScalarSchema("PlacedReception", (*LEADER_MESSAGE, *RANGES, *TRANSMITTERS))
+POSE, ESTIMATE = _pose("pose"), _pose("estimate")
+OWN_MOTION = RecordType(name="OwnMotion", topic="motion", groups=_numbers(*OwnMotion._fields))
+_RECEIVED = _array("message", "leader", LeaderMessage._fields), _array("ranges", "range", Ranges._fields)
+RECEPTION = RecordType(name="Reception", topic="reception", groups=_RECEIVED)
+PLACED_RECEPTION = RecordType(name="PlacedReception", topic="reception", groups=(*_RECEIVED, PLACES))
 """A reception with the positions of the transmitters; of beacons and buoys, in logs of vehicles."""
-FILTER_STATE = ScalarSchema("FilterState", (*STATE_NAMES, *COVARIANCE))
-FIX = ScalarSchema("Fix", ("x", "y", "sigma", *INNOVATION, *INNOVATION_COVARIANCE), integers=("kind",))
-_SIDES = range(1, HYPOTHESES + 1)
-STATES = TightEstimates.names
-STATE_SIGMAS = _prefixed("sigma", STATES)
-WEIGHTS = tuple(f"weight_{h}" for h in _SIDES)
-HYPOTHESIS = tuple(f"{axis}_{h}" for h in _SIDES for axis in "xy")
-HYPOTHESIS_COVARIANCE = tuple(f"covariance_{h}_{pair}" for h in _SIDES for pair in ("x_x", "x_y", "y_y"))
-MIXTURE = ScalarSchema(
-    "Mixture",
-    ("nis", *STATES, *STATE_SIGMAS, *WEIGHTS, *HYPOTHESIS, *HYPOTHESIS_COVARIANCE),
-    integers=("used",),
+FILTER_STATE = RecordType(
+    name="FilterState",
+    topic="filter",
+    groups=(_array("state", "", _STATE), _array("covariance", "covariance", _STATE, _STATE)),
+)
+FIX = RecordType(
+    name="Fix",
+    topic="innovation",
+    groups=(
+        _array("fix_position", "", _PLANE),
+        Group("fix_sigma", ("sigma",)),
+        _array("innovation", "innovation", _PLANE),
+        _array("innovation_covariance", "innovation_covariance", _PLANE, _PLANE),
+        Group("fix_kind", ("kind",), integer=True),
+    ),
+)
+MIXTURE = RecordType(
+    name="Mixture",
+    topic="mixture",
+    groups=(
+        *_numbers("nis"),
+        _array("full_state", "", TightEstimates.names),
+        _array("full_sigma", "sigma", TightEstimates.names),
+        _array("weight", "weight", _HYPOTHESES),
+        Group("hypothesis", tuple(f"{axis}_{h}" for h in _HYPOTHESES for axis in _PLANE), (HYPOTHESES, 2)),
+        Group(
+            "hypothesis_covariance",
+            tuple(f"covariance_{h}_{pair}" for h in _HYPOTHESES for pair in ("x_x", "x_y", "x_y", "y_y")),
+            (HYPOTHESES, 2, 2),
+        ),
+        Group("used", ("used",), integer=True),
+    ),
 )
 """States of the tightly coupled navigator after a message, and its hypotheses by weight."""
-ERROR = ScalarSchema("Error", ("position_error", "bearing_error"))
-SCALAR_SCHEMAS = (vehicle_state(()), OWN_MOTION, RECEPTION, FILTER_STATE, FIX, MIXTURE, ERROR)
+ERROR = RecordType(name="Error", topic="error", groups=_numbers("position_error", "bearing_error"))
+FLIGHT = (POSE, vehicle_state(()), OWN_MOTION, RECEPTION, FILTER_STATE, FIX, MIXTURE)
+"""Types of the channels that make up a flight; all other channels are derived from them."""

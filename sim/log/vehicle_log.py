@@ -1,18 +1,18 @@
 """Measurements from the log of a real vehicle, whose samples come late, double or not at all."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints
 from laisn.messages import Measurements
-from sim.log.contents import Contents, Messages, has_field, require
+from sim.log.contents import Contents, Messages
 from sim.log.file import LogError, faults
-from sim.log.schema import LEADER_MESSAGE, OWN_MOTION, RANGES, TRANSMITTERS
+from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
 
-DISPENSABLE = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
+_MESSAGE, _RANGES = (group.fields for group in RECEPTION.groups)
+_OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
 """Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
 LONGEST_GAP_S = 10.0
 """Longer gaps between own measurements are not bridged unless the user says so [s]."""
@@ -35,22 +35,23 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def optional_columns(messages: Messages, names: Sequence[str]) -> Floats:
-    """Numbers by the names of their fields, NaN for fields that are not there, shape (n, len(names))."""
-    there = [name for name in names if has_field(messages.descriptor, name)]
-    values = np.full((len(messages.time_ns), len(names)), np.nan)
+def _optional(messages: Messages, names: Sequence[str]) -> Floats:
+    """Numbers by the names of their fields, NaN for those that are not in a message, shape (n, len(names)).
+
+    Where a type cannot tell zero from a number that is not there (protobuf 3 without `optional`), zero in a range, or
+    in a quantity that need not be broadcast, stands for one that is not there.
+    """
+    there = [name for name in names if messages.has(name)]
+    values = np.full((messages.sizes.size, len(names)), np.nan)
     values[:, [names.index(name) for name in there]] = messages.table(there)
+    for name in {*_OPTIONAL, *_RANGES} & set(there):
+        if not messages.message_class.DESCRIPTOR.fields_by_name[name].has_presence:
+            column = values[:, names.index(name)]
+            column[column == 0.0] = np.nan
     return values
 
 
-def channels_of(path: Path, log: Contents, follower: str) -> tuple[Messages, Messages]:
-    """The channels of own motion and of receptions; LogError if one is not there, or lacks fields."""
-    motion = require(path, log, f"/{follower}/motion", OWN_MOTION.fields)
-    needed = [name for name in (*LEADER_MESSAGE, *RANGES) if name not in DISPENSABLE]
-    return motion, require(path, log, f"/{follower}/reception", needed)
-
-
-def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, dt_ns: int, longest_gap_s: float) -> list[str]:
+def _gaps(topic: str, time_ns: Ints, spacing: Ints, dt_ns: int, longest_gap_s: float) -> list[str]:
     """What to say of gaps; LogError if one is too long."""
     found = np.flatnonzero(spacing > _GAP * dt_ns)
     named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
@@ -59,7 +60,7 @@ def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, dt_ns: int, long
     more = f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
     if spacing.max() / 1e9 > max(longest_gap_s, _GAP * dt_ns / 1e9):
         raise LogError(
-            f"{path}: {topic} has {_count(found.size, 'gap')} ({places}{more}); gaps of up to {longest_gap_s:g} s are "
+            f"{topic} has {_count(found.size, 'gap')} ({places}{more}); gaps of up to {longest_gap_s:g} s are "
             "bridged. Cut the log there, or allow longer ones: --longest-gap SECONDS"
         )
     return [f"{_count(found.size, 'gap')} in {topic} bridged: {places}{more}"] if found.size else []
@@ -70,7 +71,7 @@ def _last_of_equals(values: Ints) -> Bools:
     return np.append(np.diff(values) > 0, True)[: values.size]
 
 
-def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) -> Recording:
+def recording(log: Contents, follower: str, longest_gap_s: float) -> Recording:
     """What one follower heard and sensed, each filter step as long as it took.
 
     Own measurements are the filter steps, Δt is the median of their spacing, and the first is taken to end a step of
@@ -79,7 +80,6 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
     last one. Ranges that are infinite, zero or negative count as not received.
 
     Args:
-        path: for messages.
         log: what was read; its topics are gone afterwards.
         follower: its name.
         longest_gap_s: between own measurements [s].
@@ -88,14 +88,15 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
         LogError: a channel or a field is missing, there are fewer than two own measurements, or a gap is too long.
     """
     topic, heard = f"/{follower}/motion", f"/{follower}/reception"
-    motion, reception = channels_of(path, log, follower)
-    with faults(path):
-        time_ns, own, heard_ns = motion.time_ns, np.array(motion.columns(OWN_MOTION.fields)), reception.time_ns
-        message, ranges = optional_columns(reception, LEADER_MESSAGE), optional_columns(reception, RANGES)
-        absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
-        ranges[absurd] = np.nan
-        places = optional_columns(reception, TRANSMITTERS).reshape(-1, 3, 3)
-        places[~np.all(np.isfinite(places), axis=2)] = np.nan
+    with faults(log.path):
+        motion = log.require(topic, OWN_MOTION.fields)
+        reception = log.require(heard, [name for name in RECEPTION.fields if name not in _OPTIONAL])
+        time_ns, own, heard_ns = motion.time_ns, motion.table(OWN_MOTION.fields).T, reception.time_ns
+        message, ranges = _optional(reception, _MESSAGE), _optional(reception, _RANGES)
+        places = _optional(reception, PLACES.fields).reshape(-1, *PLACES.shape)
+    absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
+    ranges[absurd] = np.nan
+    places[~np.all(np.isfinite(places), axis=2)] = np.nan
     # hours of messages would fill the memory beside their numbers
     log.topics.clear()
     del motion, reception
@@ -105,16 +106,15 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
     last = _last_of_equals(time_ns)
     if not last.all():
         time_ns, own = time_ns[last], own[:, last]
-    # what nobody can write any more needs no copy
-    own.flags.writeable = False
     if time_ns.size < 2:
         raise LogError(
-            f"{path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to know the "
+            f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to know the "
             "filter step"
         )
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))
-    remarks = _gaps(path, topic, time_ns, spacing, dt_ns, longest_gap_s)
+    with faults(log.path):
+        remarks = _gaps(topic, time_ns, spacing, dt_ns, longest_gap_s)
     durations = None if np.all(spacing == dt_ns) else np.append(float(dt_ns), spacing)
     if durations is not None:
         durations /= 1e9
@@ -138,6 +138,7 @@ def recording(path: Path, log: Contents, follower: str, longest_gap_s: float) ->
         remarks += [f"{_count(number, 'message')} of {where} left out: {why}"] if number else []
     if absurd.any():
         remarks.append(f"{_count(int(absurd.sum()), 'range')} of {heard} taken as not received: no positive number")
+    remarks += [f"{what}: no checksum, damage cannot be noticed" for what in log.unverified if "chunks" in what]
     measurements = Measurements(
         dt=dt_ns / 1e9,
         speed=own[0],

@@ -4,9 +4,8 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from importlib.metadata import version
-from itertools import pairwise
+from itertools import repeat
 from operator import itemgetter
 from pathlib import Path
 from typing import IO
@@ -23,13 +22,11 @@ from sim.flight import Flight
 from sim.log.channels import Channel, Errors, channels
 from sim.log.clock import Clock, timestamp
 from sim.log.events import Event
-from sim.log.file import SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
+from sim.log.file import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
 from sim.log.recovery import holds_messages
 
 _BLOCK_NS = 10 * 10**9
 """Time after which what was logged is in the file [ns]."""
-_BLOCKS_AT_ONCE = 4
-"""Blocks that are serialised together: fewer cost time, more cost memory."""
 PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
 CONVENTIONS = {
     "world": "x east, y north, z up [m]; depth = -z",
@@ -46,28 +43,18 @@ CONVENTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class LogStatistics:
-    """What was written."""
-
-    path: Path
-    messages: int
-    size: int
-    """Size of the file [bytes]."""
-
-
 class _Output:
     """Writes to a file and keeps the first error: the SDK logs errors of its output, and continues without them."""
 
     def __init__(self, stream: IO[bytes]) -> None:
-        self._stream, self._position = stream, 0
+        self.stream, self._position = stream, 0
         self.error: BaseException | None = None
 
     def write(self, data: bytes | bytearray) -> int:
         """Write bytes; after an error they are discarded."""
         if self.error is None:
             try:
-                self._stream.write(data)
+                self.stream.write(data)
             except BaseException as error:
                 self.error = error
         self._position += len(data)
@@ -78,7 +65,13 @@ class _Output:
         return self._position
 
     def flush(self) -> None:
-        """Do nothing: `LogFile.flush` flushes the file."""
+        """Do nothing: `check` flushes the file."""
+
+    def check(self) -> None:
+        """Flush the file, or raise the first error of writing."""
+        if self.error is not None:
+            raise self.error
+        self.stream.flush()
 
 
 class LogFile:
@@ -89,17 +82,13 @@ class LogFile:
     """
 
     def __init__(self, stream: IO[bytes]) -> None:
-        self._stream, self._output, self._context = stream, _Output(stream), Context()
+        self.output, self._context = _Output(stream), Context()
         options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
-        self._writer = foxglove.open_mcap(self._output, context=self._context, writer_options=options)
+        self.mcap = foxglove.open_mcap(self.output, context=self._context, writer_options=options)
 
     def attach(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
         """Attach a file."""
-        self._writer.attach(log_time=time_ns, create_time=time_ns, name=name, media_type=media_type, data=data)
-
-    def add_metadata(self, name: str, facts: dict[str, str]) -> None:
-        """Write a metadata record."""
-        self._writer.write_metadata(name, facts)
+        self.mcap.attach(log_time=time_ns, create_time=time_ns, name=name, media_type=media_type, data=data)
 
     def channel(self, topic: str, schema: Schema) -> Callable[[bytes, int], None]:
         """Open a channel for protobuf messages of one type; it is in the file with its first message.
@@ -110,27 +99,10 @@ class LogFile:
         encoding = MessageEncoding.Protobuf
         return foxglove.Channel(topic, schema=schema, message_encoding=encoding, context=self._context).base.log
 
-    def _check(self) -> None:
-        if self._output.error is None:
-            self._stream.flush()
-        else:
-            raise self._output.error
-
     def flush(self) -> None:
         """Write everything so far to the file; raises the first error of writing."""
-        self._writer.flush()
-        self._check()
-
-    def finish(self) -> None:
-        """Write the end of the file, and all of it to the disk; raises the first error of writing."""
-        self._writer.close()
-        self._check()
-        os.fsync(self._stream.fileno())
-
-    def abandon(self) -> None:
-        """Leave the file without an end, as it was at the last `flush`."""
-        self._output.error = self._output.error or EOFError()
-        self._writer.close()
+        self.mcap.flush()
+        self.output.check()
 
 
 @contextmanager
@@ -144,9 +116,13 @@ def log_file(path: Path) -> Iterator[LogFile]:
         log = LogFile(stream)
         try:
             yield log
-            log.finish()
-        except BaseException:
-            log.abandon()
+            log.mcap.close()
+            log.output.check()
+            os.fsync(stream.fileno())
+        except BaseException as error:
+            # what the SDK still holds is discarded
+            log.output.error = log.output.error or error
+            log.mcap.close()
             raise
 
 
@@ -178,28 +154,6 @@ def _frames(video: Iterable[tuple[float, bytes]], clock: Clock) -> Iterator[tupl
         yield at, frame.encode()
 
 
-def _blocks(all_channels: Sequence[Channel]) -> Iterator[tuple[int, list[tuple[int, int, bytes]]]]:
-    """End of each block of time, and its messages (time, index of the channel, data) in order of time."""
-    filled = [(k, channel) for k, channel in enumerate(all_channels) if channel.time_ns.size]
-    start = min(int(channel.time_ns[0]) for _, channel in filled)
-    last = max(int(channel.time_ns[-1]) for _, channel in filled)
-    for begin in range(start, last + 1, _BLOCKS_AT_ONCE * _BLOCK_NS):
-        end = begin + _BLOCKS_AT_ONCE * _BLOCK_NS
-        parts, data = [], list[bytes]()
-        for k, channel in filled:
-            first, stop = np.searchsorted(channel.time_ns, [begin, end]).tolist()
-            parts.append((channel.time_ns[first:stop], np.full(stop - first, k)))
-            data += channel.rows(first, stop)
-        times, ids = (np.concatenate(part) for part in zip(*parts, strict=True))
-        # stable, so that equal times keep the order of channels and of messages within one
-        order = np.argsort(times, kind="stable")
-        places = order.tolist()
-        messages = list(zip(times[order].tolist(), ids[order].tolist(), map(data.__getitem__, places), strict=True))
-        stops = np.searchsorted(times[order], range(begin, end + 1, _BLOCK_NS)).tolist()
-        for k, (first, stop) in enumerate(pairwise(stops), start=1):
-            yield begin + k * _BLOCK_NS, messages[first:stop]
-
-
 def _describe(log: LogFile, flight: Flight, summary: str) -> None:
     """Attachments and metadata of a flight."""
     epoch_ns = Clock(flight.scenario.epoch).epoch_ns
@@ -208,7 +162,7 @@ def _describe(log: LogFile, flight: Flight, summary: str) -> None:
     log.attach(VEHICLES, "application/json", _vehicles(flight), epoch_ns)
     log.attach(SUMMARY, "application/json", summary.encode(), epoch_ns)
     log.attach(VERSIONS, "application/json", _json(versions), epoch_ns)
-    log.add_metadata("conventions", CONVENTIONS)
+    log.mcap.write_metadata("conventions", CONVENTIONS)
     facts = {
         "outcome": flight.outcome.name,
         "filter_step_s": repr(flight.measurements[0].dt),
@@ -216,29 +170,33 @@ def _describe(log: LogFile, flight: Flight, summary: str) -> None:
         "run": str(flight.scenario.run),
         "mixture": str(isinstance(flight.estimates[0], TightEstimates)),
     }
-    log.add_metadata("laisn", facts)
+    log.mcap.write_metadata(FLIGHT, facts)
 
 
-def _write_messages(log: LogFile, all_channels: Sequence[Channel], frames: Iterator[tuple[int, bytes]]) -> int:
-    """Write all messages in order of time; the number of them."""
-    named = [(channel.topic, channel.schema) for channel in all_channels]
-    log_to = [log.channel(*each) for each in [*named, ("/camera", CompressedVideo.get_schema())]]
-    count, frame = 0, next(frames, None)
-    for until, messages in _blocks(all_channels):
-        if frame is not None and frame[0] < until:
-            while frame is not None and frame[0] < until:
-                messages.append((frame[0], len(all_channels), frame[1]))
-                frame = next(frames, None)
-            messages.sort(key=itemgetter(0))
+def _write_messages(log: LogFile, all_channels: Sequence[Channel], frames: Iterator[tuple[int, bytes]]) -> None:
+    """Write all messages in order of time, in blocks of time that are in the file before the next ones begin."""
+    log_to = [log.channel(channel.topic, channel.schema) for channel in all_channels]
+    log_to.append(log.channel("/camera", CompressedVideo.get_schema()))
+    filled = [(k, channel) for k, channel in enumerate(all_channels) if channel.time_ns.size]
+    begin = min(int(channel.time_ns[0]) for _, channel in filled)
+    last = max(int(channel.time_ns[-1]) for _, channel in filled)
+    frame = next(frames, None)
+    while begin <= last or frame is not None:
+        end, messages = begin + _BLOCK_NS, list[tuple[int, int, bytes]]()
+        for k, channel in filled:
+            first, stop = np.searchsorted(channel.time_ns, [begin, end]).tolist()
+            if stop > first:
+                rows = channel.rows(first, stop)
+                messages += zip(channel.time_ns[first:stop].tolist(), repeat(k), rows, strict=False)
+        while frame is not None and frame[0] < end:
+            messages.append((frame[0], len(all_channels), frame[1]))
+            frame = next(frames, None)
+        # stable, so that equal times keep the order of channels and of messages within one
+        messages.sort(key=itemgetter(0))
         for at, k, data in messages:
             log_to[k](data, at)
         log.flush()
-        count += len(messages)
-    while frame is not None:
-        log_to[-1](frame[1], frame[0])
-        count += 1
-        frame = next(frames, None)
-    return count
+        begin = end
 
 
 def write(
@@ -249,7 +207,7 @@ def write(
     errors: Sequence[Errors] = (),
     events: Iterable[Event] = (),
     video: Iterable[tuple[float, bytes]] = (),
-) -> LogStatistics:
+) -> None:
     """Write a flight; the same arguments give the same bytes.
 
     The file grows under `partial_path(path)` and gets its name when it is complete. If writing fails, what can be
@@ -275,7 +233,7 @@ def write(
     try:
         with log_file(partial) as log:
             _describe(log, flight, summary)
-            count = _write_messages(log, all_channels, frames)
+            _write_messages(log, all_channels, frames)
         os.replace(partial, path)
     except OSError as error:
         kept = f"; what was written is kept: laisn log recover {partial}" if _keep(partial) else ""
@@ -283,7 +241,6 @@ def write(
     except BaseException:
         _keep(partial)
         raise
-    return LogStatistics(path=path, messages=count, size=path.stat().st_size)
 
 
 def _keep(partial: Path) -> bool:

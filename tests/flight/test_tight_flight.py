@@ -135,15 +135,16 @@ def test_a_mixture_that_lacks_a_message_is_noticed(
     flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     writer.write(flight, tmp_path / "a.mcap")
-    read = reader.contents
+    read = reader.Contents
 
     def changed(*given: Any) -> Any:
         log = read(*given)
         messages = log.topics["/follower/mixture"]
-        del messages.data[: messages.sizes.pop(0)], messages.times[0]
+        del messages.data[: messages.sizes[0]]
+        messages.sizes, messages.time_ns = messages.sizes[1:], messages.time_ns[1:]
         return log
 
-    monkeypatch.setattr(reader, "contents", changed)
+    monkeypatch.setattr(reader, "Contents", changed)
     with pytest.raises(LogError, match="/follower/mixture is not at the times of the fixes"):
         reader.read(tmp_path / "a.mcap")
 

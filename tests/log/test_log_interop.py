@@ -20,9 +20,8 @@ from synthetic import errors_of, make_flight
 
 from sim.flight import Flight
 from sim.log import writer
-from sim.log.contents import contents
+from sim.log.contents import Contents
 from sim.log.file import LogError
-from sim.log.info import info
 from sim.log.recording import write_recording
 
 RERUN = shutil.which("rerun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
@@ -104,7 +103,7 @@ def rerun(*arguments: str | Path) -> str:
 def test_rerun_finds_no_fault_with_structure_and_times(written: Path) -> None:
     report = rerun("mcap", "check", written)
     rows = [line.split() for line in report.splitlines() if line.strip().startswith(("ok", "warn", "error"))]
-    assert {row[3] for row in rows} == {channel.topic for channel in info(written).channels}
+    assert {row[3] for row in rows} == set(Contents(written).topics)
     assert {row[0] for row in rows} == {"ok"}
 
 
@@ -193,7 +192,7 @@ def test_typescript_reads_the_same_numbers(flight: Flight, written: Path) -> Non
     done = node(READ_WITH_TYPESCRIPT, str(written))
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
-    assert found["counts"] == {channel.topic: channel.messages for channel in info(written).channels}
+    assert found["counts"] == {topic: messages.count for topic, messages in Contents(written).topics.items()}
     m, t = flight.measurements[0], flight.trajectory
     assert (found["motion"]["speed"], found["motion"]["heading"]) == (m.speed[-1], m.heading[-1])
     assert found["motion"]["timestamp"]["seconds"] == 1767225600 + 20
@@ -202,7 +201,7 @@ def test_typescript_reads_the_same_numbers(flight: Flight, written: Path) -> Non
 
 def test_the_film_decodes_from_the_log(written: Path) -> None:
     """Every frame comes back, the first of them a key frame with its parameter sets."""
-    (units,) = contents(written).topics["/camera"].columns(["data"])
+    (units,) = Contents(written).topics["/camera"].columns(["data"])
     decoder = av.CodecContext.create("h264", "r")
     pictures = [picture for unit in units for picture in decoder.decode(av.Packet(unit))] + decoder.decode(None)
     assert len(pictures) == len(units) == 20

@@ -13,7 +13,7 @@ import models
 from sim.film import annotations as film
 from sim.flight import Flight
 from sim.geometry.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
-from sim.log.contents import contents
+from sim.log.contents import Contents
 from sim.log.hull import Shape, hull
 from sim.log.layout import ESTIMATE, FOLLOWER, LEADER, layout
 
@@ -116,7 +116,7 @@ def test_the_map_agrees_with_the_ellipsoid() -> None:
 def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(followers: int, tmp_path: Path) -> None:
     flight = make_flight(5.0, followers)
     names = flight.trajectory.names
-    there = contents(write_log(flight, tmp_path))
+    there = Contents(write_log(flight, tmp_path))
     whole = json.loads(layout(names))
 
     def panels_in(node: Any) -> list[Any]:
@@ -133,7 +133,7 @@ def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(followers:
     # E_P, E_B and three ranges of each follower, and the pitch of each vehicle
     assert len(paths) == len(set(paths)) == 5 * followers + followers + 1
     for topic, _, name in (path.partition(".") for path in paths):
-        assert name in there.topics[topic].descriptor.fields_by_name
+        assert name in there.topics[topic].message_class.DESCRIPTOR.fields_by_name
 
 
 def test_the_layout_has_the_colours_of_the_film() -> None:
