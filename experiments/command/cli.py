@@ -214,11 +214,10 @@ def log_export(
     from sim.log.export import export
 
     if rerun:
-        from sim.log.reader import read
         from sim.log.recording import write_recording
 
         out.mkdir(parents=True, exist_ok=True)
-        say(write_recording(read(log), out / f"{log.stem}.rrd"))
+        say(write_recording(log, out / f"{log.stem}.rrd"))
         return
     for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
         say(file)

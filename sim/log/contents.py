@@ -17,8 +17,10 @@ from mcap.well_known import MessageEncoding
 from numpy.lib.stride_tricks import sliding_window_view
 
 from laisn.arrays import Floats, Ints
-from sim.log.file import LogError, faults, records
+from sim.log.clock import Clock
+from sim.log.file import SCENARIO, LogError, faults, records
 from sim.log.schema import FixedLayout, RecordType, message_class_of
+from sim.scenario import file as scenario_file
 
 Values = npt.NDArray[Any] | list[Any]
 Getter = Callable[[Any], Any]
@@ -258,6 +260,12 @@ class Contents:
             mine, others = ((m.encoding, m.schema and (m.schema.name, m.schema.data)) for m in (known, new))
             if mine != others:
                 raise LogError(f"channel {channel.topic} has messages of two types; it may have one")
+
+    def start_ns(self) -> int:
+        """When the mission began: the epoch of its scenario, or in other logs the first message kept [ns]."""
+        if SCENARIO in self.attachments:
+            return Clock(scenario_file.parse(self.attachments[SCENARIO].decode(), SCENARIO)["epoch"]).epoch_ns
+        return min((int(m.time_ns[0]) for m in self.topics.values() if m.time_ns.size), default=0)
 
     def add_empty(self, topic: str, type_: RecordType) -> None:
         """Add a channel of a flight that is not in its file, as it has no message."""

@@ -13,10 +13,8 @@ from google.protobuf.descriptor import FieldDescriptor
 from mcap.well_known import MessageEncoding
 
 from sim.files import atomic_write
-from sim.log.clock import Clock
 from sim.log.contents import Contents, Messages
-from sim.log.file import SCENARIO, LogError, faults
-from sim.scenario import file as scenario_file
+from sim.log.file import LogError, faults
 
 Format = Literal["parquet", "csv"]
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
@@ -44,36 +42,20 @@ def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield from _leaves(field.message_type, f"{name}.")
 
 
-def _schema(leaves: Sequence[tuple[str, Any]]) -> Any:
-    """Columns of a table: the times, then the leaves."""
-    kinds = [pa.string() if leaf.enum_type is not None else _KINDS[leaf.cpp_type] for _, leaf in leaves]
-    times = ("time_s", pa.float64()), ("log_time_ns", pa.int64())
-    names = [f"{name}~2" if name in dict(times) else name for name, _ in leaves]
-    return pa.schema([*times, *zip(names, kinds, strict=True)])
-
-
-def _start_ns(log: Contents) -> int:
-    """When the mission began, in log time: the epoch of its scenario, or the first message read of any other log."""
-    if SCENARIO in log.attachments:
-        return Clock(scenario_file.parse(log.attachments[SCENARIO].decode(), SCENARIO)["epoch"]).epoch_ns
-    return min((int(messages.time_ns[0]) for messages in log.topics.values() if messages.time_ns.size), default=0)
-
-
-def _column(leaf: Any, values: Any) -> Any:
-    """The values of a leaf, enumerations by their names where these are known."""
-    if leaf.enum_type is None:
-        return values
-    names = {number: value.name for number, value in leaf.enum_type.values_by_number.items()}
-    return [names.get(number, str(number)) for number in values]
-
-
 def _table(messages: Messages, leaves: Sequence[tuple[str, Any]], start_ns: int) -> Any:
-    """All messages of a channel."""
-    schema, time_ns = _schema(leaves), messages.time_ns
-    found = messages.columns([name for name, _ in leaves])
-    values = [_column(leaf, column) for (_, leaf), column in zip(leaves, found, strict=True)]
-    columns = [(time_ns - start_ns) / 1e9, time_ns, *values]
-    return pa.table([pa.array(c, type=t) for c, t in zip(columns, schema.types, strict=True)], schema=schema)
+    """All messages of a channel: the times, then the leaves, enumerations by their names where these are known."""
+    columns = {
+        "time_s": pa.array((messages.time_ns - start_ns) / 1e9, pa.float64()),
+        "log_time_ns": pa.array(messages.time_ns, pa.int64()),
+    }
+    for (name, leaf), values in zip(leaves, messages.columns([name for name, _ in leaves]), strict=True):
+        if leaf.enum_type is not None:
+            names = {number: value.name for number, value in leaf.enum_type.values_by_number.items()}
+            column = pa.array([names.get(number, str(number)) for number in values], pa.string())
+        else:
+            column = pa.array(values, _KINDS[leaf.cpp_type])
+        columns[f"{name}~2" if name in ("time_s", "log_time_ns") else name] = column
+    return pa.table(columns)
 
 
 def _file_names(topics: Iterable[str]) -> dict[str, str]:
@@ -114,16 +96,14 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
     tables: dict[str, list[tuple[str, Any]]] = {}
 
     def has_table(topic: str, messages: Messages) -> bool:
-        tables[topic] = (
-            list(_leaves(messages.message_class.DESCRIPTOR)) if messages.encoding == MessageEncoding.Protobuf else []
-        )
+        readable = messages.encoding == MessageEncoding.Protobuf
+        tables[topic] = list(_leaves(messages.message_class.DESCRIPTOR)) if readable else []
         return bool(tables[topic])
 
-    log = Contents(path, has_table)
+    log, files = Contents(path, has_table), []
     names = _file_names(sorted(tables))
     with faults(path):
-        start_ns = _start_ns(log)
-    files = []
+        start_ns = log.start_ns()
     for topic, name in names.items():
         messages, leaves = log.topics.pop(topic), tables[topic]
         if not leaves or not messages.count:

@@ -126,28 +126,30 @@ def test_rerun_draws_transforms_poses_positions_lines_and_film(written: Path, tm
 
 
 def test_a_recording_without_reruns_package_says_what_to_install(
-    flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(LogError, match="pip install rerun-sdk"):
-        write_recording(flight, tmp_path / "mission.rrd")
+        write_recording(written, tmp_path / "mission.rrd")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(RERUN is None, reason="the rerun command is not installed (pip install rerun-sdk)")
-def test_a_recording_holds_hulls_trails_rays_and_estimates_in_their_places(flight: Flight, tmp_path: Path) -> None:
+def test_a_recording_holds_hulls_trails_rays_and_estimates_in_their_places(
+    flight: Flight, written: Path, tmp_path: Path
+) -> None:
     """Read back by Rerun itself."""
-    path = write_recording(flight, tmp_path / "mission.rrd")
+    path = write_recording(written, tmp_path / "mission.rrd")
     rerun("rrd", "verify", path)
     columns = rerun("rrd", "print", "-v", path)
     for column in (
         "/world/leader@Transform3D:translation",
         "/world/leader/hull/mesh0@Mesh3D:vertex_positions",
         "/world/follower/hull/cylinders@Cylinders3D:lengths",
-        "/world/trails/leader@LineStrips3D:strips",
-        "/world/trails/follower/estimate@LineStrips3D:strips",
-        "/world/rays/follower@LineStrips3D:strips",
-        "/world/estimates/follower@Ellipsoids3D:half_sizes",
+        "/world/scene/leader/trail/lines@LineStrips3D:strips",
+        "/world/scene/follower/estimate/lines@LineStrips3D:strips",
+        "/world/scene/follower/ping/lines@LineStrips3D:strips",
+        "/world/scene/follower/estimate/spheres@Ellipsoids3D:half_sizes",
         "/errors/follower/E_P@Scalars:scalars",
     ):
         assert column in columns
@@ -161,21 +163,21 @@ def test_a_recording_holds_hulls_trails_rays_and_estimates_in_their_places(fligh
 
     t, step = flight.trajectory, 100
     sites = [t.site_position[step, t.site(s)] for s in ("leader/tx_rear", "follower/hydrophone", "leader/tx_front")]
-    np.testing.assert_allclose(row("/world/rays/follower", 10)[:8], np.ravel(sites)[:8], rtol=1e-5)
+    np.testing.assert_allclose(row("/world/scene/follower/ping/lines", 10)[1:9], np.ravel(sites)[:8], rtol=1e-5)
     turn = t.quaternion[step, 0, [1, 2, 3, 0]]
     np.testing.assert_allclose(row("/world/leader", 10), [*turn, *t.position[step, 0]], rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(row("/world/trails/leader", 10)[3:6], t.position[10, 0], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(row("/world/scene/leader/trail/lines", 10)[4:7], t.position[10, 0], rtol=1e-5, atol=1e-6)
     off = flight.estimates[0].state[99, :2] - flight.hydrophone(0)[99, :2]
     np.testing.assert_allclose(row("/errors/follower/E_P", 10), np.hypot(*off), rtol=1e-9)
     estimate = flight.estimates[0]
-    ellipse = row("/world/estimates/follower", 10.1)
-    np.testing.assert_allclose(ellipse[:2], estimate.state[100, :2], rtol=1e-5)
+    ellipse = row("/world/scene/follower/estimate/spheres", 10)
+    np.testing.assert_allclose(ellipse[:2], estimate.state[99, :2], rtol=1e-5)
     # 95 % of a normal distribution lie within half axes of √5.991 σ; a turn by 2 arctan(z/w) about the vertical
     half, half_turn = ellipse[3:5], np.arctan2(ellipse[8], ellipse[9])
     axis = np.array([np.cos(2 * half_turn), np.sin(2 * half_turn)])
     across = np.array([-axis[1], axis[0]])
     drawn = (half[0] ** 2 * np.outer(axis, axis) + half[1] ** 2 * np.outer(across, across)) / 5.991464547
-    np.testing.assert_allclose(drawn, estimate.covariance[100, :2, :2], rtol=1e-4)
+    np.testing.assert_allclose(drawn, estimate.covariance[99, :2, :2], rtol=1e-4)
 
 
 def node(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:

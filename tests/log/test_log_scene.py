@@ -14,7 +14,6 @@ from sim.film import annotations as film
 from sim.flight import Flight
 from sim.geometry.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
 from sim.log.contents import Contents
-from sim.log.hull import Shape, hull
 from sim.log.layout import ESTIMATE, FOLLOWER, LEADER, layout
 
 
@@ -29,7 +28,7 @@ def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", ["leader", "follower"])
-def test_the_hull_in_the_scene_fills_the_model(name: str) -> None:
+def test_the_hull_in_the_scene_fills_the_model(name: str, written: Path) -> None:
     """Extent along the hull and across it, against MuJoCo's own bounding boxes of the geoms."""
     model = mujoco.MjModel.from_xml_path(str(models.path(name)))
     data = mujoco.MjData(model)
@@ -43,13 +42,18 @@ def test_the_hull_in_the_scene_fills_the_model(name: str) -> None:
     ]
     expected = np.concatenate(boxes)
 
-    def extent(shape: Shape) -> Any:
-        turn = np.empty(9)
-        mujoco.mju_quat2Mat(turn, shape.quaternion)
-        points = shape.vertices if shape.kind == "mesh" else corners * shape.size / 2
-        return shape.position + points @ turn.reshape(3, 3).T
+    def extent(part: Any) -> Any:
+        p, q, turn = part.pose.position, part.pose.orientation, np.empty(9)
+        mujoco.mju_quat2Mat(turn, np.array([q.w, q.x, q.y, q.z]))
+        if hasattr(part, "size"):
+            points = corners * [part.size.x, part.size.y, part.size.z] / 2
+        else:
+            points = np.array([[v.x, v.y, v.z] for v in part.points])
+        return [p.x, p.y, p.z] + points @ turn.reshape(3, 3).T
 
-    shown = np.concatenate([extent(shape) for shape in hull(name)])
+    (shape,) = (e for e in messages(written, "/scene/vehicles")[0].entities if e.id == f"{name}/hull")
+    parts = [*shape.cylinders, *shape.spheres, *shape.cubes, *shape.triangles]
+    shown = np.concatenate([extent(part) for part in parts])
     np.testing.assert_allclose(shown.min(axis=0), expected.min(axis=0), atol=1e-6)
     np.testing.assert_allclose(shown.max(axis=0), expected.max(axis=0), atol=1e-6)
 

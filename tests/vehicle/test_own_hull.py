@@ -16,7 +16,7 @@ from laisn.failure import LaisnError
 from laisn.metrics import position_errors
 from sim.feasibility import cautions
 from sim.flight import Flight, navigation_settings
-from sim.log.hull import hull
+from sim.log.scene import hull
 from sim.scenario.settings import Scenario
 from sim.vehicle.coefficients import NUMERICS
 from sim.vehicle.own_hull import faults_of
@@ -139,8 +139,8 @@ def test_a_study_finds_hulls_beside_its_file(folder: Path) -> None:
 
 def test_logs_draw_the_hull_of_the_file() -> None:
     bare = re.sub(r"<geom [^>]*/>", "", FOLLOWER)
-    assert sum(shape.kind == "cylinder" for shape in hull("follower")) > 3
-    assert hull(bare) == []
+    assert len(hull("follower")["cylinders"]) > 3
+    assert not any(hull(bare).values())
 
 
 NO_LIFT = {'data="0.2128 0.05596 0.266"': 'data="0.2128 0.05596 0"', 'data="0.027 0.027"': 'data="0.027 0"'}
