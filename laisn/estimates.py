@@ -35,6 +35,21 @@ class FixKind(IntEnum):
     """No point was made: some ranges were used themselves, others looked like echoes and were left out."""
 
 
+FIX_WORDS = {
+    FixKind.TWO_POINTS: "two points",
+    FixKind.TANGENT: "tangent",
+    FixKind.ASTERN: "on the axis",
+    FixKind.FUSED: "weighted mean",
+    FixKind.GATED: "rejected",
+    FixKind.SINGULAR: "skipped",
+    FixKind.LOST: "lost",
+    FixKind.ONE_RANGE: "one range",
+    FixKind.RANGES: "all ranges",
+    FixKind.PARTLY: "but for echoes",
+}
+"""Names of the kinds of fix in tables, figures and films."""
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimates(ArrayRecord):
     """The estimates of one follower in one mission: n steps (k = 1 … n) and f fixes.

@@ -9,7 +9,7 @@ from experiments.flight.summary import true_bearing
 from experiments.pages.figures import Line, Part, panel, stack, timeline
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, SERIES, TRANSMITTERS
 from laisn.arrays import Floats
-from laisn.estimates import FixKind
+from laisn.estimates import FIX_WORDS, FixKind
 from sim.flight import Flight
 from sim.station_keeping import LOST_M, off_station
 
@@ -22,19 +22,6 @@ ROW_HEIGHT = 4.1
 STACK_WIDTH = 5.6
 MAP_WIDTH = 3.3
 """Width of the panels of a follower's row [inch]: errors over time, map, difference."""
-FIX_WORDS = {
-    FixKind.TWO_POINTS: "two points",
-    FixKind.TANGENT: "tangent",
-    FixKind.ASTERN: "on the axis",
-    FixKind.FUSED: "weighted mean",
-    FixKind.GATED: "rejected",
-    FixKind.SINGULAR: "skipped",
-    FixKind.LOST: "lost",
-    FixKind.ONE_RANGE: "one range",
-    FixKind.RANGES: "all ranges",
-    FixKind.PARTLY: "but for echoes",
-}
-"""Names of the kinds of fix in tables and figures."""
 _TRACK_POINTS = 1500
 _DOTS = 1200
 

@@ -14,7 +14,7 @@ from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Sect
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED, TRANSMITTERS
 from laisn import metrics
 from laisn.arrays import Floats
-from laisn.estimates import FixKind
+from laisn.estimates import FIX_WORDS, FixKind
 from sim.contact import contacts
 from sim.flight import Flight, Outcome
 
@@ -163,7 +163,7 @@ def _results(summary: Mapping[str, Any]) -> Table:
     groups = [("", 1), ("position error", 3), ("bearing error", 3), ("track error", 1)]
     groups += [("station error, since it joined", 5)] if on_station else []
     return Table(
-        heads=[*heads, *(flight_figures.FIX_WORDS[kind] for kind in kinds)],
+        heads=[*heads, *(FIX_WORDS[kind] for kind in kinds)],
         rows=table,
         groups=groups + ([("fixes", len(kinds))] if kinds else []),
         caption="Errors of the estimate over all filter steps; distance of the follower from its place on its route or "

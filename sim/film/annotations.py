@@ -18,6 +18,8 @@ TRUTH: RGB = (1.0, 0.95, 0.25)
 """Trail and position of a follower, after its hull."""
 ESTIMATE: RGB = (1.0, 0.25, 0.85)
 """A follower's estimate of its own position."""
+STATION: RGB = (0.45, 1.0, 1.0)
+"""Station of a follower in formation."""
 TRANSMITTER_COLOURS: tuple[RGB, ...] = ((0.95, 0.97, 1.0), (0.35, 1.0, 0.55), (0.45, 0.70, 1.0))
 """Rear, front and middle transmitter and their rays; distinct from leader and follower, also to colour-blind eyes."""
 

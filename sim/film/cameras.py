@@ -65,11 +65,11 @@ class View:
         scale = focal / np.maximum(ahead, 1e-9)
         return np.stack([width / 2 + scale * local[:, 0], height / 2 - scale * local[:, 1]], axis=1), ahead
 
-    def line(self, points: Floats, width: int, height: int) -> list[tuple[Floats, Floats, Floats]]:
+    def line(self, points: Floats, width: int, height: int) -> list[tuple[Floats, Floats]]:
         """A polyline of shape (n, 3) as the stretches of it before the camera, cut at the lens.
 
         Returns:
-            Pixels, shape (m, 2), distances ahead, shape (m,), [m], and places along the line, shape (m,), in [0, 1].
+            Pixels, shape (m, 2), and places along the line, shape (m,), in [0, 1].
         """
         depth = (points - self.position) @ self.axes[2]
         before = depth >= _NEAR_M
@@ -81,10 +81,10 @@ class View:
             points = np.insert(points, crossing + 1, cut, axis=0)
             place = np.insert(place, crossing + 1, place[crossing] + share * (place[crossing + 1] - place[crossing]))
             before = np.insert(before, crossing + 1, True)
-        pixels, ahead = self.project(points, width, height)
+        pixels, _ = self.project(points, width, height)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], before, [False]]).astype(np.int8)))
         runs = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
-        return [(pixels[r], ahead[r], place[r]) for r in runs]
+        return [(pixels[r], place[r]) for r in runs]
 
 
 class Shot(NamedTuple):

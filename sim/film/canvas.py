@@ -41,6 +41,7 @@ class Stroke(NamedTuple):
     """Shape (n, 2), [px]."""
     colour: Colour
     width: float = 2.0
+    dashed: bool = False
 
 
 class Shape(NamedTuple):
@@ -113,6 +114,7 @@ class Canvas:
         self._lines.set_segments([stroke.points for stroke in strokes])
         self._lines.set_color([stroke.colour for stroke in strokes])
         self._lines.set_linewidth([stroke.width * self.scale for stroke in strokes])
+        self._lines.set_linestyle([(0.0, (4.0, 3.0)) if stroke.dashed else "-" for stroke in strokes])
         self._draw(self._lines, box)
 
     def shapes(self, shapes: Sequence[Shape], box: Place | None = None) -> None:

@@ -16,11 +16,19 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import IdentityTransform
 
 from laisn.arrays import Bytes, Floats
-from laisn.estimates import FixKind
-from sim.film.annotations import ESTIMATE, LEADER, TRANSMITTER_COLOURS, TRUTH, Annotations, RayErrors, diverging
+from laisn.estimates import FIX_WORDS
+from sim.film.annotations import (
+    ESTIMATE,
+    LEADER,
+    STATION,
+    TRANSMITTER_COLOURS,
+    TRUTH,
+    Annotations,
+    RayErrors,
+    diverging,
+)
 from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
 from sim.film.film_data import FilmData, FrameState
-from sim.film.formation import STATION
 
 Trail = tuple[Floats, Colour]
 """Positions, shape (p, 3), [m], and the colour of their line."""
@@ -29,18 +37,6 @@ Text = tuple[float, str, Colour, float]
 
 SIGMAS = 2.0
 """Half axes of the ellipse of uncertainty in standard deviations."""
-_FIX_WORDS = {
-    FixKind.TWO_POINTS: "two points",
-    FixKind.TANGENT: "circles touch",
-    FixKind.ASTERN: "on the axis, astern",
-    FixKind.FUSED: "weighted mean",
-    FixKind.GATED: "rejected",
-    FixKind.SINGULAR: "already exact",
-    FixKind.LOST: "ranges missing",
-    FixKind.ONE_RANGE: "one range alone",
-    FixKind.RANGES: "ranges themselves",
-    FixKind.PARTLY: "ranges, but for echoes",
-}
 _SHORT = 576
 """Frames of fewer rows have the short panel of numbers and one curve: text that can be read leaves no room for more."""
 _PANEL: Colour = (0.01, 0.06, 0.10)
@@ -83,12 +79,11 @@ class Dashboard:
         follower: index of the follower whose numbers are shown.
         canvas: of the frames.
         annotations: what a study adds.
-        station_error: distance of the follower from its station at filter steps, shape (n,), [m]; None: it has none.
         show_pitch: whether the film is about the leader's pitch, whose curve then replaces that of the bearing error.
     """
 
     def __init__(self, data: FilmData, follower: int, canvas: Canvas, annotations: Annotations,
-                 station_error: Floats | None = None, show_pitch: bool = False) -> None:  # fmt: skip
+                 show_pitch: bool = False) -> None:  # fmt: skip
         self._data, self._follower, self._added = data, follower, annotations
         s, t = canvas.scale, canvas.text_scale
         self._s, self._t, self._size, self._short = s, t, (canvas.width, canvas.height), canvas.height < _SHORT
@@ -123,7 +118,7 @@ class Dashboard:
                 Rectangle((x, canvas.height - y - height), width, height, fc=(*_PANEL, 0.55), ec=(*_EDGE, 0.35), lw=s,
                           zorder=-1, transform=IdentityTransform())
             )  # fmt: skip
-        quantities = self._quantities(station_error, show_pitch)
+        quantities = self._quantities(show_pitch)
         self._curves = [
             (self._add_curve(place, label, values), values)
             for place, (label, values) in zip(curves, quantities, strict=False)
@@ -169,9 +164,7 @@ class Dashboard:
         axes.tick_params(length=0, pad=3, colors=DIM, labelsize=10.5 * self._t)
         return axes
 
-    def _quantities(
-        self, station_error: Floats | None, show_pitch: bool
-    ) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
+    def _quantities(self, show_pitch: bool) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
         """Label and curves, each a colour and values at filter steps, of what the panels of curves show."""
         data, follower = self._data, self._follower
         truth = data.flight.hydrophone(follower)[:, :2]
@@ -184,6 +177,7 @@ class Dashboard:
             # pitch is the cause of what the errors show, and stands above them
             pitch = np.degrees(data.flight.trajectory.pitch[data.flight.step_index(), 0])
             return [("leader's pitch [°]", [(LEADER, pitch)]), position]
+        station_error = data.station_error(follower)
         if station_error is not None:
             return [position, ("distance from station [m]", [(STATION, station_error)])]
         return [position, ("bearing error [°]", [(ESTIMATE, np.degrees(np.abs(data.bearing_error[follower])))])]
@@ -292,7 +286,7 @@ class Dashboard:
         """Lines of the panel of numbers: distance from the line above, and texts."""
         f, data = self._follower, self._data
         kind, position, bearing = state.fix_kind[f], state.position_error[f], state.bearing_error[f]
-        fix = "–" if kind is None else _FIX_WORDS[kind]
+        fix = "–" if kind is None else FIX_WORDS[kind]
         e_p = "–" if np.isnan(position) else f"{position:.2f} m"
         e_b = "–" if np.isnan(bearing) else f"{abs(np.degrees(bearing)):.1f}°"
         half_axes = SIGMAS * np.sqrt(np.maximum(np.linalg.eigvalsh(state.covariance[f]), 0.0))

@@ -12,6 +12,7 @@ from laisn.estimates import FixKind
 from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
 from sim.geometry import attitude
+from sim.station_keeping import true_stations
 
 TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 
@@ -53,8 +54,6 @@ class FrameState:
     """Shape (v,)."""
     speed: Floats
     """Speed through the water, shape (v,), [m/s]."""
-    thrust: Floats
-    """Thrust of each effector, shape (v, m), [N]."""
     spin: Floats
     """Angle of the drawn propellers, shape (v,)."""
     transmitter: Floats
@@ -67,6 +66,8 @@ class FrameState:
     """Other estimates of the filmed follower's hydrophone, shape (o, 3), [m]; likewise."""
     covariance: Floats
     """Covariance of the estimated position, shape (f, 2, 2), [m²]."""
+    station: Floats
+    """True stations of the followers, shape (f, 3), [m]; NaN for a follower on a route."""
     hypotheses: tuple[tuple[Hypothesis, ...], ...]
     """Hypotheses of each follower's position; the estimate alone if there is only one."""
     ray: Floats
@@ -120,6 +121,13 @@ class FilmData:
         main = np.einsum("nvm,vm->nv", truth.thrust, truth.effector_force[..., 0])
         rate = _SPIN_RAD_S_N * np.sign(main) * np.sqrt(np.abs(main))
         self._spin = np.cumsum(rate, axis=0) * truth.dt / speed_up
+        followers = flight.scenario.followers
+        self.on_stations = any(one.station for one in followers)
+        self._stations = np.full((truth.time.size, len(followers), 3), np.nan)
+        if self.on_stations:
+            self._stations[..., :2] = true_stations(flight.scenario, truth)[..., :2]
+            self._stations[..., 2] = [-one.station.depth_m if one.station else np.nan for one in followers]
+            self._stations[:, [one.station is None for one in followers]] = np.nan
         self._trail_every = max(1, round(_TRAIL_POINT_S * speed_up / truth.dt))
         self._estimates = [(f, estimates.state[:, :2]) for f, estimates in enumerate(flight.estimates)]
         self._others = [(follower, positions) for positions in others]
@@ -158,12 +166,12 @@ class FilmData:
             heading=attitude.heading(quaternion),
             pitch=attitude.pitch(quaternion),
             speed=truth.forward_speed[i],
-            thrust=truth.thrust[i],
             spin=(1 - u) * self._spin[j] + u * self._spin[min(j + 1, truth.time.size - 1)],
             transmitter=sites[self._transmitters],
             hydrophone=hydrophone,
             estimate=estimate,
             others=others,
+            station=(1 - u) * self._stations[j] + u * self._stations[min(j + 1, truth.time.size - 1)],
             hypotheses=tuple(self._hypotheses(f, max(k, 1), estimate[f]) for f in followers),
             covariance=np.stack([self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]),
             ray=np.stack(ray),
@@ -173,6 +181,13 @@ class FilmData:
             position_error=np.full(len(followers), np.nan) if before else self.position_error[:, k - 1],
             bearing_error=np.full(len(followers), np.nan) if before else self.bearing_error[:, k - 1],
         )
+
+    def station_error(self, follower: int) -> Floats | None:
+        """Horizontal distance from its station at filter steps, shape (n,), [m]; None for a follower on a route."""
+        if self.flight.scenario.followers[follower].station is None:
+            return None
+        off = self.flight.hydrophone(follower) - self._stations[self.flight.step_index(), follower]
+        return np.asarray(np.hypot(off[:, 0], off[:, 1]))
 
     def _interpolated(self, positions: Floats, times: Floats) -> Floats:
         """Positions at filter steps, shape (n, 2), at other times, shape (p, 2), [m]; constant beyond the ends."""

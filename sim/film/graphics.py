@@ -90,14 +90,10 @@ def _examine(backend: str) -> Backend:
 @cache
 def probe() -> tuple[Backend, ...]:
     """Try every backend by rendering a picture in a child process; the answer is kept for this process."""
-    return tuple(_examine(backend) for backend in BACKENDS)
+    return tuple(map(_examine, BACKENDS))
 
 
 @cache
 def working() -> Backend | None:
     """The first backend that renders, or None."""
-    for backend in BACKENDS:
-        found = _examine(backend)
-        if found.works:
-            return found
-    return None
+    return next((found for found in map(_examine, BACKENDS) if found.works), None)

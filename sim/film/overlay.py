@@ -5,20 +5,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from laisn.arrays import Floats
-from sim.film import formation, labels
-from sim.film.annotations import ESTIMATE, LEADER, TRANSMITTER_COLOURS, TRUTH, Annotations
+from sim.film import labels
+from sim.film.annotations import ESTIMATE, LEADER, STATION, TRANSMITTER_COLOURS, TRUTH, Annotations
 from sim.film.cameras import Shot, View
 from sim.film.canvas import PALE, Canvas, Colour, Shape, Stroke, corners
 from sim.film.dashboard import SIGMAS, Dashboard, Trail, round_length
 from sim.film.film_data import FilmData, FrameState
-from sim.film.formation import Stations
 from sim.film.labels import Label
 from sim.film.scene import Box
 from sim.scenario.settings import Video
 
 _TRAIL_FILM_S = 5.0
 _TRAIL_PIECES = 12
-_RAY_PIECES = 6
 _HULL_CLEAR_M = 0.45
 _ELLIPSE_PX = 9.0
 """Half axis from which an ellipse of uncertainty is drawn, at 720 rows: below it would lie under the marker."""
@@ -46,14 +44,11 @@ class Overlay:
         self.canvas = Canvas(video.width_px, video.height_px)
         self._box: Box = (0, 0, video.width_px, video.height_px)
         self._transmitters = range(data.flight.scenario.navigation.transmitters)
-        self._stations = Stations(data.flight)
         # that camera is for the leader's pitch: a line shows its axis as it would lie in a level hull
         self._level_axis = video.camera == "profile"
         self._dashboard = None
         if video.width_px >= _SMALL[0] and video.height_px >= _SMALL[1]:
-            self._dashboard = Dashboard(
-                data, follower, self.canvas, annotations, self._stations.error(follower), self._level_axis
-            )
+            self._dashboard = Dashboard(data, follower, self.canvas, annotations, self._level_axis)
 
     def inset_boxes(self, shot: Shot) -> tuple[Box, ...]:
         """Places of a shot's insets along the lower edge, from one side on: left, top, width, height [px]."""
@@ -73,12 +68,12 @@ class Overlay:
             for left, top, width, height in (*boxes, *covered)
         ]
         kept = [c.pixels[region].copy() for region in regions]
-        self._draw_view(state, shot.view, self._box, shot.fog[1], trails)
+        self._draw_view(state, shot.view, self._box, trails)
         for region, pixels in zip(regions, kept, strict=True):
             c.pixels[region] = pixels
         for (view, vehicle), box in zip(shot.insets, boxes, strict=True):
             left, top, _, height = box
-            self._draw_view(state, view, box, 60.0, trails)
+            self._draw_view(state, view, box, trails)
             edge = corners(box)
             c.strokes([Stroke(np.vstack([edge, edge[:1]]), (0.7, 0.9, 1.0, 0.8), 1.5)])
             words = self._data.flight.trajectory.names[vehicle] + (", from above" if view.plane_m else "")
@@ -93,53 +88,35 @@ class Overlay:
 
     # what stands in the water
 
-    def _draw_view(self, state: FrameState, view: View, box: Box, sight: float, trails: list[Trail]) -> None:
+    def _draw_view(self, state: FrameState, view: View, box: Box, trails: list[Trail]) -> None:
         """Lines and markers as one camera sees them, inside its box."""
         strokes = [
-            Stroke(pixels, (*mark.colour, mark.opacity), mark.width)
-            for mark in self._formation(state, view)
-            for pixels, _, _ in self._lines(view, box, mark.points)
-        ]
-        strokes += [
-            Stroke(pixels, (*colour[:3], 0.75 * along**0.8), 2.0)
+            Stroke(pixels, (*colour[:3], 0.75 * along**0.8))
             for points, colour in trails
-            for pixels, _, along in self._lines(view, box, points, _TRAIL_PIECES)
+            for pixels, along in self._lines(view, box, points, _TRAIL_PIECES)
         ]
-        strokes += [*self._rays(state, view, box, sight), *self._ellipses(state, view, box)]
+        strokes += [*self._rays(state, view, box), *self._ellipses(state, view, box)]
         lines, markers = self._markers(state, view, box)
         self.canvas.strokes([*strokes, *lines], box)
         self.canvas.shapes(markers, box)
 
-    def _lines(self, view: View, box: Box, points: Floats, pieces: int = 1) -> Iterator[tuple[Floats, float, float]]:
-        """A polyline in about so many pieces: pixels, and distance ahead [m] and place in [0, 1] of each middle."""
+    def _lines(self, view: View, box: Box, points: Floats, pieces: int = 1) -> Iterator[tuple[Floats, float]]:
+        """A polyline in about so many pieces: pixels, and place of the middle along the line, in [0, 1]."""
         left, top, width, height = box
-        for pixels, ahead, along in view.line(points, width, height):
+        for pixels, along in view.line(points, width, height):
             step = max(1, -(-(len(pixels) - 1) // pieces))
             for first in range(0, len(pixels) - 1, step):
                 last = min(first + step, len(pixels) - 1)
-                depth, place = (float(values[first] + values[last]) / 2 for values in (ahead, along))
-                yield np.add(pixels[first : last + 1], (left, top)), depth, place
+                yield np.add(pixels[first : last + 1], (left, top)), float(along[first] + along[last]) / 2
 
-    def _rays(self, state: FrameState, view: View, box: Box, sight: float) -> Iterator[Stroke]:
-        pieces = _RAY_PIECES if box == self._box else 1
+    def _rays(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
         for f, i in np.argwhere(state.ray > 0.03):
             if i in self._transmitters:
-                points = np.linspace(state.transmitter[i], state.hydrophone[f], pieces + 1)
-                colour = self._ray_colours(state, int(f))[i]
-                strength = float(state.ray[f, i]) * (1.0 if f == self._follower else 0.4)
-                for pixels, ahead, _ in self._lines(view, box, points, pieces):
-                    clear = strength * min(max(1.0 - ahead / (1.3 * sight), 0.3), 1.0)
-                    yield Stroke(pixels, (*colour[:3], 0.16 * clear), 7.0)
-                    yield Stroke(pixels, (*colour[:3], 0.85 * clear), 1.8)
-
-    def _formation(self, state: FrameState, view: View) -> list[formation.WorldLine]:
-        """Stations and the nearest pair; nothing where followers keep to routes."""
-        if not self._stations:
-            return []
-        stations = self._stations.at(state.time)
-        rings = formation.station_rings(stations, state.hydrophone, lambda at: metres_per_pixel(view, at))
-        pair = formation.dashes(formation.nearest(state.position), 7)
-        return rings + [formation.WorldLine(dash, formation.NEAREST, 0.9, 1.6) for dash in pair]
+                red, green, blue, *_ = self._ray_colours(state, int(f))[i]
+                clear = float(state.ray[f, i]) * (0.7 if f == self._follower else 0.3)
+                for pixels, _ in self._lines(view, box, np.array([state.transmitter[i], state.hydrophone[f]])):
+                    yield Stroke(pixels, (red, green, blue, 0.16 * clear), 7.0)
+                    yield Stroke(pixels, (red, green, blue, 0.85 * clear), 1.8)
 
     def _trails(self, state: FrameState) -> list[Trail]:
         """Trails of all vehicles, of the other estimates and of the filmed follower's own, which lies on top."""
@@ -161,30 +138,34 @@ class Overlay:
             if radii.max() >= least:
                 flat = (np.column_stack([np.cos(_ELLIPSE), np.sin(_ELLIPSE)]) * radii) @ axes.T
                 ring = centre + np.column_stack([flat, np.zeros(len(flat))])
-                for pixels, _, _ in self._lines(view, box, ring):
+                for pixels, _ in self._lines(view, box, ring):
                     yield Stroke(pixels, (*ESTIMATE, 0.3 + 0.6 * weight), 1.5)
 
     def _markers(self, state: FrameState, view: View, box: Box) -> tuple[list[Stroke], list[Shape]]:
-        """Transmitters, estimates and hydrophones, and dashed lines between what belongs together."""
-        c, lines, shapes = self.canvas, list[Stroke](), list[Shape]()
-        if self._level_axis:
-            for pixels, _, _ in self._lines(view, box, level_axis(state)):
-                lines += [Stroke(dash, _WHITE, 1.3) for dash in formation.dashes(pixels[[0, -1]], 30)]
+        """Transmitters, stations, estimates and hydrophones, and dashed lines between what belongs together."""
+        c, shapes = self.canvas, list[Shape]()
+        links = [level_axis(state)] if self._level_axis else []
+        links += [nearest(state.position)] if self._data.on_stations else []
         colours = self._ray_colours(state, self._follower)
+        others = [(self._follower, o, other.colour)
+                  for o, other in zip(state.others, self._added.others, strict=True)]  # fmt: skip
         for i in self._transmitters:
             at = self._pixel(view, box, state.transmitter[i])
             shapes += [c.disc(at, 2.6, colours[i], _DARK)] if at is not None else []
-        there = [self._pixel(view, box, hydrophone) for hydrophone in state.hydrophone]
-        estimates = [(self._follower, o, other.colour)
-                     for o, other in zip(state.others, self._added.others, strict=True)]  # fmt: skip
-        for f, estimate, colour in [*estimates, *((f, e, ESTIMATE) for f, e in enumerate(state.estimate))]:
-            truth, at = there[f], self._pixel(view, box, estimate)
+        for station, hydrophone in zip(state.station, state.hydrophone, strict=True):
+            at = self._pixel(view, box, station) if np.isfinite(station).all() else None
+            if at is not None:
+                shapes.append(c.disc(at, 9.0, (*STATION, 0.15), STATION))
+                links.append(np.array([station, hydrophone]))
+        for f, estimate, colour in [*others, *((f, e, ESTIMATE) for f, e in enumerate(state.estimate))]:
+            at = self._pixel(view, box, estimate)
             if at is not None:
                 shapes.append(c.diamond(at, 6.0, colour, _DARK))
-                if truth is not None:
-                    number = max(1, round(float(np.hypot(*(at - truth))) / (8 * c.scale)))
-                    lines += [Stroke(dash, _WHITE, 1.2) for dash in formation.dashes(np.array([truth, at]), number)]
-        return lines, shapes + [c.disc(at, 4.5, TRUTH, _DARK) for at in there if at is not None]
+                links.append(np.array([state.hydrophone[f], estimate]))
+        there = [self._pixel(view, box, hydrophone) for hydrophone in state.hydrophone]
+        shapes += [c.disc(at, 4.5, TRUTH, _DARK) for at in there if at is not None]
+        lines = [line for ends in links for line in self._lines(view, box, ends)]
+        return [Stroke(pixels, _WHITE, 1.3, dashed=True) for pixels, _ in lines], shapes
 
     def _pixel(self, view: View, box: Box, point: Floats) -> Floats | None:
         """Where a point appears inside a box, shape (2,), or None."""
@@ -215,13 +196,12 @@ class Overlay:
             (truth, names[f + 1], TRUTH, -1),
             (state.estimate[f], off(self._added.label, state.estimate[f]), ESTIMATE, 1),
         ]
-        if self._stations:
-            station, pair = self._stations.at(state.time)[f], formation.nearest(state.position)
-            if np.isfinite(station).all():
-                missed = float(np.hypot(*(station - truth)[:2]))
-                wanted.append((station, f"station, {missed:.1f} m off", formation.STATION, 1))
+        if np.isfinite(state.station[f]).all():
+            wanted.append((state.station[f], off("station", state.station[f]), STATION, 1))
+        if self._data.on_stations:
+            pair = nearest(state.position)
             distance = f"{float(np.linalg.norm(pair[1] - pair[0])):.1f} m apart, the nearest"
-            wanted.append((pair.mean(axis=0), distance, formation.NEAREST, 1))
+            wanted.append((pair.mean(axis=0), distance, (1.0, 1.0, 1.0), 1))
         for other, there in zip(self._added.others, state.others, strict=True):
             wanted.append((there, off(other.label, there), other.colour, 1))
         rest = [i for i in range(len(state.hydrophone)) if i != f][: _LABELS - 1]
@@ -262,6 +242,13 @@ def level_axis(state: FrameState) -> Floats:
     middle, heading = state.position[0], state.heading[0]
     reach = 0.8 * float(np.linalg.norm(front - rear)) * np.array([np.sin(heading), np.cos(heading), 0.0])
     return np.array([middle - reach, middle + reach])
+
+
+def nearest(positions: Floats) -> Floats:
+    """The two of several points, shape (v, 3), that are nearest to each other, shape (2, 3)."""
+    first, second = np.triu_indices(len(positions), 1)
+    pair = int(np.argmin(np.linalg.norm(positions[first] - positions[second], axis=1)))
+    return positions[[first[pair], second[pair]]]
 
 
 def metres_per_pixel(view: View, point: Floats) -> float:

@@ -1,4 +1,4 @@
-"""The three-dimensional part of a frame: hulls, propellers, wash and ghosts of estimates."""
+"""The three-dimensional part of a frame: hulls, propellers and ghosts of estimates."""
 
 import itertools
 from types import TracebackType
@@ -19,7 +19,6 @@ from sim.water.ocean import Ocean
 
 Box = tuple[int, int, int, int]
 
-_WASH = (0.85, 0.97, 1.0)
 _GHOST_ALPHA = 0.30
 _GHOST_FULL_M = 1.5
 _GHOST_LEAST = 0.05
@@ -42,14 +41,6 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 def _matrix(quaternion: Floats) -> Floats:
     return np.asarray(attitude.rotate(quaternion[None, :], np.eye(3)).T)
-
-
-def _along(direction: Floats) -> Floats:
-    """A rotation that turns z into `direction`."""
-    helper = np.array([1.0, 0, 0]) if abs(direction[0]) < 0.9 else np.array([0, 1.0, 0])
-    x = _cross(helper, direction)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, _cross(direction, x), direction])
 
 
 class GlScene:
@@ -187,7 +178,6 @@ class GlScene:
             eye.pos[:], eye.up[:], eye.forward[:] = view.position, up, forward
         self._add_backdrop(view)
         self._add_propellers(state)
-        self._add_wash(state)
         self._add_ghosts(state)
         mujoco.mjr_render(mujoco.MjrRect(left, self.height - top - height, width, height), scene, self._context)
 
@@ -223,26 +213,6 @@ class GlScene:
             chord = 0.82 * across + 0.57 * np.array([1.0, 0, 0])
             frame = turn @ np.column_stack([chord, _cross(radial, chord), radial])
             self._add(blade, np.array([0.4 * length, 0.006, length]), at, frame, (0.72, 0.58, 0.30, 1.0))
-
-    def _add_wash(self, state: FrameState) -> None:
-        """Water set in motion: a plume against the thrust, as long and bright as the root of its share of the limit."""
-        plume = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value
-        for v, sites in enumerate(self._effector_sites):
-            turn = _matrix(state.quaternion[v])
-            for site, thrust, effector in zip(sites, state.thrust[v], self._effectors[v], strict=False):
-                axis, limit = effector["force"], effector["limits"][1]
-                share = min(1.0, float(np.sqrt(abs(thrust) / limit))) if limit > 0.0 else 0.0
-                if share < 0.05:
-                    continue
-                direction = -np.sign(thrust) * axis
-                outside = 0.1 if axis[0] == 0 else 0.06
-                length = 0.55 * share
-                half = length / 2
-                at = state.position[v] + turn @ (site + (outside + half) * direction)
-                size = np.array([0.05, 0.05, half])
-                geom = self._add(plume, size, at, _along(turn @ direction), (*_WASH, 0.28 * share))
-                if geom is not None:
-                    geom.emission = 0.8
 
     def _add_ghosts(self, state: FrameState) -> None:
         """A ghost hull at each follower's estimate."""

@@ -8,10 +8,9 @@ from synthetic import make_flight
 
 from sim.film import labels
 from sim.film.annotations import NOTHING
-from sim.film.cameras import CameraRig, View
+from sim.film.cameras import CameraRig
 from sim.film.film_data import FilmData
-from sim.film.formation import Stations, dashes, nearest, station_rings
-from sim.film.overlay import Overlay, metres_per_pixel
+from sim.film.overlay import Overlay, nearest
 from sim.flight import Flight
 from sim.scenario.formation import Station
 from sim.scenario.settings import Follower, Video
@@ -36,45 +35,29 @@ def film_data_of(flight: Flight) -> FilmData:
 def test_a_station_straight_behind_is_where_the_leader_was() -> None:
     """The leader swims at 1 m/s, so that 10 m behind it is where it was 10 s ago."""
     flight = in_formation()
-    found = Stations(flight).at(40.05)
+    found = film_data_of(flight).at(40.05).station
     leader = flight.trajectory.at(40.05 - BEHIND)[0][0, 0]
     np.testing.assert_allclose(found[1], [*leader[:2], -DEPTH], atol=0.02)
     assert np.isnan(found[[0, 2]]).all()
-    assert not Stations(make_flight(5.0, 3))
+    assert not film_data_of(make_flight(5.0, 3)).on_stations
 
 
 def test_the_distance_from_a_station_is_that_of_the_hydrophone() -> None:
     flight = in_formation()
-    stations = Stations(flight)
-    off = stations.error(1)
+    data = film_data_of(flight)
+    off = data.station_error(1)
     assert off is not None
     # step k = 400 is at 40 s
-    expected = np.hypot(*(flight.hydrophone(1)[399] - stations.at(40.0)[1])[:2])
+    expected = np.hypot(*(flight.hydrophone(1)[399] - data.at(40.0).station[1])[:2])
     assert off[399] == pytest.approx(expected, abs=1e-9)
-    assert stations.error(0) is None
+    assert data.station_error(0) is None
 
 
-def test_the_nearest_pair_is_joined_from_one_to_the_other() -> None:
+def test_the_nearest_pair_is_found() -> None:
     """Of points 9 m apart in a row the last is 2 m above the second."""
     points = np.array([[0.0, 0, 0], [9.0, 0, 0], [18.0, 0, 0], [9.0, 0, 2.0]])
     pair = nearest(points)
     np.testing.assert_array_equal(pair, points[[1, 3]])
-    drawn = dashes(pair, 7)
-    np.testing.assert_allclose([drawn[0][0], drawn[-1][-1]], pair)
-    # as much water as line, but for the ends
-    assert sum(np.linalg.norm(b - a) for a, b in drawn) == pytest.approx(2.0 * 7 / 13)
-
-
-@pytest.mark.parametrize("away", [4.0, 400.0])
-def test_a_ring_lies_about_the_station_and_can_be_seen_from_afar(away: float) -> None:
-    """A metre wide, or so wide that it has 9 pixels of a frame of 720 rows, which sees 45°."""
-    station = np.array([3.0, -8.0, -12.0])
-    view = View(position=station + np.array([0.0, 0.0, away]), target=station, up=np.array([0.0, 1.0, 0.0]))
-    ring = station_rings(station[None], station[None], lambda at: metres_per_pixel(view, at))[0].points
-    np.testing.assert_allclose(ring[:-1].mean(axis=0), station, atol=1e-9)
-    pixels, _ = view.project(ring, 1280, 720)
-    seen = np.hypot(*(pixels - [640, 360]).T)
-    assert seen == pytest.approx(max(9.0, 360 / np.tan(np.pi / 8) / away))
 
 
 def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
@@ -86,11 +69,10 @@ def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
     shot = CameraRig(data, 1, 16 / 9).shot("top", state)
     overlay.canvas.load(np.zeros((720, 1280, 3), dtype=np.uint8))
     overlay.draw(state, shot)
-    stations = Stations(flight).at(30.0)
-    (centre,), (ahead,) = shot.view.project(stations[1], 1280, 720)
+    station = state.station[1]
+    (centre,), _ = shot.view.project(station, 1280, 720)
     angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
-    # a metre wide, in a view of 45°
-    ring = centre + max(9.0, 360 / np.tan(np.pi / 8) / ahead) * np.column_stack([np.cos(angle), np.sin(angle)])
+    ring = centre + 9.0 * np.column_stack([np.cos(angle), np.sin(angle)])
     lit = 0
     for x, y in np.round(ring).astype(int):
         # a line lies between pixels
@@ -98,9 +80,9 @@ def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
         lit += bool(((blue > 0.5) & (blue > 1.5 * red)).any())
     # trails and labels cover a few places of it
     assert lit > 24
-    off = float(np.hypot(*(stations[1] - state.hydrophone[1])[:2]))
+    off = float(np.hypot(*(station - state.hydrophone[1])[:2]))
     words = [label.words for label in overlay._labels(state, shot.view)]
-    assert f"station, {off:.1f} m off" in words
+    assert f"station, off by {off:.1f} m" in words
     # lanes of followers are 9 m apart, each a metre deeper, and the leader is farther off: √82 m, but for a wobble
     assert "9.1 m apart, the nearest" in words
     others = [label.words for label in Overlay(data, 0, Video(), NOTHING)._labels(state, shot.view)]

@@ -11,7 +11,7 @@ from experiments.pages import account, bound_panel, flight_figures, range_budget
 from experiments.pages.flight_report import _facts, _results, _troubles
 from experiments.pages.page import Figures, Table
 from laisn.arrays import Floats
-from laisn.estimates import FixKind
+from laisn.estimates import FIX_WORDS, FixKind
 from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
 from tests.synthetic import make_flight
@@ -37,13 +37,13 @@ def test_the_table_of_results_has_each_figure_under_its_head() -> None:
     }  # fmt: skip
     table = _results({"followers": {"one": station, "two": route | {"fixes": {}}, "three": route}})
     errors = ["1.10", "1.20", "1.30", "2.10", "2.20", "2.30", "3.10"]
-    kinds = [flight_figures.FIX_WORDS[kind] for kind in sorted((FixKind.GATED, FixKind.TWO_POINTS))]
+    kinds = [FIX_WORDS[kind] for kind in sorted((FixKind.GATED, FixKind.TWO_POINTS))]
     assert list(table.heads)[-2:] == kinds
     assert list(table.heads)[1:8] == ["max [m]", "mean", "σ", "max [°]", "mean", "σ", "RMS [m]"]
     assert list(table.heads)[8:13] == ["RMS [m]", "95 %", "max", "joined [s]", "lost"]
     first, second, third = ([*texts(row)] for row in table.rows)
     counts = {"gated": "0", "two_points": "8"}
-    of = [counts["two_points" if word == flight_figures.FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds]
+    of = [counts["two_points" if word == FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds]
     assert first == ["one", *errors, "6.10", "6.20", "6.30", "7", "yes", *of]
     assert second == ["two", *errors, "–", "–", "–", "–", "", "0", "0"]
     assert sorted(third[-2:]) == ["4", "5"]
@@ -191,8 +191,8 @@ def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(
 
 def test_kinds_of_fix_have_the_same_words_in_figures_and_sentences() -> None:
     """Each kind has words of its own; those of fixes that were no use are the same in both places."""
-    assert set(flight_figures.FIX_WORDS) == set(account._FIXES) == set(FixKind)
-    for words in (flight_figures.FIX_WORDS, account._FIXES):
+    assert set(FIX_WORDS) == set(account._FIXES) == set(FixKind)
+    for words in (FIX_WORDS, account._FIXES):
         assert len(set(words.values())) == len(FixKind)
     for kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.TWO_POINTS, FixKind.ONE_RANGE):
-        assert flight_figures.FIX_WORDS[kind] in account._FIXES[kind]
+        assert FIX_WORDS[kind] in account._FIXES[kind]
