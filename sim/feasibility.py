@@ -12,7 +12,8 @@ from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setu
 from sim.contact import HULL_RADIUS_M
 from sim.log.clock import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
-from sim.scenario.point_motion import Plan, plan
+from sim.scenario.point_motion import SPEED_MIN, Plan, plan
+from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 
 MOST_INSTANTS = 2_000_000
@@ -21,6 +22,9 @@ MOST_PHYSICS_STEPS = 200_000_000
 """Most physics steps times vehicles, about an hour on one core."""
 MOST_PIXELS = 120_000_000_000
 """Most pixels of a film: 72 minutes at 1280 × 720 and 30 Hz, which is a day and a half at 30 times its pace."""
+
+_LARGE_SHIFT_M = 1.0
+"""A diving leader that shifts stations by more than this is worth a warning [m]."""
 
 
 def frames(duration_s: float, video: Video) -> int:
@@ -207,6 +211,21 @@ def _transmitters_off_axis(scenario: Scenario) -> list[str]:
     ]
 
 
+def _shift_in_dives(scenario: Scenario, route: Route) -> float:
+    """How far a leader that dives shifts stations at most, whose followers assume it level [m].
+
+    At pitch θ the difference of the ranges to its ends is that of a place Δz sin θ farther along its axis, where Δz is
+    the difference of depths.
+    """
+    time = np.arange(0.0, scenario.duration_s + 1.0)
+    depth = route.depth.depth_at(time)
+    leg = np.clip(np.searchsorted(route.time, time[:-1], side="right") - 1, 0, route.leg_speed.size - 1)
+    sinking = np.abs(np.diff(depth))
+    sine = sinking / np.hypot(sinking, np.maximum(route.leg_speed[leg], SPEED_MIN))
+    layers = np.array([follower.station.depth_m for follower in scenario.followers if follower.station])
+    return float((sine[:, None] * np.abs(layers - depth[1:, None])).max())
+
+
 def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line each."""
     found, variant, leader = [], scenario.navigation.variant, scenario.leader
@@ -224,6 +243,12 @@ def cautions(scenario: Scenario) -> list[str]:
         if rest:
             way = rest * scenario.formation.least_way_m_s
             found.append(f"the leader stops for {rest:g} s; followers on stations go on, by about {way:.3g} m")
+        shift = 0.0 if scenario.navigation.use_attitude else _shift_in_dives(scenario, route)
+        if shift > _LARGE_SHIFT_M:
+            found.append(
+                f"the leader dives and followers do not use its pitch, which shifts stations by up to {shift:.3g} m; "
+                "leader.broadcast_attitude and navigation.use_attitude prevent that"
+            )
     if leader.model is not None:
         own = scenario.model_copy(
             update={"leader": leader.model_copy(update={"baseline_m": None, "middle_offset_m": None})}

@@ -245,10 +245,14 @@ def test_a_formation_follows_a_leader_that_dives() -> None:
     assert largest_distance_in_a_dive() < 2.0
 
 
-@pytest.mark.xfail(reason="measured 6.6 m; the cause of the change is not known", strict=True)
-def test_without_its_attitude_a_leader_that_dives_loses_followers() -> None:
-    """More than 10 m off is lost."""
-    assert largest_distance_in_a_dive(broadcast_attitude=False) > 10.0
+def test_without_its_attitude_a_leader_that_dives_shifts_its_formation() -> None:
+    """A follower takes the axis of the transmitters as level.
+
+    At pitch θ it has the difference of its ranges for that of a place Δz sin θ farther along the axis. The leader dives
+    at 35 m in 150 s and 1 m/s, at last 28 m below the uppermost follower.
+    """
+    shift = 28.0 * np.sin(np.arctan(35.0 / 150.0))
+    assert largest_distance_in_a_dive(broadcast_attitude=False) == pytest.approx(shift, rel=0.1)
 
 
 def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:
@@ -258,8 +262,8 @@ def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:
     flight, _ = fly(scenario)
     summary = summarise(flight, position_and_bearing_errors(flight))
     for row in summary["followers"].values():
-        assert row["station_rms_m"] < 0.3
-        assert row["station_max_m"] < 1.2
+        assert row["station_rms_m"] < 0.15
+        assert row["station_max_m"] < 0.6
         assert not row["lost"]
     # on the last leg stations stand where geometry has them: behind the leader, which goes north
     leader_at = flight.trajectory.position[-1, 0, :2]

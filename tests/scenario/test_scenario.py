@@ -233,6 +233,13 @@ def test_bounds_in_the_wrong_order_are_refused_by_both_names(formation: dict[str
 
 
 STATION = {"station": {"behind_m": 10.0, "depth_m": 9.0}}
+DIVING = {"depth_profile": [[0, 5], [30, 5], [180, 40]]}
+DIVE = {
+    "duration_s": 200.0,
+    "followers": [STATION],
+    "navigation": {"variant": "tight"},
+    "ocean": {"floor_depth_m": 60.0},
+}
 CURRENT = {"ocean": {"current_profile": [[0, 0, 0], [10, 0.2, 0]]}}
 
 
@@ -254,6 +261,9 @@ CURRENT = {"ocean": {"current_profile": [[0, 0, 0], [10, 0.2, 0]]}}
             },
             ["the leader stops for 30 s; followers on stations go on, by about 6 m"],
         ),
+        # 31 m sin(atan(35 / 150)) at the end of the dive
+        ({**DIVE, "leader": {**DIVING, "broadcast_attitude": False}}, ["which shifts stations by up to 7.04 m"]),
+        ({**DIVE, "leader": DIVING}, []),
     ],
 )
 def test_what_navigators_cannot_cope_with_is_named(change: dict[str, Any], expected: list[str]) -> None:
