@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
-from typing import Any, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -50,13 +50,56 @@ FIX_WORDS = {
 """Names of the kinds of fix in tables, figures and films."""
 
 
+class Hypotheses(NamedTuple):
+    """Positions that are possible after each of f messages, the likeliest first: at most h, which may be 0."""
+
+    weight: Floats
+    """Shape (f, h); 0 for none."""
+    position: Floats
+    """Shape (f, h, 2), [m]; NaN for none."""
+    covariance: Floats
+    """Of the position, shape (f, h, 2, 2), [m²]; NaN for none."""
+
+
+class Columns(NamedTuple):
+    """An array of estimates, shape (f, …), and the columns of the log that hold its numbers."""
+
+    attribute: str
+    names: tuple[str, ...]
+    """One for each number; those of equal numbers, as in a symmetric matrix, may be one."""
+    shape: tuple[int, ...] = ()
+    """Of the array, for each message."""
+    integer: bool = False
+
+
+class Details(NamedTuple):
+    """What estimates hold of each message beside the fix: a channel of the log, in SI units and radians."""
+
+    name: str
+    """Of the channel and, with a capital, of the type of its messages."""
+    columns: tuple[Columns, ...]
+
+
+class FurtherState(NamedTuple):
+    """An estimated quantity beside position and velocity."""
+
+    name: str
+    """With its unit in SI."""
+    value: float
+    sigma: float
+    """Standard deviation; both are NaN for what is no state."""
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimates(ArrayRecord):
     """The estimates of one follower in one mission: n steps (k = 1 … n) and f fixes.
 
-    A message gives one fix; with LAISN-3(1) one of each pair that was received. Raises ValueError naming an array of
-    another shape.
+    A message gives one fix; with LAISN-3(1) one of each pair that was received. A navigator that estimates more returns
+    a subclass. Raises ValueError naming an array of another shape.
     """
+
+    DETAILS: ClassVar[Details | None] = None
+    """What a subclass has to log."""
 
     state: Floats
     """State after step k, shape (n, 4): x, y [m], vx, vy [m/s]."""
@@ -88,6 +131,16 @@ class Estimates(ArrayRecord):
             "innovation": (f, 2),
             "innovation_covariance": (f, 2, 2),
         }
+
+    @property
+    def hypotheses(self) -> Hypotheses:
+        """What is possible after each message, of a navigator that keeps several hypotheses; otherwise of h = 0."""
+        f = self.fix_step.size
+        return Hypotheses(np.empty((f, 0)), np.empty((f, 0, 2)), np.empty((f, 0, 2, 2)))
+
+    def further_states(self) -> list[FurtherState]:
+        """Biases and other constants after the last message, of a navigator that estimates them."""
+        return []
 
     @property
     def unknown(self) -> int:

@@ -5,6 +5,7 @@ not overlap, and turns each pass into vector instructions.
 """
 
 from itertools import count
+from typing import cast
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from laisn.compiled import compiled_lanes, inlined
 from laisn.failure import LaisnError
 from laisn.fix import Fix
 from laisn.geometry import Point
-from laisn.settings import NavigationSettings
+from laisn.settings import NavigationSettings, Settings
 from laisn.tuning import Tuning
 
 LANES = 64
@@ -47,19 +48,20 @@ SIZE = next(_row)
 """Numbers of a block."""
 
 
-def tuning(settings: NavigationSettings) -> Tuning:
-    """Settings as lanes take them.
+def tuning(settings: Settings) -> Tuning:
+    """Settings of LAISN as lanes take them.
 
     Raises:
         NotImplementedError: naming a choice that no formula knows.
         LaisnError: they are for one vehicle's navigator alone.
     """
-    if settings.use_single_range or settings.transmitter_offsets:
+    told = cast(NavigationSettings, settings)
+    if told.use_single_range or told.transmitter_offsets:
         raise LaisnError(
             "use_single_range and transmitter offsets are for single vehicles and their logs; campaigns know "
             "transmitters on the leader's hull only, and drop a range that arrives alone"
         )
-    return Tuning.of(settings)
+    return Tuning.of(told)
 
 
 @inlined

@@ -16,7 +16,7 @@ from laisn.gate import Gate
 from laisn.geometry import Point
 from laisn.hearing import RangeCircles, one_range, pair_fix, to_circles
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
-from laisn.online import Online, require_own, require_time
+from laisn.navigators import OnlineNavigator, require_own, require_time
 from laisn.settings import NavigationSettings
 from laisn.tuning import Tuning
 from laisn.variants import SEQUENTIAL, SINGLE
@@ -39,7 +39,7 @@ class FixRecord(NamedTuple):
     """Covariance of `innovation`, shape (2, 2), [m²]."""
 
 
-class Navigator(Online):
+class Navigator(OnlineNavigator):
     """LAISN on one follower: predict, position update if a message arrived, speed update (paper, Section 2.1)."""
 
     def __init__(self, settings: NavigationSettings, start: Floats) -> None:

@@ -1,40 +1,319 @@
-"""The navigators of a follower or a swarm by their settings: LAISN's family, or the tightly coupled one.
+"""The registry of navigators, what each of them is to its users, and what those that run online have in common.
 
-Apart from `navigating`, which the simulator may know, and from both navigators, neither of which knows the other.
+A navigator is one entry of `NAVIGATORS`, or a class of the user's own that a scenario names as "module:Class". Nothing
+else decides by the kind of a navigator. Code is named by strings, so that scenarios can be read without it.
 """
 
+import math
+import os
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
 from laisn.arrays import Floats
-from laisn.navigating import AnyNavigator, AnySettings
-from laisn.navigator import Navigator
-from laisn.swarm import Swarm
+from laisn.estimates import Estimates
+from laisn.failure import LaisnError
+from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.settings import VARIANTS, NavigationSettings, Settings
+from laisn.tight.estimates import TightEstimates
 from laisn.tight.settings import TightSettings
 
 
-def new_navigator(settings: AnySettings, start: Floats) -> AnyNavigator:
-    """The navigator that these settings are of, at its start [x, y, vx, vy].
+class AnyNavigator(Protocol):
+    """Whatever turns the measurements of a mission into estimates."""
+
+    def run(self, measurements: Measurements) -> Estimates:
+        """Estimates of a whole mission from the start."""
+
+
+NavigatorFactory = Callable[[Any, Floats], AnyNavigator]
+"""Makes the navigator of one follower from its settings and its start [x, y, vx, vy]."""
+
+
+class MissionResult(NamedTuple):
+    """What a campaign uses of one run: n steps, f fixes."""
+
+    state: Floats
+    """x, y [m], vx, vy [m/s] after each step, shape (n, 4)."""
+    covariance: Floats
+    """Covariance of the position: xx, xy, yy, shape (n, 3), [m²]."""
+    kinds: Sequence[int]
+    """`FixKind` of each fix."""
+    squared: float
+    """Squared innovations of all updates, in units of S."""
+    numbers: float
+    """How many numbers these are of: the mean of `squared`, if S is right."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigatorSpec:
+    """One navigator: its settings and, as "module:name", its code.
+
+    What is left empty is done in Python: a campaign calls `run` once for each run, and a swarm that steers by its
+    estimates calls `step` of each navigator.
+    """
+
+    factory: str
+    """The class, made of settings and start."""
+    settings: type[Settings] = NavigationSettings
+    section: str = ""
+    """Table of `navigation` in a scenario that holds the settings; empty: `navigation` itself."""
+    title: str = ""
+    """What reports call it; empty: its name in capitals."""
+    estimates: type[Estimates] = Estimates
+    """What `run` returns."""
+    lanes: bool = False
+    """Whether campaigns run it as lanes of `laisn.lanes`, 64 runs side by side."""
+    mission: str = ""
+    """Campaign kernel: a function of settings, measurements and start that returns a `MissionResult`."""
+    swarm: str = ""
+    """Compiled swarm: a function of settings and starts, shape (f, 4), that returns a `laisn.swarm.Swarm`."""
+    smoother: str = ""
+    """A class like `factory` with the lag [s] as third argument."""
+    beacons: str = ""
+    """The class that stands for it in data sets, among beacons at rest."""
+    near_bound: bool = False
+    """Whether its errors come near the Cramér–Rao bound, so that campaigns compute that too."""
+
+    def make(self, settings: Settings, start: Floats) -> AnyNavigator:
+        """The navigator of one follower at its start [x, y, vx, vy].
+
+        Raises:
+            ValueError: the start is not four finite numbers.
+            NotImplementedError: naming a choice that no formula knows.
+        """
+        navigator: AnyNavigator = resolve_name(self.factory)(settings, start)
+        return navigator
+
+    def new_swarm(self, settings: Settings, starts: Floats) -> Any:
+        """A `laisn.swarm.Swarm` of navigators at their starts [x, y, vx, vy], shape (f, 4).
+
+        Raises:
+            LaisnError: there are more followers than such a swarm may have, or the settings are for single vehicles.
+        """
+        if self.swarm:
+            return resolve_name(self.swarm)(settings, starts)
+        if not hasattr(resolve_name(self.factory), "step"):
+            raise LaisnError(f"navigator {self.factory!r} has no `step`, which followers need that steer by it")
+        return resolve_name("laisn.swarm:SeparateNavigators")(self.make, settings, starts)
+
+    def fly(self, settings: Settings, measurements: Measurements, start: Floats) -> MissionResult:
+        """One run of a campaign."""
+        if self.mission:
+            result: MissionResult = resolve_name(self.mission)(settings, measurements, start)
+            return result
+        found = self.make(settings, start).run(measurements)
+        used = np.isfinite(found.innovation_covariance).all(axis=(1, 2)) & np.isfinite(found.innovation).all(axis=1)
+        e, S = found.innovation[used], found.innovation_covariance[used]
+        squared = float(np.sum(e * np.linalg.solve(S, e[..., None])[..., 0])) if len(e) else 0.0
+        covariance = found.covariance[:, (0, 0, 1), (0, 1, 1)]
+        return MissionResult(found.state, covariance, found.fix_kind.tolist(), squared, 2.0 * len(e))
+
+
+_LAISN = NavigatorSpec(factory="laisn.navigator:Navigator", lanes=True, swarm="laisn.lane_swarm:new_lanes")
+_TIGHT = NavigatorSpec(
+    factory="laisn.tight.navigator:TightNavigator",
+    settings=TightSettings,
+    section="assume",
+    title="the tightly coupled navigator",
+    estimates=TightEstimates,
+    mission="laisn.tight.mission:fly",
+    swarm="laisn.tight.swarm:new_tight_swarm",
+    smoother="laisn.tight.smoothing:SmoothingNavigator",
+    beacons="laisn.beacons.navigator:BeaconNavigator",
+    near_bound=True,
+)
+NAVIGATORS: dict[str, NavigatorSpec] = {**dict.fromkeys(VARIANTS, _LAISN), "tight": _TIGHT}
+"""Navigators by the names that scenarios and commands accept."""
+
+
+def code_of_navigators() -> list[str]:
+    """Modules of all code that the registry names."""
+    code = {
+        name
+        for spec in NAVIGATORS.values()
+        for name in (spec.factory, spec.mission, spec.swarm, spec.smoother, spec.beacons)
+    }
+    return sorted({name.partition(":")[0] for name in code if name} | {"laisn.swarm"})
+
+
+OWN_SECTION = "own"
+"""Table of `navigation` that holds the settings of a user's own navigator."""
+
+
+def is_own(name: str) -> bool:
+    """Whether a name is that of a user's own navigator, "module:Class"."""
+    module, colon, attribute = name.partition(":")
+    return bool(colon) and all(part.isidentifier() for part in (*module.split("."), *attribute.split(".")))
+
+
+@cache
+def _own(name: str) -> NavigatorSpec:
+    folder = os.getcwd()
+    if folder not in sys.path:
+        # as the command has no folder of its own to look in
+        sys.path.insert(0, folder)
+    try:
+        made = resolve_name(name)
+    except (ImportError, AttributeError) as error:
+        raise LaisnError(f"navigator {name!r}: {error}; modules are looked for in {folder} too") from None
+    settings = getattr(made, "Settings", NavigationSettings)
+    if not callable(getattr(made, "run", None)) or not issubclass(settings, Settings):
+        raise LaisnError(
+            f"navigator {name!r}: expected a class with `run(measurements) -> Estimates` and, if it has settings of "
+            "its own, a class `Settings` in it that derives from laisn.settings.Settings"
+        )
+    section = OWN_SECTION if settings is not NavigationSettings else ""
+    return NavigatorSpec(factory=name, settings=settings, section=section, title=made.__name__)
+
+
+def find(name: str) -> NavigatorSpec:
+    """The navigator of this name; a module of the user's own is imported.
 
     Raises:
-        ValueError: the start is not four finite numbers.
-        NotImplementedError: naming a choice that no formula knows.
+        LaisnError: there is none.
     """
-    if isinstance(settings, TightSettings):
-        # its compiled code takes long to import, and few missions use it
-        from laisn.tight.navigator import TightNavigator
+    if name in NAVIGATORS:
+        return NAVIGATORS[name]
+    if not is_own(name):
+        raise LaisnError(f"navigator {name!r}; available: {', '.join(NAVIGATORS)}, or MODULE:CLASS of your own")
+    return _own(name)
 
-        return TightNavigator(settings, start)
-    return Navigator(settings, start)
+
+def source_of(name: str) -> bytes:
+    """Source of the module of a user's own navigator; nothing for one of this project, or where there is none."""
+    path = sys.modules[resolve_name(find(name).factory).__module__].__file__ if is_own(name) else None
+    return Path(path).read_bytes() if path else b""
 
 
-def new_swarm(settings: AnySettings, starts: Floats) -> Swarm:
-    """The navigators of a swarm that these settings are of, at their starts [x, y, vx, vy], shape (f, 4).
+def spec_of(settings: Settings) -> NavigatorSpec:
+    """The navigator of this project that takes these settings."""
+    return next(spec for spec in NAVIGATORS.values() if type(settings) is spec.settings)
 
-    Raises:
-        LaisnError: there are more followers than such a swarm may have, or the settings are for single vehicles.
-    """
-    if isinstance(settings, TightSettings):
-        from laisn.tight.swarm import new_tight_swarm
 
-        return new_tight_swarm(settings, starts)
-    from laisn.lane_swarm import new_lanes
+def new_navigator(settings: Settings, start: Floats) -> AnyNavigator:
+    """The navigator of this project that takes these settings, at its start [x, y, vx, vy]; errors as of `make`."""
+    return spec_of(settings).make(settings, start)
 
-    return new_lanes(settings, starts)
+
+def new_swarm(settings: Settings, starts: Floats) -> Any:
+    """The swarm of navigators of this project that take these settings; arguments and errors as of its spec."""
+    return spec_of(settings).new_swarm(settings, starts)
+
+
+FASTEST = 50.0
+"""A measured speed beyond this is broken, not fast [m/s]."""
+FARTHEST = 1e5
+"""A range beyond this is broken, not far [m]."""
+
+
+def require_start(start: Floats) -> Floats:
+    """A start x, y [m], vx, vy [m/s], shape (4,); ValueError unless its four numbers are finite."""
+    own = np.array(start, dtype=np.float64)
+    if own.shape != (4,) or not np.all(np.isfinite(own)):
+        raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
+    return own
+
+
+def require_time(step: int, duration: float | None) -> None:
+    """LaisnError unless a step takes a positive time [s], or that of all steps (None)."""
+    if duration is not None and not 0.0 < duration < math.inf:
+        raise LaisnError(f"step {step}: it takes {duration} s, expected a positive time")
+
+
+def require_own(step: int, own: OwnMotion) -> None:
+    """LaisnError unless a step's own motion is of finite numbers; a missing depth is NaN."""
+    if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
+        raise LaisnError(f"step {step}: own motion {own} is not finite")
+
+
+def require_readings(step: int, own: OwnMotion, reception: Reception | None, log: str) -> None:
+    """LaisnError naming what of a step's readings cannot be; `log` is what measures the speed."""
+    require_own(step, own)
+    if not -FASTEST <= own.speed <= FASTEST:
+        raise LaisnError(f"step {step}: the {log} reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
+    ranges = () if reception is None else reception.ranges
+    for value in ranges:
+        if value < 0.0 or value > FARTHEST:
+            raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
+
+
+class OnlineNavigator(ABC):
+    """A navigator under way: at a step, with a state and its covariance. Its `step` begins with `require_readings`."""
+
+    def __init__(self, start: Floats | None, start_sigma: float) -> None:
+        """Begin at a known start, or anywhere.
+
+        Args:
+            start: x, y [m], vx, vy [m/s], shape (4,); None: unknown.
+            start_sigma: standard deviation of its place along each axis [m].
+
+        Raises:
+            ValueError: the start is not four finite numbers.
+        """
+        self._step, self._depth = 0, math.nan
+        self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
+        if start is not None:
+            self._state = require_start(start)
+            self._covariance = np.diag(np.repeat([start_sigma**2, 0.0], 2))
+
+    @property
+    def _start(self) -> tuple[float, float] | None:
+        """Place of the known start [m], before the first step."""
+        x, y = self._state[:2].tolist()
+        return None if math.isnan(x) else (x, y)
+
+    @property
+    def state(self) -> Floats:
+        """x, y, vx, vy after the last step, shape (4,): mean over the mixture."""
+        return self._state.copy()
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of `state` over the mixture, shape (4, 4)."""
+        return self._covariance.copy()
+
+    def _with_depth(self, own: OwnMotion) -> OwnMotion:
+        """Own motion, with the last depth that was read in place of a missing one (NaN).
+
+        A depth enters a range by its square beside the distance's, and changes little in a few steps. Before the first
+        reading it stays NaN, and ranges cannot be used.
+        """
+        if math.isnan(own.depth):
+            return own._replace(depth=self._depth)
+        self._depth = own.depth
+        return own
+
+    @abstractmethod
+    def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> Sequence[Any]:
+        """Advance by one filter step; what a message changed, if there was one."""
+
+    def _take(self, measurements: Measurements, dt: float) -> tuple[Floats, Floats, list[Any]]:
+        """Take a whole mission step by step.
+
+        Args:
+            measurements: n steps.
+            dt: filter step that they must have [s].
+
+        Returns:
+            State and covariance after each step, shapes (n, 4) and (n, 4, 4), and all that `step` gave.
+
+        Raises:
+            ValueError: the measurements have another filter step, or the navigator is under way.
+        """
+        measurements.require_fresh(self._step, dt)
+        n = measurements.speed.size
+        state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
+        updates: list[Any] = []
+        durations = [None] * n if measurements.durations is None else measurements.durations.tolist()
+        for i, (own, reception) in enumerate(measurements.steps()):
+            updates += self.step(own, reception, durations[i])
+            state[i], covariance[i] = self.state, self.covariance
+        return state, covariance, updates

@@ -1,4 +1,4 @@
-"""What a navigator believes and how it decides: every constant of the paper, with the paper's value as default."""
+"""Settings of navigators: what all of them are given, and every constant of the paper with its value as default."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
@@ -8,37 +8,72 @@ import numpy as np
 from laisn.records import Offset, require_numbers, require_offsets
 
 Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main"]
-AnyVariant = Literal[Variant, "tight"]
-"""What a mission may be navigated by: a LAISN, or the tightly coupled navigator of `laisn.tight`."""
 GateRule = Literal["off", "v-max", "v-measured"]
 SideRule = Literal["behind", "predicted"]
 
 VARIANTS: tuple[Variant, ...] = get_args(Variant)
 
 
-def transmitters_of(variant: Variant) -> int:
+def transmitters_of(variant: str) -> int:
     """N_T: how many of the leader's transmitters a variant uses, rear and front first (paper, Sections 2.2, 2.3)."""
     return 2 if variant == "laisn-2" else 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class NavigationSettings:
-    """Settings of one navigator (paper, Section 3.1, unless another source is named).
+class Settings:
+    """What every navigator is given: its filter step, and where transmitters and hydrophone are.
 
-    Raises ValueError naming the field if a value is out of its range.
+    The settings of a navigator derive from it. Raises ValueError naming the field if a value is out of its range.
     """
 
-    known_start: ClassVar[bool] = True
-    """LAISN begins at a known start."""
-    variant: Variant = "laisn-2"
+    POSITIVE: ClassVar[frozenset[str]] = frozenset({"dt", "baseline"})
+    """Numbers that must not be zero."""
+    SIGNED: ClassVar[frozenset[str]] = frozenset({"hydrophone_height", "middle_offset"})
+    """Numbers that may be negative."""
+
     dt: float = 0.1
     """Filter step Δt [s]."""
     baseline: float = 2.0
     """L, distance between rear and front transmitter [m]."""
     middle_offset: float = 0.1
     """H_T, sideways offset of the middle transmitter, to port [m]."""
+    transmitter_offsets: tuple[Offset, ...] = ()
+    """Offsets (forward, port, up) of rear, front and perhaps middle transmitter from the leader's position [m].
+
+    They replace `baseline` and `middle_offset`, and may be as long as a harbour. Empty: on the leader's hull.
+    """
     hydrophone_height: float = 0.0
     """Height of the follower's hydrophone above its depth sensor when level [m]."""
+    use_attitude: bool = False
+    """Place the transmitters by the broadcast pitch and roll instead of assuming a level leader (not in the paper)."""
+
+    @property
+    def transmitters(self) -> int:
+        """How many of the leader's transmitters are used, rear and front first."""
+        return 3
+
+    @property
+    def known_start(self) -> bool:
+        """Whether the start is given; otherwise the first messages give it."""
+        return True
+
+    @property
+    def estimated(self) -> frozenset[str]:
+        """Constants that are states beside the biases of the navigator's own sensors, named as in `TrueNoise`."""
+        return frozenset()
+
+    def __post_init__(self) -> None:
+        require_offsets("transmitter_offsets", self.transmitter_offsets)
+        require_numbers(self, positive=self.POSITIVE, signed=self.SIGNED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationSettings(Settings):
+    """Settings of LAISN (paper, Section 3.1, unless another source is named)."""
+
+    POSITIVE = Settings.POSITIVE | {"leader_speed_max", "follower_speed_max"}
+
+    variant: Variant = "laisn-2"
     threshold: float = 0.1
     """T: two intersections closer than this count as one, on the leader's axis [m]."""
     beta: float = 0.1
@@ -65,17 +100,10 @@ class NavigationSettings:
     """Gross-error gate (Section 2.4): travel since the last accepted fix at top or at measured speed, or none."""
     side_rule: SideRule = "behind"
     """Where a fix without two clear intersections goes: always behind (the paper), or to the predicted end."""
-    use_attitude: bool = False
-    """Place the transmitters by the broadcast pitch and roll instead of assuming a level leader (not in the paper)."""
     expected_pitch: float = 0.0
     """Pitch that a level-leader follower must expect; adds Δz sin(…) to σp in squares [rad] (not in the paper)."""
     use_single_range: bool = False
     """Where one range alone arrived, move the prediction along its line of sight; the paper drops it."""
-    transmitter_offsets: tuple[Offset, ...] = ()
-    """Offsets (forward, port, up) of rear, front and perhaps middle transmitter from the leader's position [m].
-
-    They replace `baseline` and `middle_offset`, and may be as long as a harbour. Empty: on the leader's hull.
-    """
 
     @property
     def transmitters(self) -> int:
@@ -88,6 +116,4 @@ class NavigationSettings:
             value = getattr(self, name)
             if value not in allowed:
                 raise ValueError(f"{name} is {value!r}; available: {', '.join(allowed)}")
-        positive = {"dt", "baseline", "leader_speed_max", "follower_speed_max"}
-        require_offsets("transmitter_offsets", self.transmitter_offsets)
-        require_numbers(self, positive=positive, signed={"hydrophone_height", "middle_offset"})
+        super().__post_init__()

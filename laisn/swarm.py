@@ -13,7 +13,7 @@ from numba.extending import overload_method
 
 from laisn.arrays import Bools, Floats, Ints
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
-from laisn.navigating import AnySettings, NavigatorFactory
+from laisn.settings import Settings
 
 _VECTOR = np.float64, (2,)
 ESTIMATE = np.dtype(
@@ -55,7 +55,7 @@ class Swarm(Protocol):
         """
 
 
-SwarmFactory = Callable[[AnySettings, Floats], Swarm]
+SwarmFactory = Callable[[Any, Floats], Swarm]
 """Makes the navigators of a swarm from their settings and their known starts x, y [m], vx, vy [m/s], shape (f, 4)."""
 
 
@@ -77,7 +77,7 @@ def new_estimates(*shape: int) -> Any:
 class SeparateNavigators:
     """A swarm of navigators of any kind, each of which Python calls with its own measurements."""
 
-    def __init__(self, make_navigator: NavigatorFactory, settings: AnySettings, starts: Floats) -> None:
+    def __init__(self, make_navigator: Callable[[Any, Floats], Any], settings: Settings, starts: Floats) -> None:
         """Make a navigator for each of the known starts, shape (f, 4)."""
         self.navigators = [make_navigator(settings, start) for start in starts]
         self.gated: Ints = np.zeros(len(starts), dtype=np.int64)

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from experiments.flight.table import Table as Table
     from experiments.study.folder import StudyFolder as StudyFolder
     from laisn.failure import LaisnError as LaisnError
-    from laisn.navigating import NavigatorFactory
     from laisn.navigator import Navigator as Navigator
+    from laisn.navigators import NavigatorFactory
     from sim.flight import Flight as Flight
     from sim.scenario.settings import Scenario as Scenario
 

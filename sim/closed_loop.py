@@ -141,7 +141,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         senses=senses_of(scenario),
         lookout=lookout_of(scenario),
         kinds=kinds,
-        estimates_current=navigation.variant == "tight" and navigation.assume.current,
+        estimates_current="current" in navigation.settings().estimated,
         plan=plan,
         stations=stations,
         sites=(

@@ -8,6 +8,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from laisn.navigators import NAVIGATORS, find
 from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setups_of, vehicle_names
 from sim.contact import HULL_RADIUS_M
 from sim.log.clock import Clock
@@ -229,14 +230,15 @@ def _shift_in_dives(scenario: Scenario, route: Route) -> float:
 def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line each."""
     found, variant, leader = [], scenario.navigation.variant, scenario.leader
+    spec, settings = find(variant), scenario.navigation.settings()
     stations = any(follower.station for follower in scenario.followers)
-    if scenario.motion == "physics" and scenario.ocean.moves:
-        if variant != "tight":
-            found.append(f"there is a current; navigator {variant!r} assumes still water")
-        elif not scenario.navigation.assume.current:
-            found.append("there is a current; navigation.assume.current = false assumes still water")
-    if stations and variant != "tight":
-        found.append(f"stations are kept by navigator {variant!r}, with errors of metres; 'tight' keeps them better")
+    if scenario.motion == "physics" and scenario.ocean.moves and "current" not in settings.estimated:
+        able = hasattr(getattr(scenario.navigation, spec.section, None), "current")
+        what = f"navigation.{spec.section}.current = false" if able else f"navigator {variant!r}"
+        found.append(f"there is a current; {what} assumes still water")
+    if stations and not spec.near_bound:
+        better = ", ".join(repr(name) for name, one in NAVIGATORS.items() if one.near_bound)
+        found.append(f"stations are kept by navigator {variant!r}, with errors of metres; {better} keeps them better")
     if stations and _errors_of(partial(_plan, leader, "leader"), "") == []:
         route = route_of(leader, "leader")
         rest = float(np.diff(route.time)[route.leg_length == 0].sum())
@@ -268,6 +270,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_errors_of(partial(Clock, scenario.epoch), "epoch"),
         *film_errors(scenario.duration_s, scenario.video),
         *_errors_of(partial(ocean_of, scenario), "ocean.waves"),
+        *_errors_of(scenario.navigation.settings, ""),
     ]
     for i, (key, vehicle) in enumerate(scenario.vehicles()):
         found += _hull_errors(f"{key}.model", vehicle, "follower" if i else "leader")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from enum import Enum
 from html import escape
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -12,9 +12,8 @@ from laisn.arrays import Floats, Ints
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
-from laisn.navigating import AnySettings, NavigatorFactory
-from laisn.settings import VARIANTS, NavigationSettings
-from laisn.tight.settings import Assume, TightSettings
+from laisn.navigators import NAVIGATORS, NavigatorFactory, find
+from laisn.settings import Settings
 from sim.assembly import on_axis
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.hearing import Hearing
@@ -30,6 +29,8 @@ SLIP_M_SQRT_S = 0.007
 That is what the hydrophone moves aside of speed and heading in the waves of `following-sea`, over 1 s; in calm water it
 is a thirtieth of it, and 0.007 costs less than a hundredth of the error there.
 """
+
+Kind = TypeVar("Kind", bound=Settings)
 
 
 class Outcome(Enum):
@@ -124,48 +125,6 @@ def _transmitters(scenario: Scenario, trajectory: Trajectory) -> dict[str, Any]:
     return {"transmitter_offsets": told or tuple(tuple(site) for site in sites.tolist())}
 
 
-def _tight_settings(scenario: Scenario, trajectory: Trajectory, height: float) -> TightSettings:
-    """What a follower with the tightly coupled navigator is told; `height` is that of its hydrophone [m]."""
-    told, assume = scenario.navigation, scenario.navigation.assume
-    believed_speed = scenario.acoustics.sound_speed_m_s + scenario.acoustics.sound_speed_bias_m_s
-    slip = assume.slip_m_sqrt_s
-    if slip is None:
-        slip = SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0
-    return TightSettings(
-        assume=Assume(
-            exact_leader=assume.exact_leader,
-            drift=assume.drift,
-            deviation=assume.deviation,
-            current=assume.current,
-            offsets=assume.offsets,
-            clock=assume.clock,
-        ),
-        transmitters=assume.transmitters,
-        dt=scenario.timing.filter_step_s,
-        **_transmitters(scenario, trajectory),
-        hydrophone_height=height,
-        use_attitude=told.use_attitude,
-        known_start=assume.known_start,
-        start_sigma=assume.start_sigma_m,
-        speed_sigma=assume.speed_sigma_m_s,
-        speed_bias_sigma=assume.speed_bias_sigma_m_s,
-        heading_sigma=float(np.deg2rad(assume.heading_sigma_deg)),
-        heading_bias_sigma=float(np.deg2rad(assume.heading_bias_sigma_deg)),
-        range_sigma=assume.range_sigma_m,
-        range_scale_sigma=assume.range_scale_sigma_m,
-        range_scale_bias_sigma=assume.range_scale_bias_sigma_m,
-        leader_heading_sigma=float(np.deg2rad(assume.leader_heading_sigma_deg)),
-        leader_heading_bias_sigma=float(np.deg2rad(assume.leader_heading_bias_sigma_deg)),
-        current_sigma=assume.current_sigma_m_s,
-        offset_sigma=assume.offset_sigma_m,
-        clock_offset_sigma=believed_speed * assume.clock_offset_sigma_s,
-        clock_drift_sigma=1e-6 * believed_speed * assume.clock_drift_sigma_ppm,
-        slip=slip,
-        outlier_chance=assume.outlier_chance,
-        outlier_span=assume.outlier_span_m,
-    )
-
-
 def _hydrophone_height(scenario: Scenario, trajectory: Trajectory, follower: int) -> float:
     """Height of the hydrophone above the depth sensor, as the follower believes [m]."""
     told = scenario.navigation.hydrophone_height_m
@@ -176,58 +135,50 @@ def _hydrophone_height(scenario: Scenario, trajectory: Trajectory, follower: int
     return float(trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[depth_sensor, 2])
 
 
-def laisn_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> NavigationSettings:
-    """What a follower that navigates by LAISN is told before the mission.
+def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:
+    """What a follower is told before the mission: the scenario's settings, and where its hydrophone sits.
 
     Raises:
-        LaisnError: the scenario navigates by something else.
+        LaisnError: the scenario's navigator is a user's own and cannot be found, or does not have these settings.
     """
-    told = scenario.navigation
-    if told.variant == "tight":
-        raise LaisnError(f"scenario {scenario.name!r} navigates by 'tight'; expected one of {', '.join(VARIANTS)}")
-    return NavigationSettings(
-        variant=told.variant,
-        dt=scenario.timing.filter_step_s,
+    sound, told = scenario.acoustics, scenario.navigation
+    given = {
         **_transmitters(scenario, trajectory),
-        hydrophone_height=_hydrophone_height(scenario, trajectory, follower),
-        threshold=told.threshold_m,
-        beta=told.beta_m2,
-        sigma_floor=told.sigma_floor_m,
-        alpha=told.alpha_m_s2,
-        sigma_a0=told.sigma_a0_m_s2,
-        sigma_speed=told.sigma_speed_m_s,
-        sigma_heading=float(np.deg2rad(told.sigma_heading_deg)),
-        position_sigma0=told.position_sigma0_m,
-        velocity_sigma0=told.velocity_sigma0_m_s,
-        leader_speed_max=told.leader_speed_max_m_s,
-        follower_speed_max=told.follower_speed_max_m_s,
-        gate=told.gate,
-        side_rule=told.side_rule,
-        use_attitude=told.use_attitude,
-        expected_pitch=float(np.deg2rad(told.expected_pitch_deg)),
-        use_single_range=told.use_single_range,
-    )
+        "dt": scenario.timing.filter_step_s,
+        "hydrophone_height": _hydrophone_height(scenario, trajectory, follower),
+        "use_attitude": told.use_attitude,
+        "slip": SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0,
+    }
+    return told.settings(given, sound.sound_speed_m_s + sound.sound_speed_bias_m_s)
 
 
-def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> AnySettings:
-    """What a follower is told before the mission: the scenario's settings, and where its hydrophone sits."""
-    if scenario.navigation.variant == "tight":
-        return _tight_settings(scenario, trajectory, _hydrophone_height(scenario, trajectory, follower))
-    return laisn_settings(scenario, trajectory, follower)
+def settings_as(kind: type[Kind], scenario: Scenario, trajectory: Trajectory, follower: int) -> Kind:
+    """`navigation_settings` of one kind; LaisnError if the scenario navigates by something else."""
+    found = navigation_settings(scenario, trajectory, follower)
+    if not isinstance(found, kind):
+        expected = ", ".join(name for name, spec in NAVIGATORS.items() if spec.settings is kind)
+        raise LaisnError(
+            f"scenario {scenario.name!r} navigates by {scenario.navigation.variant!r}; expected one of {expected}"
+        )
+    return found
 
 
 def navigate(
-    scenario: Scenario, trajectory: Trajectory, navigator: NavigatorFactory, outcome: Outcome = Outcome.COMPLETED
+    scenario: Scenario,
+    trajectory: Trajectory,
+    navigator: NavigatorFactory | None = None,
+    outcome: Outcome = Outcome.COMPLETED,
 ) -> Flight:
     """Sense a trajectory with the scenario's noise, and let every follower navigate on what it senses.
 
     Args:
         scenario: seed, run, errors and settings.
         trajectory: its truth, or the part of it that was flown.
-        navigator: makes one navigator for each follower.
+        navigator: makes one navigator for each follower; None: the scenario's own.
         outcome: of the motion.
     """
     measurements, estimates = [], []
+    make = navigator or find(scenario.navigation.variant).make
     for follower in range(len(scenario.followers)):
         truth = observe(trajectory, Hearing.of(scenario, follower), follower)
         settings = navigation_settings(scenario, trajectory, follower)
@@ -240,7 +191,7 @@ def navigate(
             transmitters=settings.transmitters,
         )
         measurements.append(measured)
-        estimates.append(navigator(settings, truth.start).run(measured))
+        estimates.append(make(settings, truth.start).run(measured))
     return Flight(
         scenario=scenario,
         trajectory=trajectory,

@@ -11,7 +11,7 @@ from tools import import_graph
 SOURCES = import_graph.modules()
 PACKAGES = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
 VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry",
-              "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigating",
+              "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigators",
               "laisn.records", "laisn.swarm", "laisn.tight.estimates", "laisn.tight.settings"}  # fmt: skip
 """What the simulator may know of navigation: words, not navigators."""
 
@@ -27,9 +27,6 @@ LATE = {
     "filterpy": "all of scipy.stats, two thirds of a second",
     "laisn.compiled": "the compiler takes half a second to load, and only showing progress needs none",
     "rich": "tables on a terminal, which Python's users have no use for",
-    "laisn.tight.navigator": "its code takes long to load, and few missions need it",
-    "laisn.tight.swarm": "as laisn.tight.navigator",
-    "laisn.lane_swarm": "as laisn.tight.navigator",
     "sim.closed_loop": "control of formations takes long to load, and few missions need it",
     "sim.vehicle.own_hull": "only scenarios with a hull of their own need MuJoCo to be looked at",
     "sim.control.autopilot": "as sim.vehicle.own_hull",

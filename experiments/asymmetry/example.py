@@ -6,7 +6,6 @@ import numpy as np
 
 from experiments.asymmetry.conditions import Condition, scenario
 from experiments.flight.range_budget import RangeErrorBudget, range_error_budget
-from laisn.navigators import new_navigator
 from sim.flight import Flight, navigate
 from sim.motion import simulate_motion
 
@@ -38,13 +37,13 @@ def fly_example(condition: Condition, duration: float) -> Example:
     """Fly a condition with one follower, and take its range errors apart."""
     one = scenario(condition, ROUTE, OFFSET_M, duration)
     trajectory = simulate_motion(one)
-    flight = navigate(one, trajectory, new_navigator)
+    flight = navigate(one, trajectory)
     everything = scenario(condition, ROUTE, OFFSET_M, duration, EVERYTHING)
     away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
     return Example(
         condition=condition,
         flight=flight,
-        budget=range_error_budget(navigate(everything, trajectory, new_navigator)),
+        budget=range_error_budget(navigate(everything, trajectory)),
         telling=int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))]),
     )

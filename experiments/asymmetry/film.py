@@ -10,7 +10,6 @@ from experiments.asymmetry.remedies import STEADIED
 from experiments.flight.range_budget import Cause, range_error_budget
 from experiments.flight.summary import position_and_bearing_errors
 from laisn.arrays import Floats
-from laisn.navigators import new_navigator
 from sim.film import graphics
 from sim.film.annotations import Annotations, OtherEstimate, RayErrors
 from sim.film.render import render
@@ -49,7 +48,7 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     """What the film shows: the stretch about the message of the example, and an estimate by the broadcast pitch."""
     level = example.flight
     # truth and all other noise are the same: random numbers belong to their sensor
-    aware = navigate(_attitude_aware(level.scenario), level.trajectory, new_navigator)
+    aware = navigate(_attitude_aware(level.scenario), level.trajectory)
     time = level.trajectory.time
     told = float(time[example.telling])
     start, end = max(float(time[0]), told - BEFORE_S), min(float(time[-1]), told + AFTER_S)

@@ -10,8 +10,8 @@ from experiments.intervals import Interval, mean_interval, ratio_intervals
 from laisn import lanes
 from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
-from laisn.settings import GateRule
-from sim.flight import laisn_settings
+from laisn.settings import GateRule, NavigationSettings
+from sim.flight import settings_as
 from sim.motion import simulate_motion
 from sim.sensing.echo import Path, locked_path
 from sim.sensing.observation import errors_of
@@ -66,7 +66,7 @@ def fly_gates(plan: Plan) -> list[GateRow]:
         for interval in INTERVALS_S:
             one = flown.scenario({"timing.message_interval_s": interval, **ECHO_CHANCE})
             (motion, truth), errors = flown.real.seen(one, 0), errors_of(one)
-            told = laisn_settings(one, motion, 0)
+            told = settings_as(NavigationSettings, one, motion, 0)
             runs, used = range(flown.first_run, flown.first_run + _RUNS), told.transmitters
             heard = [measure(truth, errors, seed=SEED, run=run, transmitters=used) for run in runs]
             silent = replace(errors, echo_chance=(0.0, 0.0))

@@ -23,11 +23,10 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
     or has them estimated: a bound on those who know less would be too high.
     """
     own, sensors, acoustics = scenario.sensors_of(follower), scenario.sensors, scenario.acoustics
-    assume = scenario.navigation.assume
-    tight = scenario.navigation.variant == "tight"
-    turned = sensors.leader_heading_bias_deg != 0.0 or (tight and not assume.exact_leader)
-    moving = scenario.ocean.moves or (tight and assume.current)
-    late, clock = tight and assume.offsets, tight and assume.clock
+    assume, estimated = scenario.navigation.assume, scenario.navigation.settings().estimated
+    turned = sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
+    moving = scenario.ocean.moves or "current" in estimated
+    late, clock = "range_offset" in estimated, "clock" in estimated
     sound = acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s
     return TrueNoise(
         speed_sigma=own.speed_sigma_m_s,

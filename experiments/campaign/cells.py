@@ -14,9 +14,9 @@ from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.metrics import Summary
-from laisn.navigating import AnySettings
+from laisn.navigators import NavigatorSpec, find, spec_of
 from laisn.records import own_arrays
-from laisn.settings import NavigationSettings
+from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import errors_of
@@ -32,7 +32,9 @@ class Cell:
 
     truth: MissionTruth
     errors: SensorErrors = field(default_factory=SensorErrors)
-    settings: AnySettings = field(default_factory=NavigationSettings)
+    settings: Settings = field(default_factory=NavigationSettings)
+    navigator: NavigatorSpec | None = None
+    """None: the navigator of this project that takes these settings."""
     seed: int = 1
     runs: range = range(60)
     """Numbers of the runs, in steps of one."""
@@ -43,6 +45,11 @@ class Cell:
             raise ValueError(f"settings.dt is {self.settings.dt} s, the mission's {self.truth.dt} s")
         if not self.runs or self.runs.step != 1:
             raise ValueError(f"runs are {self.runs}, expected at least one, in steps of one")
+
+    @property
+    def spec(self) -> NavigatorSpec:
+        """The navigator."""
+        return self.navigator or spec_of(self.settings)
 
     @classmethod
     def of(
@@ -67,6 +74,7 @@ class Cell:
             truth=truth,
             errors=errors_of(scenario, follower),
             settings=navigation_settings(scenario, trajectory, follower),
+            navigator=find(scenario.navigation.variant),
             seed=scenario.seed,
             runs=range(runs) if isinstance(runs, int) else runs,
             follower=follower,

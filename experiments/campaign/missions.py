@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
+from laisn.navigators import source_of
 from sim.motion import EndedError, simulate_motion
 from sim.scenario.settings import Leader, Scenario
 from sim.sensing.hearing import Hearing
@@ -55,8 +56,10 @@ def motion_of(scenario: Scenario) -> Scenario:
 
 
 def key_of(scenario: Scenario, *others: object) -> str:
-    """Hash of a scenario but for its name, of the code version, and of whatever else matters."""
-    return digest([code_version(), scenario.model_dump(mode="json", exclude={"name"}), *others])
+    """Hash of a scenario but for its name, of the code version, of a navigator of the user's own, and of others."""
+    own = source_of(scenario.navigation.variant)
+    content = [code_version(), scenario.model_dump(mode="json", exclude={"name"}), *others]
+    return digest([*content, own.decode("utf-8")] if own else content)
 
 
 def motion_key(scenario: Scenario) -> str:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.campaign import lane_metrics as metric
-from experiments.campaign import tight_runs
+from experiments.campaign import single_runs
 from experiments.campaign.cells import Cell, CellResult, CellSums
 from experiments.campaign.lane_sensors import (
     Address,
@@ -31,7 +31,6 @@ from laisn import lanes
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes, copy_values
 from laisn.lane_rows import LANES
-from laisn.tight.settings import TightSettings
 from laisn.tuning import Tuning
 from sim.sensing.sensor_errors import SensorErrors
 from sim.sensing.truth import MissionTruth
@@ -95,10 +94,8 @@ def _blocks(cell: Cell) -> Iterator[range]:
 
 
 def _fly(cell: Cell, truth: _Truth, runs: range, history: Floats) -> tuple[Floats, Ints]:
-    if isinstance(cell.settings, TightSettings):
-        return tight_runs.fly_block(
-            cell.truth, cell.errors, cell.settings, seed=cell.seed, runs=runs, follower=cell.follower
-        )
+    if not cell.spec.lanes:
+        return single_runs.fly_block(cell, runs)
     errors, t = compiled_errors(cell.errors, cell.settings.transmitters), row.tuning(cell.settings)
     return _fly_block(truth, errors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
 
@@ -159,13 +156,8 @@ def simulate(cell: Cell, *, threads: int | None = 1, keep_runs: bool = False) ->
 
 def histories(cell: Cell) -> Floats:
     """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
-    if isinstance(cell.settings, TightSettings):
-        seed, follower = cell.seed, cell.follower
-        alone = (
-            tight_runs.flown(cell.truth, cell.errors, cell.settings, seed=seed, run=run, follower=follower)
-            for run in cell.runs
-        )
-        return np.stack([found.state for found in alone], axis=-1)
+    if not cell.spec.lanes:
+        return np.stack([single_runs.flown(cell, run).state for run in cell.runs], axis=-1)
     truth, n = _compiled_truth(cell.truth, cell.errors), cell.truth.speed.size
     parts = []
     for runs in _blocks(cell):

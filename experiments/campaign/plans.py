@@ -16,6 +16,7 @@ from laisn import metrics
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
+from laisn.navigators import find
 from sim.scenario.settings import Scenario
 from sim.sensing.hearing import Hearing
 from sim.trajectory import Trajectory
@@ -62,8 +63,8 @@ class CellPlan:
 
 
 def _over_bound(plan: CellPlan, result: CellResult, mission: missions.Mission) -> Record:
-    """RMS error of a cell beside the least possible; None for LAISN, which is nowhere near it."""
-    if plan.content.navigation.variant != "tight":
+    """RMS error of a cell beside the least possible; None for navigators that are nowhere near it."""
+    if not find(plan.content.navigation.variant).near_bound:
         return {"bound_rms_m": None, "rms_over_bound": None}
     trajectory, _ = mission.seen(plan.content, plan.follower)
     least = least_rms(

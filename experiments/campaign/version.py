@@ -9,6 +9,8 @@ from importlib.metadata import version
 from importlib.util import resolve_name
 from pathlib import Path
 
+from laisn.navigators import code_of_navigators
+
 ROOT = Path(__file__).resolve().parents[2]
 """Folder of this project's packages."""
 OWN_PACKAGES = ("models", "laisn", "sim", "experiments")
@@ -17,7 +19,7 @@ _IN_CHECKOUT = ("tools", "tests")
 PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
 """Dependencies that shape results."""
 
-_COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file")
+_COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", *code_of_navigators())
 """Modules that compute the numbers of cells. Tasks and facts add modules of their own."""
 _DATA = {".xml", ".json"}
 """Data files that modules of a package read: vehicles, routes."""

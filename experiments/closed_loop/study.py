@@ -19,7 +19,6 @@ from experiments.intervals import proportion
 from experiments.route_keeping.study import scenario
 from laisn import metrics
 from laisn.navigators import new_swarm
-from laisn.settings import AnyVariant
 from sim.assembly import routes_of
 from sim.closed_loop import simulate_closed_loop
 from sim.scenario.settings import Scenario
@@ -27,7 +26,7 @@ from sim.tracking import off_place
 
 COMMAND = "python -m experiments.closed_loop.study"
 MODULES = ("experiments.closed_loop.study",)
-NAVIGATORS: dict[str, tuple[AnyVariant, int]] = {
+NAVIGATORS: dict[str, tuple[str, int]] = {
     "laisn-2": ("laisn-2", 2),
     "laisn-3-1": ("laisn-3-1", 3),
     "laisn-3-2": ("laisn-3-2", 3),

@@ -35,7 +35,6 @@ from experiments.flight.summary import (
     summarise,
 )
 from laisn.arrays import Floats
-from laisn.navigators import new_navigator
 from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, navigate
 from sim.log.events import Event
@@ -179,7 +178,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         with phase("simulate") as update:
             trajectory, outcome = motion_and_outcome(scenario, update)
         with phase("navigate"):
-            flight = navigate(scenario, trajectory, new_navigator, outcome)
+            flight = navigate(scenario, trajectory, outcome=outcome)
         errors = position_and_bearing_errors(flight)
         strays = stray_events(flight)
         events = sorted([*capture_events(flight), *giving_way_events(flight), *strays], key=lambda event: event.time_s)

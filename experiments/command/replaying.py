@@ -6,7 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 from rich.console import Console
@@ -18,14 +20,11 @@ from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind
 from laisn.failure import LaisnError
-from laisn.navigating import AnyNavigator, AnySettings, NavigatorFactory
+from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings
-from laisn.tight.settings import TightSettings
-from laisn.tight.smoothing import SmoothingNavigator
-from sim.flight import Flight, navigation_settings
+from sim.flight import Flight, navigation_settings, settings_as
 from sim.scenario.file import values_of
 
-_TIGHT = "tight"
 _LARGE = 1e5
 """Errors beyond this are printed by their order of magnitude [m]."""
 
@@ -74,7 +73,7 @@ def replay(
     from sim.log import reader, writer
 
     require_own_file(out, ".mcap", path)
-    smoothing = smoothing_factory(smooth_s)
+    smoothing = smoothing_factory(variant, smooth_s)
     flown = reader.read(path)
     changes = values_of([f"navigation.variant={variant}", *assignments])
     again = navigate_again(flown, changes)
@@ -111,18 +110,20 @@ def replay_measurements(
         LaisnError: as of `replay`; the scenario is invalid, or the log has too long a gap or lacks a channel.
     """
     from experiments.flight.library import load_flyable
-    from laisn.navigators import new_navigator
     from sim.log import reader
     from sim.motion import simulate_motion
     from sim.sensing.observation import start_of
 
     require_own_file(out, ".csv", path)
     scenario = load_flyable(source, assignments)
-    make = smoothing_factory(smooth_s) or new_navigator
+    navigation = scenario.navigation
+    make = smoothing_factory(navigation.variant, smooth_s) or find(navigation.variant).make
+    if "use_single_range" not in navigation.model_fields_set:
+        single = navigation.model_copy(update={"use_single_range": True})
+        scenario = scenario.model_copy(update={"navigation": single})
     # two steps are enough for the starts of the routes
     short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
     begin = simulate_motion(scenario.model_copy(update=short))
-    single = scenario.navigation.use_single_range or "use_single_range" not in scenario.navigation.model_fields_set
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
     table = Table(*(Column(literal(head)) for head in heads), box=None, pad_edge=False)
     states: list[tuple[str, Floats, Floats]] = []
@@ -131,8 +132,6 @@ def replay_measurements(
         measured, found = reader.read_recording(path, name, longest_gap_s)
         remarks += found
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
-        if isinstance(settings, NavigationSettings):
-            settings = replace(settings, use_single_range=single)
         estimates = make(settings, start_of(begin, i)).run(measured)
         kinds = Counter(estimates.fix_kind.tolist())
         counts = ", ".join(f"{kinds[kind]} {kind.name.lower().replace('_', ' ')}" for kind in FixKind if kinds[kind])
@@ -169,22 +168,20 @@ def show_info(path: Path) -> None:
         tell(console, f"{what}: no checksum, damage cannot be noticed", "note:")
 
 
-def smoothing_factory(lag_s: float | None) -> NavigatorFactory | None:
+def smoothing_factory(variant: str, lag_s: float | None) -> NavigatorFactory | None:
     """A factory of navigators that smooth with messages of up to a lag later [s]; None without a lag.
 
-    Raises LaisnError if the lag is not finite; the factory does so for settings of LAISN.
+    Raises LaisnError if the lag is not finite, or the navigator cannot be smoothed.
     """
     if lag_s is None:
         return None
     if not math.isfinite(lag_s):
         raise LaisnError(f"--smooth {lag_s}: expected a finite time in seconds")
-
-    def make(settings: AnySettings, start: Floats) -> AnyNavigator:
-        if not isinstance(settings, TightSettings):
-            raise LaisnError("--smooth: LAISN cannot be smoothed; add --variant tight")
-        return SmoothingNavigator(settings, start, lag_s)
-
-    return make
+    smoother = find(variant).smoother
+    if not smoother:
+        able = " or ".join(f"--variant {name}" for name, spec in NAVIGATORS.items() if spec.smoother)
+        raise LaisnError(f"--smooth: {variant} cannot be smoothed; add {able}")
+    return partial(resolve_name(smoother), lag=lag_s)
 
 
 def _consistency(estimates: Estimates, truth: Floats) -> tuple[str, str]:
@@ -285,19 +282,19 @@ def replay_data_set(
     navigation, beacons = _split(assignments)
     settings_of_beacons = beacons_of(beacons)
     recorded = read_data_set_log(path, longest_gap_s)
-    if variant == _TIGHT:
+    if find(variant).beacons:
         if navigation:
-            raise LaisnError(f"--set {navigation[0]}: the variant {_TIGHT} takes beacons.… in a data set")
+            raise LaisnError(f"--set {navigation[0]}: the variant {variant} takes beacons.… in a data set")
         estimates, medium = among_beacons(recorded, settings_of_beacons)
         title = f"{variant}, in {medium}"
     else:
         if beacons:
-            raise LaisnError(f"--set beacons.{next(iter(beacons))}: is for the variant {_TIGHT}")
+            able = " or ".join(name for name, spec in NAVIGATORS.items() if spec.beacons)
+            raise LaisnError(f"--set beacons.{next(iter(beacons))}: is for the variant {able}")
         # of this scenario only the settings of navigation are used
         changes = [f"navigation.variant={variant}", "navigation.use_single_range=true", *navigation]
         scenario = load_flyable("T5", [*changes, "motion=kinematic", "duration_s=2"])
-        settings = navigation_settings(scenario, simulate_motion(scenario), 0)
-        assert isinstance(settings, NavigationSettings)
+        settings = settings_as(NavigationSettings, scenario, simulate_motion(scenario), 0)
         estimates, title = by_laisn(recorded, settings), variant
     console, measured = Console(), recorded.measurements
     heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")

@@ -14,8 +14,9 @@ from experiments.estimators import paired
 from experiments.estimators.cases import CASES, WRONG, Case
 from experiments.estimators.clock import clock_cost
 from experiments.flight.library import ROUTES, load
+from laisn.settings import NavigationSettings
 from laisn.tight.settings import TightSettings
-from sim.flight import laisn_settings, navigation_settings
+from sim.flight import settings_as
 from sim.sensing.hearing import Hearing
 from sim.sensing.observation import errors_of
 from sim.sensing.sensor_errors import measure
@@ -73,10 +74,9 @@ def at_sea(sea: str, route: str, runs: int) -> paired.Paired:
     errors = errors_of(asked)
     measured = [measure(truth, errors, seed=SEED, run=run) for run in range(runs)]
     laisn = asked.model_copy(update={"navigation": asked.navigation.model_copy(update={"variant": "laisn-2"})})
-    told = navigation_settings(asked, trajectory, 0)
-    if not isinstance(told, TightSettings):
-        raise TypeError(f"scenario {asked.name!r} navigates by {asked.navigation.variant!r}")
-    found = paired.pair(truth, measured, told, asked.message_every, laisn_settings(laisn, trajectory, 0))
+    told = settings_as(TightSettings, asked, trajectory, 0)
+    own = settings_as(NavigationSettings, laisn, trajectory, 0)
+    found = paired.pair(truth, measured, told, asked.message_every, own)
     least = least_rms(geometry_of(trajectory, Hearing.of(asked)), noise_of(asked))
     interval = asked.timing.message_interval_s
     return paired.paired(route, interval, found, float(np.sqrt(np.mean(least**2))))

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from laisn.navigating import NavigatorFactory
-from laisn.navigators import new_navigator, new_swarm
+from laisn.navigators import NavigatorFactory, find
 from sim.flight import Flight, Outcome, navigate, navigation_settings
 from sim.motion import ContactError, DivergedError, listeners, simulate_motion
 from sim.scenario.file import ScenarioError, assigned, validate
@@ -42,7 +41,7 @@ def motion_and_outcome(
         # control of formations takes long to load
         from sim.closed_loop import closed_loop_of
 
-        make_controller = partial(closed_loop_of, scenario, new_swarm)
+        make_controller = partial(closed_loop_of, scenario, find(scenario.navigation.variant).new_swarm)
     try:
         return simulate_motion(scenario, progress, make_controller), Outcome.COMPLETED
     except DivergedError as error:
@@ -61,7 +60,7 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     with watch.phase("simulate_s"):
         trajectory, outcome = motion_and_outcome(scenario, progress)
     with watch.phase("navigate_s"):
-        flight = navigate(scenario, trajectory, new_navigator, outcome)
+        flight = navigate(scenario, trajectory, outcome=outcome)
     return flight, watch.seconds
 
 
@@ -71,7 +70,7 @@ def navigate_again(flight: Flight, changes: Mapping[str, Any], navigator: Naviga
     Args:
         flight: how it moved and what was measured is kept.
         changes: values by dotted key, `navigation.variant` and others of its section.
-        navigator: makes the navigator of a follower; None: the one of this project.
+        navigator: makes the navigator of a follower; None: the scenario's own.
 
     Raises:
         ScenarioError: changes are not valid, or touch more than navigation.
@@ -83,7 +82,7 @@ def navigate_again(flight: Flight, changes: Mapping[str, Any], navigator: Naviga
         raise ScenarioError(f"{outside[0]}: a replay can change navigation only; what was measured is fixed")
     table = assigned(flight.scenario.model_dump(mode="json", exclude_none=True), changes)
     scenario = validate(table, ", ".join([flight.scenario.name, *(f"{k} = {v}" for k, v in changes.items())]))
-    make = navigator or new_navigator
+    make = navigator or find(scenario.navigation.variant).make
     estimates = tuple(
         make(navigation_settings(scenario, flight.trajectory, i), start_of(flight.trajectory, i)).run(measured)
         for i, measured in enumerate(flight.measurements)

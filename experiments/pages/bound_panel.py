@@ -9,7 +9,6 @@ from experiments.pages.figures import Line
 from experiments.pages.page import Block, Cell, Figures, Section, Table, number, words
 from experiments.pages.style import ESTIMATE, FULL, HALF, INK, MUTED, SERIES
 from laisn.arrays import Floats
-from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
 
 _LEAST_WEIGHT = 1e-3
@@ -34,10 +33,11 @@ def _error_panel(flight: Flight, follower: int, error: Floats, bound: Floats, wi
 def _weight_panel(flight: Flight, follower: int, width: float) -> list[str]:
     """Weights of the hypotheses of a follower, if there ever were several."""
     estimates = flight.estimates[follower]
-    if not isinstance(estimates, TightEstimates) or np.all(estimates.weight[:, 1:] < _LEAST_WEIGHT):
+    weight = estimates.hypotheses.weight
+    if np.all(weight[:, 1:] < _LEAST_WEIGHT):
         return []
     time = np.asarray(estimates.fix_step * flight.measurements[follower].dt, dtype=np.float64)
-    lines = [Line(x=time, y=estimates.weight[:, h], colour=SERIES[h]) for h in range(estimates.weight.shape[1])]
+    lines = [Line(x=time, y=weight[:, h], colour=SERIES[h]) for h in range(weight.shape[1])]
     name = flight.trajectory.names[follower + 1]
     figure = figures.panel(lines, x_label="time [s]", y_label="weight", title=f"{name}: hypotheses", width=width)
     return [figures.svg(figure, f"weights{follower}", f"Weights of the hypotheses of {name}, the heaviest first")]
@@ -47,17 +47,12 @@ def _found(flight: Flight, followers: Sequence[int]) -> list[Block]:
     """What the followers believe of biases, current and offsets at the end, if they estimate them."""
     rows: list[list[Cell]] = []
     for i in followers:
-        estimates = flight.estimates[i]
-        if not isinstance(estimates, TightEstimates) or not estimates.fix_step.size:
-            continue
-        for name, value, sigma in zip(
-            estimates.names[2:], estimates.full_state[-1, 2:], estimates.full_sigma[-1, 2:], strict=True
-        ):
+        for name, value, sigma in flight.estimates[i].further_states():
             if np.isfinite(value):
                 per = 180.0 / np.pi if name in _IN_DEGREES else 1.0
                 label = _IN_DEGREES.get(name, name)
                 cells = [words(flight.trajectory.names[i + 1]), words(label)]
-                rows.append([*cells, number(per * float(value)), number(per * float(sigma))])
+                rows.append([*cells, number(per * value), number(per * sigma)])
     if not rows:
         return []
     heads = ["follower", "state", "estimate", "σ"]

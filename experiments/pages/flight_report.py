@@ -15,6 +15,7 @@ from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
+from laisn.navigators import find
 from sim.contact import contacts
 from sim.flight import Flight, Outcome
 
@@ -209,7 +210,7 @@ def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     timing = f"{scenario.timing.filter_step_s:g} s, {scenario.timing.message_interval_s:g} s"
     transmitters, variant = scenario.navigation.transmitters, scenario.navigation.variant
     followers = len(scenario.followers)
-    navigator = "the tightly coupled navigator" if variant == "tight" else variant.upper()
+    navigator = find(variant).title or variant.upper()
     return [
         ("Vehicles", f"a leader and {followers} follower{'s' if followers > 1 else ''}"),
         ("Navigator", f"{navigator} on {transmitters} transmitters"),

@@ -2,24 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field, ValidationError
 
 from laisn.beacons.settings import BeaconSettings
 from laisn.failure import LaisnError
+from sim.scenario.navigation import in_si
 from sim.scenario.section import NonNegative, Positive, Section
-
-_EDGES = (
-    ("_deg_sqrt_s", np.pi / 180),
-    ("_deg_s", np.pi / 180),
-    ("_deg", np.pi / 180),
-    ("_m_sqrt_s", 1.0),
-    ("_m_s", 1.0),
-    ("_m", 1.0),
-)
-"""Units in which keys end, and how many of SI one of them is."""
 
 
 class Beacons(Section):
@@ -45,11 +35,7 @@ class Beacons(Section):
 
     def over(self, base: BeaconSettings) -> BeaconSettings:
         """Settings with what is given here instead of what stands there."""
-        given: dict[str, Any] = {"known_start": self.known_start}
-        for key, value in self.model_dump(exclude={"medium", "known_start"}, exclude_none=True).items():
-            suffix, unit = next(((s, u) for s, u in _EDGES if key.endswith(s)), ("", 1.0))
-            given[key.removesuffix(suffix)] = unit * value
-        return replace(base, **given)
+        return replace(base, **in_si(self.model_dump(exclude={"medium"}), ()))
 
 
 def beacons_of(values: Mapping[str, object]) -> Beacons:

@@ -6,5 +6,5 @@ nobody knows either. Takes `Measurements` whose receptions place their transmitt
 that can be believed.
 
 Imports: laisn.arrays laisn.compiled laisn.estimates laisn.failure laisn.messages
-laisn.online laisn.records
+laisn.navigators laisn.records
 """

@@ -16,7 +16,7 @@ from laisn.beacons.settings import BeaconSettings
 from laisn.estimates import Estimates, FixKind
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.online import Online, require_readings, require_time
+from laisn.navigators import OnlineNavigator, require_readings, require_time
 
 MOST_BEACONS = 64
 """More places than this are not those of beacons at rest."""
@@ -56,7 +56,7 @@ def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> 
     )
 
 
-class BeaconNavigator(Online):
+class BeaconNavigator(OnlineNavigator):
     """The tightly coupled navigator of one vehicle among beacons at rest.
 
     A reading of its own motion is the mean speed over the step that it ends, and the direction of the way in it.

@@ -4,10 +4,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from laisn.arrays import Floats, Ints
-from laisn.estimates import Estimates, FixKind
+from laisn.estimates import Columns, Details, Estimates, FixKind, FurtherState, Hypotheses
 
 HYPOTHESES = 4
 """Hypotheses that are kept from message to message."""
+_STATES = (
+    "x_m", "y_m", "log_bias_m_s", "compass_bias_rad", "range_scale_m", "leader_compass_bias_rad",
+    "current_east_m_s", "current_north_m_s", "offset_2_m", "offset_3_m", "clock_offset_m", "clock_drift_m_s",
+)  # fmt: skip
+_KEPT = range(1, HYPOTHESES + 1)
 
 
 def kind_of(received: int, used: int, begun: bool = True) -> FixKind:
@@ -30,10 +35,23 @@ class TightEstimates(Estimates):
     another shape.
     """
 
-    names: ClassVar[tuple[str, ...]] = (
-        "x_m", "y_m", "log_bias_m_s", "compass_bias_rad", "range_scale_m", "leader_compass_bias_rad",
-        "current_east_m_s", "current_north_m_s", "offset_2_m", "offset_3_m", "clock_offset_m", "clock_drift_m_s",
-    )  # fmt: skip
+    DETAILS = Details(
+        "mixture",
+        (
+            Columns("nis", ("nis",)),
+            Columns("full_state", _STATES, (len(_STATES),)),
+            Columns("full_sigma", tuple(f"sigma_{state}" for state in _STATES), (len(_STATES),)),
+            Columns("weight", tuple(f"weight_{h}" for h in _KEPT), (HYPOTHESES,)),
+            Columns("hypothesis", tuple(f"{axis}_{h}" for h in _KEPT for axis in "xy"), (HYPOTHESES, 2)),
+            Columns(
+                "hypothesis_covariance",
+                tuple(f"covariance_{h}_{pair}" for h in _KEPT for pair in ("x_x", "x_y", "x_y", "y_y")),
+                (HYPOTHESES, 2, 2),
+            ),
+            Columns("used", ("used",), integer=True),
+        ),
+    )
+    names: ClassVar[tuple[str, ...]] = _STATES
     """Names of all states that there can be, with units."""
 
     used: Ints
@@ -64,3 +82,15 @@ class TightEstimates(Estimates):
             "hypothesis": (f, h, 2),
             "hypothesis_covariance": (f, h, 2, 2),
         }
+
+    @property
+    def hypotheses(self) -> Hypotheses:
+        """Both sides of the leader's axis, and whatever else is possible."""
+        return Hypotheses(self.weight, self.hypothesis, self.hypothesis_covariance)
+
+    def further_states(self) -> list[FurtherState]:
+        """Biases of the sensors, current, offsets and clock after the last message."""
+        if not self.fix_step.size:
+            return []
+        last = zip(self.names, self.full_state[-1].tolist(), self.full_sigma[-1].tolist(), strict=True)
+        return [FurtherState(*state) for state in last][2:]

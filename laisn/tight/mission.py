@@ -9,7 +9,9 @@ from laisn.compiled import compiled, compiled_run, copy_values
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
+from laisn.navigators import MissionResult
 from laisn.tight.belief import Belief, new_belief
+from laisn.tight.estimates import kind_of
 from laisn.tight.estimator import count_received, place_arms, receive
 from laisn.tight.model import Model, model_of
 from laisn.tight.own_motion import moments, position, reckon
@@ -133,3 +135,12 @@ def run_mission(
     if failed:
         raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
     return found
+
+
+def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> MissionResult:
+    """One run of a campaign; errors as of `run_mission`. The mean of an update's squared residuals is its ranges."""
+    found = run_mission(settings, measurements, start)
+    received, used, squared = found.outcome.T
+    known = np.isfinite(squared)
+    kinds = [kind_of(int(r), int(u)) for r, u in zip(received, used, strict=True)]
+    return MissionResult(found.state, found.covariance, kinds, squared[known].sum(), used[known].sum())

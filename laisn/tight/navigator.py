@@ -10,7 +10,7 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.geometry import place_on_body
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.online import FARTHEST, Online, require_readings, require_time
+from laisn.navigators import FARTHEST, OnlineNavigator, require_readings, require_time
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
 from laisn.tight.model import canonical, model_of
@@ -86,7 +86,7 @@ def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> 
     )
 
 
-class TightNavigator(Online):
+class TightNavigator(OnlineNavigator):
     """The tightly coupled navigator on one follower."""
 
     def __init__(self, settings: TightSettings, start: Floats | None) -> None:

@@ -5,7 +5,8 @@ from typing import Self
 
 import numpy as np
 
-from laisn.records import Offset, require_chance, require_numbers, require_offsets
+from laisn.records import require_chance
+from laisn.settings import Settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,30 +28,14 @@ class Assume:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TightSettings:
-    """Settings of the tightly coupled navigator: standard deviations of its sensors, without their signs.
+class TightSettings(Settings):
+    """Settings of the tightly coupled navigator: standard deviations of its sensors, without their signs."""
 
-    Raises ValueError naming the field if a value is out of its range.
-    """
+    POSITIVE = Settings.POSITIVE | {"start_sigma", "range_sigma", "outlier_span"}
 
     assume: Assume = field(default_factory=Assume)
     transmitters: int = 3
     """How many of rear, front and middle transmitter are used: 2 or 3."""
-    dt: float = 0.1
-    """Filter step Δt [s]."""
-    baseline: float = 2.0
-    """L, distance between rear and front transmitter [m]."""
-    middle_offset: float = 0.1
-    """H_T, sideways offset of the middle transmitter, to port [m]."""
-    transmitter_offsets: tuple[Offset, ...] = ()
-    """Offsets (forward, port, up) of rear, front and perhaps middle transmitter from the leader's position [m].
-
-    They replace `baseline` and `middle_offset`, and may be as long as a harbour. Empty: on the leader's hull.
-    """
-    hydrophone_height: float = 0.0
-    """Height of the follower's hydrophone above its depth sensor when level [m]."""
-    use_attitude: bool = False
-    """Place the transmitters by the pitch and roll that the leader broadcasts, if it does."""
     known_start: bool = True
     """The start is given. Otherwise the first message with two ranges or more makes the first estimate."""
     start_sigma: float = 0.01
@@ -88,6 +73,18 @@ class TightSettings:
     outlier_span: float = 4.5
     """Largest excess of an echo's range over that of the direct ping [m]."""
 
+    @property
+    def estimated(self) -> frozenset[str]:
+        """Constants that are states beside the biases of log, compass and ranges, named as in `TrueNoise`."""
+        assume = self.assume
+        states = {
+            "leader_heading_bias": not assume.exact_leader,
+            "current": assume.current,
+            "range_offset": assume.offsets,
+            "clock": assume.clock,
+        }
+        return frozenset(name for name, is_state in states.items() if is_state)
+
     def assuming(self, assume: Assume, transmitters: int) -> Self:
         """Settings of these same sensors with other assumptions."""
         return replace(self, assume=assume, transmitters=transmitters)
@@ -100,7 +97,5 @@ class TightSettings:
                 f"transmitter_offsets has {len(self.transmitter_offsets)} places, expected one for each of "
                 f"{self.transmitters} transmitters"
             )
-        require_offsets("transmitter_offsets", self.transmitter_offsets)
         require_chance("outlier_chance", self.outlier_chance)
-        positive = {"dt", "baseline", "start_sigma", "range_sigma", "outlier_span"}
-        require_numbers(self, positive=positive, signed={"hydrophone_height", "middle_offset"})
+        super().__post_init__()

@@ -9,7 +9,6 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
-from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
 from sim.geometry import attitude
 from sim.station_keeping import true_stations
@@ -198,15 +197,14 @@ class FilmData:
         estimates = self.flight.estimates[follower]
         single = (Hypothesis(1.0, now, estimates.covariance[k - 1, :2, :2]),)
         last = int(np.searchsorted(estimates.fix_step, k, side="right")) - 1
-        if not isinstance(estimates, TightEstimates) or last < 0:
+        if last < 0:
             return single
-        shown = np.flatnonzero(estimates.weight[last] > _LEAST_WEIGHT)
+        weight, position, covariance = (values[last] for values in estimates.hypotheses)
+        shown = np.flatnonzero(weight > _LEAST_WEIGHT)
         if shown.size < 2:
             return single
-        moved = now[:2] - estimates.full_state[last, :2]
-        centre = [np.array([*(estimates.hypothesis[last, h] + moved), now[2]]) for h in shown]
-        covariance = estimates.hypothesis_covariance[last]
-        weight = estimates.weight[last]
+        moved = now[:2] - estimates.fix_position[last]
+        centre = [np.array([*(position[h] + moved), now[2]]) for h in shown]
         return tuple(Hypothesis(float(weight[h]), c, covariance[h]) for h, c in zip(shown, centre, strict=True))
 
     def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, int, FixKind | None]:

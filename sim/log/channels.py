@@ -16,7 +16,6 @@ from foxglove.messages import (
 )
 
 from laisn.arrays import Floats, Ints
-from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
 from sim.geometry import attitude
 from sim.geometry.geodesy import geodetic
@@ -151,7 +150,7 @@ def _follower(flight: Flight, clock: Clock, f: int) -> list[Channel]:
     each = slice(second - 1, None, second)
     place = geodetic(estimated["position"][each], scenario.origin_latitude_deg, scenario.origin_longitude_deg)
     measured, found = (lambda attribute: getattr(m, attribute)), (lambda attribute: getattr(e, attribute))
-    fixes = [schema.FIX, schema.MIXTURE] if isinstance(e, TightEstimates) else [schema.FIX]
+    fixes = [schema.FIX, *(type_ for kind, type_ in schema.DETAILS.values() if type(e) is kind)]
     return [
         _numeric(name, schema.OWN_MOTION, time_ns, measured),
         _numeric(name, schema.RECEPTION, time_ns[m.message_step - 1], measured),

@@ -10,16 +10,15 @@ import numpy as np
 from laisn.arrays import Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
-from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight, Outcome
 from sim.log.clock import Clock
 from sim.log.contents import Contents
 from sim.log.file import FLIGHT, SCENARIO, VEHICLES, LogError, faults
 from sim.log.schema import (
     DERIVED,
+    DETAILS,
     FILTER_STATE,
     FIX,
-    MIXTURE,
     OWN_MOTION,
     POSE,
     RECEPTION,
@@ -32,13 +31,14 @@ from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
 CORE = (POSE, vehicle_state(()), OWN_MOTION, RECEPTION, FILTER_STATE, FIX)
-"""Channels that make up a flight, with the mixture of the tightly coupled navigator; all others are drawn from them."""
+"""Channels that make up a flight, with the details of its navigator; all others are drawn from them."""
+_DETAIL_TYPES = tuple(type_ for _, type_ in DETAILS.values())
 
 
 def _read(log: Contents, name: str, type_: RecordType) -> tuple[Ints, dict[str, Any]]:
     """Times of a vehicle's messages, shape (n,), [ns], and arrays; channels without messages are not in a file."""
     topic = f"/{name}/{type_.topic}"
-    if type_ in (RECEPTION, FIX, MIXTURE):
+    if type_ in (RECEPTION, FIX, *_DETAIL_TYPES):
         log.add_empty(topic, type_)
     messages = log.require(topic, type_.fields)
     return messages.time_ns, type_.arrays(messages.table)
@@ -60,18 +60,19 @@ def _own_and_received(path: Path, log: Contents, name: str, dt: float) -> tuple[
     return Measurements(dt=dt, message_step=step, **motion, **received), steps_ns
 
 
-def _estimates(path: Path, log: Contents, name: str, steps_ns: Ints, *, tight: bool) -> Estimates:
+def _estimates(path: Path, log: Contents, name: str, steps_ns: Ints, facts: dict[str, str]) -> Estimates:
     filter_ns, filtered = _read(log, name, FILTER_STATE)
     fix_ns, fixes = _read(log, name, FIX)
     if not np.array_equal(filter_ns, steps_ns):
         raise LogError(f"{path}: /{name}/filter and /{name}/motion are not at the same times")
     found = {**filtered, **fixes, "fix_step": _steps(path, f"/{name}/innovation", fix_ns, steps_ns)}
-    if not tight:
-        return Estimates(**found)
-    mixture_ns, mixture = _read(log, name, MIXTURE)
-    if not np.array_equal(mixture_ns, fix_ns):
-        raise LogError(f"{path}: /{name}/mixture is not at the times of the fixes")
-    return TightEstimates(**found, **mixture)
+    for topic, (kind, type_) in DETAILS.items():
+        if facts.get(topic) == "True":
+            details_ns, details = _read(log, name, type_)
+            if not np.array_equal(details_ns, fix_ns):
+                raise LogError(f"{path}: /{name}/{topic} is not at the times of the fixes")
+            return kind(**found, **details)
+    return Estimates(**found)
 
 
 def _trajectory(path: Path, log: Contents) -> tuple[Trajectory, Ints]:
@@ -147,7 +148,7 @@ def read(path: Path | str) -> Flight:
     """
     path = Path(path)
     suffixes = tuple(f"/{type_.topic}" for type_ in CORE)
-    log = Contents(path, lambda topic, _: topic.endswith((*suffixes, f"/{MIXTURE.topic}")))
+    log = Contents(path, lambda topic, _: topic.endswith((*suffixes, *(f"/{topic}" for topic in DETAILS))))
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
     missing += [] if FLIGHT in log.metadata else [f"metadata {FLIGHT}"]
     if missing:
@@ -164,8 +165,8 @@ def read(path: Path | str) -> Flight:
         trajectory, truth_ns = _trajectory(path, log)
         followers = trajectory.names[1:]
         measured = [_own_and_received(path, log, name, float(facts["filter_step_s"])) for name in followers]
-        steps_ns, tight = [at for _, at in measured], facts["mixture"] == "True"
-        estimates = [_estimates(path, log, name, at, tight=tight) for name, at in zip(followers, steps_ns, strict=True)]
+        steps_ns = [at for _, at in measured]
+        estimates = [_estimates(path, log, name, at, facts) for name, at in zip(followers, steps_ns, strict=True)]
         flight = Flight(
             scenario=scenario,
             trajectory=trajectory,

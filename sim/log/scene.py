@@ -23,7 +23,6 @@ from foxglove.messages import (
 from laisn.arrays import Floats, Ints
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import Ranges
-from laisn.tight.estimates import TightEstimates
 from sim.assembly import models_of
 from sim.flight import Flight
 from sim.log.clock import timestamp
@@ -108,12 +107,11 @@ def _ellipse(position: Sequence[float], covariance: Floats) -> SpherePrimitive:
 def _ellipses(estimates: Estimates, row: int, z: float) -> list[SpherePrimitive]:
     """Of the estimate in a row, and of all hypotheses after the last message before it, if there are several."""
     places, spreads = [estimates.state[row, :2]], [estimates.covariance[row, :2, :2]]
-    if isinstance(estimates, TightEstimates):
-        made = int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
-        kept = np.flatnonzero(estimates.weight[made] > 0.0) if made >= 0 else np.empty(0, dtype=np.int64)
-        if kept.size > 1:
-            places += list(estimates.hypothesis[made, kept])
-            spreads += list(estimates.hypothesis_covariance[made, kept])
+    hypotheses, made = estimates.hypotheses, int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
+    kept = np.flatnonzero(hypotheses.weight[made] > 0.0) if made >= 0 else np.empty(0, dtype=np.int64)
+    if kept.size > 1:
+        places += list(hypotheses.position[made, kept])
+        spreads += list(hypotheses.covariance[made, kept])
     # a filter that left finite numbers has a trail but no ellipse
     finite = [(xy, spread) for xy, spread in zip(places, spreads, strict=True) if np.isfinite(spread).all()]
     return [_ellipse((*xy.tolist(), z), spread) for xy, spread in finite]

@@ -17,7 +17,7 @@ from mcap.well_known import SchemaEncoding
 
 from laisn.arrays import Floats, Ints
 from laisn.messages import LeaderMessage, OwnMotion, Ranges
-from laisn.tight.estimates import HYPOTHESES, TightEstimates
+from laisn.navigators import NAVIGATORS
 
 Array = npt.NDArray[Any]
 
@@ -239,7 +239,6 @@ def pose(xyz: Sequence[float] = (0.0, 0.0, 0.0), wxyz: Sequence[float] = (1.0, 0
 
 _STATE = ("x", "y", "vx", "vy")
 _WORLD, _BODY, _PLANE = ("east", "north", "up"), ("x", "y", "z"), ("x", "y")
-_HYPOTHESES = tuple(str(h) for h in range(1, HYPOTHESES + 1))
 DERIVED = _numbers("depth", "heading", "pitch", "roll", "forward_speed")
 """Follow from pose and velocity; they are there for plots, and ignored on reading."""
 PLACES = _array("transmitters", "", Ranges._fields, ("east", "north", "depth"))
@@ -293,24 +292,19 @@ FIX = RecordType(
         Group("fix_kind", ("kind",), integer=True),
     ),
 )
-MIXTURE = RecordType(
-    name="Mixture",
-    topic="mixture",
-    groups=(
-        *_numbers("nis"),
-        _array("full_state", "", TightEstimates.names),
-        _array("full_sigma", "sigma", TightEstimates.names),
-        _array("weight", "weight", _HYPOTHESES),
-        Group("hypothesis", tuple(f"{axis}_{h}" for h in _HYPOTHESES for axis in _PLANE), (HYPOTHESES, 2)),
-        Group(
-            "hypothesis_covariance",
-            tuple(f"covariance_{h}_{pair}" for h in _HYPOTHESES for pair in ("x_x", "x_y", "x_y", "y_y")),
-            (HYPOTHESES, 2, 2),
+DETAILS = {
+    kind.DETAILS.name: (
+        kind,
+        RecordType(
+            name=kind.DETAILS.name.title(),
+            topic=kind.DETAILS.name,
+            groups=tuple(Group(*columns) for columns in kind.DETAILS.columns),
         ),
-        Group("used", ("used",), integer=True),
-    ),
-)
-"""States of the tightly coupled navigator after a message, and its hypotheses by weight."""
+    )
+    for kind in {spec.estimates: None for spec in NAVIGATORS.values()}
+    if kind.DETAILS
+}
+"""Class of estimates and type of record of what navigators log of each message beside the fix, by its topic."""
 ERROR = RecordType(name="Error", topic="error", groups=_numbers("position_error", "bearing_error"))
-FLIGHT = (POSE, vehicle_state(()), OWN_MOTION, RECEPTION, FILTER_STATE, FIX, MIXTURE)
+FLIGHT = (POSE, vehicle_state(()), OWN_MOTION, RECEPTION, FILTER_STATE, FIX, *(type_ for _, type_ in DETAILS.values()))
 """Types of the channels that make up a flight; all other channels are derived from them."""

@@ -17,13 +17,13 @@ from foxglove.mcap import MCAPWriteOptions
 from foxglove.messages import CompressedVideo
 from mcap.well_known import MessageEncoding
 
-from laisn.tight.estimates import TightEstimates
 from sim.flight import Flight
 from sim.log.channels import Channel, Errors, channels
 from sim.log.clock import Clock, timestamp
 from sim.log.events import Event
 from sim.log.file import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
 from sim.log.recovery import holds_messages
+from sim.log.schema import DETAILS
 
 _BLOCK_NS = 10 * 10**9
 """Time after which what was logged is in the file [ns]."""
@@ -168,8 +168,7 @@ def _describe(log: LogFile, flight: Flight, summary: str) -> None:
         "filter_step_s": repr(flight.measurements[0].dt),
         "seed": str(flight.scenario.seed),
         "run": str(flight.scenario.run),
-        "mixture": str(isinstance(flight.estimates[0], TightEstimates)),
-    }
+    } | {name: str(type(flight.estimates[0]) is kind) for name, (kind, _) in DETAILS.items()}
     log.mcap.write_metadata(FLIGHT, facts)
 
 

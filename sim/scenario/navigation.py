@@ -1,17 +1,52 @@
-"""What a user may set of a follower's navigation: what it believes, and how it decides."""
+"""What a user may set of a follower's navigation, and the settings in SI units that its navigator is made of."""
 
-from typing import Annotated, Literal
+from collections.abc import Collection, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, WithJsonSchema, field_validator
 
-from laisn.settings import AnyVariant, GateRule, NavigationSettings, SideRule, transmitters_of
+from laisn.failure import LaisnError
+from laisn.navigators import NAVIGATORS, OWN_SECTION, find, is_own
+from laisn.settings import VARIANTS, GateRule, NavigationSettings, Settings, SideRule, transmitters_of
 from laisn.tight.settings import TightSettings
 from sim.scenario.section import LISTED, Coordinate, NonNegative, Positive, Section
 
 Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]
 _PAPER, _SENSORS = NavigationSettings(), TightSettings()
 """The navigators' own defaults, which are a scenario's too."""
+
+_ENDINGS = ("_deg_sqrt_s", "_deg_s", "_deg", "_m_sqrt_s", "_m_s2", "_m_s", "_m2", "_m", "_s")
+"""Units that keys end in; longer ones before those that they end in."""
+_TYPICAL_SOUND_M_S = 1500.0
+
+Kind = TypeVar("Kind")
+
+
+def in_si(table: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """Values in SI units and radians by the names of fields, which are those of the keys without their units.
+
+    A key that is the name of a field itself stays as it is; a value of None is left out.
+    """
+    found = {}
+    for key, value in table.items():
+        ending = "" if key in names else next((e for e in _ENDINGS if key.endswith(e)), "")
+        if value is not None:
+            found[key.removesuffix(ending)] = float(np.deg2rad(value)) if ending.startswith("_deg") else value
+    return found
+
+
+def _made(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
+    """A dataclass of those values that are fields of it, or of a dataclass in it."""
+    given = {}
+    for field in fields(kind):  # type: ignore[arg-type]
+        inner: Any = field.default_factory
+        if is_dataclass(inner):
+            given[field.name] = _made(cast("type[Any]", inner), values)
+        elif field.name in values:
+            given[field.name] = values[field.name]
+    return kind(**given)
 
 
 def _degrees(angle: float) -> float:
@@ -79,12 +114,31 @@ class Assume(Section):
     )
     outlier_span_m: Positive = Field(_SENSORS.outlier_span, description="largest excess of an echo's range")
 
+    def in_si(self, sound_m_s: float) -> dict[str, Any]:
+        """Values by the names of `TightSettings`; errors of the clock are ranges there."""
+        clock = {
+            "clock_offset_sigma": sound_m_s * self.clock_offset_sigma_s,
+            "clock_drift_sigma": 1e-6 * sound_m_s * self.clock_drift_sigma_ppm,
+        }
+        return in_si(dict(self), ()) | clock
+
+
+class Own(Section):
+    """Settings of a navigator of your own, `variant = "module:Class"`: fields of its `Settings`, units may be added."""
+
+    model_config = ConfigDict(extra="allow")
+
+    __pydantic_extra__: dict[str, bool | int | float | str]
+
 
 class Navigation(Section):
     """What the follower believes, and how it decides."""
 
-    variant: AnyVariant = Field(_PAPER.variant, description="which LAISN, or the tightly coupled navigator")
+    variant: Annotated[str, WithJsonSchema({"enum": [*NAVIGATORS, "module:Class"]})] = Field(
+        _PAPER.variant, description="which LAISN, the tightly coupled navigator, or a class of your own"
+    )
     assume: Assume = Assume()
+    own: Own | None = None
     threshold_m: NonNegative = Field(_PAPER.threshold, description="T: intersections closer than this are one")
     beta_m2: NonNegative = Field(_PAPER.beta, description="β: σp = β / distance of the intersections")
     sigma_floor_m: NonNegative = Field(_PAPER.sigma_floor, description="smallest σp that the filter is given")
@@ -125,7 +179,59 @@ class Navigation(Section):
     @property
     def transmitters(self) -> int:
         """How many of the leader's transmitters the follower listens to, rear and front first."""
-        return self.assume.transmitters if self.variant == "tight" else transmitters_of(self.variant)
+        section = self._section()
+        return int(section["transmitters"]) if "transmitters" in section else transmitters_of(self.variant)
+
+    def _section(self) -> dict[str, Any]:
+        """Keys that belong to the navigator alone; its code is not imported."""
+        name = NAVIGATORS[self.variant].section if self.variant in NAVIGATORS else OWN_SECTION
+        section: Section | None = getattr(self, name) if name else None
+        return section.model_dump() if section else {}
+
+    def settings(self, given: Mapping[str, Any] | None = None, sound_m_s: float = _TYPICAL_SOUND_M_S) -> Settings:
+        """Settings of the navigator.
+
+        Args:
+            given: what stands elsewhere, by the names of fields, and counts unless a key of the navigator's own section
+                says otherwise: filter step, transmitters, hydrophone …
+            sound_m_s: speed of sound as the follower believes, by which errors of a clock become ranges [m/s].
+
+        Raises:
+            LaisnError: there is no such navigator, or a key of `own` is none of its settings.
+        """
+        spec = find(self.variant)
+        kind, names = spec.settings, {field.name for field in fields(spec.settings)}
+        if spec.section == OWN_SECTION:
+            return self._own_settings(kind, dict(given or {}))
+        if spec.section:
+            return _made(kind, {**(given or {}), **getattr(self, spec.section).in_si(sound_m_s)})
+        section = in_si(dict(self), names)
+        if self.variant not in VARIANTS:
+            # a navigator of one's own without settings of its own
+            del section["variant"]
+        return _made(kind, {**section, **(given or {})})
+
+    def _own_settings(self, kind: type[Settings], given: dict[str, Any]) -> Settings:
+        names = {field.name for field in fields(kind)}
+        section = in_si(self._section(), names)
+        unknown = set(section) - names
+        if unknown:
+            available = ", ".join(sorted(names - {field.name for field in fields(Settings)})) or "none"
+            raise LaisnError(f"navigation.own: {self.variant} has no {', '.join(sorted(unknown))}; it has: {available}")
+        values = {name: value for name, value in {**given, **section}.items() if name in names}
+        try:
+            return TypeAdapter(kind).validate_python(values)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            key = ".".join(map(str, ("navigation.own", *first["loc"])))
+            raise LaisnError(f"{key}: {first['msg'].removeprefix('Value error, ')}") from None
+
+    @field_validator("variant")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in NAVIGATORS and not is_own(name):
+            raise ValueError(f"Input should be {', '.join(map(repr, NAVIGATORS))} or 'module:Class' of your own")
+        return name
 
     @field_validator("transmitters_m")
     @classmethod

@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
+from laisn.settings import VARIANTS
 from sim.files import atomic_write
 from sim.scenario.formation import Formation, Shape, Station, followers_of, proximity_inconsistencies, station_conflicts
 from sim.scenario.navigation import Assume, Navigation
@@ -199,7 +200,7 @@ class Scenario(Section):
         if stations and self.timing.filter_step_s != CONTROL_STEP_S:
             found.append("timing.filter_step_s must keep its default where followers are on stations")
         changed = {
-            "navigation.use_single_range": navigation.use_single_range and navigation.variant != "tight",
+            "navigation.use_single_range": navigation.use_single_range and navigation.variant in VARIANTS,
             "navigation.transmitters_m": bool(navigation.transmitters_m),
         }
         if stations or any(follower.believes for follower in self.followers):

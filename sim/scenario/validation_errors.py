@@ -52,6 +52,8 @@ def unknown_key(key: str) -> str | None:
     location = tuple(int(part) if part.isdecimal() else part for part in key.split("."))
     for n, part in enumerate(location):
         section = _section(location[:n])
+        if section is not None and section.model_config["extra"] == "allow":
+            return None
         if isinstance(part, str) and section is not None and part not in section.model_fields:
             return _unknown(location[: n + 1])
     return None

@@ -20,7 +20,7 @@ from laisn.settings import NavigationSettings
 from laisn.tight.estimates import TightEstimates
 from laisn.tight.settings import TightSettings
 from sim.film.film_data import FilmData
-from sim.flight import SLIP_M_SQRT_S, Flight, excerpt, laisn_settings, navigate, navigation_settings
+from sim.flight import SLIP_M_SQRT_S, Flight, excerpt, navigate, navigation_settings, settings_as
 from sim.log import reader, writer
 from sim.log.file import LogError
 from sim.scenario.settings import Assume, Scenario
@@ -112,7 +112,7 @@ def test_physical_vehicles_slip_and_points_do_not(flight: Flight) -> None:
 
 def test_studies_of_laisn_are_given_its_settings_alone(flight: Flight) -> None:
     with pytest.raises(LaisnError, match=r"navigates by 'tight'; expected one of laisn-2, "):
-        laisn_settings(flight.scenario, flight.trajectory, 0)
+        settings_as(NavigationSettings, flight.scenario, flight.trajectory, 0)
     laisn = navigation_settings(load("T2", []), flight.trajectory, 0)
     assert isinstance(laisn, NavigationSettings)
 

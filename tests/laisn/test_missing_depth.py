@@ -11,8 +11,8 @@ from laisn.beacons.navigator import BeaconNavigator
 from laisn.beacons.settings import BeaconSettings
 from laisn.estimates import FixKind
 from laisn.messages import Measurements
-from laisn.navigating import AnyNavigator
 from laisn.navigator import Navigator
+from laisn.navigators import OnlineNavigator
 from laisn.settings import NavigationSettings
 from laisn.tight.mission import run_mission
 from laisn.tight.navigator import TightNavigator
@@ -24,11 +24,11 @@ MISSING = slice(150, 185)
 NAMES = ("laisn", "tight", "elsewhere", "beacons")
 
 
-def given(name: str) -> tuple[AnyNavigator, Measurements]:
+def given(name: str) -> tuple[OnlineNavigator, Measurements]:
     """A navigator and what it measures, at a depth of its own in each step."""
     if name == "beacons":
         measured, truth = round_trip(Errors(), seconds=60)
-        navigator: AnyNavigator = BeaconNavigator(BeaconSettings(), np.array([*truth[0], 0.0, 0.0]))
+        navigator: OnlineNavigator = BeaconNavigator(BeaconSettings(), np.array([*truth[0], 0.0, 0.0]))
         return navigator, replace(measured, depth=np.linspace(0.0, 6.0, measured.depth.size))
     mission = Mission(steps=600)
     measured = mission.measured()

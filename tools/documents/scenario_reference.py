@@ -91,7 +91,7 @@ def _table(title: str, model: type[BaseModel]) -> list[str]:
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for key, field in schema["properties"].items():
-        if "$ref" in field or "$ref" in field.get("items", {}):
+        if any("$ref" in part for part in (field, field.get("items", {}), *field.get("anyOf", []))):
             continue
         cells = [f"`{key}`", _type(field, definitions), _unit(key), _default(field), _bounds(field)]
         rows.append(f"| {' | '.join(cells)} | {field.get('description', '')} |")

@@ -1,21 +1,16 @@
-"""Runs of the tightly coupled navigator, one after another: for cells what `lanes` are for LAISN.
-
-Each run takes the noise that a single flight of it gets, and gives the bits that `TightNavigator` gives online.
-"""
+"""Runs of a cell one after another, for navigators that do not run as lanes; each with the bits of a single flight."""
 
 import numpy as np
 
 from experiments.campaign import lane_metrics as metric
+from experiments.campaign.cells import Cell
 from laisn import lane_rows as row
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from laisn.tight.estimates import kind_of
-from laisn.tight.mission import Found, run_mission
-from laisn.tight.settings import TightSettings
-from sim.sensing.sensor_errors import SensorErrors, measure
-from sim.sensing.truth import MissionTruth
+from laisn.navigators import MissionResult
+from sim.sensing.sensor_errors import measure
 
 
 @compiled_lanes
@@ -38,43 +33,40 @@ def _tally_steps(states: Floats, truth: Floats, tally: Floats, histograms: Ints,
         metric.fill_histograms(bins, histograms, lanes_used)
 
 
-def _tally_messages(outcome: Floats, tally: Floats) -> None:
-    """Add the messages of one run to its columns of a tally, shape (SIZE // LANES,).
-
-    The squared residuals of r ranges have mean r; they count as r/2 updates of a position, whose mean is 2.
-    """
-    known = np.isfinite(outcome[:, 2])
-    tally[metric.SUM_NIS // LANES] = outcome[known, 2].sum()
-    tally[metric.COUNT_NIS // LANES] = 0.5 * outcome[known, 1].sum()
-    for received, used in outcome[:, :2].astype(np.int64).tolist():
-        tally[metric.KINDS // LANES + kind_of(received, used)] += 1.0
-
-
-def flown(
-    truth: MissionTruth, errors: SensorErrors, settings: TightSettings, *, seed: int, run: int, follower: int
-) -> Found:
-    """One run of a mission; errors as of `run_mission`."""
-    measured = measure(truth, errors, seed=seed, run=run, follower=follower, transmitters=settings.transmitters)
-    return run_mission(settings, measured, truth.start)
+def flown(cell: Cell, run: int) -> MissionResult:
+    """One run of a cell, with the noise that a single flight of it gets; errors as of its navigator."""
+    measured = measure(
+        cell.truth,
+        cell.errors,
+        seed=cell.seed,
+        run=run,
+        follower=cell.follower,
+        transmitters=cell.settings.transmitters,
+    )
+    return cell.spec.fly(cell.settings, measured, cell.truth.start)
 
 
-def fly_block(
-    truth: MissionTruth, errors: SensorErrors, settings: TightSettings, *, seed: int, runs: range, follower: int
-) -> tuple[Floats, Ints]:
+def fly_block(cell: Cell, runs: range) -> tuple[Floats, Ints]:
     """Tally and histograms of up to LANES runs, as `lane_metrics` has them.
+
+    Squared innovations of r numbers have mean r; they count as r/2 updates of a position, whose mean is 2.
 
     Raises:
         LaisnError: the start is unknown, so that a run has no error before its first message.
         ArithmeticError: a covariance is not positive definite.
     """
-    if not settings.known_start:
+    if not cell.settings.known_start:
         raise LaisnError("navigation.assume.known_start = false is for single flights; cells need errors of all steps")
+    truth = cell.truth
     states = np.ones((truth.speed.size, 5, LANES))
     columns = np.zeros((metric.SIZE // LANES, LANES))
     for lane, run in enumerate(runs):
-        found = flown(truth, errors, settings, seed=seed, run=run, follower=follower)
+        found = flown(cell, run)
         states[:, :2, lane], states[:, 2:, lane] = found.state[:, :2], found.covariance
-        _tally_messages(found.outcome, columns[:, lane])
+        columns[metric.SUM_NIS // LANES, lane] = found.squared
+        columns[metric.COUNT_NIS // LANES, lane] = 0.5 * found.numbers
+        for kind in found.kinds:
+            columns[metric.KINDS // LANES + kind, lane] += 1.0
     tally, histograms = columns.ravel(), np.zeros((2, metric.BINS), dtype=np.int64)
     place = np.column_stack([truth.hydrophone, truth.leader_position, truth.leader_heading])
     _tally_steps(states, place, tally, histograms, len(runs))

@@ -1,0 +1,110 @@
+"""A navigator of the user's own: the example of docs/extending.md is flown, replayed and studied as it stands there."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import laisn_sim
+from experiments.campaign.missions import key_of
+from experiments.command.cli import app
+from laisn.failure import LaisnError
+from laisn.navigators import NAVIGATORS, code_of_navigators, find
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
+NAME = "dead_reckoning:DeadReckoning"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with the files of the page."""
+    blocks = re.findall(
+        r"^```\w+\n# (\w+\.(?:py|toml))\n(.*?)^```", PAGE.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
+    for name, text in blocks:
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+def run(line: str) -> str:
+    result = CliRunner().invoke(app, line.split())
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.mark.usefixtures("folder")
+def test_it_flies_and_replays_by_its_name() -> None:
+    run("fly reckoned.toml --no-video --out out --set navigation.own.current_east_m_s=0.25")
+    flight = laisn_sim.read_log("out/flight.mcap")
+    (own,), (measured,) = flight.estimates, flight.measurements
+    # log and compass alone, by hand
+    east = measured.dt * (measured.speed * np.sin(measured.heading) + 0.25).sum()
+    start = laisn_sim.load("reckoned.toml")
+    first = laisn_sim.fly(start, {"duration_s": 0.2}).hydrophone(0)[0]
+    assert own.state[-1, 0] - own.state[0, 0] == pytest.approx(
+        east - measured.dt * (measured.speed[0] * np.sin(measured.heading[0]) + 0.25)
+    )
+    np.testing.assert_allclose(own.state[0, :2], first[:2], atol=0.5)
+    again = laisn_sim.navigate(flight, {"navigation.own.current_east_m_s": 0.0})
+    shift = own.state[:, 0] - again.estimates[0].state[:, 0]
+    np.testing.assert_allclose(shift, 0.25 * measured.time, atol=1e-9)
+    assert f"replayed, {NAME}" in run(f"replay out/flight.mcap --variant {NAME}")
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_study_compares_it_with_others() -> None:
+    results = laisn_sim.study("reckoned.toml", vary={"navigation.variant": [NAME, "laisn-2"]}, runs=3, out="study")
+    rows = {row["variant"]: row for row in results.table.rows()}
+    alone = [laisn_sim.errors(laisn_sim.fly("reckoned.toml", {"run": run}))["e_p_m"].mean() for run in range(3)]
+    assert rows[NAME]["e_p_mean_m"] == pytest.approx(np.mean(alone), rel=1e-12)
+    assert rows[NAME]["e_p_mean_m"] != rows["laisn-2"]["e_p_mean_m"]
+
+
+def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
+    (folder / "another.py").write_text((folder / "dead_reckoning.py").read_text())
+    scenario = laisn_sim.load("reckoned.toml", {"navigation.variant": "another:DeadReckoning"})
+    before = key_of(scenario)
+    assert key_of(scenario) == before
+    (folder / "another.py").write_text((folder / "dead_reckoning.py").read_text() + "# another\n")
+    assert key_of(scenario) != before
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"navigation.variant": "dead_reckoning:Reckoning"}, "has no attribute 'Reckoning'; modules are looked for in"),
+        ({"navigation.variant": "no_such_module:X"}, "No module named 'no_such_module'"),
+        ({"navigation.variant": "math:pi"}, "expected a class with `run"),
+        ({"navigation.variant": "laisn-4"}, "'tight' or 'module:Class' of your own"),
+        ({"navigation.own.current_east_m_s": "fast"}, "navigation.own.current_east: Input should be a valid number"),
+        ({"navigation.own.curent_east_m_s": 1.0}, "has no curent_east; it has: current_east, current_north"),
+    ],
+)
+def test_what_it_lacks_is_named(changes: dict[str, object], expected: str) -> None:
+    with pytest.raises(LaisnError) as error:
+        laisn_sim.load("reckoned.toml", changes)
+    assert expected in str(error.value)
+
+
+@pytest.mark.usefixtures("folder")
+def test_followers_that_steer_by_it_need_its_step() -> None:
+    steering = {"motion": "physics", "followers.0.steers_by": "estimate", "duration_s": 2}
+    with pytest.raises(LaisnError, match="has no `step`"):
+        laisn_sim.fly("reckoned.toml", steering)
+
+
+def test_all_code_that_the_registry_names_is_there() -> None:
+    from pkgutil import resolve_name
+
+    for spec in NAVIGATORS.values():
+        for name in (spec.factory, spec.mission, spec.swarm, spec.smoother, spec.beacons):
+            assert not name or callable(resolve_name(name))
+    assert {"laisn.navigator", "laisn.tight.mission"} <= set(code_of_navigators())
+    with pytest.raises(LaisnError, match="available: laisn-2"):
+        find("kalman")
