@@ -69,11 +69,6 @@ def _navigate(swarm, step, readings, received, messages, ranges, estimates):  # 
     )
 
 
-def new_estimates(*shape: int) -> Any:
-    """Records of ESTIMATE, all zero, as a recarray."""
-    return np.zeros(shape, ESTIMATE).view(np.recarray)
-
-
 class SeparateNavigators:
     """A swarm of navigators of any kind, each of which Python calls with its own measurements."""
 

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints
+from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
-from laisn.swarm import Swarm, SwarmFactory, new_estimates
+from laisn.swarm import ESTIMATE, Swarm, SwarmFactory
 from sim.assembly import routes_of
 from sim.control.autopilot import control, vehicle_state
 from sim.control.follower import (
@@ -33,8 +33,6 @@ from sim.control.follower import (
 )
 from sim.control.guidance import (
     COURSE,
-    CURRENT_EAST,
-    CURRENT_NORTH,
     EAST,
     NORTH,
     begin,
@@ -89,17 +87,17 @@ class ClosedLoopState(NamedTuple):
     """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]."""
     seen: Floats
     """What each follower's last look around showed, shape (f, v, SEEN)."""
-    estimates: Any
+    estimates: Records
     """Estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)."""
     trails: Floats
     """Trail of the leader as each follower has heard it, shape (f, room, TRAIL)."""
     counts: Ints
     """Points of the trails, shape (f, 1)."""
-    memory: Floats
-    """Memory of each follower, shape (f, FOLLOWER_MEMORY)."""
+    memory: Records
+    """Memory of each follower, of FOLLOWER_MEMORY, shape (f,)."""
     reference: Floats
     """Reference of the autopilot of one follower at a time, shape (8,)."""
-    history: Any
+    history: Records
     """Estimates at each instant, records of `laisn.swarm.ESTIMATE`, shape (n + 1, f)."""
 
 
@@ -120,7 +118,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     f, n = len(scenario.followers), routes.reference.shape[0]
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
-    memory, navigation = np.zeros((f, FOLLOWER_MEMORY)), scenario.navigation
+    memory, navigation = records(FOLLOWER_MEMORY, f), scenario.navigation
     kinds, stations = np.zeros(f, dtype=np.int64), np.zeros((f, 3))
     waypoints = scenario.leader.broadcast_waypoints
     track = routes.reference[:, 0, [EAST, NORTH, COURSE]]
@@ -155,12 +153,12 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         arrived=np.zeros(f, dtype=np.bool_),
         tilts=np.zeros((n, 2)),
         seen=np.full((f, f + 1, SEEN), np.nan),
-        estimates=new_estimates(f),
+        estimates=records(ESTIMATE, f),
         trails=trails,
         counts=counts,
         memory=memory,
         reference=np.zeros(8),
-        history=new_estimates(n, f),
+        history=records(ESTIMATE, n, f),
     )
 
 
@@ -215,7 +213,7 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
 
 @compiled
 def _true_estimate(
-    body: tuple[Floats, Floats, Floats], hydrophone: Floats, guidance: Floats, reading: Floats, estimate: Any
+    body: tuple[Floats, Floats, Floats], hydrophone: Floats, guidance: Record, reading: Floats, estimate: Record
 ) -> None:
     """Replace readings and estimates of a follower that steers by the truth: pose, twist and velocity of the water."""
     pose, twist, water = body
@@ -227,7 +225,7 @@ def _true_estimate(
     estimate.position[0], estimate.position[1], _ = site(pose, hydrophone)
     for i in range(2):
         estimate.velocity[i] = estimate.to_likelier[i] = 0.0
-        estimate.current[i] = guidance[CURRENT_EAST + i]
+        estimate.current[i] = guidance.current[i]
 
 
 @compiled
@@ -273,7 +271,7 @@ def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
         if a.kinds[f] == STATION_BY_TRUTH:
             body, guidance = (truth.pose[k, i], truth.twist[k, i], truth.water[k, i]), routes.guidance[i]
             if k == 0:
-                guidance[CURRENT_EAST], guidance[CURRENT_NORTH] = body[2][0], body[2][1]
+                guidance.current[0], guidance.current[1] = body[2][0], body[2][1]
             _true_estimate(body, a.sites[1][f], guidance, reading, estimate)
         steering = keep_station(
             a.law,

@@ -11,7 +11,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload_method
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Records, records
 from laisn.compiled import compiled, copy_values
 from laisn.failure import LaisnError
 from sim.contact import Ending
@@ -72,12 +72,12 @@ class RouteControl(NamedTuple):
 
     reference: Floats
     """Of all instants, columns of `sim.control.guidance.reference`, shape (n, v, 8)."""
-    autopilots: Any
-    """Records of `sim.control.autopilot.DESIGN`, shape (v,)."""
-    guidance: Floats
-    """Memory of guidance, shape (v, GUIDANCE_MEMORY)."""
-    autopilot: Floats
-    """Memory of the autopilots, shape (v, AUTOPILOT_MEMORY)."""
+    autopilots: Records
+    """Of `sim.control.autopilot.DESIGN`, shape (v,)."""
+    guidance: Records
+    """Of GUIDANCE_MEMORY, shape (v,)."""
+    autopilot: Records
+    """Of AUTOPILOT_MEMORY, shape (v,)."""
     command: Floats
     """Thrust asked of each effector, shape (v, m), [N]."""
 
@@ -228,7 +228,7 @@ def simulate(
     autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
     lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
     wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, limits, lead)
-    memory = np.zeros((v, GUIDANCE_MEMORY)), np.zeros((v, AUTOPILOT_MEMORY))
+    memory = records(GUIDANCE_MEMORY, v), records(AUTOPILOT_MEMORY, v)
     along = RouteControl(wanted, autopilots, *memory, np.zeros_like(plant.thrust))
     controller = along if make_controller is None else make_controller(plant, along)
     loop = _simulate if isinstance(controller, tuple) else cast(Any, _simulate).py_func

@@ -8,7 +8,7 @@ from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from sim.assembly import routes_of
 from sim.control.follower import law_of
-from sim.control.station import FRAME, FRAME_MEMORY, Frame, station_at, turn_frame
+from sim.control.station import FRAME_STATE, Frame, station_at, turn_frame
 from sim.control.trail import TRAIL, extend
 from sim.scenario.formation import LEAST_LAYER_M, Formation
 from sim.scenario.settings import Scenario
@@ -28,18 +28,19 @@ def _stations(
     """Where stations truly are, shape (n, f, 4): east, north [m], heading of the frame [rad], and its rate [rad/s]."""
     n, f = leader.shape[0], stations.shape[0]
     trail, count = np.empty((n, TRAIL)), np.zeros(1, dtype=np.int64)
-    memory = np.zeros((f, FRAME_MEMORY))
-    memory[:, FRAME] = heading[0]
+    states = np.zeros(f, FRAME_STATE)
+    for i in range(f):
+        states[i].heading = heading[0]
     for k in range(n):
         time = k * dt
         extend(trail, count, leader[k, 0], leader[k, 1], time, (speed[k], heading[k]))
         for i in range(f):
             known = trail, count[0]
             if k > 0:
-                turn_frame(frame, stations[i], known, (time - dt, time), dt, memory[i])
-            target = station_at(frame, stations[i], known, time, memory[i])
+                turn_frame(frame, stations[i], known, (time - dt, time), dt, states[i])
+            target = station_at(frame, stations[i], known, time, states[i])
             out[k, i, 0], out[k, i, 1] = target.east, target.north
-            out[k, i, 2], out[k, i, 3] = memory[i, 0], memory[i, 1]
+            out[k, i, 2], out[k, i, 3] = states[i].heading, states[i].rate
 
 
 def stations_along(

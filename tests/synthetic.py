@@ -8,7 +8,7 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Record, records
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from sim.flight import Flight
@@ -223,3 +223,8 @@ def messages(path: Path, topic: str) -> list[Any]:
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         return [item.decoded_message for item in reader.iter_decoded_messages(topics=[topic])]
+
+
+def record(dtype: np.dtype[np.void], *values: object) -> Record:
+    """One record with these values, or of zeros without any."""
+    return np.rec.array([values], dtype)[0] if values else records(dtype, 1)[0]

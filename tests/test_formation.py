@@ -10,7 +10,7 @@ from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors, summarise
 from laisn.arrays import Floats
 from laisn.navigators import new_navigator, new_swarm
-from laisn.swarm import new_estimates
+from laisn.swarm import ESTIMATE
 from sim.closed_loop import ClosedLoop, PythonClosedLoop, simulate_closed_loop
 from sim.control.follower import (
     FOLLOWER_MEMORY,
@@ -33,6 +33,7 @@ from sim.station_keeping import (
     true_stations,
 )
 from sim.trajectory import Trajectory
+from tests.synthetic import record
 
 PLACES = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0), (15.0, -30.0, 13.0)]
 
@@ -161,9 +162,9 @@ def test_a_sensor_that_shows_nobody_changes_nothing() -> None:
 
 def test_the_controller_knows_nothing_of_the_truth() -> None:
     """It is handed readings, beliefs, messages and a clock: arrays made here, with no vehicle behind them."""
-    law, memory = law_of(Formation()), np.zeros(FOLLOWER_MEMORY)
+    law, memory = law_of(Formation()), record(FOLLOWER_MEMORY)
     trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 5.0, 12.0])
-    reading, estimate, reference = np.zeros(READINGS), new_estimates(1)[0], np.zeros(8)
+    reading, estimate, reference = np.zeros(READINGS), record(ESTIMATE), np.zeros(8)
     reading[:3], estimate.log_bias, estimate.compass_bias = (1.2, 0.1, 12.0), 0.2, 0.1
     init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 31):
@@ -186,9 +187,9 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
 
 def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tuple[Floats, Floats]:
     """Headings and speeds wanted, and depths, of a follower on its station that hears nothing any more."""
-    law, memory = law_of(formation), np.zeros(FOLLOWER_MEMORY)
+    law, memory = law_of(formation), record(FOLLOWER_MEMORY)
     trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 0.0, 12.0])
-    reading, estimate, reference, rows = np.zeros(READINGS), new_estimates(1)[0], np.zeros(8), []
+    reading, estimate, reference, rows = np.zeros(READINGS), record(ESTIMATE), np.zeros(8), []
     reading[:3], estimate.spread = (1.0, 0.0, 12.0), spread
     init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 21):

@@ -9,10 +9,10 @@ turn about the same instant; what changes slowly enough stays as it is.
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Record
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
-from sim.control.station import BEHIND, FRAME, FRAME_RATE, PORT, Frame
+from sim.control.station import BEHIND, PORT, Frame
 from sim.control.trail import arc_at, at, pace, turned_since
 
 AGILITY = float(np.deg2rad(8.0))
@@ -102,7 +102,7 @@ def _between_envelopes(
 
 @compiled
 def rate_limited_velocity(
-    f: Frame, station: Floats, trail: tuple[Floats, int], time: float, current: tuple[float, float], memory: Floats
+    f: Frame, station: Floats, trail: tuple[Floats, int], time: float, current: tuple[float, float], state: Record
 ) -> tuple[float, float]:
     """Velocity over ground with which a hull stays nearest to its station, east and north [m/s].
 
@@ -112,11 +112,11 @@ def rate_limited_velocity(
         trail: of the leader, and how many points it has, at least one.
         time: now [s].
         current: as the follower estimates it [m/s].
-        memory: columns FRAME and FRAME_RATE, shape (2,).
+        state: record of `sim.control.station.FRAME_STATE`.
     """
     points, count = trail
     where = arc_at(points, count, time) - station[BEHIND], pace(points, count)
-    turning = station[PORT], memory[FRAME], memory[FRAME_RATE]
+    turning = station[PORT], state.heading, state.rate
     east, north = _through_water(trail, where, turning, current, f.preview)
     speed = np.sqrt(east * east + north * north)
     if not _turns_slowly(trail, where, turning, f.preview, speed):

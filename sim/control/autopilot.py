@@ -27,7 +27,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Record
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
@@ -39,9 +39,16 @@ from sim.vehicle.plant import Plant
 
 DepthControl = Literal["pitch", "thrust"]
 
-HEADING_INTEGRAL, SPEED_INTEGRAL, PITCH_INTEGRAL, DEPTH_INTEGRAL, PITCH_COMMAND = range(5)
-"""Columns of what the autopilot remembers from tick to tick: [N m], [N], [N m], [N], [rad]."""
-AUTOPILOT_MEMORY = 5
+AUTOPILOT_MEMORY = np.dtype(
+    [
+        ("heading_integral", np.float64),  # [N m]
+        ("speed_integral", np.float64),  # [N]
+        ("pitch_integral", np.float64),  # [N m]
+        ("depth_integral", np.float64),  # [N]
+        ("pitch_command", np.float64),  # [rad]
+    ]
+)
+"""Memory of the autopilot of one vehicle, from one control step to the next."""
 
 CLIMB_MAX = float(np.deg2rad(20.0))
 """Steepest climb and dive [rad]."""
@@ -152,15 +159,15 @@ def _damping(coefficients: Floats, way: float, rate: float) -> float:
 
 
 @compiled
-def _integrate(memory: Floats, i: int, rate: float, wanted: float, given: float) -> None:
-    """Bring an integral forward, but not further beyond what thrusters give."""
-    if not (rate > 0.0 and wanted > given + 1e-9) and not (rate < 0.0 and wanted < given - 1e-9):
-        memory[i] += rate
+def _increment(rate: float, wanted: float, given: float) -> float:
+    """Change of an integral by its rate, or none where it would go further beyond what thrusters give."""
+    saturates = (rate > 0.0 and wanted > given + 1e-9) or (rate < 0.0 and wanted < given - 1e-9)
+    return 0.0 if saturates else rate
 
 
 @compiled
 def _hold_depth(
-    d: Any, reference: Floats, depth: float, sinking: float, speed: float, dt: float, memory: Floats
+    d: Any, reference: Floats, depth: float, sinking: float, speed: float, dt: float, memory: Record
 ) -> tuple[float, float, float, float]:
     """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's rate [N]."""
     by_pitch = d.by_pitch * clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
@@ -171,25 +178,25 @@ def _hold_depth(
     lift = d.lift * speed * speed
     incidence = 0.0
     if by_pitch > 0.0:
-        incidence = clip(by_pitch * memory[DEPTH_INTEGRAL] / lift, -INCIDENCE_MAX, INCIDENCE_MAX)
+        incidence = clip(by_pitch * memory.depth_integral / lift, -INCIDENCE_MAX, INCIDENCE_MAX)
     steepest = speed * np.sin(CLIMB_MAX)
     slow = d.omega / 5.0
     sink = reference[SINKING] + slow * high
     climb = -np.arcsin(clip(sink, -steepest, steepest) / speed)
-    before = memory[PITCH_COMMAND]
+    before = memory.pitch_command
     step = PITCH_RATE_MAX * dt
-    memory[PITCH_COMMAND] += clip(by_pitch * climb + incidence - before, -step, step)
+    memory.pitch_command += clip(by_pitch * climb + incidence - before, -step, step)
 
     # through heave: a level hull that sinks is held back by its lift
     fast = d.omega / 2.0
     push = d.heave_mass * (fast * fast * high + 2.0 * fast * (reference[SINKING] - sinking))
     push += d.lift * speed * reference[SINKING]
-    force = memory[DEPTH_INTEGRAL] - incidence * lift - (1.0 - by_pitch) * push
+    force = memory.depth_integral - incidence * lift - (1.0 - by_pitch) * push
 
     rate = by_pitch * 0.25 * slow * slow * d.lift * speed + (1.0 - by_pitch) * 0.2 * d.heave_mass * fast**3
     # a depth far away is a matter of climbing, not of lift
     rate = -rate * high * dt if by_pitch * abs(sink) < steepest else 0.0
-    return memory[PITCH_COMMAND], (memory[PITCH_COMMAND] - before) / dt, force, rate
+    return memory.pitch_command, (memory.pitch_command - before) / dt, force, rate
 
 
 class VehicleState(NamedTuple):
@@ -238,7 +245,7 @@ def control(
     reference: Floats,
     motion: VehicleState,
     dt: float,
-    memory: Floats,
+    memory: Record,
     command: Floats,
 ) -> None:
     """Commands of one vehicle's effectors.
@@ -249,7 +256,7 @@ def control(
         reference: TURNING, ACCELERATING, DEPTH and SINKING are read, shape (8,).
         motion: how the vehicle moves.
         dt: since the last call [s].
-        memory: columns HEADING_INTEGRAL … PITCH_COMMAND; brought forward, shape (5,).
+        memory: record of AUTOPILOT_MEMORY; brought forward.
         command: out: thrusts, shape (m,), [N].
     """
     heading_wanted, turn_wanted, speed_wanted = wanted
@@ -263,7 +270,7 @@ def control(
     level = max(np.cos(pitch), 0.5)
     missing = speed_wanted / level - surge
     soon = speed_wanted / level + lag * reference[ACCELERATING]
-    thrust = d.surge_mass * (reference[ACCELERATING] + 0.5 * omega * missing) + memory[SPEED_INTEGRAL]
+    thrust = d.surge_mass * (reference[ACCELERATING] + 0.5 * omega * missing) + memory.speed_integral
     thrust += (d.drag_linear * np.exp(-d.drag_fade * abs(soon)) + d.drag * abs(soon)) * soon
 
     # heading and sway; moments to port are positive, turns to port are negative
@@ -272,19 +279,19 @@ def control(
     moment = -d.yaw_inertia * (
         reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + motion.turning)
     )
-    moment += memory[HEADING_INTEGRAL] - _damping(d.yaw_damping, way, turn_soon)
+    moment += memory.heading_integral - _damping(d.yaw_damping, way, turn_soon)
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
 
     # depth and pitch; moments nose up are positive here, and negative about the body's axis to port
     pitch_wanted, pitching, force, rate = _hold_depth(d, reference, motion.depth, motion.sinking, way, dt, memory)
     error = pitch_wanted - pitch
     nose_up = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + motion.pitching))
-    nose_up += memory[PITCH_INTEGRAL] + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
+    nose_up += memory.pitch_integral + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
 
     wrench = np.zeros(6)
     wrench[SURGE], wrench[SWAY], wrench[HEAVE], wrench[PITCH], wrench[YAW] = thrust, side, force, -nose_up, moment
     allocate(d.allocation, d.limits, wrench, command)
-    _integrate(memory, SPEED_INTEGRAL, d.surge_mass * 0.05 * omega * omega * missing * dt, thrust, wrench[SURGE])
-    _integrate(memory, HEADING_INTEGRAL, -0.1 * d.yaw_inertia * omega**3 * astray * dt, moment, wrench[YAW])
-    _integrate(memory, PITCH_INTEGRAL, 0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH])
-    _integrate(memory, DEPTH_INTEGRAL, rate, force, wrench[HEAVE])
+    memory.speed_integral += _increment(d.surge_mass * 0.05 * omega * omega * missing * dt, thrust, wrench[SURGE])
+    memory.heading_integral += _increment(-0.1 * d.yaw_inertia * omega**3 * astray * dt, moment, wrench[YAW])
+    memory.pitch_integral += _increment(0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH])
+    memory.depth_integral += _increment(rate, force, wrench[HEAVE])

@@ -17,11 +17,11 @@ likelier one. By their mean it would not steer at all, and both would stay as li
 station from one of them, ranges soon tell whether that was the right one.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats, Ints, Record
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
@@ -31,7 +31,7 @@ from sim.control.autopilot import VehicleState
 from sim.control.avoidance import Avoidance, away, give_way
 from sim.control.guidance import DEPTH, SINKING, SPEED_LEAST
 from sim.control.leader_plan import SPACING, LeaderPlan, correct_planned, extend_as_planned
-from sim.control.station import FRAME, FRAME_MEMORY, FRAME_RATE, STATION_DEPTH, Frame, Target, station_at, turn_frame
+from sim.control.station import FRAME_STATE, STATION_DEPTH, Frame, Target, station_at, turn_frame
 from sim.control.trail import extend
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
@@ -41,15 +41,22 @@ LOG, COMPASS, PRESSURE, INCLINE, TURNING, PITCHING = range(6)
 READINGS = 6
 HEARD_TIME, HEARD_EAST, HEARD_NORTH, HEARD_HEADING, HEARD_SPEED = range(5)
 """Columns of a message that the controller reads, as of `laisn.messages.LeaderMessage`."""
-KEPT_FRAME, KEPT_RATE, INTEGRAL, HEADING_WANTED, SPEED_WANTED, LOG_PASSED, COMPASS_PASSED, DEPTH_WANTED = range(
-    FRAME_MEMORY, FRAME_MEMORY + 8
+FOLLOWER_MEMORY = np.dtype(
+    [
+        ("frame", FRAME_STATE),
+        ("kept_frame", FRAME_STATE),  # as it was at the last message
+        ("integral", np.float64),  # of the approach
+        ("heading_wanted", np.float64),  # [rad]
+        ("speed_wanted", np.float64),  # [m/s]
+        ("depth_wanted", np.float64),  # [m]
+        ("log", np.float64),  # low-passed [m/s]; NaN before the first reading
+        ("compass", np.float64),  # low-passed [rad]
+        ("push", np.float64, (2,)),  # velocity away from vehicles that are sensed nearby, east and north [m/s]
+        ("last_heard", np.float64),  # time of the last message [s]
+        ("heard_points", np.int64),  # points of the trail with that message; later ones are planned
+    ]
 )
-"""Columns of what a follower remembers, after those of its frame: first the frame as it was at the last message."""
-PUSH_EAST, PUSH_NORTH = range(FRAME_MEMORY + 8, FRAME_MEMORY + 10)
-"""… then the velocity away from vehicles that it has sensed nearby [m/s] …"""
-LAST_HEARD, HEARD_POINTS = range(FRAME_MEMORY + 10, FRAME_MEMORY + 12)
-"""… and last the time of the last message [s], and how many points the trail had with it; later ones are planned."""
-FOLLOWER_MEMORY = FRAME_MEMORY + 12
+"""Memory of one follower, from one control step to the next."""
 
 _LOG_TIME = 1.0
 """Time constant of the log's low-pass [s]."""
@@ -148,7 +155,7 @@ def extend_trail(
     trail: Floats,
     count: Ints,
     clock: tuple[float, float],
-    memory: Floats,
+    memory: Record,
 ) -> None:
     """Take a message of which a ping was heard: the trail grows, and the frame is turned along it anew.
 
@@ -161,41 +168,40 @@ def extend_trail(
         trail: columns of `sim.control.trail`, shape (room, TRAIL), begun by `init_memory`.
         count: points of it, shape (1,).
         clock: time, no earlier than that of the message, and step of the frame [s].
-        memory: brought forward, shape (FOLLOWER_MEMORY,).
+        memory: record of FOLLOWER_MEMORY; brought forward.
     """
     (now, dt), time = clock, message[HEARD_TIME]
-    before, heard = memory[LAST_HEARD], int(memory[HEARD_POINTS])
+    before, heard = memory.last_heard, memory.heard_points
     said = message[HEARD_SPEED], message[HEARD_HEADING]
     correct_planned(trail, count, heard, (message[HEARD_EAST], message[HEARD_NORTH], time))
     extend(trail, count, message[HEARD_EAST], message[HEARD_NORTH], time, said)
-    memory[LAST_HEARD], memory[HEARD_POINTS] = time, count[0]
-    memory[FRAME], memory[FRAME_RATE] = memory[KEPT_FRAME], memory[KEPT_RATE]
-    turn_frame(frame, station, (trail, count[0]), (before, time), dt, memory)
-    memory[KEPT_FRAME], memory[KEPT_RATE] = memory[FRAME], memory[FRAME_RATE]
+    memory.last_heard, memory.heard_points = time, count[0]
+    memory.frame.heading, memory.frame.rate = memory.kept_frame.heading, memory.kept_frame.rate
+    turn_frame(frame, station, (trail, count[0]), (before, time), dt, memory.frame)
+    memory.kept_frame.heading, memory.kept_frame.rate = memory.frame.heading, memory.frame.rate
     # a message that was long under way; `keep_station` makes the last step
-    turn_frame(frame, station, (trail, count[0]), (time, max(now - dt, time)), dt, memory)
+    turn_frame(frame, station, (trail, count[0]), (time, max(now - dt, time)), dt, memory.frame)
 
 
 @compiled
-def init_memory(leader: Floats, trail: Floats, count: Ints, memory: Floats) -> None:
+def init_memory(leader: Floats, trail: Floats, count: Ints, memory: Record) -> None:
     """Set up what a follower remembers at its start; of its own motion its first readings tell it.
 
     Args:
         leader: where the leader starts, columns of a message.
         trail: of the leader, empty; begun.
         count: points of it, shape (1,).
-        memory: brought forward, shape (FOLLOWER_MEMORY,).
+        memory: record of FOLLOWER_MEMORY; brought forward.
     """
-    memory[:] = 0.0
-    memory[FRAME] = memory[KEPT_FRAME] = leader[HEARD_HEADING]
+    memory.frame.heading = memory.kept_frame.heading = leader[HEARD_HEADING]
     said = leader[HEARD_SPEED], leader[HEARD_HEADING]
     extend(trail, count, leader[HEARD_EAST], leader[HEARD_NORTH], leader[HEARD_TIME], said)
-    memory[LOG_PASSED], memory[COMPASS_PASSED] = np.nan, np.nan
-    memory[LAST_HEARD], memory[HEARD_POINTS] = leader[HEARD_TIME], count[0]
+    memory.log, memory.compass = np.nan, np.nan
+    memory.last_heard, memory.heard_points = leader[HEARD_TIME], count[0]
 
 
 @compiled
-def extend_silent_trail(plan: LeaderPlan, trail: Floats, count: Ints, clock: tuple[int, float], memory: Floats) -> None:
+def extend_silent_trail(plan: LeaderPlan, trail: Floats, count: Ints, clock: tuple[int, float], memory: Record) -> None:
     """Let the trail go on as the leader planned, while no message is in; nothing without a plan.
 
     Args:
@@ -203,51 +209,51 @@ def extend_silent_trail(plan: LeaderPlan, trail: Floats, count: Ints, clock: tup
         trail: columns of `sim.control.trail`, shape (room, TRAIL).
         count: points of it, shape (1,); brought forward.
         clock: control step, and its length [s].
-        memory: columns LAST_HEARD and HEARD_POINTS are read.
+        memory: record of FOLLOWER_MEMORY; `last_heard` and `heard_points` are read.
     """
     k, dt = clock
-    if plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - memory[LAST_HEARD] > 0.5 * SPACING:
-        extend_as_planned(plan, trail, count, (memory[LAST_HEARD], int(memory[HEARD_POINTS])), clock)
+    if plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - memory.last_heard > 0.5 * SPACING:
+        extend_as_planned(plan, trail, count, (memory.last_heard, memory.heard_points), clock)
 
 
 @compiled
-def update_avoidance(avoidance: Avoidance, seen: Floats, estimate: Any, memory: Floats) -> None:
+def update_avoidance(avoidance: Avoidance, seen: Floats, estimate: Record, memory: Record) -> None:
     """Take a look around by the proximity sensor: from now on the follower gives way to what is nearby.
 
     Args:
         avoidance: how to give way.
         seen: columns of `sim.control.avoidance` for each vehicle, shape (v, 2).
         estimate: record of `laisn.swarm.ESTIMATE`.
-        memory: columns PUSH_EAST and PUSH_NORTH are brought forward; the heading is as measured last.
+        memory: record of FOLLOWER_MEMORY; `push` is brought forward, the heading is as measured last.
     """
-    heading = memory[COMPASS_PASSED] - estimate.compass_bias
-    memory[PUSH_EAST], memory[PUSH_NORTH] = away(avoidance, seen, heading)
+    heading = memory.compass - estimate.compass_bias
+    memory.push[0], memory.push[1] = away(avoidance, seen, heading)
 
 
 @compiled
-def measured_motion(reading: Floats, estimate: Any, dt: float, memory: Floats) -> VehicleState:
+def measured_motion(reading: Floats, estimate: Record, dt: float, memory: Record) -> VehicleState:
     """Own motion by smoothed readings, less their estimated biases.
 
     Args:
         reading: columns LOG … PITCHING.
         estimate: record of `laisn.swarm.ESTIMATE`.
         dt: since the last call [s].
-        memory: columns LOG_PASSED and COMPASS_PASSED are brought forward; NaN before the first reading.
+        memory: record of FOLLOWER_MEMORY; `log` and `compass` are brought forward.
     """
-    if memory[LOG_PASSED] != memory[LOG_PASSED]:
-        memory[LOG_PASSED], memory[COMPASS_PASSED] = reading[LOG], reading[COMPASS]
-    memory[LOG_PASSED] += (reading[LOG] - memory[LOG_PASSED]) * dt / _LOG_TIME
-    memory[COMPASS_PASSED] -= reading[TURNING] * dt
-    memory[COMPASS_PASSED] += wrap_angle(reading[COMPASS] - memory[COMPASS_PASSED]) * dt / _COMPASS_TIME
-    surge, pitch = memory[LOG_PASSED] - estimate.log_bias, reading[INCLINE]
-    heading = memory[COMPASS_PASSED] - estimate.compass_bias
+    if memory.log != memory.log:
+        memory.log, memory.compass = reading[LOG], reading[COMPASS]
+    memory.log += (reading[LOG] - memory.log) * dt / _LOG_TIME
+    memory.compass -= reading[TURNING] * dt
+    memory.compass += wrap_angle(reading[COMPASS] - memory.compass) * dt / _COMPASS_TIME
+    surge, pitch = memory.log - estimate.log_bias, reading[INCLINE]
+    heading = memory.compass - estimate.compass_bias
     # nothing measures how it slips; it sinks the way it points
     sinking = -surge * np.sin(pitch)
     return VehicleState(surge, 0.0, heading, reading[TURNING], pitch, reading[PITCHING], reading[PRESSURE], sinking)
 
 
 @compiled
-def _current(law: Law, estimate: Any) -> tuple[float, float]:
+def _current(law: Law, estimate: Record) -> tuple[float, float]:
     """Current that the law takes off [m/s]; those with an integral have that instead."""
     if law.approach.law != CONSTANT_BEARING:
         return 0.0, 0.0
@@ -256,23 +262,23 @@ def _current(law: Law, estimate: Any) -> tuple[float, float]:
 
 @compiled
 def _foreseen(
-    law: Law, station: Floats, known: tuple[Floats, int], now: float, estimate: Any, memory: Floats
+    law: Law, station: Floats, known: tuple[Floats, int], now: float, estimate: Record, memory: Record
 ) -> Target:
     """The station, and the velocity that takes a hull along with it."""
-    t = station_at(law.frame, station, known, now, memory)
-    east, north = rate_limited_velocity(law.frame, station, known, now, _current(law, estimate), memory)
+    t = station_at(law.frame, station, known, now, memory.frame)
+    east, north = rate_limited_velocity(law.frame, station, known, now, _current(law, estimate), memory.frame)
     return Target(t.east, t.north, east, north, t.way_east, t.way_north)
 
 
 @compiled
-def _uncertainty(quiet: Silence, estimate: Any, age: float) -> float:
+def _uncertainty(quiet: Silence, estimate: Record, age: float) -> float:
     """Standard deviation of the follower's place in the trail, by the age of the last message [s], [m]."""
     return float(np.hypot(estimate.spread, quiet.velocity_sigma * max(age, 0.0)))
 
 
 @compiled
 def _to_station(
-    law: Law, target: Target, estimate: Any, sigma: float, dt: float, memory: Floats
+    law: Law, target: Target, estimate: Record, sigma: float, dt: float, memory: Record
 ) -> tuple[float, float]:
     """Velocity through the water towards the station, by the standard deviation of the place in the trail [m/s]."""
     at, likelier = estimate.position, estimate.to_likelier
@@ -288,27 +294,27 @@ def _to_station(
             ahead_east, ahead_north = target.way_east / way, target.way_north / way
             along = (place[0] - target.east) * ahead_east + (place[1] - target.north) * ahead_north
             place = target.east + along * ahead_east, target.north + along * ahead_north
-    east, north, memory[INTEGRAL] = approach(law.approach, target, place, current, dt, memory[INTEGRAL])
+    east, north, memory.integral = approach(law.approach, target, place, current, dt, memory.integral)
     return east, north
 
 
 @compiled
-def _sink_to(depth: float, dt: float, memory: Floats, reference: Floats) -> None:
+def _sink_to(depth: float, dt: float, memory: Record, reference: Floats) -> None:
     """Bring the depth that is wanted nearer to another one."""
-    step = clip(depth - memory[DEPTH_WANTED], -_DIVE_RATE * dt, _DIVE_RATE * dt)
-    memory[DEPTH_WANTED] += step
+    step = clip(depth - memory.depth_wanted, -_DIVE_RATE * dt, _DIVE_RATE * dt)
+    memory.depth_wanted += step
     reference[:] = 0.0
-    reference[DEPTH], reference[SINKING] = memory[DEPTH_WANTED], step / dt
+    reference[DEPTH], reference[SINKING] = memory.depth_wanted, step / dt
 
 
 @compiled
 def keep_station(
     law: Law,
     station: Floats,
-    senses: tuple[Floats, Any],
+    senses: tuple[Floats, Record],
     known: tuple[Floats, int],
     clock: tuple[float, float],
-    memory: Floats,
+    memory: Record,
     reference: Floats,
 ) -> Steering:
     """Heading, speed and depth that bring a follower to its station, and how it feels itself move.
@@ -320,17 +326,17 @@ def keep_station(
             `laisn.swarm.ESTIMATE`.
         known: the leader's trail as heard, shape (room, TRAIL), and how many points it has, at least one.
         clock: time, and time since the last call [s].
-        memory: brought forward, shape (FOLLOWER_MEMORY,).
+        memory: record of FOLLOWER_MEMORY; brought forward.
         reference: out: of the autopilot, columns TURNING … SINKING, shape (8,).
     """
     (reading, estimate), (now, dt) = senses, clock
-    starts = memory[LOG_PASSED] != memory[LOG_PASSED]
+    starts = memory.log != memory.log
     motion = measured_motion(reading, estimate, dt, memory)
     if starts:
-        memory[HEADING_WANTED], memory[SPEED_WANTED], memory[DEPTH_WANTED] = motion.heading, motion.surge, motion.depth
+        memory.heading_wanted, memory.speed_wanted, memory.depth_wanted = motion.heading, motion.surge, motion.depth
     quiet, depth = law.silence, station[STATION_DEPTH]
-    heading, speed = memory[HEADING_WANTED], memory[SPEED_WANTED]
-    silent = now - memory[LAST_HEARD]
+    heading, speed = memory.heading_wanted, memory.speed_wanted
+    silent = now - memory.last_heard
     if silent > quiet.limit and quiet.then != HOLD:
         speed = quiet.speed
         if quiet.then == CIRCLE:
@@ -339,7 +345,7 @@ def keep_station(
             depth = min(depth, _SURFACE)
     else:
         if silent > 0.5 * dt:
-            turn_frame(law.frame, station, known, (now - dt, now), dt, memory)
+            turn_frame(law.frame, station, known, (now - dt, now), dt, memory.frame)
         target = _foreseen(law, station, known, now, estimate, memory)
         sigma = _uncertainty(quiet, estimate, silent)
         east, north = _to_station(law, target, estimate, sigma, dt, memory)
@@ -347,12 +353,12 @@ def keep_station(
         if silent > 0.5 * dt and speed > quiet.speed:
             # full speed up to the bound, the slow one from twice the bound on
             speed = quiet.speed + clip(2.0 - sigma / law.unsure, 0.0, 1.0) * (speed - quiet.speed)
-    push = memory[PUSH_EAST], memory[PUSH_NORTH]
+    push = memory.push[0], memory.push[1]
     if push[0] != 0.0 or push[1] != 0.0:
         heading, speed = give_way(law.avoidance, (heading, speed), push)
     _sink_to(depth, dt, memory, reference)
-    turn = clip(wrap_angle(heading - memory[HEADING_WANTED]), -TURN_RATE * dt, TURN_RATE * dt)
-    memory[HEADING_WANTED] += turn
-    change = clip(speed - memory[SPEED_WANTED], -ACCELERATION * dt, ACCELERATION * dt)
-    memory[SPEED_WANTED] = max(memory[SPEED_WANTED] + change, SPEED_LEAST)
-    return Steering((memory[HEADING_WANTED], turn / dt, memory[SPEED_WANTED]), motion)
+    turn = clip(wrap_angle(heading - memory.heading_wanted), -TURN_RATE * dt, TURN_RATE * dt)
+    memory.heading_wanted += turn
+    change = clip(speed - memory.speed_wanted, -ACCELERATION * dt, ACCELERATION * dt)
+    memory.speed_wanted = max(memory.speed_wanted + change, SPEED_LEAST)
+    return Steering((memory.heading_wanted, turn / dt, memory.speed_wanted), motion)

@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Record
 from laisn.compiled import compiled
 from laisn.geometry import signed_angle
 from sim.control.allocation import clip
@@ -30,9 +30,14 @@ from sim.scenario.routes import Route
 
 EAST, NORTH, COURSE, SPEED, TURNING, ACCELERATING, DEPTH, SINKING = range(8)
 """Columns of a reference: [m], [m], [rad], [m/s], [rad/s²], [m/s²], [m], [m/s]."""
-HEADING_COMMAND, SPEED_COMMAND, CURRENT_EAST, CURRENT_NORTH = range(4)
-"""Columns of what guidance remembers from tick to tick."""
-GUIDANCE_MEMORY = 4
+GUIDANCE_MEMORY = np.dtype(
+    [
+        ("heading", np.float64),  # command [rad]
+        ("speed", np.float64),  # command [m/s]
+        ("current", np.float64, (2,)),  # east and north [m/s]
+    ]
+)
+"""Memory of guidance of one vehicle, from one control step to the next."""
 
 TURN_SMOOTHING = 1.2
 """A turn sets in and ends over this time [s]: four times the lag of the thrusters, as no hull jumps to 10°/s."""
@@ -128,7 +133,7 @@ def reference(
 
 
 @compiled
-def begin(reference: Floats, heading: float, speed: float, current: tuple[float, float], memory: Floats) -> None:
+def begin(reference: Floats, heading: float, speed: float, current: tuple[float, float], memory: Record) -> None:
     """Set up what guidance remembers of a vehicle at its start.
 
     Args:
@@ -136,59 +141,59 @@ def begin(reference: Floats, heading: float, speed: float, current: tuple[float,
         heading: of the vehicle [rad].
         speed: through the water, along the hull [m/s].
         current: east and north; zero where it is not known [m/s].
-        memory: columns HEADING_COMMAND … CURRENT_NORTH, shape (4,).
+        memory: record of GUIDANCE_MEMORY; overwritten.
     """
-    memory[HEADING_COMMAND] = reference[COURSE] + signed_angle(heading - reference[COURSE])
-    memory[SPEED_COMMAND] = max(speed, SPEED_LEAST)
-    memory[CURRENT_EAST], memory[CURRENT_NORTH] = current
+    memory.heading = reference[COURSE] + signed_angle(heading - reference[COURSE])
+    memory.speed = max(speed, SPEED_LEAST)
+    memory.current[0], memory.current[1] = current
 
 
 @compiled
-def track_current(current: tuple[float, float], dt: float, memory: Floats) -> None:
+def track_current(current: tuple[float, float], dt: float, memory: Record) -> None:
     """Follow a current, true or estimated, by a low-pass.
 
     Args:
         current: east and north [m/s].
         dt: since the last call [s].
-        memory: columns CURRENT_EAST and CURRENT_NORTH are brought forward.
+        memory: record of GUIDANCE_MEMORY; `current` is brought forward.
     """
-    memory[CURRENT_EAST] += (current[0] - memory[CURRENT_EAST]) * dt / CURRENT_TIME
-    memory[CURRENT_NORTH] += (current[1] - memory[CURRENT_NORTH]) * dt / CURRENT_TIME
+    for i in range(2):
+        memory.current[i] += (current[i] - memory.current[i]) * dt / CURRENT_TIME
 
 
 @compiled
-def integrate_offset(reference: Floats, position: tuple[float, float], dt: float, memory: Floats) -> None:
+def integrate_offset(reference: Floats, position: tuple[float, float], dt: float, memory: Record) -> None:
     """Take what keeps a vehicle off its reference for a current: integral action, for who cannot estimate one.
 
     Args:
         reference: of this instant, columns EAST and NORTH are read [m].
         position: true or estimated, east and north [m].
         dt: since the last call [s].
-        memory: columns CURRENT_EAST and CURRENT_NORTH are brought forward.
+        memory: record of GUIDANCE_MEMORY; `current` is brought forward.
     """
     for i in range(2):
         offset = clip(position[i] - reference[EAST + i], -OFFSET_MOST, OFFSET_MOST)
-        integral = memory[CURRENT_EAST + i] + OFFSET_GAIN * offset * dt
-        memory[CURRENT_EAST + i] = clip(integral, -INTEGRAL_MOST, INTEGRAL_MOST)
+        integral = memory.current[i] + OFFSET_GAIN * offset * dt
+        memory.current[i] = clip(integral, -INTEGRAL_MOST, INTEGRAL_MOST)
 
 
 @compiled
-def _command(heading: float, speed: float, dt: float, memory: Floats) -> tuple[float, float, float]:
+def _command(heading: float, speed: float, dt: float, memory: Record) -> tuple[float, float, float]:
     """Heading, its rate and speed as of `steer`, brought towards what is wanted within the limits."""
-    before = memory[HEADING_COMMAND]
+    before = memory.heading
     turn = signed_angle(heading - before)
-    memory[HEADING_COMMAND] += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
-    memory[SPEED_COMMAND] += clip(speed - memory[SPEED_COMMAND], -ACCELERATION * dt, ACCELERATION * dt)
+    memory.heading += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
+    memory.speed += clip(speed - memory.speed, -ACCELERATION * dt, ACCELERATION * dt)
     return (
-        memory[HEADING_COMMAND],
-        (memory[HEADING_COMMAND] - before) / dt,
-        memory[SPEED_COMMAND],
+        memory.heading,
+        (memory.heading - before) / dt,
+        memory.speed,
     )
 
 
 @compiled
 def _hold(
-    course: tuple[float, float], offset: tuple[float, float], dt: float, memory: Floats
+    course: tuple[float, float], offset: tuple[float, float], dt: float, memory: Record
 ) -> tuple[float, float, float]:
     """As `steer`, where the route stops.
 
@@ -198,23 +203,23 @@ def _hold(
         dt: since the last call [s].
         memory: as of `steer`.
     """
-    through_east = clip(offset[0] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory[CURRENT_EAST]
-    through_north = clip(offset[1] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory[CURRENT_NORTH]
+    through_east = clip(offset[0] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
+    through_north = clip(offset[1] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
     # the smaller this velocity, the more the heading is that of the course
     heading = np.arctan2(through_east + SPEED_LEAST * course[0], through_north + SPEED_LEAST * course[1])
-    ahead = memory[HEADING_COMMAND]
+    ahead = memory.heading
     return _command(heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory)
 
 
 @compiled
-def steer(reference: Floats, position: tuple[float, float], dt: float, memory: Floats) -> tuple[float, float, float]:
+def steer(reference: Floats, position: tuple[float, float], dt: float, memory: Record) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 
     Args:
         reference: of this instant, columns EAST … SINKING, shape (8,).
         position: true or estimated, east and north [m].
         dt: since the last call [s].
-        memory: columns HEADING_COMMAND and SPEED_COMMAND are brought forward, the current is read, shape (4,).
+        memory: record of GUIDANCE_MEMORY; the commands are brought forward, the current is read.
 
     Returns:
         heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; speed through the water,
@@ -231,8 +236,8 @@ def steer(reference: Floats, position: tuple[float, float], dt: float, memory: F
     bound = CATCH_UP * reference[SPEED]
     speed = reference[SPEED] + clip(along / ALONG_TRACK_TIME, -bound, bound)
 
-    through_east = speed * np.sin(course) - memory[CURRENT_EAST]
-    through_north = speed * np.cos(course) - memory[CURRENT_NORTH]
+    through_east = speed * np.sin(course) - memory.current[0]
+    through_north = speed * np.cos(course) - memory.current[1]
 
     wanted = max(np.hypot(through_east, through_north), SPEED_LEAST)
     return _command(np.arctan2(through_east, through_north), wanted, dt, memory)

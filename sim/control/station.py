@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Record
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
@@ -17,9 +17,8 @@ from sim.control.trail import arc_at, at, pace
 
 BEHIND, PORT, STATION_DEPTH = range(3)
 """Columns of a station [m]."""
-FRAME, FRAME_RATE = range(2)
-"""Columns of what a frame remembers: its heading [rad] and its rate [rad/s]."""
-FRAME_MEMORY = 2
+FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])
+"""State of a frame: its heading [rad] and its rate [rad/s]."""
 
 _NEAREST = 5.0
 """A station nearer to the trail is turned as if it were this far aside [m]."""
@@ -63,11 +62,11 @@ class Target(NamedTuple):
 
 
 @compiled
-def _turn(f: Frame, speeds: tuple[float, float], port: float, towards: float, dt: float, memory: Floats) -> None:
+def _turn(f: Frame, speeds: tuple[float, float], port: float, towards: float, dt: float, state: Record) -> None:
     """Turn the frame towards a course; the leader's speeds are those over ground now, and through the water then."""
     over_ground, through = speeds
     width = max(abs(port), _NEAREST)
-    off = wrap_angle(towards - memory[FRAME])
+    off = wrap_angle(towards - state.heading)
     wanted = off / f.time
     outside = wanted * port > 0.0
     if outside:
@@ -78,13 +77,13 @@ def _turn(f: Frame, speeds: tuple[float, float], port: float, towards: float, dt
     # what is turned has to be stopped again
     limit = min(room / width, np.sqrt(most * abs(off)))
     wanted = clip(wanted, -limit, limit)
-    memory[FRAME_RATE] += dt * clip((wanted - memory[FRAME_RATE]) / f.lag, -most, most)
-    memory[FRAME] += dt * memory[FRAME_RATE]
+    state.rate += dt * clip((wanted - state.rate) / f.lag, -most, most)
+    state.heading += dt * state.rate
 
 
 @compiled
 def turn_frame(
-    f: Frame, station: Floats, trail: tuple[Floats, int], span: tuple[float, float], dt: float, memory: Floats
+    f: Frame, station: Floats, trail: tuple[Floats, int], span: tuple[float, float], dt: float, state: Record
 ) -> None:
     """Turn a station's frame from one time to another, along the trail as it is known now.
 
@@ -94,7 +93,7 @@ def turn_frame(
         trail: of the leader, and how many points it has, at least one.
         span: from and to [s].
         dt: step [s].
-        memory: columns FRAME and FRAME_RATE; brought forward, shape (2,).
+        state: record of FRAME_STATE; brought forward.
     """
     points, count = trail
     over_ground = pace(points, count)
@@ -104,11 +103,11 @@ def turn_frame(
         ahead = clip(station[BEHIND], 0.0, f.ahead)
         if ahead > 0.0:
             _, _, east, north, _ = at(points, count, arc + ahead)
-        _turn(f, (over_ground, through), station[PORT], np.arctan2(east, north), dt, memory)
+        _turn(f, (over_ground, through), station[PORT], np.arctan2(east, north), dt, state)
 
 
 @compiled
-def station_at(f: Frame, station: Floats, trail: tuple[Floats, int], time: float, memory: Floats) -> Target:
+def station_at(f: Frame, station: Floats, trail: tuple[Floats, int], time: float, state: Record) -> Target:
     """Where a station is, by its frame as it stands.
 
     Args:
@@ -116,13 +115,13 @@ def station_at(f: Frame, station: Floats, trail: tuple[Floats, int], time: float
         station: columns BEHIND and PORT are read.
         trail: of the leader, and how many points it has, at least one.
         time: now [s].
-        memory: columns FRAME and FRAME_RATE, shape (2,).
+        state: record of FRAME_STATE.
     """
     points, count = trail
     port, over_ground = station[PORT], pace(points, count)
     arc = arc_at(points, count, time) - station[BEHIND]
     east, north, ahead_east, ahead_north, _ = at(points, count, arc)
-    sine, cosine, rate = np.sin(memory[FRAME]), np.cos(memory[FRAME]), memory[FRAME_RATE]
+    sine, cosine, rate = np.sin(state.heading), np.cos(state.heading), state.rate
     return Target(
         east - port * cosine,
         north + port * sine,

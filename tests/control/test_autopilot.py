@@ -13,6 +13,7 @@ from sim.vehicle import effectors
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
+from tests.synthetic import record
 
 thrust = st.floats(-200, 200)
 lever = st.floats(0.2, 1.0)
@@ -223,15 +224,10 @@ def test_a_step_of_depth_settles_without_much_overshoot(model, mode):
 
 
 def test_integrals_do_not_wind_up_while_thrusters_are_at_their_limit():
-    memory = np.zeros(5)
-    autopilot._integrate(memory, 1, 0.5, 200.0, 150.0)
-    assert memory[1] == 0.0
-    autopilot._integrate(memory, 1, -0.5, 200.0, 150.0)
-    assert memory[1] == -0.5
-    autopilot._integrate(memory, 1, 0.5, 100.0, 100.0)
-    assert memory[1] == 0.0
-    autopilot._integrate(memory, 1, -0.5, -200.0, -60.0)
-    assert memory[1] == 0.0
+    assert autopilot._increment(0.5, 200.0, 150.0) == 0.0
+    assert autopilot._increment(-0.5, 200.0, 150.0) == -0.5
+    assert autopilot._increment(0.5, 100.0, 100.0) == 0.5
+    assert autopilot._increment(-0.5, -200.0, -60.0) == 0.0
 
 
 def test_a_route_against_a_current_is_kept():
@@ -307,24 +303,20 @@ def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
             surge=1.0 - sign * speed, sway=0.0, heading=-sign * angle, turning=sign * rate, pitch=-sign * angle,
             pitching=sign * rate, depth=10.0 - sign * depth, sinking=0.0,
         )  # fmt: skip
-        memory, command = np.zeros(autopilot.AUTOPILOT_MEMORY), np.zeros(5)
+        memory, command = record(autopilot.AUTOPILOT_MEMORY), np.zeros(5)
         autopilot.control(design, (0.0, 0.0, 1.0), reference, motion, dt, memory, command)
         return memory, command
 
     angle, omega = np.deg2rad(0.5), design["omega"]
     memory, command = remembered(angle, 0.01, 0.0)
-    assert memory[autopilot.HEADING_INTEGRAL] == pytest.approx(
-        -sign * 0.1 * design["yaw_inertia"] * omega**3 * angle * dt
-    )
-    assert memory[autopilot.PITCH_INTEGRAL] == pytest.approx(
-        sign * 0.1 * design["pitch_inertia"] * omega**3 * angle * dt
-    )
+    assert memory.heading_integral == pytest.approx(-sign * 0.1 * design["yaw_inertia"] * omega**3 * angle * dt)
+    assert memory.pitch_integral == pytest.approx(sign * 0.1 * design["pitch_inertia"] * omega**3 * angle * dt)
     # the hull's way over ground is its way through the water times the cosine of its pitch
     missing = 1.0 / np.cos(angle) - (1.0 - sign * 0.01)
-    assert memory[autopilot.SPEED_INTEGRAL] == pytest.approx(0.05 * design["surge_mass"] * omega**2 * missing * dt)
+    assert memory.speed_integral == pytest.approx(0.05 * design["surge_mass"] * omega**2 * missing * dt)
     assert np.all(np.abs(command) < design["limits"][:5, 1])
     far, command = remembered(0.5, 0.0, 0.0, rate=5.0)
-    assert far[autopilot.HEADING_INTEGRAL] == far[autopilot.PITCH_INTEGRAL] == 0.0
+    assert far.heading_integral == far.pitch_integral == 0.0
     assert np.max(np.abs(command[1:])) == design["limits"][1, 1]
     low, _ = remembered(0.0, 0.0, 0.05)
-    assert sign * low[autopilot.DEPTH_INTEGRAL] < 0.0 == remembered(0.0, 0.0, 0.0)[0][autopilot.DEPTH_INTEGRAL]
+    assert sign * low.depth_integral < 0.0 == remembered(0.0, 0.0, 0.0)[0].depth_integral

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Record
 from sim.control import autopilot
 from sim.control.autopilot import VehicleState
 from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
+from tests.synthetic import record
 
 DT = 0.1
 LIMIT = 1e6
@@ -21,7 +22,7 @@ def damping(c: Floats, way: float, rate: float) -> float:
 
 
 def law(
-    d: np.void, wanted: tuple[float, float, float], ref: Floats, motion: VehicleState, memory: Floats
+    d: np.void, wanted: tuple[float, float, float], ref: Floats, motion: VehicleState, memory: Record
 ) -> tuple[Floats, ...]:
     """Thrust ahead, side force and moment to port, upward force and nose-up moment; and what is remembered."""
     heading, turn, speed = wanted
@@ -31,37 +32,37 @@ def law(
     later = through + lag * ref[ACCELERATING]
     drag = d["drag_linear"] * np.exp(-d["drag_fade"] * later) * later + d["drag"] * later**2
     slow = through - motion.surge
-    ahead = d["surge_mass"] * (ref[ACCELERATING] + omega / 2 * slow) + memory[autopilot.SPEED_INTEGRAL] + drag
-    kept[autopilot.SPEED_INTEGRAL] += d["surge_mass"] * (omega / 2) * (omega / 10) * slow * DT
+    ahead = d["surge_mass"] * (ref[ACCELERATING] + omega / 2 * slow) + memory.speed_integral + drag
+    kept.speed_integral += d["surge_mass"] * (omega / 2) * (omega / 10) * slow * DT
 
     # turns of the compass are to starboard, moments to port
     off = np.arctan2(np.sin(heading - motion.heading), np.cos(heading - motion.heading))
     soon = turn + lag * ref[TURNING]
     wished = ref[TURNING] + omega**2 * off + 2 * omega * (turn - -motion.turning)
-    to_port = -d["yaw_inertia"] * wished - damping(d["yaw_damping"], way, soon) + memory[autopilot.HEADING_INTEGRAL]
-    kept[autopilot.HEADING_INTEGRAL] -= d["yaw_inertia"] * omega**2 * (omega / 10) * off * DT
+    to_port = -d["yaw_inertia"] * wished - damping(d["yaw_damping"], way, soon) + memory.heading_integral
+    kept.heading_integral -= d["yaw_inertia"] * omega**2 * (omega / 10) * off * DT
     side = -soon * (d["surge_mass"] * motion.surge - d["fin_side"] * way) - omega / 2 * d["sway_mass"] * motion.sway
 
     share = d["by_pitch"] * np.clip((way - 0.3) / 0.3, 0.0, 1.0)
     fast = max(way, 0.3)
     high, lift = ref[DEPTH] - motion.depth, d["lift"] * fast**2
-    incidence = np.clip(share * memory[autopilot.DEPTH_INTEGRAL] / lift, *np.deg2rad([-12.0, 12.0]))
+    incidence = np.clip(share * memory.depth_integral / lift, *np.deg2rad([-12.0, 12.0]))
     sink = ref[SINKING] + omega / 5 * high
     steepest = fast * np.sin(np.deg2rad(20.0))
     climb = -np.arcsin(np.clip(sink, -steepest, steepest) / fast)
-    turned = np.clip(share * climb + incidence - memory[autopilot.PITCH_COMMAND], *np.deg2rad([-5.0, 5.0]) * DT)
-    kept[autopilot.PITCH_COMMAND] += turned
-    pitch, rate = kept[autopilot.PITCH_COMMAND], turned / DT
+    turned = np.clip(share * climb + incidence - memory.pitch_command, *np.deg2rad([-5.0, 5.0]) * DT)
+    kept.pitch_command += turned
+    pitch, rate = kept.pitch_command, turned / DT
     push = d["heave_mass"] * ((omega / 2) ** 2 * high + omega * (ref[SINKING] - motion.sinking))
     push += lift / fast * ref[SINKING]
-    upward = memory[autopilot.DEPTH_INTEGRAL] - incidence * lift - (1 - share) * push
+    upward = memory.depth_integral - incidence * lift - (1 - share) * push
     by_lift, by_thrust = lift / fast * (omega / 5) ** 2 / 4, 0.2 * d["heave_mass"] * (omega / 2) ** 3
     if share * abs(sink) < steepest:
-        kept[autopilot.DEPTH_INTEGRAL] -= (share * by_lift + (1 - share) * by_thrust) * high * DT
+        kept.depth_integral -= (share * by_lift + (1 - share) * by_thrust) * high * DT
     wished = omega**2 * (pitch - motion.pitch) + 2 * omega * (rate - -motion.pitching)
     nose_up = d["pitch_inertia"] * wished + d["righting"] * pitch + damping(d["pitch_damping"], way, rate)
-    nose_up += memory[autopilot.PITCH_INTEGRAL]
-    kept[autopilot.PITCH_INTEGRAL] += d["pitch_inertia"] * omega**2 * (omega / 10) * (pitch - motion.pitch) * DT
+    nose_up += memory.pitch_integral
+    kept.pitch_integral += d["pitch_inertia"] * omega**2 * (omega / 10) * (pitch - motion.pitch) * DT
     return np.array([ahead, side, to_port, upward, nose_up]), kept
 
 
@@ -84,7 +85,7 @@ def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: f
     wanted = 0.1, 0.04, 1.3
     command = np.zeros(5)
     for integral in (2.0, -400.0):
-        memory = np.array([0.7, -3.0, 0.4, integral, 0.03])
+        memory = record(autopilot.AUTOPILOT_MEMORY, 0.7, -3.0, 0.4, integral, 0.03)
         expected, kept = law(d, wanted, reference, motion, memory)
         autopilot.control(d, wanted, reference, motion, DT, memory, command)
         # leader.xml: lateral thrusters at ±0.62 m, vertical ones at ±0.46 m
@@ -92,7 +93,7 @@ def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: f
         found = [command[0], command[1] + command[2], bow * command[1] + stern * command[2], command[3] + command[4],
                  raised * command[3] + lowered * command[4]]  # fmt: skip
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(memory, kept, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(memory.tolist(), kept.tolist(), rtol=1e-9, atol=1e-12)
 
 
 def test_a_hull_turns_about_its_origin_wherever_its_mass_lies() -> None:

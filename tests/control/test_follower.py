@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from laisn.swarm import new_estimates
+from laisn.swarm import ESTIMATE
 from sim.control import follower
 from sim.control.follower import Steering, extend_trail, init_memory, keep_station
 from sim.control.guidance import DEPTH, SINKING
-from sim.control.station import FRAME, FRAME_RATE
 from sim.control.trail import TRAIL
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
+from tests.synthetic import record
 
 DT = 0.1
 
@@ -22,10 +22,10 @@ class Deck:
     """A follower 20 m behind a leader that goes north at 1 m/s, as it hears it for half a minute."""
 
     def __init__(self, aside: float = 0.0, **formation: Any) -> None:
-        self.law, self.memory = follower.law_of(Formation(**formation)), np.zeros(follower.FOLLOWER_MEMORY)
+        self.law, self.memory = follower.law_of(Formation(**formation)), record(follower.FOLLOWER_MEMORY)
         self.trail, self.count = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64)
         self.station, self.reference = np.array([20.0, 0.0, 12.0]), np.zeros(8)
-        self.reading, self.estimate = np.zeros(follower.READINGS), new_estimates(1)[0]
+        self.reading, self.estimate = np.zeros(follower.READINGS), record(ESTIMATE)
         self.reading[:3], self.estimate.position = (1.0, 0.0, 12.0), (aside, 10.0)
         init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
         for second in range(1, 31):
@@ -65,7 +65,7 @@ def test_a_message_that_was_long_under_way_turns_the_frame_as_far_as_one_that_wa
         if late:
             deck.extend_trail(said, 40.4)
         deck.tick(40.4)
-        frames.append(deck.memory[[FRAME, FRAME_RATE]].copy())
+        frames.append(deck.memory.frame.tolist())
     np.testing.assert_allclose(frames[1], frames[0], rtol=0, atol=1e-12)
     assert frames[0][1] > 1e-3
 
@@ -116,12 +116,12 @@ def test_who_does_not_know_its_side_goes_parallel(spread: float, aims: bool) -> 
     deck = Deck(aside=10.0, unsure_m=1.0)
     deck.estimate.spread = spread
     deck.tick()
-    assert (deck.memory[follower.HEADING_WANTED] < -0.001) == aims
+    assert (deck.memory.heading_wanted < -0.001) == aims
     # along the way it closes up all the same
     deck.estimate.position[1] = 4.0
-    before = deck.memory[follower.SPEED_WANTED]
+    before = deck.memory.speed_wanted
     deck.tick()
-    assert deck.memory[follower.SPEED_WANTED] > before
+    assert deck.memory.speed_wanted > before
 
 
 def test_who_may_be_at_either_of_two_places_steers_by_the_likelier() -> None:

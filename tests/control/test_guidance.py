@@ -10,6 +10,7 @@ from sim.control.guidance import COURSE, DEPTH, EAST, NORTH, SINKING, SPEED, TUR
 from sim.scenario import routes
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import DepthProfile, Route
+from tests.synthetic import record
 
 DT = 0.1
 NORTHBOUND = Route.timed("north", [[0, 0, 0], [2000, 0, 2000]], 5.0)
@@ -22,7 +23,7 @@ def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, te
     position = table[0, [EAST, NORTH]] + np.array(offset)
     velocity = table[0, SPEED] * np.array([np.sin(heading), np.cos(heading)]) - np.array(water)
     along = float(velocity @ [np.sin(heading), np.cos(heading)])
-    memory = np.zeros(guidance.GUIDANCE_MEMORY)
+    memory = record(guidance.GUIDANCE_MEMORY)
     guidance.begin(table[0], heading, along, water if tells else (0.0, 0.0), memory)
     rows = []
     for row in table:
@@ -49,7 +50,7 @@ def test_a_reference_holds_motion_and_depth():
 
 def test_on_the_path_nothing_is_corrected():
     table = guidance.reference([CORNER], np.arange(0, 300, DT))[:, 0]
-    memory = np.array([table[0, COURSE], table[0, SPEED], 0.0, 0.0])
+    memory = record(guidance.GUIDANCE_MEMORY, table[0, COURSE], table[0, SPEED], (0.0, 0.0))
     commands = np.array([guidance.steer(row, row[[EAST, NORTH]], DT, memory) for row in table])
     assert commands[:, 0] == pytest.approx(table[:, COURSE], abs=1e-9)
     assert commands[:, 2] == pytest.approx(table[:, SPEED], abs=1e-9)
@@ -87,17 +88,17 @@ def test_an_offset_becomes_a_current_within_bounds():
     """Held 1 m to the east it makes 1/400 m/s of it each second; 5 m count as 2 m, and it ends at 1 m/s."""
     row = guidance.reference([NORTHBOUND], np.zeros(1))[0, 0]
     for offset, seconds, expected in ((1.0, 10.0, 0.025), (5.0, 10.0, 0.05), (-5.0, 500.0, -1.0)):
-        memory = np.zeros(guidance.GUIDANCE_MEMORY)
+        memory = record(guidance.GUIDANCE_MEMORY)
         for _ in range(round(seconds / DT)):
             guidance.integrate_offset(row, np.array([offset, 0.0]), DT, memory)
-        assert memory == pytest.approx([0.0, 0.0, expected, 0.0])
+        assert (memory.heading, memory.speed, *memory.current) == pytest.approx((0.0, 0.0, expected, 0.0))
 
 
 def test_the_current_is_low_passed():
-    memory = np.zeros(guidance.GUIDANCE_MEMORY)
+    memory = record(guidance.GUIDANCE_MEMORY)
     for _ in range(round(10.0 / 0.001)):
         guidance.track_current((1.0, 0.0), 0.001, memory)
-    assert memory[guidance.CURRENT_EAST] == pytest.approx(1 - np.exp(-1), abs=1e-3)
+    assert memory.current[0] == pytest.approx(1 - np.exp(-1), abs=1e-3)
 
 
 @given(
@@ -109,7 +110,7 @@ def test_the_current_is_low_passed():
 )
 def test_commands_change_no_faster_than_the_vehicle_may(position, water, time, heading, speed):
     row = guidance.reference([routes.library_route("T8")], np.array([time]))[0, 0]
-    memory = np.array([heading, speed, *water])
+    memory = record(guidance.GUIDANCE_MEMORY, heading, speed, water)
     psi, rate, wanted = guidance.steer(row, np.array(position), DT, memory)
     assert abs(psi - heading) <= np.deg2rad(10.0) * DT + 1e-12
     assert abs(wanted - speed) <= 0.2 * DT + 1e-12
@@ -118,9 +119,9 @@ def test_commands_change_no_faster_than_the_vehicle_may(position, water, time, h
 
 def test_the_start_is_taken_as_it_is():
     row = guidance.reference([CORNER], np.zeros(1))[0, 0]
-    memory = np.zeros(guidance.GUIDANCE_MEMORY)
+    memory = record(guidance.GUIDANCE_MEMORY)
     guidance.begin(row, 2.0, 0.7, (0.1, -0.2), memory)
-    assert memory == pytest.approx([2.0, 0.7, 0.1, -0.2])
+    assert (memory.heading, memory.speed, *memory.current) == pytest.approx((2.0, 0.7, 0.1, -0.2))
 
 
 def test_turns_set_in_and_end_smoothly():

@@ -6,11 +6,12 @@ import pytest
 from laisn.arrays import Floats, Ints
 from sim.control.follower import FOLLOWER_MEMORY, extend_silent_trail, extend_trail, init_memory, law_of
 from sim.control.leader_plan import LeaderPlan, correct_planned, plan_of
-from sim.control.station import FRAME, FRAME_RATE, station_at, turn_frame
+from sim.control.station import station_at, turn_frame
 from sim.control.trail import EAST, NORTH, TIME, TRAIL, extend
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
+from tests.synthetic import record
 
 DT, END = 0.1, 900
 ROUTE = Route.timed("r", [(0, 0, 0), (40, 0, 40), (200, 160, 40)], depth=10.0)
@@ -28,7 +29,7 @@ class Listener:
     """A follower 15 m behind and 10 m to port that hears what it is told at the seconds that it is told."""
 
     def __init__(self, plan: LeaderPlan) -> None:
-        self.plan, self.law, self.memory = plan, law_of(Formation()), np.zeros(FOLLOWER_MEMORY)
+        self.plan, self.law, self.memory = plan, law_of(Formation()), record(FOLLOWER_MEMORY)
         self.trail, self.count = np.zeros((300, TRAIL)), np.zeros(1, dtype=np.int64)
         self.station = np.array([15.0, 10.0, 12.0])
         init_memory(said_at(0), self.trail, self.count, self.memory)
@@ -42,10 +43,10 @@ class Listener:
         for k in range(first, last + 1):
             extend_silent_trail(self.plan, self.trail, self.count, (k, DT), self.memory)
             known = self.trail, self.count[0]
-            turn_frame(self.law.frame, self.station, known, ((k - 1) * DT, k * DT), DT, self.memory)
+            turn_frame(self.law.frame, self.station, known, ((k - 1) * DT, k * DT), DT, self.memory.frame)
 
     def place(self, k: int) -> tuple[float, float]:
-        target = station_at(self.law.frame, self.station, (self.trail, self.count[0]), k * DT, self.memory)
+        target = station_at(self.law.frame, self.station, (self.trail, self.count[0]), k * DT, self.memory.frame)
         return target.east, target.north
 
 
@@ -80,9 +81,8 @@ def test_the_trail_of_a_plan_is_that_of_messages() -> None:
     np.testing.assert_allclose(quiet.place(800), all_heard.place(800), rtol=0, atol=0.01)
     quiet.hear(800)
     np.testing.assert_allclose(quiet.trail[: quiet.count[0]], all_heard.trail[: all_heard.count[0]], atol=1e-9)
-    np.testing.assert_allclose(
-        quiet.memory[[FRAME, FRAME_RATE]], all_heard.memory[[FRAME, FRAME_RATE]], rtol=0, atol=1e-9
-    )
+    frames = quiet.memory.frame.tolist(), all_heard.memory.frame.tolist()
+    np.testing.assert_allclose(*frames, rtol=0, atol=1e-9)
 
 
 def test_without_its_waypoints_a_leader_is_taken_to_go_straight_on() -> None:

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats, Ints, Record
 from sim.control import trail as way
 from sim.control.anticipation import AGILITY, rate_limited_velocity
 from sim.control.approach import ALOS, CONSTANT_BEARING, ILOS, Approach, approach
-from sim.control.station import FRAME_MEMORY, Frame, Target, station_at, turn_frame
+from sim.control.station import FRAME_STATE, Frame, Target, station_at, turn_frame
+from tests.synthetic import record
 
 FRAME = Frame(12.0, 4.0, 0.0, 0.02, 0.35, 0.7, 0.3, 2.0, 0.0)
 
@@ -77,7 +78,7 @@ def test_a_leader_that_hardly_moves_leaves_no_trail_of_its_trembling() -> None:
 
 def test_a_station_stands_behind_and_to_port() -> None:
     trail, count, ahead = straight()
-    memory = np.array([0.3, 0.0])
+    memory = record(FRAME_STATE, 0.3, 0.0)
     target = station_at(FRAME, np.array([20.0, 7.0, 12.0]), (trail, count[0]), 60.0, memory)
     expected = (90.0 - 20.0) * ahead + 7.0 * np.array([-ahead[1], ahead[0]])
     assert (target.east, target.north) == pytest.approx(tuple(expected))
@@ -92,8 +93,8 @@ def test_stations_in_a_turn_ask_no_more_than_can_be_swum(port: float) -> None:
     steps = 0.1 * np.column_stack([np.sin(course), np.cos(course)])
     points = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])[:-1]
     trail, count = np.zeros((times.size + 1, way.TRAIL)), np.zeros(1, dtype=np.int64)
-    memory, places, velocities, frames = np.zeros(FRAME_MEMORY), [], [], []
-    memory[0] = np.pi / 2
+    memory, places, velocities, frames = record(FRAME_STATE), [], [], []
+    memory.heading = np.pi / 2
     station = np.array([15.0, port, 10.0])
     for k, time in enumerate(times):
         way.extend(trail, count, points[k, 0], points[k, 1], time, (1.0, course[k]))
@@ -102,7 +103,7 @@ def test_stations_in_a_turn_ask_no_more_than_can_be_swum(port: float) -> None:
         target = station_at(FRAME, station, (trail, count[0]), time, memory)
         places.append((target.east, target.north))
         velocities.append((target.velocity_east, target.velocity_north))
-        frames.append(memory.copy())
+        frames.append(memory.tolist())
     rate = np.array(frames)[:, 1]
     assert np.abs(rate * port).max() <= (0.35 if port > 0 else 0.7) + 1e-6
     assert np.abs(np.diff(rate) / 0.1 * max(abs(port), 5.0)).max() <= 0.02 + 1e-9
@@ -121,7 +122,7 @@ def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple
     times = np.arange(0.0, 121.0)
     points = pace * np.column_stack([np.maximum(times - 40.0, 0.0), np.minimum(times, 40.0)])
     trail, count = laid(points, times, np.where(times > 40.0, np.pi / 2, 0.0))
-    station, memory = np.array([20.0 * pace, 0.0, 12.0]), np.zeros(FRAME_MEMORY)
+    station, memory = np.array([20.0 * pace, 0.0, 12.0]), record(FRAME_STATE)
     before, after = np.array([-current[0], pace - current[1]]), np.array([pace - current[0], -current[1]])
     start, end = np.arctan2(*before), np.arctan2(*after)
     for late in (-8.0, -5.0, -2.0, 2.0, 5.0, 8.0):
@@ -139,20 +140,20 @@ def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple
 def test_on_a_straight_way_nothing_is_foreseen() -> None:
     trail, count, ahead = straight()
     told = rate_limited_velocity(
-        FRAME, np.array([20.0, 7.0, 12.0]), (trail, count[0]), 60.0, (0.2, -0.1), np.array([0.3, 0.0])
+        FRAME, np.array([20.0, 7.0, 12.0]), (trail, count[0]), 60.0, (0.2, -0.1), record(FRAME_STATE, 0.3, 0.0)
     )
     assert told == pytest.approx(tuple(1.5 * ahead))
 
 
 def between_envelopes(
-    trail: Floats, count: int, station: Floats, time: float, current: Floats, memory: Floats
+    trail: Floats, count: int, station: Floats, time: float, current: Floats, memory: Record
 ) -> Floats:
     """The same by McShane's envelopes in NumPy: of headings at all instants at once, over ground again at the end."""
     later = FRAME.preview + np.arange(-10.0, 11.0)
     speed = way.pace(trail, count)
     arcs = way.arc_at(trail, count, time) - station[0] + later * speed
     course = np.array([np.arctan2(*way.at(trail, count, arc)[2:4]) for arc in arcs])
-    frame, swept = memory[0] + later * memory[1], station[1] * memory[1]
+    frame, swept = memory.heading + later * memory.rate, station[1] * memory.rate
     needed = speed * np.array([np.sin(course), np.cos(course)]) + swept * np.array([np.sin(frame), np.cos(frame)])
     needed -= current[:, None]
     heading = np.unwrap(np.arctan2(*needed))
@@ -169,7 +170,7 @@ def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> Non
     trail, count = laid(points, times, course)
     n, slow, quick = int(count[0]), 0, 0
     for time in np.arange(60.25, 210.0, 0.7):
-        station, memory = np.array([25.0, 8.0, 12.0]), np.array([0.4, 0.01])
+        station, memory = np.array([25.0, 8.0, 12.0]), record(FRAME_STATE, 0.4, 0.01)
         for current in (np.array([0.0, 0.0]), np.array([0.3, 0.5])):
             told = rate_limited_velocity(FRAME, station, (trail, n), time, (current[0], current[1]), memory)
             expected = between_envelopes(trail, n, station, time, current, memory)

@@ -14,7 +14,8 @@ from experiments.formation import study
 from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.formation.study import Run, findings_of, measure
 from experiments.study.facts import DISC_DIAMETER_M
-from laisn.swarm import new_estimates
+from laisn.arrays import records
+from laisn.swarm import ESTIMATE
 from tests.synthetic import make_scenario, make_trajectory
 
 
@@ -164,7 +165,7 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
     # the leader's do not count
     thrust[:, 0], thrust[:, 1:, 3] = 50.0, -each
     trajectory = replace(trajectory, thrust=thrust)
-    estimates = new_estimates(n, 10)
+    estimates = records(ESTIMATE, n, 10)
     estimates.position[0] = 99.0
     for i, name in enumerate(trajectory.names[1:]):
         hydrophone = trajectory.site_path(f"{name}/hydrophone")[1:]

@@ -5,17 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from laisn.arrays import Bools, Floats
+from laisn.arrays import Bools, Floats, records
 from laisn.failure import LaisnError
 from laisn.lane_swarm import new_lanes
 from laisn.messages import OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
-from laisn.swarm import SeparateNavigators, new_estimates
+from laisn.swarm import ESTIMATE, SeparateNavigators
 from laisn.tight import swarm
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
 from tests.laisn.test_tight_oracle import ALL_OF_2, Voyage
+from tests.synthetic import record
 
 FOLLOWERS, DT = 3, 0.5
 Step = tuple[list[OwnMotion], list[Reception | None]]
@@ -59,7 +60,7 @@ def test_a_swarm_of_lanes_is_so_many_navigators(variant: str) -> None:
     settings = NavigationSettings(variant=variant, dt=DT, use_attitude=True, hydrophone_height=0.2)  # type: ignore[arg-type]
     steps, starts = shared_voyage()
     together, alone = new_lanes(settings, starts), [Navigator(settings, row) for row in starts]
-    out = new_estimates(FOLLOWERS)
+    out = records(ESTIMATE, FOLLOWERS)
     for k, step in enumerate(steps, start=1):
         assert together.navigate(k, *tables(step), out) == 0
         for i, navigator in enumerate(alone):
@@ -86,7 +87,7 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
     told = replace(told, dt=DT)
     steps, starts = shared_voyage()
     together, alone = swarm.new_tight_swarm(told, starts), [TightNavigator(told, row) for row in starts]
-    out, leant, upright = new_estimates(FOLLOWERS), 0, 0
+    out, leant, upright = records(ESTIMATE, FOLLOWERS), 0, 0
     for k, step in enumerate(steps, start=1):
         assert together.navigate(k, *tables(step), out) == 0
         for i, navigator in enumerate(alone):
@@ -120,7 +121,7 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
 def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, leans: bool) -> None:
     """At ±half m east, weights 0.4 and 0.6, spreads 1 m: the mean is 0.2 half east, the likelier 0.8 half farther."""
     (beliefs, model, *_) = swarm.new_tight_swarm(TightSettings(transmitters=2), np.zeros((1, 4)))
-    belief, out = beliefs[0], new_estimates(1)[0]
+    belief, out = beliefs[0], record(ESTIMATE)
     belief.alive, belief.weight[:2] = 2, (0.4, 0.6)
     belief.state[:2] = 0.0
     belief.state[:2, 0] = -half, half
@@ -133,7 +134,7 @@ def test_the_follower_whose_covariance_is_not_positive_definite_is_told() -> Non
     steps, starts = shared_voyage()
     together = swarm.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
     together.beliefs[1].covariance[:] = -np.eye(12)
-    answers = [together.navigate(k, *tables(step), new_estimates(FOLLOWERS)) for k, step in enumerate(steps[:3])]
+    answers = [together.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS)) for k, step in enumerate(steps[:3])]
     assert answers == [0, 0, 2]
 
 
@@ -142,7 +143,7 @@ def test_navigators_that_python_calls_one_by_one_get_the_measurements_of_their_o
     settings = NavigationSettings(dt=DT, use_attitude=True)
     steps, starts = shared_voyage()
     together, separate = new_lanes(settings, starts), SeparateNavigators(Navigator, settings, starts)
-    expected, found = new_estimates(FOLLOWERS), new_estimates(FOLLOWERS)
+    expected, found = records(ESTIMATE, FOLLOWERS), records(ESTIMATE, FOLLOWERS)
     for k, step in enumerate(steps, start=1):
         assert together.navigate(k, *tables(step), expected) == separate.navigate(k, *tables(step), found) == 0
         np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-9)
