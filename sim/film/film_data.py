@@ -21,8 +21,6 @@ _TRAIL_POINT_S = 0.04
 """Spacing of the points of a trail, in seconds of film."""
 _LEAST_WEIGHT = 0.01
 """Hypotheses of less weight are not shown."""
-_SPIN_RAD_S_N = 1.6
-"""Turning rate of a drawn propeller, in film time, for one √N of thrust; slow enough for the eye."""
 
 
 class Hypothesis(NamedTuple):
@@ -53,8 +51,6 @@ class FrameState:
     """Shape (v,)."""
     speed: Floats
     """Speed through the water, shape (v,), [m/s]."""
-    spin: Floats
-    """Angle of the drawn propellers, shape (v,)."""
     transmitter: Floats
     """Transmitters in the world, rear, front and middle, shape (3, 3), [m]."""
     hydrophone: Floats
@@ -117,9 +113,6 @@ class FilmData:
         names = truth.names
         self._transmitters = [truth.site(f"{names[0]}/{t}") for t in TRANSMITTERS]
         self._hydrophones = [truth.site(f"{name}/hydrophone") for name in names[1:]]
-        main = np.einsum("nvm,vm->nv", truth.thrust, truth.effector_force[..., 0])
-        rate = _SPIN_RAD_S_N * np.sign(main) * np.sqrt(np.abs(main))
-        self._spin = np.cumsum(rate, axis=0) * truth.dt / speed_up
         followers = flight.scenario.followers
         self.on_stations = any(one.station for one in followers)
         self._stations = np.full((truth.time.size, len(followers), 3), np.nan)
@@ -165,7 +158,6 @@ class FilmData:
             heading=attitude.heading(quaternion),
             pitch=attitude.pitch(quaternion),
             speed=truth.forward_speed[i],
-            spin=(1 - u) * self._spin[j] + u * self._spin[min(j + 1, truth.time.size - 1)],
             transmitter=sites[self._transmitters],
             hydrophone=hydrophone,
             estimate=estimate,

@@ -45,8 +45,6 @@ class Job:
     errors: Sequence[tuple[Floats, Floats]]
     video: Video
     follower: int = 0
-    samples: int = 0
-    """Samples of each pixel for the anti-aliasing, 0 for none."""
     annotations: Annotations = NOTHING
 
     @property
@@ -89,7 +87,7 @@ class FrameRenderer:
 def open_scene(job: Job) -> GlScene:
     """The scene for a job, in this process."""
     size, scenario = (job.video.width_px, job.video.height_px), job.flight.scenario
-    return GlScene(job.flight.trajectory.names, models_of(scenario), ocean_of(scenario), size, job.samples)
+    return GlScene(job.flight.trajectory.names, models_of(scenario), ocean_of(scenario), size)
 
 
 def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:

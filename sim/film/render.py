@@ -29,7 +29,6 @@ Progress = Callable[[float], None]
 
 _IMPORTS = "from sim.film import frame_renderer"
 """First line of the program that a child process runs."""
-_STILL_SAMPLES = 4
 _LAST_WORDS = 12
 
 
@@ -41,28 +40,14 @@ class RendererDiedError(RuntimeError):
     """A process that renders ended before its work was done; the text says how, and then its last words."""
 
 
-def _job(
-    flight: Flight,
-    errors: Errors,
-    video: Video | None,
-    *,
-    follower: int = 0,
-    samples: int = 0,
-    annotations: Annotations = NOTHING,
-) -> Job:
+def _job(flight: Flight, errors: Errors, video: Video | None, follower: int, annotations: Annotations) -> Job:
     followers = flight.trajectory.names[1:]
     if not 0 <= follower < len(followers):
         raise RenderError(f"follower {follower} does not exist; available: 0 … {len(followers) - 1}")
     measured = flight.measurements[follower]
     annotations.check(measured.speed.size, measured.message_step.size)
-    return Job(
-        flight=flight,
-        errors=errors,
-        video=video or flight.scenario.video,
-        follower=follower,
-        samples=samples,
-        annotations=annotations,
-    )
+    video = video or flight.scenario.video
+    return Job(flight=flight, errors=errors, video=video, follower=follower, annotations=annotations)
 
 
 def _check_file(path: Path, suffix: str) -> None:
@@ -164,7 +149,7 @@ def render(
         RendererDiedError: a child died.
         ValueError: the annotations do not fit the flight.
     """
-    job = _job(flight, errors, video, follower=follower, annotations=annotations)
+    job = _job(flight, errors, video, follower, annotations)
     if workers < 1:
         raise RenderError(f"workers = {workers} must be at least 1")
     _check_file(path, ".mp4")
@@ -229,7 +214,7 @@ def still(
         RendererDiedError: the child died.
         ValueError: the annotations do not fit the flight.
     """
-    job = _job(flight, errors, video, follower=follower, samples=_STILL_SAMPLES, annotations=annotations)
+    job = _job(flight, errors, video, follower, annotations)
     _check_file(path, ".png")
     start, end = float(flight.trajectory.time[0]), float(flight.trajectory.time[-1])
     if not start <= time_s <= end:

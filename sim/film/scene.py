@@ -1,6 +1,5 @@
-"""The three-dimensional part of a frame: hulls, propellers and ghosts of estimates."""
+"""The three-dimensional part of a frame: sea, hulls and ghosts of estimates."""
 
-import itertools
 from types import TracebackType
 from typing import Any, Self
 
@@ -12,8 +11,6 @@ from sim.film import antialiasing, seascape
 from sim.film.annotations import ESTIMATE
 from sim.film.cameras import Shot, View
 from sim.film.film_data import FrameState
-from sim.geometry import attitude
-from sim.vehicle import effectors
 from sim.vehicle.mjcf import resolve
 from sim.water.ocean import Ocean
 
@@ -26,21 +23,8 @@ _INSIDE = ("nozzle", "band")
 """Parts that shine through a translucent hull and make blotches of it."""
 _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
-_BLADES = 3
-_ALONG = 0.9
-"""An effector whose unit force along the hull is larger is drawn as a propeller."""
 _HULL_REACH_M = 1.5
 """Reach from a vehicle's middle to beyond its ends, propeller included."""
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    """Cross product of two vectors; NumPy's takes twenty times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def _matrix(quaternion: Floats) -> Floats:
-    return np.asarray(attitude.rotate(quaternion[None, :], np.eye(3)).T)
 
 
 class GlScene:
@@ -51,23 +35,16 @@ class GlScene:
         hulls: their models, as `sim.assembly.models_of` gives them.
         ocean: the sea to show.
         size: width and height of the frames [px].
-        samples: of each pixel for the anti-aliasing, 0 for none.
 
     Raises:
         RuntimeError: no graphics context can be made here.
     """
 
-    def __init__(
-        self, names: tuple[str, ...], hulls: tuple[str, ...], ocean: Ocean, size: tuple[int, int], samples: int
-    ) -> None:
+    def __init__(self, names: tuple[str, ...], hulls: tuple[str, ...], ocean: Ocean, size: tuple[int, int]) -> None:
         self.width, self.height = size
-        self._model = seascape.build(names, hulls, ocean.floor_depth_m, *size, samples)
+        self._model = seascape.build(names, hulls, ocean.floor_depth_m, *size)
         self._data = mujoco.MjData(self._model)
         self._vehicles = [resolve(self._model, name) for name in names]
-        self._effectors = effectors.read(self._model, self._vehicles)
-        self._effector_sites = self._model.site_pos[
-            self._model.actuator_trnid[np.array([v.actuators for v in self._vehicles]), 0]
-        ]
         parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
         self._inside = {g for g, part in enumerate(parts) if part.startswith(_INSIDE)}
         self._gl = mujoco.GLContext(*size)
@@ -83,7 +60,6 @@ class GlScene:
         self._sea = seascape.Sea(self._model, ocean)
         self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
         self._smooth = np.zeros_like(self._pixels)
-        self._sampled = samples > 0
 
     def __enter__(self) -> Self:
         return self
@@ -120,8 +96,6 @@ class GlScene:
             self._render(state, view, box)
         frame = mujoco.MjrRect(0, 0, self.width, self.height)
         mujoco.mjr_readPixels(self._pixels, None, frame, self._context)
-        if self._sampled:
-            return self._pixels
         self._smooth[:] = self._pixels
         self._smooth_hulls(state, shot.view, (0, 0, self.width, self.height))
         for (view, _), box in zip(shot.insets, insets, strict=True):
@@ -177,7 +151,6 @@ class GlScene:
         for eye in scene.camera:
             eye.pos[:], eye.up[:], eye.forward[:] = view.position, up, forward
         self._add_backdrop(view)
-        self._add_propellers(state)
         self._add_ghosts(state)
         mujoco.mjr_render(mujoco.MjrRect(left, self.height - top - height, width, height), scene, self._context)
 
@@ -198,21 +171,6 @@ class GlScene:
         size = np.array([4.0 * distance, 3.0 * distance, 1.0])
         turn = np.column_stack([right, up, -forward])
         self._add(mujoco.mjtGeom.mjGEOM_BOX.value, size, view.position + distance * forward, turn, (0, 0, 0, 1))
-
-    def _add_propellers(self, state: FrameState) -> None:
-        blade = mujoco.mjtGeom.mjGEOM_ELLIPSOID.value
-        propellers = np.argwhere(self._effectors["force"][..., 0] > _ALONG)
-        for (v, e), b in itertools.product(propellers, range(_BLADES)):
-            turn = _matrix(state.quaternion[v])
-            length = 0.055 if v else 0.075
-            angle = state.spin[v] + 2 * np.pi * b / _BLADES
-            radial = np.array([0.0, np.cos(angle), np.sin(angle)])
-            at = state.position[v] + turn @ (self._effector_sites[v, e] + [-0.045, 0, 0] + length * radial)
-            # pitched blades: twisted 35° about their own length
-            across = _cross(radial, np.array([1.0, 0, 0]))
-            chord = 0.82 * across + 0.57 * np.array([1.0, 0, 0])
-            frame = turn @ np.column_stack([chord, _cross(radial, chord), radial])
-            self._add(blade, np.array([0.4 * length, 0.006, length]), at, frame, (0.72, 0.58, 0.30, 1.0))
 
     def _add_ghosts(self, state: FrameState) -> None:
         """A ghost hull at each follower's estimate."""

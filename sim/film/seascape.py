@@ -48,9 +48,7 @@ def _network(wavelength: float, seed: int) -> Floats:
     return np.asarray(np.exp(-4.0 * np.abs(_tile(_TEXELS, wavelength, seed))))
 
 
-def build(
-    names: Sequence[str], hulls: Sequence[str], floor_depth_m: float, width_px: int, height_px: int, samples: int
-) -> Any:
+def build(names: Sequence[str], hulls: Sequence[str], floor_depth_m: float, width_px: int, height_px: int) -> Any:
     """A model to look at: vehicles (the leader first), sea floor and surface.
 
     Args:
@@ -59,7 +57,6 @@ def build(
         floor_depth_m: depth of the sea floor.
         width_px: of the frames, at most.
         height_px: of the frames, at most.
-        samples: of the anti-aliasing; 0 for none.
 
     Returns:
         The compiled MjModel.
@@ -115,10 +112,6 @@ def build(
     visual = spec.visual
     visual.headlight.ambient = [0.20, 0.24, 0.27]
     visual.headlight.diffuse = [0.22, 0.24, 0.25]
-    visual.quality.offsamples = samples
-    if not samples:
-        # two thirds of MuJoCo's own: in motion, hulls are round enough
-        visual.quality.numslices, visual.quality.numstacks = 18, 10
     visual.global_.offwidth, visual.global_.offheight = width_px, height_px
     visual.rgba.fog = [*WATER, 1.0]
     return spec.compile()

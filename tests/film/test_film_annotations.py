@@ -166,7 +166,7 @@ with open_scene(jobs["plain"]) as scene:
 def shown(flight, tmp_path_factory):
     """Stills with what is added, by camera, and a plain one; of one process, for a start takes longer than a still."""
     folder, errors = tmp_path_factory.mktemp("shown"), errors_of(flight)
-    job = Job(flight=flight, errors=errors, video=Video(), samples=4)
+    job = Job(flight=flight, errors=errors, video=Video())
     jobs = {"plain": job, "profile": replace(job, video=Video(camera="profile"), annotations=added(flight))}
     (folder / "jobs").write_bytes(pickle.dumps((jobs, WHEN)))
     arguments = (str(folder / "jobs"), str(folder / "stills.npz"))
