@@ -256,6 +256,34 @@ def test_without_its_attitude_a_leader_that_dives_shifts_its_formation() -> None
     assert largest_distance_in_a_dive(broadcast_attitude=False) == pytest.approx(shift, rel=0.1)
 
 
+def test_followers_turn_by_waypoints_that_they_heard_before_the_turn() -> None:
+    """The leader turns at 45 s; messages come at 30 s and at 60 s. Without waypoints followers go straight on.
+
+    Stations 5 and 8 m behind are 10 and 7 m beyond the corner at 60 s. By the truth, for errors of dead reckoning to be
+    left out; the bound is that of followers that hear each second.
+    """
+    places = [(5.0, 10.0, 11.0), (8.0, -9.0, 12.0)]
+    followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}, "steers_by": "truth"} for s, y, d in places]
+    leader = {"waypoints": [[0, 0, 0], [45, 45, 0], [105, 45, 60]]}
+    largest = []
+    for waypoints in (0, 2):
+        scenario = validate(
+            {
+                "name": "s",
+                "duration_s": 60.0,
+                "leader": {**leader, "broadcast_waypoints": waypoints},
+                "followers": followers,
+                "timing": {"message_interval_s": 30.0},
+                "navigation": {"variant": "tight"},
+            },
+            "test",
+        )
+        # from 45 s to the second message; before the first one the leader's speed is that of its start
+        largest.append(off_station(scenario, flown(scenario)[0])[450:600].max(axis=0))
+    assert (largest[0] > 5.0).all()
+    assert (largest[1] < 0.6).all()
+
+
 def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:
     followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}, "steers_by": "truth"} for s, y, d in PLACES]
     leader = {"waypoints": [[0, 0, 0], [60, 60, 0], [160, 60, 100]]}
