@@ -50,7 +50,8 @@ def read_data_set(path: Path) -> RangeData:
             f"{path}: the name should end in .pyfg (a factor graph), or be that of a .mat or a _DR.txt (a data set of "
             "ranging radios)"
         )
-    return reader(path)
+    data = reader(path)
+    return replace(data, remarks=(*data.remarks, *data.doubtful()))
 
 
 class Replayable(NamedTuple):

@@ -10,6 +10,9 @@ from laisn.arrays import Bools, Floats, Ints
 from laisn.failure import LaisnError
 from laisn.records import own_arrays
 
+SLOWEST, FASTEST = 0.01, 50.0
+"""Mean speeds beyond these are not believed of a vehicle [m/s]."""
+
 
 class Legs(NamedTuple):
     """A way in pieces, each straight and of even speed."""
@@ -103,6 +106,13 @@ class RangeData:
         if not self.ranges.size:
             raise LaisnError(f"{self.source}: holds no range between the vehicle and a beacon whose place is known")
         own_arrays(self)
+
+    def doubtful(self) -> tuple[str, ...]:
+        """A remark if the mean speed is none of a vehicle, as where milliseconds are taken for seconds."""
+        way, duration = float(np.hypot(*self.odometry[:, :2].T).sum()), float(self.time[-1] - self.time[0])
+        if way < 1.0 or SLOWEST <= way / duration <= FASTEST:
+            return ()
+        return (f"a way of {way:.0f} m in {duration:g} s, {way / duration:.2g} m/s: are the times in seconds?",)
 
     def among(self, names: Sequence[str]) -> Self:
         """Data with the ranges to some beacons only, in the order of their names.

@@ -49,7 +49,9 @@ def _from_text(path: Path) -> dict[str, Floats]:
         if not table.is_file():
             continue
         try:
-            tables[name] = np.loadtxt(table, delimiter="," if match[2] == "csv" else None, ndmin=2)
+            tables[name] = np.loadtxt(
+                table, delimiter="," if match[2] == "csv" else None, ndmin=2, encoding="utf-8-sig"
+            )
         except (OSError, ValueError) as error:
             raise LaisnError(f"{table}: no table of numbers: {error}") from None
     return tables

@@ -1,12 +1,12 @@
 """Logs that a crash, a full disk or Ctrl-C left unfinished, or that are damaged, up to the first broken record."""
 
 import os
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from mcap.exceptions import EndOfFile
 from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema
@@ -28,27 +28,13 @@ def holds_messages(path: Path) -> bool:
         return False
 
 
-class _Intact:
-    """The records of a file before the first broken one, out of their chunks."""
-
-    def __init__(self, path: Path) -> None:
-        self.problem, self.remarks, self.whole = "", list[str](), False
-        """The first broken record; damaged attachments; whether all of the data section is intact."""
-        self._path = path
-
-    def __iter__(self) -> Any:
-        self.remarks = []
-        try:
-            for record in records(self._path, self.remarks.append):
-                self.whole = isinstance(record, DataEnd)
-                if isinstance(record, Chunk):
-                    # one after the other: a list of all takes ten times the memory of their bytes
-                    with suppress(EndOfFile):
-                        yield from StreamReader(BytesIO(record.data), skip_magic=True).records
-                else:
-                    yield record
-        except DamagedError as error:
-            self.problem = error.problem
+def _contained(record: McapRecord) -> Iterator[McapRecord]:
+    """The record, or what is in a chunk one by one: a list of all takes ten times the memory of their bytes."""
+    if isinstance(record, Chunk):
+        with suppress(EndOfFile):
+            yield from StreamReader(BytesIO(record.data), skip_magic=True).records
+    else:
+        yield record
 
 
 class _Copy:
@@ -57,61 +43,71 @@ class _Copy:
     def __init__(self, stream: IO[bytes]) -> None:
         self.writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self.writer.start()
-        self._schemas, self._channels = {0: 0}, dict[int, int]()
-        self.messages = self.attachments = self.start_ns = self.end_ns = 0
+        self.schemas, self.channels = {0: 0}, dict[int, int]()
+        self.attachments, self.metadata, self.times_ns = list[str](), dict[str, dict[str, str]](), array("q")
+        self.last = list[Message]()
+        """Messages of the last instant, which are not written yet."""
+
+    def write_last(self) -> None:
+        """Write the messages of the last instant."""
+        for m in self.last:
+            self.writer.add_message(self.channels[m.channel_id], m.log_time, m.data, m.publish_time, m.sequence)
+            self.times_ns.append(m.log_time)
+        self.last.clear()
 
     def add(self, record: McapRecord) -> None:
-        """Write a record; a schema or channel that a chunk repeats counts once."""
+        """Take a record; a schema or channel that a chunk repeats counts once."""
         if isinstance(record, Message):
-            time_ns, channel = record.log_time, self._channels[record.channel_id]
-            self.writer.add_message(channel, time_ns, record.data, record.publish_time, record.sequence)
-            self.start_ns = min(self.start_ns, time_ns) if self.messages else time_ns
-            self.messages, self.end_ns = self.messages + 1, max(self.end_ns, time_ns)
-        elif isinstance(record, Schema) and record.id not in self._schemas:
-            self._schemas[record.id] = self.writer.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, Channel) and record.id not in self._channels:
-            schema = self._schemas[record.schema_id]
-            self._channels[record.id] = self.writer.register_channel(
-                record.topic, record.message_encoding, schema, record.metadata
+            if self.last and record.log_time != self.last[0].log_time:
+                self.write_last()
+            self.last.append(record)
+        elif isinstance(record, Schema) and record.id not in self.schemas:
+            self.schemas[record.id] = self.writer.register_schema(record.name, record.encoding, record.data)
+        elif isinstance(record, Channel) and record.id not in self.channels:
+            self.channels[record.id] = self.writer.register_channel(
+                record.topic, record.message_encoding, self.schemas[record.schema_id], record.metadata
             )
         elif isinstance(record, Attachment):
-            self.attachments += 1
+            self.attachments.append(record.name)
             self.writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
         elif isinstance(record, Metadata):
-            self.writer.add_metadata(record.name, record.metadata)
+            self.metadata[record.name] = record.metadata
+            # corrected at the end if the flight is complete; a log that is cut again holds this one
+            cut = {"outcome": _INTERRUPTED} if record.name == FLIGHT else {}
+            self.writer.add_metadata(record.name, record.metadata | cut)
 
 
 def _finish(path: Path, target: Path, say: Callable[[str], None]) -> bool:
     """Write everything before the first broken record as a finished log; False if nothing is broken."""
-    last_ns, metadata, intact = 0, list[str](), _Intact(path)
-    for record in intact:
-        if isinstance(record, Message):
-            last_ns = max(last_ns, record.log_time)
-        elif isinstance(record, Metadata):
-            metadata.append(record.name)
-    if not intact.problem:
-        return False
-    cut = FLIGHT in metadata and not intact.whole
+    remarks, problem, whole = list[str](), "", False
     with target.open("wb") as stream:
         copy = _Copy(stream)
-        for record in intact:
-            if cut and isinstance(record, Metadata) and record.name == FLIGHT:
-                copy.add(replace(record, metadata=record.metadata | {"outcome": _INTERRUPTED}))
-            elif not (cut and isinstance(record, Message) and record.log_time == last_ns):
-                # of a flight that was cut off, the last instant may lack some of its messages
-                copy.add(record)
-        if not copy.messages:
-            raise LogError(f"{path}: holds no intact message ({intact.problem}); there is nothing to recover")
-        remarks = list(intact.remarks)
-        if metadata and not intact.whole:
-            remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be noticed")
+        try:
+            for record in records(path, remarks.append):
+                whole = isinstance(record, DataEnd)
+                for inner in _contained(record):
+                    copy.add(inner)
+        except DamagedError as error:
+            problem = error.problem
+        if not problem:
+            return False
+        if not whole and FLIGHT in copy.metadata:
+            # the last instant of a flight that was cut off may lack some of its messages
+            copy.last.clear()
+        elif FLIGHT in copy.metadata:
+            copy.writer.add_metadata(FLIGHT, copy.metadata[FLIGHT])
+        copy.write_last()
+        if not copy.times_ns:
+            raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
+        if copy.metadata and not whole:
+            remarks.append(f"metadata {', '.join(copy.metadata)}: no checksum, damage cannot be noticed")
         if remarks:
-            copy.add(Metadata("recovery", {str(i): text for i, text in enumerate(remarks)}))
+            copy.writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
         copy.writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
-    span_s = (copy.end_ns - copy.start_ns) / 1e9
-    for text in (*remarks, f"kept {copy.messages} messages of {span_s:g} s and {copy.attachments} attachments"):
+    span_s = (max(copy.times_ns) - min(copy.times_ns)) / 1e9
+    kept = f"kept {len(copy.times_ns)} messages of {span_s:g} s and {len(copy.attachments)} attachments"
+    for text in (*remarks, kept, f"left out: {problem}"):
         say(text)
-    say(f"left out: {intact.problem}")
     return True
 
 

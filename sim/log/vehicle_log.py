@@ -18,6 +18,8 @@ LONGEST_GAP_S = 10.0
 """Longer gaps between own measurements are not bridged unless the user says so [s]."""
 _GAP = 2.0
 """From so many filter steps on, the time between own measurements is called a gap."""
+_SHORTEST_NS, _LONGEST_NS = 10**5, 10**11
+"""Filter steps beyond these are not believed of a vehicle [ns]."""
 _NAMED = 5
 _POSE = slice(0, 6)
 """Columns of a message that a navigator cannot do without."""
@@ -115,6 +117,8 @@ def recording(log: Contents, follower: str, longest_gap_s: float) -> Recording:
     dt_ns = round(float(np.median(spacing)))
     with faults(log.path):
         remarks = _gaps(topic, time_ns, spacing, dt_ns, longest_gap_s)
+    if not _SHORTEST_NS < dt_ns < _LONGEST_NS:
+        remarks.append(f"{topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?")
     durations = None if np.all(spacing == dt_ns) else np.append(float(dt_ns), spacing)
     if durations is not None:
         durations /= 1e9

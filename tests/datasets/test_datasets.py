@@ -90,6 +90,20 @@ def test_times_in_nanoseconds_are_read_in_seconds(tmp_path: Path) -> None:
     assert data.slip == pytest.approx(math.sqrt(0.0075), rel=1e-6)
 
 
+def test_milliseconds_taken_for_seconds_are_doubted(tmp_path: Path) -> None:
+    """6.5 m in 3 s are a vehicle's way, in 3000 s they are not."""
+    words = [line.split() for line in GRAPH.splitlines()]
+    for w in words:
+        if w and w[0] not in ("VERTEX_XY", "#"):
+            w[1] = str(1000 * float(w[1]))
+    text = "\n".join(" ".join(w) for w in words)
+    assert not [remark for remark in read_data_set(graph(tmp_path)).remarks if "seconds" in remark]
+    assert (
+        read_data_set(graph(tmp_path, text)).remarks[-1]
+        == "a way of 6 m in 3000 s, 0.002 m/s: are the times in seconds?"
+    )
+
+
 def test_poses_of_one_time_are_joined(tmp_path: Path) -> None:
     """A1 is at the time of A0 or of A2: the way ends where it did, in one step; its range keeps its time."""
     for at, first in (("10.0", "11.2"), ("13.0", "13.0")):
@@ -195,7 +209,13 @@ def test_faults_of_files_are_named(tmp_path: Path) -> None:
 def test_tables_in_text_are_those_of_the_matlab_file(tmp_path: Path, suffix: str) -> None:
     for name, table in loadmat(PLAZA / "Plaza2.mat").items():
         if not name.startswith("_"):
-            np.savetxt(tmp_path / f"Plaza2_{name}.{suffix}", table, "%.17g", "," if suffix == "csv" else " ")
+            np.savetxt(
+                tmp_path / f"Plaza2_{name}.{suffix}",
+                table,
+                "%.17g",
+                "," if suffix == "csv" else " ",
+                encoding="utf-8-sig",
+            )
     text, matlab = read_data_set(tmp_path / f"Plaza2_DR.{suffix}"), read_data_set(PLAZA / "Plaza2.mat")
     for name in ("start", "time", "odometry", "places", "range_time", "range_beacon", "ranges", "truth"):
         assert getattr(text, name).tolist() == getattr(matlab, name).tolist()
