@@ -26,16 +26,11 @@ Values = npt.NDArray[Any] | list[Any]
 Getter = Callable[[Any], Any]
 
 _HEAD = np.dtype(
-    {
-        "names": ["size", "channel", "time_ns"],
-        "formats": ["<u8", "<u2", "<i8"],
-        "offsets": [1, 9, 15],
-        "itemsize": 31,
-    }
+    [("opcode", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time_ns", "<i8"), ("publish", "<i8")]
 )
-"""What a message begins with: opcode, size, channel, sequence, log time, publish time."""
-_MESSAGE_HEAD = 22
-"""Of it, what the size counts [bytes]."""
+"""What a message begins with."""
+_RECORD_HEAD = 9
+"""Length of opcode and size of any record [bytes]; the size does not count them."""
 
 
 class Messages:
@@ -188,11 +183,8 @@ class Contents:
 
     def __init__(self, path: Path, wanted: Choice = lambda topic, messages: True) -> None:
         self.path = path
-        self.attachments, self.metadata, self.topics = (
-            dict[str, bytes](),
-            dict[str, dict[str, str]](),
-            dict[str, Messages](),
-        )
+        self.attachments, self.topics = dict[str, bytes](), dict[str, Messages]()
+        self.metadata = dict[str, dict[str, str]]()
         self.span_ns: tuple[int, int] | None = None
         """Log times of the first and the last message [ns]."""
         self.unverified: tuple[str, ...] = ()
@@ -222,7 +214,7 @@ class Contents:
         starts, at, unpack = array("q"), 0, struct.Struct("<Q").unpack_from
         while at < len(data):
             starts.append(at)
-            at += 9 + unpack(data, at + 1)[0]
+            at += _RECORD_HEAD + unpack(data, at + 1)[0]
         places, block = np.frombuffer(starts, dtype=np.int64), np.frombuffer(data, dtype=np.uint8)
         opcodes = block[places]
         for place in places[(opcodes == Opcode.SCHEMA) | (opcodes == Opcode.CHANNEL)].tolist():
@@ -233,7 +225,7 @@ class Contents:
         if not places.size:
             return
         heads = np.ascontiguousarray(sliding_window_view(block, _HEAD.itemsize)[places]).view(_HEAD)[:, 0]
-        sizes = heads["size"].astype(np.int64) - _MESSAGE_HEAD
+        sizes = heads["size"].astype(np.int64) - (_HEAD.itemsize - _RECORD_HEAD)
         if np.any(sizes < 0):
             raise ValueError("a chunk holds a broken message")
         for channel in np.unique(heads["channel"]).tolist():
@@ -247,11 +239,13 @@ class Contents:
 
     def _define(self, data: bytes, place: int) -> None:
         """Take a schema or a channel, unless it is repeated."""
-        number, stream = int.from_bytes(data[place + 9 : place + 11], "little"), ReadDataStream(BytesIO(data))
-        stream.read(place + 9)
-        if data[place] == Opcode.SCHEMA and number not in self._schemas:
+        body, number = place + _RECORD_HEAD, int.from_bytes(data[place + 9 : place + 11], "little")
+        if number in (self._schemas if data[place] == Opcode.SCHEMA else self._channels):
+            return
+        stream = ReadDataStream(BytesIO(data[body:]))
+        if data[place] == Opcode.SCHEMA:
             self._schemas[number] = Schema.read(stream)
-        elif data[place] == Opcode.CHANNEL and number not in self._channels:
+        else:
             channel = Channel.read(stream)
             new = Messages(self._schemas.get(channel.schema_id), channel.message_encoding)
             known = self._channels[number] = self.topics.setdefault(channel.topic, new)
@@ -259,7 +253,7 @@ class Contents:
                 new.kept = self._wanted(channel.topic, new)
             mine, others = ((m.encoding, m.schema and (m.schema.name, m.schema.data)) for m in (known, new))
             if mine != others:
-                raise LogError(f"channel {channel.topic} has messages of two types; it may have one")
+                raise LogError(f"{self.path}: channel {channel.topic} has messages of two types; it may have one")
 
     def start_ns(self) -> int:
         """When the mission began: the epoch of its scenario, or in other logs the first message kept [ns]."""

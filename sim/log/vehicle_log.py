@@ -1,6 +1,7 @@
 """Measurements from the log of a real vehicle, whose samples come late, double or not at all."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -53,16 +54,17 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
     return values
 
 
-def _gaps(topic: str, time_ns: Ints, spacing: Ints, dt_ns: int, longest_gap_s: float) -> list[str]:
+def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: float) -> list[str]:
     """What to say of gaps; LogError if one is too long."""
-    found = np.flatnonzero(spacing > _GAP * dt_ns)
+    longest_step = _GAP * float(np.median(spacing))
+    found = np.flatnonzero(spacing > longest_step)
     named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
     begin = time_ns[named] - time_ns[0]
     places = ", ".join(f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True))
     more = f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
-    if spacing.max() / 1e9 > max(longest_gap_s, _GAP * dt_ns / 1e9):
+    if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
         raise LogError(
-            f"{topic} has {_count(found.size, 'gap')} ({places}{more}); gaps of up to {longest_gap_s:g} s are "
+            f"{path}: {topic} has {_count(found.size, 'gap')} ({places}{more}); gaps of up to {longest_gap_s:g} s are "
             "bridged. Cut the log there, or allow longer ones: --longest-gap SECONDS"
         )
     return [f"{_count(found.size, 'gap')} in {topic} bridged: {places}{more}"] if found.size else []
@@ -115,8 +117,7 @@ def recording(log: Contents, follower: str, longest_gap_s: float) -> Recording:
         )
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))
-    with faults(log.path):
-        remarks = _gaps(topic, time_ns, spacing, dt_ns, longest_gap_s)
+    remarks = _gaps(log.path, topic, time_ns, spacing, longest_gap_s)
     if not _SHORTEST_NS < dt_ns < _LONGEST_NS:
         remarks.append(f"{topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?")
     durations = None if np.all(spacing == dt_ns) else np.append(float(dt_ns), spacing)

@@ -103,8 +103,9 @@ def test_gaps_are_named_and_bridged_up_to_a_bound(tmp_path: Path) -> None:
     path = write_rows(tmp_path / "a.mcap", cruise(times), [one_ping(1.0)])
     with pytest.raises(LogError) as caught:
         read_recording(path, "auv")
-    assert "/auv/motion has 2 gaps (12.1 s at 32.900 s, 3.1 s at 9.900 s); gaps of up to 10 s are bridged" in str(
-        caught.value
+    assert (
+        f"{path}: /auv/motion has 2 gaps (12.1 s at 32.900 s, 3.1 s at 9.900 s); gaps of up to 10 s are bridged"
+        in str(caught.value)
     )
     assert "--longest-gap SECONDS" in str(caught.value)
     m, remarks = read_recording(path, "auv", longest_gap_s=15.0)
