@@ -1,13 +1,14 @@
 """Progress of a command on a terminal or in a log, and literal text for both."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
+from rich.table import Column, Table
 from rich.text import Text
 
 from sim.screen import plain
@@ -37,6 +38,21 @@ def literal(text: object, style: str = "") -> Text:
 def tell(console: Console, text: object, label: str = "", style: str = "yellow") -> None:
     """Print a line of literal text, after a styled label if there is one."""
     console.print(Text.assemble((f"{label} ", style) if label else "", literal(text)), soft_wrap=True)
+
+
+def show_table(
+    console: Console, heads: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", caption: str = ""
+) -> None:
+    """Print a table of literal text: names in the first column, at the left, and values at the right of the others."""
+    columns = (Column(literal(head), justify="right" if n else "left") for n, head in enumerate(heads))
+    table = Table(*columns, box=None, pad_edge=False)
+    if title:
+        table.title, table.title_justify = literal(title), "left"
+    if caption:
+        table.caption, table.caption_justify = literal(caption), "left"
+    for row in rows:
+        table.add_row(*map(literal, row))
+    console.print(table)
 
 
 def _count(functions: int) -> str:

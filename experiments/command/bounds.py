@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Column, Table
 
-from experiments.campaign.progress import compiling_shown, literal, tell
+from experiments.campaign.progress import compiling_shown, show_table, tell
 from experiments.campaign.store import Record, columns_of, write_csv, write_table
 from experiments.flight.library import load_flyable
 from experiments.flight.range_budget import Cause, range_error_budget
@@ -42,7 +41,7 @@ def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | N
     console = Console()
     heads = ["follower", *(f"{i + 1}. quarter" for i in range(_QUARTERS)), "whole"]
     heads += [f"{scenario.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
-    table = Table(*heads, box=None, pad_edge=False, title="least RMS position error [m]", title_justify="left")
+    lines: list[list[str]] = []
     rows: list[dict[str, str | float]] = []
     with compiling_shown():
         mission = mission_of(motion_of(scenario))
@@ -56,13 +55,13 @@ def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | N
                 result = simulate(Cell.of(scenario, i, runs, mission=mission), threads=None)
                 rms = float(np.hypot(result.errors.e_p_mean_m, result.errors.e_p_std_m))
                 cells += [f"{rms:.3f}", f"{rms / whole:.2f}", f"{result.nees:.3g}"]
-            table.add_row(literal(follower.name), *cells)
+            lines.append([follower.name, *cells])
             time = scenario.timing.filter_step_s * np.arange(1, least.size + 1)
             rows += [
                 {"follower": follower.name, "time_s": float(t), "bound_m": float(value)}
                 for t, value in zip(time, least, strict=True)
             ]
-    console.print(table)
+    show_table(console, heads, lines, "least RMS position error [m]")
     if out is not None:
         write_csv(out, rows)
         tell(console, out)
@@ -85,21 +84,6 @@ def records(flight: Flight) -> Iterator[Record]:
             }
 
 
-def _print_shares(console: Console, flight: Flight) -> None:
-    from experiments.pages.range_budget_page import TRANSMITTERS, share_table
-
-    for i, name in enumerate(flight.trajectory.names[1:]):
-        shares = share_table(range_error_budget(flight, i))
-        heads = ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
-        columns = (Column(head, justify="right" if n else "left") for n, head in enumerate(heads))
-        title = literal(f"{name}: rms shares of the range errors [cm]")
-        table = Table(*columns, title=title, title_justify="left", box=None)
-        for row in shares.rows:
-            table.add_row(*(literal(cell.text) for cell in row))
-        table.caption, table.caption_justify = literal(shares.caption), "left"
-        console.print(table)
-
-
 def show_range_budget(source: str, assignments: Sequence[str], out: Path | None) -> None:
     """Print the error budget of the ranges of a scenario or a log, and write it if asked to.
 
@@ -113,9 +97,14 @@ def show_range_budget(source: str, assignments: Sequence[str], out: Path | None)
     """
     if out is not None and out.suffix not in {".csv", ".parquet"}:
         raise LaisnError(f"--out {out}: should end in .csv or .parquet")
+    from experiments.pages.range_budget_page import TRANSMITTERS, share_table
+
     flight = flight_of(source, assignments)
-    console = Console()
-    _print_shares(console, flight)
+    console, heads = Console(), ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        shares = share_table(range_error_budget(flight, i))
+        lines = [[cell.text for cell in row] for row in shares.rows]
+        show_table(console, heads, lines, f"{name}: rms shares of the range errors [cm]", shares.caption)
     if out is not None:
         rows = list(records(flight))
         if out.suffix == ".csv":

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
-from rich.table import Column, Table
 
-from experiments.campaign.progress import literal, phases, tell
+from experiments.campaign.progress import literal, phases, show_table, tell
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import (
     FILM,
@@ -43,20 +42,19 @@ from sim.scenario.settings import Scenario, Video
 from sim.screen import plain, shortened
 
 _LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
-NEES: 2 if consistent; × bound: RMS of E_P over the Cramér–Rao bound"""
+NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
 
 
-def _stations(summary: dict[str, Any]) -> Table:
-    """Errors of followers on stations."""
-    heads = ("station error: RMS", "95 %", "max", "E_P: mean", "joined at", "")
-    right = (Column(head, justify="right") for head in heads)
-    table = Table("follower", *right, box=None, pad_edge=False)
+def _show_stations(console: Console, summary: dict[str, Any]) -> None:
+    """Print errors of followers on stations."""
+    rows = []
     for name, row in summary["followers"].items():
         if "station_rms_m" in row:
             off = (f"{row[f'station_{what}_m']:.2f} m" for what in ("rms", "p95", "max"))
             joined = "never" if row["joined_s"] is None else f"{row['joined_s']:.0f} s"
-            table.add_row(literal(name), *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else "")
-    return table
+            rows.append([name, *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else ""])
+    heads = ("follower", "station error: RMS", "95 %", "max", "E_P: mean", "joined at", "")
+    show_table(console, heads, rows)
 
 
 def _show_approaches(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
@@ -77,19 +75,18 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     """Print a table of errors, and the outcome if the mission was not completed."""
     steered = any(follower.believes for follower in flight.scenario.followers)
     if any("station_rms_m" in row for row in summary["followers"].values()):
-        console.print(_stations(summary))
+        _show_stations(console, summary)
         _show_approaches(console, flight, summary)
     else:
-        heads = ("E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound")
-        right = (Column(head, justify="right") for head in [*heads, *(["track error"] if steered else [])])
-        table = Table("follower", *right, box=None, pad_edge=False)
+        heads = ("follower", "E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound")
+        rows = []
         for name, row in summary["followers"].items():
             metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
             degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
             consistent = ("–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound"))
             off = [f"{row['off_place_rms_m']:.2f} m"] if steered else []
-            table.add_row(literal(name), *metres, *degrees, *consistent, *off)
-        console.print(table)
+            rows.append([name, *metres, *degrees, *consistent, *off])
+        show_table(console, [*heads, *(["track error"] if steered else [])], rows)
         console.print(_LEGEND, style="dim", highlight=False)
     gave_way = {name: row["gave_way_s"] for name, row in summary["followers"].items() if row.get("gave_way_s")}
     if gave_way:

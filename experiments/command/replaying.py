@@ -10,15 +10,13 @@ from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 
-import numpy as np
 from rich.console import Console
-from rich.table import Column, Table
 
 from experiments.campaign.bound import flight_bound
-from experiments.campaign.progress import literal, tell
-from laisn import metrics
+from experiments.campaign.progress import literal, show_table, tell
+from experiments.flight.summary import consistency, position_and_bearing_errors, summarise
 from laisn.arrays import Floats
-from laisn.estimates import Estimates, FixKind
+from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings
@@ -69,7 +67,6 @@ def replay(
     """
     from experiments.command.fly import show
     from experiments.flight.fly import navigate_again
-    from experiments.flight.summary import position_and_bearing_errors, summarise
     from sim.log import reader, writer
 
     require_own_file(out, ".mcap", path)
@@ -125,7 +122,7 @@ def replay_measurements(
     short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
     begin = simulate_motion(scenario.model_copy(update=short))
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
-    table = Table(*(Column(literal(head)) for head in heads), box=None, pad_edge=False)
+    rows: list[list[str]] = []
     states: list[tuple[str, Floats, Floats]] = []
     remarks: list[str] = []
     for i, name in enumerate(begin.names[1:]):
@@ -136,11 +133,10 @@ def replay_measurements(
         kinds = Counter(estimates.fix_kind.tolist())
         counts = ", ".join(f"{kinds[kind]} {kind.name.lower().replace('_', ' ')}" for kind in FixKind if kinds[kind])
         x, y = estimates.state[-1, :2]
-        steps = str(len(estimates.state))
-        table.add_row(literal(name), steps, f"{measured.dt:g}", counts or "none", f"{x:.2f}", f"{y:.2f}")
+        rows.append([name, f"{len(estimates.state)}", f"{measured.dt:g}", counts or "none", f"{x:.2f}", f"{y:.2f}"])
         states.append((name, measured.time, estimates.state))
     console = Console()
-    console.print(table)
+    show_table(console, heads, rows)
     for remark in dict.fromkeys(remarks):
         tell(console, remark, "note:")
     if out is not None:
@@ -156,10 +152,11 @@ def show_info(path: Path) -> None:
     begin, end = log.span_ns or (0, 0)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
     tell(console, f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from {start.isoformat()}")
-    table = Table("channel", "schema", "messages", box=None, pad_edge=False)
-    for topic, messages in sorted(log.topics.items()):
-        table.add_row(literal(topic), literal(messages.schema.name if messages.schema else ""), str(messages.count))
-    console.print(table)
+    rows = [
+        (topic, messages.schema.name if messages.schema else "", str(messages.count))
+        for topic, messages in sorted(log.topics.items())
+    ]
+    show_table(console, ("channel", "schema", "messages"), rows)
     for name, data in log.attachments.items():
         tell(console, f"attachment {name}: {len(data)} bytes")
     for name, record in log.metadata.items():
@@ -184,32 +181,19 @@ def smoothing_factory(variant: str, lag_s: float | None) -> NavigatorFactory | N
     return partial(resolve_name(smoother), lag=lag_s)
 
 
-def _consistency(estimates: Estimates, truth: Floats) -> tuple[str, str]:
-    """RMS of E_P [m], and mean NEES, from the first estimate on."""
-    squares = metrics.position_errors(estimates.state[:, :2], truth)[estimates.unknown :] ** 2
-    normalised = metrics.nees(estimates, truth)
-    known = normalised[np.isfinite(normalised)]
-    rms = f"{math.sqrt(squares.mean()):.3f}" if squares.size else "–"
-    return rms, f"{known.mean():.3g}" if known.size else "–"
-
-
-def _least(flight: Flight, follower: int, lag_s: float) -> str:
-    """RMS over the flight of the Cramér–Rao bound [m]."""
-    bound = flight_bound(flight, follower, lag_s)[flight.estimates[follower].unknown :]
-    return f"{math.sqrt(np.mean(bound**2)):.3f}" if bound.size else "–"
-
-
 def show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: float) -> None:
     """Print RMS errors of every follower, their bounds, and NEES, filtered and smoothed."""
-    heads = ("RMS E_P [m]", "smoothed", "bound [m]", "smoothed", "NEES", "smoothed")
-    table = Table("follower", *heads, box=None, pad_edge=False)
+    rows = []
     for i, name in enumerate(filtered.trajectory.names[1:]):
-        truth = filtered.hydrophone(i)[:, :2]
-        both = (_consistency(flight.estimates[i], truth) for flight in (filtered, smoothed))
-        errors, normalised = zip(*both, strict=True)
-        table.add_row(literal(name), *errors, *(_least(filtered, i, lag) for lag in (0.0, lag_s)), *normalised)
-    console.print(literal(f"smoothed with messages of up to {lag_s:g} s later", "bold"))
-    console.print(table)
+        row = [name]
+        for flight, lag in ((filtered, 0.0), (smoothed, lag_s)):
+            found = consistency(flight, i, flight_bound(filtered, i, lag))
+            bound, over = found["bound_rms_m"], found["rms_over_bound"]
+            values = (over * bound if over and bound else None, bound, found["nees"])
+            row += ["–" if value is None else f"{value:.3f}" for value in values]
+        rows.append(row)
+    heads = ("follower", *("RMS E_P [m]", "bound [m]", "NEES"), *("smoothed: RMS [m]", "bound [m]", "NEES"))
+    show_table(console, heads, rows, f"smoothed with messages of up to {lag_s:g} s later")
 
 
 def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
@@ -298,15 +282,15 @@ def replay_data_set(
         estimates, title = by_laisn(recorded, settings), variant
     console, measured = Console(), recorded.measurements
     heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")
-    table = Table(*(Column(literal(head)) for head in heads), box=None, pad_edge=False)
+    rows = []
     for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
         errors = score(found, measured, recorded.truth)
         figures = [
             "–" if math.isnan(value) else f"{value:.2f}" if value < _LARGE else f"{value:.0e}" for value in errors
         ]
         x, y = found.state[-1, :2]
-        table.add_row(literal(name), *figures, f"{x:.2f}, {y:.2f}")
-    console.print(table)
+        rows.append([name, *figures, f"{x:.2f}, {y:.2f}"])
+    show_table(console, heads, rows)
     for remark in recorded.remarks:
         tell(console, remark, "note:")
     if out is not None:
