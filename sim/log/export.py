@@ -50,7 +50,7 @@ def _table(messages: Messages, leaves: Sequence[tuple[str, Any]], start_ns: int)
     }
     for (name, leaf), values in zip(leaves, messages.columns([name for name, _ in leaves]), strict=True):
         if leaf.enum_type is not None:
-            names = {number: value.name for number, value in leaf.enum_type.values_by_number.items()}
+            names = {None: None} | {number: value.name for number, value in leaf.enum_type.values_by_number.items()}
             column = pa.array([names.get(number, str(number)) for number in values], pa.string())
         else:
             column = pa.array(values, _KINDS[leaf.cpp_type])

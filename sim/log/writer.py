@@ -86,10 +86,6 @@ class LogFile:
         options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
         self.mcap = foxglove.open_mcap(self.output, context=self._context, writer_options=options)
 
-    def attach(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
-        """Attach a file."""
-        self.mcap.attach(log_time=time_ns, create_time=time_ns, name=name, media_type=media_type, data=data)
-
     def channel(self, topic: str, schema: Schema) -> Callable[[bytes, int], None]:
         """Open a channel for protobuf messages of one type; it is in the file with its first message.
 
@@ -158,10 +154,11 @@ def _describe(log: LogFile, flight: Flight, summary: str) -> None:
     """Attachments and metadata of a flight."""
     epoch_ns = Clock(flight.scenario.epoch).epoch_ns
     versions = {package: version(package) for package in PACKAGES}
-    log.attach(SCENARIO, "application/toml", flight.scenario.toml().encode(), epoch_ns)
-    log.attach(VEHICLES, "application/json", _vehicles(flight), epoch_ns)
-    log.attach(SUMMARY, "application/json", summary.encode(), epoch_ns)
-    log.attach(VERSIONS, "application/json", _json(versions), epoch_ns)
+    files = {SCENARIO: flight.scenario.toml().encode(), VEHICLES: _vehicles(flight)}
+    files |= {SUMMARY: summary.encode(), VERSIONS: _json(versions)}
+    for name, data in files.items():
+        media = f"application/{name.rpartition('.')[2]}"
+        log.mcap.attach(log_time=epoch_ns, create_time=epoch_ns, name=name, media_type=media, data=data)
     log.mcap.write_metadata("conventions", CONVENTIONS)
     facts = {
         "outcome": flight.outcome.name,

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import re
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +23,7 @@ from sim.log.contents import Contents
 from sim.log.export import export
 from sim.log.file import LogError
 from sim.log.reader import read, read_measurements
-from sim.log.schema import ERROR, FLIGHT, PLACED_RECEPTION, RECEPTION, RecordType
+from sim.log.schema import DETAILS, ERROR, FLIGHT, PLACED_RECEPTION, RECEPTION, RecordType
 
 
 @pytest.fixture(scope="module")
@@ -200,6 +201,23 @@ def test_export(flight: Flight, written: Path, tmp_path: Path, table_format: Any
     assert table["log_time_ns"].to_numpy()[0] == Clock(flight.scenario.epoch).epoch_ns + 10**8
     with pytest.raises(LogError, match="unknown format 'xls'; available: parquet, csv"):
         export(written, tmp_path, "xls")  # type: ignore[arg-type]
+
+
+def test_the_documented_channels_are_those_of_the_log(flight: Flight, tmp_path: Path) -> None:
+    """Topics and types of the table in docs/log.md; and those of what navigators add."""
+    text = (Path(__file__).parents[2] / "docs/log.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(/\S*)` \| ((?:foxglove|laisn)\.\w+)", text, re.MULTILINE)
+    writer.write(flight, tmp_path / "a.mcap", errors=errors_of(flight), video=[(0.0, b"x")])
+    documented = {
+        topic.replace("NAME", name).replace("FOLLOWER", name): schema
+        for topic, schema in rows
+        for name in (["leader", "follower"] if "NAME" in topic else ["follower"])
+        # of other navigators
+        if topic.rpartition("/")[2] not in DETAILS
+    }
+    found = {topic: messages.schema.name for topic, messages in Contents(tmp_path / "a.mcap").topics.items()}
+    assert {topic: re.sub(r"_[0-9a-f]{8}$", "_", name) for topic, name in found.items()} == documented
+    assert {(f"/FOLLOWER/{type_.topic}", type_.schema.name) for _, type_ in DETAILS.values()} <= set(rows)
 
 
 def test_info(written: Path, capsys: pytest.CaptureFixture[str]) -> None:
