@@ -20,6 +20,7 @@ _FREE = (0.26, 0.79, 0.04)
 """Left, right and upper edge of what the panels leave free, as shares of the frame."""
 _SIGHT_DOWN_M = 42.0
 """How far below the vehicles the view from above reaches."""
+_ORBIT_FILM_S = 40.0
 _PROFILE_TURN = np.radians(152.0)
 """From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
 the leader at one side of the frame's middle and a far follower some 27° from it, at the other."""
@@ -205,13 +206,10 @@ class CameraRig:
         shift = (0.5 - (left + right) / 2) * frame * view.axes[0]
         return replace(view, position=eye + shift, target=target + shift)
 
-    def _span(self, time: float) -> tuple[Floats, Floats]:
-        return self._now(self._centre, time), self._now(self._half, time)
-
     def _top(self, state: FrameState, bottom: float) -> tuple[View, tuple[float, float]]:
         """View from above, vehicles within the part of the frame that panels leave free, down to the share `bottom`."""
         left, right, top = _FREE
-        centre, half = self._span(state.time)
+        centre, half = self._now(self._centre, state.time), self._now(self._half, state.time)
         across, down = (right - left) * self._aspect, bottom - top
         frame = max(1.25 * 2 * half[0] / across, 1.25 * 2 * half[1] / down, 14.0) + 3.0
         aside = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
@@ -243,26 +241,26 @@ class CameraRig:
             view, fog = self._top(state, 0.66 if camera == "pip" else 0.95)
             return Shot(view, (close_follower, close_leader) if camera == "pip" else (), fog, False)
         if camera == "follower":
-            eye = at + attitude.rotate(state.quaternion[follower], np.array([-1.1, 0.0, 0.55]))
-            target = at + attitude.rotate(state.quaternion[follower], np.array([6.0, 0.0, 0.0]))
-            up = attitude.rotate(state.quaternion[follower], np.array([0.0, 0.0, 1.0]))
-            return Shot(View(position=eye, target=target, up=up, fovy_deg=55.0), (close_leader,), near_fog, True)
+            offsets = np.array([[-1.1, 0.0, 0.55], [6.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+            eye, ahead, up = attitude.rotate(state.quaternion[follower][None], offsets)
+            view = View(position=at + eye, target=at + ahead, up=up, fovy_deg=55.0)
+            return Shot(view, (close_leader,), near_fog, True)
         if camera == "profile":
             inset = (self._estimate_from_above(state), follower)
             return Shot(self._profile(state), (inset,), near_fog, True, insets_left=self._side > 0)
         if camera == "leader":
             return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
-        centre, half = self._span(state.time)
+        centre, half = self._now(self._centre, state.time), self._now(self._half, state.time)
         # to the ends of the hulls
         radius, high = float(np.hypot(half[0], half[1])) + 1.0, float(half[2])
         if camera == "side":
             ahead = self._towards_leader(state.time)
             view = self._beside(centre, np.array([ahead[1], -ahead[0], 0.0]), 40.0, radius, high, 0.0)
-            distance = float(np.linalg.norm(view.target - view.position))
-            view = replace(view, plane_m=distance)
-            return Shot(view, (close_follower,), (0.3 * distance, max(150.0, 2.2 * distance)), True)
-        angle = 2 * np.pi * state.film_time / 40.0
-        around = np.array([np.cos(angle), np.sin(angle), 0.10])
-        view = self._beside(centre, around, 50.0, radius, high, radius)
+        else:
+            angle = 2 * np.pi * state.film_time / _ORBIT_FILM_S
+            view = self._beside(centre, np.array([np.cos(angle), np.sin(angle), 0.10]), 50.0, radius, high, radius)
         distance = float(np.linalg.norm(view.target - view.position))
-        return Shot(view, (), (0.2 * distance, max(150.0, 2.4 * distance)), True)
+        fog = (0.25 * distance, max(150.0, 2.3 * distance))
+        if camera == "side":
+            return Shot(replace(view, plane_m=distance), (close_follower,), fog, True)
+        return Shot(view, (), fog, True)

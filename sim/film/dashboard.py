@@ -143,8 +143,8 @@ class Dashboard:
             found.append((left, top, np.ascontiguousarray(part[::-1])))
         return found
 
-    def _write(self, at: tuple[float, float], words: str, colour: Colour, size: float, anchor: str = "lt") -> None:
-        """Static text; anchors by letters: left, right or centre, and top or baseline; bold if size < 0."""
+    def _write(self, at: tuple[float, float], words: str, colour: Colour, size: float, ha: str, va: str) -> None:
+        """Static text at an anchor, with matplotlib's names of alignments; bold if size < 0."""
         self.figure.text(
             at[0] / self._size[0],
             1 - at[1] / self._size[1],
@@ -152,8 +152,8 @@ class Dashboard:
             color=colour,
             fontsize=abs(size) * self._t,
             fontweight="bold" if size < 0 else "normal",
-            ha={"l": "left", "r": "right", "c": "center"}[anchor[0]],
-            va={"t": "top", "b": "baseline"}[anchor[1]],
+            ha=ha,
+            va=va,
         )
 
     def _axes(self, place: Place) -> Axes:
@@ -196,9 +196,9 @@ class Dashboard:
         axes.grid(axis="y", color=(*_EDGE, 0.22), lw=self._s)
         axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         axes.xaxis.set_major_locator(MaxNLocator(2 if self._s < self._t else 5, steps=[1, 2, 5, 10]))
-        self._write((left + 12 * self._s, top + 17 * t), label, PALE, 12, "lb")
+        self._write((left + 12 * self._s, top + 17 * t), label, PALE, 12, "left", "baseline")
         if self._s >= self._t:
-            self._write((left + width - 12 * t, top + 17 * t), "time [s]", DIM, 11, "rb")
+            self._write((left + width - 12 * t, top + 17 * t), "time [s]", DIM, 11, "right", "baseline")
         return axes
 
     def _add_map(self) -> None:
@@ -227,8 +227,8 @@ class Dashboard:
         bar = ([x, x, x + across, x + across], [y + 4 * s, y, y, y + 4 * s])
         look: Any = {"color": PALE, "lw": 2 * s, "transform": IdentityTransform()}
         self.figure.add_artist(Line2D(*bar, **look))
-        self._write((x, top + 18 * s), f"{length:g} m", PALE, 12)
-        self._write((left + width - 10 * s, top + 10 * s), "N ↑", PALE, -12, "rt")
+        self._write((x, top + 18 * s), f"{length:g} m", PALE, 12, "left", "top")
+        self._write((left + width - 10 * s, top + 10 * s), "N ↑", PALE, -12, "right", "top")
 
     def _add_colour_bar(self, place: Place, rays: RayErrors) -> None:
         """What the colours of the rays mean."""
@@ -238,15 +238,15 @@ class Dashboard:
         axes.imshow(gradient, aspect="auto", extent=(-rays.limit, rays.limit, 0.0, 1.0))
         axes.set_yticks([])
         axes.set_xticks([-rays.limit, 0.0, rays.limit], [f"−{rays.limit:g}", "0", f"+{rays.limit:g}"])
-        self._write((left + 12 * t, top + 8 * t), f"{rays.label} [m]", PALE, 12)
-        self._write((left + 12 * t, top + 68 * t), "too short", PALE, 11, "lb")
-        self._write((left + width - 12 * t, top + 68 * t), "too long", PALE, 11, "rb")
+        self._write((left + 12 * t, top + 8 * t), f"{rays.label} [m]", PALE, 12, "left", "top")
+        self._write((left + 12 * t, top + 68 * t), "too short", PALE, 11, "left", "baseline")
+        self._write((left + width - 12 * t, top + 68 * t), "too long", PALE, 11, "right", "baseline")
 
     def _add_caption(self, place: Place) -> None:
         """What the film is about, and below it what its marks mean."""
         (left, top, width, height), s = place, self._s
         middle = left + width / 2
-        self._write((middle, top + 25 * s), self._added.caption, (1, 1, 1), -16 * s / self._t, "cb")
+        self._write((middle, top + 25 * s), self._added.caption, (1, 1, 1), -16 * s / self._t, "center", "baseline")
         others = [("D", o.colour, o.label) for o in self._added.others]
         marks = [("o", TRUTH, "truth"), ("D", ESTIMATE, self._added.label), *others]
         self.figure.legend(

@@ -83,7 +83,7 @@ class GlScene:
         self._fog(*shot.fog)
         # what a wide lens sees before the fog closes lies within this square
         looked_at = shot.view.position + 0.4 * shot.fog[1] * shot.view.axes[2]
-        self._sea.show(looked_at, 0.9 * shot.fog[1], state.time, state.film_time, self._context)
+        self._sea.show(looked_at, 0.9 * shot.fog[1], state.time, self._context)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         self._render(state, shot.view, (0, 0, self.width, self.height))
@@ -91,7 +91,7 @@ class GlScene:
         # insets look at a hull from above, or from close by
         self._sea.show_surface(False)
         for (view, _), box in zip(shot.insets, insets, strict=True):
-            self._sea.show(view.target, _INSET_FOG[1], state.time, state.film_time, self._context)
+            self._sea.show(view.target, _INSET_FOG[1], state.time, self._context)
             mujoco.mj_kinematics(self._model, self._data)  # the sea has moved
             self._render(state, view, box)
         frame = mujoco.MjrRect(0, 0, self.width, self.height)

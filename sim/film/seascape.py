@@ -1,7 +1,6 @@
 """What the film shows of the sea: a floor and a height field of the surface that travel with the camera, fog, light.
 
-Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.ocean.Ocean.elevation`) with
-ripples of a few centimetres on top, so that a calm sea still shimmers.
+Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.ocean.Ocean.elevation`).
 """
 
 from collections.abc import Sequence
@@ -24,15 +23,6 @@ _SPACINGS_M = (*(_TILE_M / k for k in range(16, 0, -1)), *(_TILE_M * k for k in 
 """Spacings of a height field's points; they divide the tile, or are whole tiles."""
 _CREST_M = 25.0
 _TEXELS = 256
-_RIPPLES = np.array(
-    [
-        # amplitude [m], kx, ky [1/m], ω [rad/s of film], phase
-        (0.035, 0.33, 0.12, 1.5, 0.0),
-        (0.030, -0.21, 0.31, 1.3, 2.0),
-        (0.025, 0.17, -0.38, 1.7, 4.0),
-    ]
-)
-"""Looks only: they keep a calm sea from being a mirror."""
 
 
 def _tile(size: int, wavelength: float, seed: int) -> Floats:
@@ -143,22 +133,20 @@ class Sea:
         offset = cell * (np.arange(_CELLS) - half)
         return x + offset, y + offset
 
-    def elevation(self, x: Floats, y: Floats, time: float, film_time: float) -> Floats:
-        """Height of the drawn surface over the grid x by y, shape (len(y), len(x)), [m].
-
-        The simulated sea, less the waves too short for the grid, with ripples that run in film time.
-        """
+    def elevation(self, x: Floats, y: Floats, time: float) -> Floats:
+        """Height of the sea over the grid x by y without the waves too short for it, shape (len(y), len(x)), [m]."""
         cell = float(x[1] - x[0])
         long = self._steepness * cell < 2.0
         east, north = self._ocean.run(time)
-        swell = _sum_of_waves(self._waves[long][:, [0, 1, 2, 4, 5]], x - east, y - north, time)
-        return np.asarray(swell + _sum_of_waves(_RIPPLES, x, y, film_time))
+        amplitude, kx, ky, omega, phase = self._waves[long][:, [0, 1, 2, 4, 5]].T
+        along_x = amplitude * np.exp(1j * (np.outer(x - east, kx) + phase - omega * time))
+        return np.asarray((np.exp(1j * np.outer(y - north, ky)) @ along_x.T).real)
 
-    def show(self, centre: Floats, reach: float, time: float, film_time: float, context: Any) -> None:
+    def show(self, centre: Floats, reach: float, time: float, context: Any) -> None:
         """Bring floor and surface to where the camera looks, the surface as it is at `time`, and upload it."""
         model = self._model
         x, y = self.grid(centre, reach)
-        heights = 0.5 - self.elevation(x, y, time, film_time)[::-1] / _CREST_M
+        heights = 0.5 - self.elevation(x, y, time)[::-1] / _CREST_M
         field = int(model.geom_dataid[self._geom])
         first = model.hfield_adr[field]
         model.hfield_data[first : first + heights.size] = heights.ravel()
@@ -170,11 +158,3 @@ class Sea:
     def show_surface(self, visible: bool) -> None:
         """Whether the surface is drawn."""
         self._model.geom_rgba[self._geom, 3] = float(visible)
-
-
-def _sum_of_waves(waves: Floats, x: Floats, y: Floats, time: float) -> Floats:
-    """Σ a cos(kx x + ky y − ω t + φ) over the grid x by y; rows (a, kx, ky, ω, φ); shape (len(y), len(x))."""
-    amplitude, kx, ky, omega, phase = waves.T
-    along_x = amplitude * np.exp(1j * (np.outer(x, kx) + phase - omega * time))
-    along_y = np.exp(1j * np.outer(y, ky))
-    return np.asarray((along_y @ along_x.T).real)
