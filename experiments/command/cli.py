@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -104,6 +105,14 @@ def doctor() -> None:
     raise typer.Exit(examine())
 
 
+def _size(text: str) -> dict[str, int]:
+    """Width and height of frames by their names in a scenario."""
+    width, _, height = text.partition("x")
+    if not all(re.fullmatch(r"\d{1,9}", side) for side in (width, height)):
+        raise typer.BadParameter("expected WIDTHxHEIGHT, such as 1280x720")
+    return {"width_px": int(width), "height_px": int(height)}
+
+
 @app.command()
 @report_errors
 def render(
@@ -112,16 +121,20 @@ def render(
     camera: Annotated[
         str | None, typer.Option(help="chase, pip, top, side, follower, leader, profile or orbit")
     ] = None,
-    size: Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="such as 1920x1080")] = None,
+    size: Annotated[
+        dict[str, int] | None, typer.Option(parser=_size, metavar="WIDTHxHEIGHT", help="such as 1920x1080")
+    ] = None,
     speed_up: Annotated[float | None, typer.Option(help="seconds of mission in a second of film")] = None,
     follower: Annotated[int, typer.Option(help="index of the follower that the camera follows")] = 0,
     still: Annotated[float | None, typer.Option(metavar="T", help="one picture at mission time T [s]")] = None,
     out: Annotated[Path | None, typer.Option(help="file (default NAME.mp4 or NAME.png)")] = None,
 ) -> None:
     """Render a film or a picture of a scenario or a log."""
-    from experiments.command.fly import FilmOptions, film
+    from experiments.command.fly import film
 
-    film(source, set_ or (), FilmOptions(camera, size, speed_up, follower, still, out))
+    given = {"camera": camera, "speed_up": speed_up}
+    changes = {name: value for name, value in given.items() if value is not None} | (size or {})
+    film(source, set_ or (), changes, follower, still, out)
 
 
 @app.command()

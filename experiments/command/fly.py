@@ -1,8 +1,7 @@
 """Simulate one scenario and write log, film, report and numbers; film a scenario or a log."""
 
 import json
-import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -39,7 +38,6 @@ from sim.flight import Flight, Outcome, navigate
 from sim.log.events import Event
 from sim.processes import background_process
 from sim.scenario.settings import Scenario, Video
-from sim.screen import plain, shortened
 
 _LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
 NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
@@ -244,54 +242,34 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
         raise written.fault
 
 
-class FilmOptions(NamedTuple):
-    """Options of a film; with None the scenario's settings hold."""
-
-    camera: str | None
-    size: str | None
-    speed_up: float | None
-    follower: int
-    still: float | None
-    out: Path | None
-
-
-def _changes(options: FilmOptions) -> dict[str, object]:
-    """Film settings that the options change; RenderError naming the option."""
-    from sim.film.render import RenderError
-
-    changes: dict[str, object] = {}
-    if options.camera is not None:
-        changes["camera"] = options.camera
-    if options.size is not None:
-        match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", options.size)
-        if match is None:
-            size = shortened(plain(options.size), 80)
-            raise RenderError(f"--size {size}: expected WIDTHxHEIGHT, such as 1280x720")
-        changes |= {"width_px": int(match[1]), "height_px": int(match[2])}
-    if options.speed_up is not None:
-        changes["speed_up"] = options.speed_up
-    return changes
-
-
-def film(source: str, assignments: Iterable[str], options: FilmOptions) -> None:
+def film(
+    source: str,
+    assignments: Iterable[str],
+    changes: Mapping[str, object],
+    follower: int,
+    still: float | None,
+    out: Path | None,
+) -> None:
     """Render the film, or a picture, of a scenario or a log and print the name of the file.
 
     Args:
         source: scenario name, TOML file or `.mcap` log.
         assignments: overrides of a scenario.
-        options: camera, size and so on.
+        changes: settings of the film in place of the scenario's.
+        follower: index of the follower that the camera follows.
+        still: mission time of a picture [s]; None: a film.
+        out: the file; None: named after the scenario.
 
     Raises:
-        LaisnError: an option or the source is invalid.
+        LaisnError: a setting or the source is invalid.
     """
     from experiments.command.errors import say
     from experiments.flight.picture import picture, video_of
     from experiments.flight.source import flight_of
 
-    changes = _changes(options)
     # before the mission is simulated
     video_of(Video(), changes)
     flight = flight_of(source, list(assignments))
-    path = options.out or Path(f"{flight.scenario.name}.{'mp4' if options.still is None else 'png'}")
-    with phases(Console()) as phase, phase("video") if options.still is None else nullcontext() as update:
-        say(picture(flight, path, options.still, options.follower, changes, update))
+    path = out or Path(f"{flight.scenario.name}.{'mp4' if still is None else 'png'}")
+    with phases(Console()) as phase, phase("video") if still is None else nullcontext() as update:
+        say(picture(flight, path, still, follower, changes, update))
