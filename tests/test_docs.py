@@ -79,7 +79,8 @@ def shortened(words: list[str]) -> list[str]:
     if words[0] == "fly" and "--no-video" not in words:
         words.append("--no-video")
     if words[0] == "study":
-        words += ["--set", "duration_s=20", "--runs", "2", "--seas", "2", "--workers", "1"]
+        words += ["--set", "duration_s=20", "--runs", "2", "--workers", "1"]
+        words += [] if "--vary" in words else ["--seas", "2"]
     if "--still" in words:
         words[words.index("--still") + 1] = "10"
     return words
