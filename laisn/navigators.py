@@ -203,11 +203,6 @@ def new_navigator(settings: Settings, start: Floats) -> AnyNavigator:
     return spec_of(settings).make(settings, start)
 
 
-def new_swarm(settings: Settings, starts: Floats) -> Any:
-    """The swarm of navigators of this project that take these settings; arguments and errors as of its spec."""
-    return spec_of(settings).new_swarm(settings, starts)
-
-
 FASTEST = 50.0
 """A measured speed beyond this is broken, not fast [m/s]."""
 FARTHEST = 1e5

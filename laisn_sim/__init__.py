@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from laisn.navigators import NavigatorFactory
     from sim.flight import Flight as Flight
     from sim.scenario.settings import Scenario as Scenario
+    from sim.simulation import ControllerFactory
 
 __all__ = [
     "errors",
@@ -135,7 +136,12 @@ def load(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str
     return loaded(source, changes or {})
 
 
-def fly(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Flight:
+def fly(
+    source: str | Path | Mapping[str, Any] | Scenario,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    controller: ControllerFactory | None = None,
+) -> Flight:
     """Fly a mission: its vehicles move, sense and navigate.
 
     The same scenario gives the same flight, to the bit; {"run": 7} among the changes has the noise of run 7.
@@ -143,6 +149,8 @@ def fly(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str,
     Args:
         source: as of `load`.
         changes: as of `load`.
+        controller: makes a controller of your own from the plant and the control of routes; see docs/extending.md.
+            None: vehicles are controlled as the scenario says.
 
     Raises:
         LaisnError: as of `load`.
@@ -150,7 +158,7 @@ def fly(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str,
     scenario = load(source, changes)
     from experiments.flight.fly import fly as flown
 
-    return flown(scenario)[0]
+    return flown(scenario, make_controller=controller)[0]
 
 
 def navigate(

@@ -16,6 +16,7 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
+from laisn.navigators import find
 from laisn.swarm import ESTIMATE, Swarm, SwarmFactory
 from sim.assembly import routes_of
 from sim.control.autopilot import control, vehicle_state
@@ -319,15 +320,15 @@ class PythonClosedLoop:
 
 
 def closed_loop_of(
-    scenario: Scenario, make_swarm: SwarmFactory, plant: Plant, routes: RouteControl
+    scenario: Scenario, plant: Plant, routes: RouteControl, make_swarm: SwarmFactory | None = None
 ) -> ClosedLoop | PythonClosedLoop:
     """The closed loop of a scenario, at its start.
 
     Args:
         scenario: mission.
-        make_swarm: makes the followers' navigators.
         plant: at its start.
         routes: control along its routes.
+        make_swarm: makes the followers' navigators; None: the scenario's own.
 
     Raises:
         LaisnError: the followers' hydrophones are not equally high above their pressure sensors.
@@ -340,19 +341,21 @@ def closed_loop_of(
             "depth sensors"
         )
     starts = np.array([start_of(still, i) for i in numbers])
-    state, swarm = init_closed_loop(scenario, plant, routes), make_swarm(settings[0], starts)
+    make = make_swarm or find(scenario.navigation.variant).new_swarm
+    swarm: Swarm = make(settings[0], starts)
+    state = init_closed_loop(scenario, plant, routes)
     state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
     return ClosedLoop(state, swarm) if isinstance(swarm, tuple) else PythonClosedLoop(state, swarm)
 
 
 def simulate_closed_loop(
-    scenario: Scenario, make_swarm: SwarmFactory
+    scenario: Scenario, make_swarm: SwarmFactory | None = None
 ) -> tuple[Trajectory, ClosedLoop | PythonClosedLoop]:
     """Simulate a scenario whose followers all navigate under way, also those that steer by the truth.
 
     Args:
         scenario: mission.
-        make_swarm: makes the followers' navigators.
+        make_swarm: makes the followers' navigators; None: the scenario's own.
 
     Returns:
         The motion, and the closed loop at its end: `state.history` holds the estimates, `swarm.gated` counts fixes.
@@ -363,7 +366,7 @@ def simulate_closed_loop(
     loops: list[ClosedLoop | PythonClosedLoop] = []
 
     def make_controller(plant: Plant, routes: RouteControl) -> ClosedLoop | PythonClosedLoop:
-        loops.append(closed_loop_of(scenario, make_swarm, plant, routes))
+        loops.append(closed_loop_of(scenario, plant, routes, make_swarm))
         return loops[0]
 
     trajectory = simulate_motion(scenario, make_controller=make_controller)

@@ -15,7 +15,7 @@ from experiments.flight.library import ROUTES, load
 from experiments.study.closed_runs import records_of_run
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
-from laisn.navigators import new_navigator, new_swarm
+from laisn.navigators import new_navigator
 from sim.closed_loop import guide, simulate_closed_loop
 from sim.flight import navigate
 from sim.motion import simulate_motion
@@ -35,7 +35,7 @@ def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Sce
 
 def apart(scenario: Scenario, follower: int = 0) -> Floats:
     """Believed places that steered, less those that navigating on the finished mission gives, shape (n, 2), [m]."""
-    trajectory, loop = simulate_closed_loop(scenario, new_swarm)
+    trajectory, loop = simulate_closed_loop(scenario)
     flight = navigate(scenario, trajectory, new_navigator)
     measured, estimates = flight.measurements[follower], flight.estimates[follower]
     assert measured.message_step.size > 5
@@ -94,7 +94,7 @@ def test_of_two_messages_that_come_in_together_the_first_is_kept() -> None:
               *TILTED[:4], "sensors.leader_gyro_time_constant_s=3")  # fmt: skip
     scenario = mission(*nearer)
     np.testing.assert_allclose(apart(scenario), 0.0, rtol=0, atol=1e-9)
-    trajectory, _ = simulate_closed_loop(scenario, new_swarm)
+    trajectory, _ = simulate_closed_loop(scenario)
     sent = observe(trajectory, Hearing.of(scenario)).emission_step
     assert np.count_nonzero(np.diff(sent) == 2) == 1
 
@@ -107,7 +107,7 @@ def test_the_gate_counts_filter_steps() -> None:
 
 def test_sound_that_takes_its_time_comes_in_later() -> None:
     scenario = mission(*SLOW_SOUND)
-    trajectory, _ = simulate_closed_loop(scenario, new_swarm)
+    trajectory, _ = simulate_closed_loop(scenario)
     late = navigate(scenario, trajectory, new_navigator).measurements[0].message_step % scenario.message_every
     assert late.size > 50
     assert late.min() >= 3
@@ -145,7 +145,7 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
     scenario = validate(
         {"name": "mixed", "duration_s": 5.0, "followers": followers, "formation": {"proximity": near}}, "test"
     )
-    flown, loop = simulate_closed_loop(scenario, new_swarm)
+    flown, loop = simulate_closed_loop(scenario)
     truth = Truth(
         np.concatenate([flown.position, flown.quaternion], axis=2),
         np.concatenate([flown.velocity, flown.angular_velocity], axis=2),
@@ -169,8 +169,8 @@ def test_who_hears_nothing_drifts_with_the_water(variant: str) -> None:
     """Its readings are those of still water, so that it swims as there, and the water takes it 0.4 m/s eastwards."""
     silent = ("leader.waypoints=[[0, 0, 0], [300, 0, 300]]", "followers.0.waypoints=[[0, 20, 0], [300, 20, 300]]",
               "acoustics.max_range_m=1", f"navigation.variant={variant}", *EXACT)  # fmt: skip
-    still, _ = simulate_closed_loop(mission(*silent, duration=60.0), new_swarm)
-    moved, _ = simulate_closed_loop(mission(*silent, *EASTWARD, duration=60.0), new_swarm)
+    still, _ = simulate_closed_loop(mission(*silent, duration=60.0))
+    moved, _ = simulate_closed_loop(mission(*silent, *EASTWARD, duration=60.0))
     off = moved.position[:, 1] - still.position[:, 1]
     made_good = (off[600] - off[300]) / 30.0
     assert made_good == pytest.approx([0.4, 0.0, 0.0], abs=0.002)
@@ -181,7 +181,7 @@ def test_in_a_current_it_keeps_to_its_route(variant: str) -> None:
     """By the current that it estimates, or by the integral of how far it is off."""
     settings = ("leader.waypoints=[[0, 0, 0], [600, 0, 600]]", "followers.0.waypoints=[[0, 20, 0], [600, 20, 600]]",
                 f"navigation.variant={variant}", *EXACT, *EASTWARD)  # fmt: skip
-    flown, loop = simulate_closed_loop(mission(*settings, duration=400.0), new_swarm)
+    flown, loop = simulate_closed_loop(mission(*settings, duration=400.0))
     assert np.abs(loop.state.history.position[3000:, 0, 0] - 20.0).mean() < 0.4
     assert flown.position[3000:, 1, 1] - flown.time[3000:] == pytest.approx(0.0, abs=1.0)
 
@@ -209,7 +209,7 @@ def test_who_hears_nothing_follows_its_log_and_compass_astray() -> None:
 def test_between_filter_steps_it_dead_reckons(variant: str) -> None:
     """From where its navigator has it, and with the velocity that its navigator gives it."""
     scenario = mission(f"navigation.variant={variant}", "timing.filter_step_s=0.5", duration=10.0)
-    trajectory, loop = simulate_closed_loop(scenario, new_swarm)
+    trajectory, loop = simulate_closed_loop(scenario)
     state = navigate(scenario, trajectory, new_navigator).estimates[0].state
     for beyond in range(5):
         expected = state[:-1, :2] + 0.1 * beyond * state[:-1, 2:]
@@ -220,8 +220,8 @@ def test_between_filter_steps_it_dead_reckons(variant: str) -> None:
 def test_who_knows_of_no_place_goes_as_its_route_does() -> None:
     """It hears nothing and was told no start: it makes its turns as planned, and corrects nothing of what they miss."""
     silent = ("navigation.variant=tight", "navigation.assume.known_start=false", "acoustics.max_range_m=0.001", *EXACT)
-    lost, _ = simulate_closed_loop(mission(*silent, duration=20.0), new_swarm)
-    told, _ = simulate_closed_loop(mission("followers.0.steers_by=truth", duration=20.0), new_swarm)
+    lost, _ = simulate_closed_loop(mission(*silent, duration=20.0))
+    told, _ = simulate_closed_loop(mission("followers.0.steers_by=truth", duration=20.0))
     astray = np.linalg.norm(lost.position[:, 1] - told.position[:, 1], axis=1)
     assert 0.02 < astray.max() < 0.5
 
@@ -245,7 +245,7 @@ def test_followers_on_routes_and_stations_swim_together(tilt: bool) -> None:
                  "leader": {"broadcast_attitude": tilt}, "navigation": {"use_attitude": tilt},
                  "sensors": dict.fromkeys(exact, 0.0),
                  "acoustics": {"range_tau_m": [0.0, 0.0, 0.0], "range_scale_sigma_m": 0.0}}  # fmt: skip
-        return simulate_closed_loop(validate(table, "test"), new_swarm)[0]
+        return simulate_closed_loop(validate(table, "test"))[0]
 
     together = flown([*routes, *stations])
     for i, alone in enumerate([*routes, *stations]):

@@ -9,7 +9,7 @@ from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors, summarise
 from laisn.arrays import Floats
-from laisn.navigators import new_navigator, new_swarm
+from laisn.navigators import new_navigator
 from laisn.swarm import ESTIMATE
 from sim.closed_loop import ClosedLoop, PythonClosedLoop, simulate_closed_loop
 from sim.control.follower import (
@@ -44,7 +44,7 @@ def mission(*, duration: float = 40.0, places: list[tuple[float, float, float]] 
 
 
 def flown(scenario: Scenario) -> tuple[Trajectory, ClosedLoop | PythonClosedLoop]:
-    return simulate_closed_loop(scenario, new_swarm)
+    return simulate_closed_loop(scenario)
 
 
 NOISY = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.flight.library import load
-from laisn.navigators import new_navigator, new_swarm
+from laisn.navigators import new_navigator
 from laisn.swarm import SeparateNavigators
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import navigate
@@ -81,7 +81,7 @@ def test_navigators_in_python_steer_by_their_estimates(variant: str) -> None:
     np.testing.assert_array_equal(loop.state.history.position[1:, 0], estimates.state[:, :2])
     np.testing.assert_array_equal(loop.state.history.velocity[1:, 0], estimates.state[:, 2:])
     if variant == "laisn-3-1":
-        usual, _ = simulate_closed_loop(scenario, new_swarm)
+        usual, _ = simulate_closed_loop(scenario)
         np.testing.assert_allclose(own.position, usual.position, rtol=0, atol=1e-9)
 
 

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from laisn.navigators import new_swarm
 from sim import feasibility
 from sim.closed_loop import simulate_closed_loop
 from sim.scenario.file import validate
@@ -139,7 +138,7 @@ def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(ocean: dict
     """With hardly more range than it takes to brake; without a sensor stations meet within a metre."""
     told_so = told({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}, "ocean": ocean})
     scenario = told_so.model_copy(update={"duration_s": 110.0})
-    planned, (flown, _) = nearest_stations(scenario), simulate_closed_loop(scenario, new_swarm)
+    planned, (flown, _) = nearest_stations(scenario), simulate_closed_loop(scenario)
     nearest = closest_in_a_layer(scenario, flown)
     assert planned is not None
     assert nearest is not None

@@ -18,7 +18,6 @@ from experiments.flight.library import ROUTES
 from experiments.intervals import proportion
 from experiments.route_keeping.study import scenario
 from laisn import metrics
-from laisn.navigators import new_swarm
 from sim.assembly import routes_of
 from sim.closed_loop import simulate_closed_loop
 from sim.scenario.settings import Scenario
@@ -64,7 +63,7 @@ def steering(run: int, navigator: str, way: str) -> Scenario:
 def measure(run: int, navigator: str, way: str) -> list[Record]:
     """Mean E_P, RMS distance off its place, and that distance at the end, of each follower, [m]."""
     mission = steering(run, navigator, way)
-    trajectory, loop = simulate_closed_loop(mission, new_swarm)
+    trajectory, loop = simulate_closed_loop(mission)
     routes, rows = routes_of(mission), []
     for i, follower in enumerate(mission.followers):
         hydrophone = trajectory.site_path(f"{follower.name}/hydrophone")[1:, :2]
@@ -110,7 +109,7 @@ def run(folder: Path) -> None:
     """Fly all runs, or those that are missing, and write the record into a folder."""
     ways = [(name, way) for name in NAVIGATORS for way in WAYS]
     tasks = {(*way, run): partial(measure, run, *way) for way in ways for run in RUNS}
-    ahead = partial(simulate_closed_loop, steering(0, "laisn-2", "estimate").first_messages, new_swarm)
+    ahead = partial(simulate_closed_loop, steering(0, "laisn-2", "estimate").first_messages)
     flown = campaign.fly(Design(tasks=tasks, what="fleets", ahead=ahead), folder).tasks
     findings_of({way: [flown[*way, run] for run in RUNS] for way in ways}).write(folder / FILE)
 

@@ -33,15 +33,16 @@ class Stopwatch:
 
 
 def motion_and_outcome(
-    scenario: Scenario, progress: Callable[[float], None] | None = None
+    scenario: Scenario,
+    progress: Callable[[float], None] | None = None,
+    make_controller: ControllerFactory | None = None,
 ) -> tuple[Trajectory, Outcome]:
     """The motion of a scenario and how it ended; if before its time, what was flown until then."""
-    make_controller: ControllerFactory | None = None
-    if listeners(scenario):
+    if make_controller is None and listeners(scenario):
         # control of formations takes long to load
         from sim.closed_loop import closed_loop_of
 
-        make_controller = partial(closed_loop_of, scenario, find(scenario.navigation.variant).new_swarm)
+        make_controller = partial(closed_loop_of, scenario)
     try:
         return simulate_motion(scenario, progress, make_controller), Outcome.COMPLETED
     except DivergedError as error:
@@ -50,15 +51,19 @@ def motion_and_outcome(
         return error.trajectory, Outcome.CONTACT
 
 
-def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> tuple[Flight, dict[str, float]]:
-    """Fly a scenario with the navigator of this project.
+def fly(
+    scenario: Scenario,
+    progress: Callable[[float], None] | None = None,
+    make_controller: ControllerFactory | None = None,
+) -> tuple[Flight, dict[str, float]]:
+    """Fly a scenario with its navigator, and with its controller or another one.
 
     Returns:
         The flight, and the seconds that simulation and navigation took.
     """
     watch = Stopwatch()
     with watch.phase("simulate_s"):
-        trajectory, outcome = motion_and_outcome(scenario, progress)
+        trajectory, outcome = motion_and_outcome(scenario, progress, make_controller)
     with watch.phase("navigate_s"):
         flight = navigate(scenario, trajectory, outcome=outcome)
     return flight, watch.seconds

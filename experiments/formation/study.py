@@ -17,7 +17,6 @@ from experiments.formation.conditions import CONDITIONS, Condition
 from experiments.intervals import mean_interval, proportion
 from experiments.study.facts import thruster_power
 from laisn.arrays import Floats
-from laisn.navigators import new_swarm
 from sim.closed_loop import simulate_closed_loop
 from sim.contact import contacts
 from sim.station_keeping import (
@@ -68,7 +67,7 @@ class Run:
 def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> Run:
     """Fly one run of a condition."""
     scenario = condition.scenario(run, duration_s)
-    trajectory, loop = simulate_closed_loop(scenario, new_swarm)
+    trajectory, loop = simulate_closed_loop(scenario)
     stations = true_stations(scenario, trajectory)
     off = off_station(scenario, trajectory, stations)
     kept = [station_keeping(column, trajectory.time) for column in off.T]

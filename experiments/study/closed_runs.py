@@ -6,7 +6,6 @@ from experiments.campaign.store import CampaignError, Record
 from experiments.study.facts import facts_of
 from laisn import metrics
 from laisn.arrays import Floats
-from laisn.navigators import find
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import Outcome
 from sim.motion import ContactError, DivergedError
@@ -26,7 +25,7 @@ def _flown(scenario: Scenario) -> tuple[Trajectory, Outcome, list[Floats], list[
     """Motion of a run and its outcome, each follower's estimated positions, shape (n, 2), [m], and its gated fixes."""
     stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
     try:
-        trajectory, loop = simulate_closed_loop(scenario, find(scenario.navigation.variant).new_swarm)
+        trajectory, loop = simulate_closed_loop(scenario)
     except (ContactError, DivergedError) as error:
         outcome = Outcome.CONTACT if isinstance(error, ContactError) else Outcome.DIVERGED
         unknown = np.full(((error.trajectory.time.size - 1) // stride, 2), np.nan)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from laisn.estimates import FixKind
-from laisn.navigators import new_navigator, new_swarm
+from laisn.navigators import new_navigator
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import navigate
 from sim.scenario.file import validate
@@ -20,7 +20,7 @@ def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(varian
         "followers": [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in stations],
     }  # fmt: skip
     scenario = validate(table, "test")
-    trajectory, loop = simulate_closed_loop(scenario, new_swarm)
+    trajectory, loop = simulate_closed_loop(scenario)
     history, gated = loop.state.history.position, loop.swarm.gated
     flight = navigate(scenario, trajectory, new_navigator)
     assert trajectory.time[-1] == pytest.approx(12.0)

@@ -6,7 +6,6 @@ from functools import partial
 import mujoco
 
 from experiments.flight.library import load
-from laisn.navigators import new_swarm
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.closed_loop import closed_loop_of, simulate_closed_loop
 from sim.scenario.settings import Scenario
@@ -45,7 +44,7 @@ def _closed(scenario: Scenario) -> Callable[[], object]:
     """The closed loop: sensing, navigation, guidance, autopilot, physics, recording."""
     routes, ocean = routes_of(scenario), ocean_of(scenario)
     plants = [Plant(setups_of(scenario, routes), ocean, scenario.timing.physics_step_s) for _ in range(_REPEATS + 1)]
-    make_controller = partial(closed_loop_of, scenario, new_swarm)
+    make_controller = partial(closed_loop_of, scenario)
     return lambda: simulate(plants.pop(), routes, scenario.duration_s, make_controller=make_controller)
 
 
@@ -68,7 +67,7 @@ def formation() -> list[Row]:
     rows.append(
         Row(
             f"leader + 10: a run of {_WHOLE_S:g} s, whole",
-            least_time(partial(simulate_closed_loop, whole, new_swarm), 2),
+            least_time(partial(simulate_closed_loop, whole), 2),
             "s",
         )
     )
