@@ -1,15 +1,46 @@
-"""The linear Kalman filter of LAISN (paper, Section 2.1): the only module that knows filterpy."""
+"""The linear Kalman filter of LAISN and its process noise (paper, Section 2.1): the only module that uses filterpy."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from laisn import POSITION
 from laisn.arrays import Floats
-from laisn.geometry import SINGULAR_VARIANCE, is_singular
+from laisn.compiled import formula
+from laisn.geometry import SINGULAR_VARIANCE, angle_between, is_singular
+from laisn.tuning import Tuning
 
 _H_POSITION = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]])
 _H_VELOCITY = np.array([[0, 0, 1.0, 0], [0, 0, 0, 1.0]])
+
+_PER_PI = 1.0 / math.pi
+
+
+@formula
+def speed_share(before: float, now: float, speed_max: float) -> float:
+    """γv: change of speed as a share of the top speed; 0 if the first is NaN."""
+    share = abs(now - before) * (1.0 / speed_max)
+    return share if share > 0.0 else 0.0
+
+
+@formula
+def turn_share(before: float, now: float) -> float:
+    """γθ: smallest angle between two headings as a share of π; 0 if the first is NaN."""
+    share = angle_between(now, before) * _PER_PI
+    return share if share > 0.0 else 0.0
+
+
+@formula
+def larger(a: float, b: float) -> float:
+    """Larger of two shares, which is that of the vehicle that changed more."""
+    return a if a > b else b
+
+
+@formula
+def expected_acceleration(speed_change: float, turn: float, t: Tuning) -> float:
+    """σa = α (γv + γθ) + σa0 [m/s²]: more where a vehicle manoeuvres (paper, Section 2.1)."""
+    return t.alpha * (speed_change + turn) + t.sigma_a0
 
 
 class Innovation(NamedTuple):

@@ -7,11 +7,11 @@ P S⁻¹ R stands for P − P S⁻¹ P. That equals the Joseph form up to roundi
 import numpy as np
 
 from laisn import lane_rows as row
-from laisn.acceleration import expected_acceleration, larger, speed_share, turn_share
 from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
 from laisn.elementary import sin_cos
 from laisn.estimates import FixKind
+from laisn.filter import expected_acceleration, larger, speed_share, turn_share
 from laisn.fix import LOST, fix_variance
 from laisn.gate import is_beyond, reach
 from laisn.geometry import Point, is_singular

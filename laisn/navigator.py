@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn import POSITION
-from laisn.acceleration import expected_acceleration, larger, speed_share, turn_share
 from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind
 from laisn.failure import LaisnError
-from laisn.filter import Filter
+from laisn.filter import Filter, expected_acceleration, larger, speed_share, turn_share
 from laisn.fix import Fix, fix_variance
 from laisn.gate import Gate
 from laisn.geometry import Point

@@ -10,7 +10,7 @@ from experiments.campaign.bound import geometry_of, least_rms
 from experiments.campaign.missions import mission_of, motion_of
 from experiments.reproduction.stages import Setting, compass, scenario
 from laisn.bound import TrueNoise
-from laisn.tight.leader_way import CURRENT_SIGMA
+from laisn.tight.leader import CURRENT_SIGMA
 from laisn.tight.model import model_of
 from laisn.tight.settings import Assume, TightSettings
 from sim.scenario.routes import Route, library_route

@@ -6,5 +6,5 @@ nobody knows either. Takes `Measurements` whose receptions place their transmitt
 that can be believed.
 
 Imports: laisn.arrays laisn.compiled laisn.estimates laisn.failure laisn.messages
-laisn.navigators laisn.records
+laisn.mixture laisn.navigators laisn.records
 """

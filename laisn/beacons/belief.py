@@ -12,6 +12,7 @@ State of a component, of n = 8 + 3 B numbers for B beacons; a state with the var
     δ_i     … and the error of its place, east and north [m]
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.beacons.settings import BeaconSettings
 from laisn.compiled import compiled
+from laisn.mixture import add_moments
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
 """Indices of the states that all beacons share."""
@@ -29,6 +31,12 @@ KEPT = 256
 """Components that are kept from range to range."""
 ROOM = 4 * KEPT
 """Components that there is room for while they are split."""
+
+# How fast what is called constant may wander, as variance in a second: biases of real sensors are never quite constant,
+# and a filter that believes them to be loses track of them for good.
+_SPEED_WALK = 5e-4**2  # [1/s]
+_GYRO_WALK = 2e-5**2  # [rad²/s³]
+_CURRENT_WALK = 1e-3**2  # [m²/s³]
 
 
 class Belief(NamedTuple):
@@ -111,6 +119,50 @@ def copy(b: Belief, source: int, target: int) -> None:
 
 
 @compiled
+def advance(b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float) -> None:
+    """One step of odometry, whose mean speed and heading are measured.
+
+    The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading.
+
+    Args:
+        b: the belief.
+        errors: random walk of the position that odometry does not see [m/√s], and of the heading [rad/√s].
+        speed: mean over the step [m/s].
+        heading: of the way in the step [rad].
+        time: that the step takes [s].
+    """
+    n, (slip, heading_walk) = b.fresh.size, errors
+    for k in range(b.alive[0]):
+        x, P = b.state[k], b.covariance[k]
+        if b.fresh[GYRO] > 0.0:
+            x[HEADING] += time * x[GYRO]
+            for j in range(n):
+                P[HEADING, j] += time * P[GYRO, j]
+            for j in range(n):
+                P[j, HEADING] += time * P[j, GYRO]
+            P[GYRO, GYRO] += time * _GYRO_WALK
+        way = speed * time * math.exp(x[SPEED])
+        east, north = way * math.sin(heading - x[HEADING]), way * math.cos(heading - x[HEADING])
+        x[X] += east + time * x[EAST]
+        x[Y] += north + time * x[NORTH]
+        for j in range(n):
+            P[X, j] += east * P[SPEED, j] - north * P[HEADING, j] + time * P[EAST, j]
+            P[Y, j] += north * P[SPEED, j] + east * P[HEADING, j] + time * P[NORTH, j]
+        for j in range(n):
+            P[j, X] += east * P[j, SPEED] - north * P[j, HEADING] + time * P[j, EAST]
+            P[j, Y] += north * P[j, SPEED] + east * P[j, HEADING] + time * P[j, NORTH]
+        P[Y, X] = P[X, Y]
+        P[X, X] += slip * slip * time
+        P[Y, Y] += slip * slip * time
+        P[HEADING, HEADING] += heading_walk * heading_walk * time
+        if b.fresh[SPEED] > 0.0:
+            P[SPEED, SPEED] += _SPEED_WALK * time
+        if b.fresh[EAST] > 0.0:
+            P[EAST, EAST] += _CURRENT_WALK * time
+            P[NORTH, NORTH] += _CURRENT_WALK * time
+
+
+@compiled
 def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
     """Mean of x, y, vx, vy over the mixture, shape (4,), and its covariance, shape (4, 4); NaN if it is empty.
 
@@ -119,21 +171,22 @@ def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
         speed: last reading of the odometry [m/s] …
         heading: … and of the gyro [rad].
     """
-    mean, covariance = np.zeros(4), np.zeros((4, 4))
+    mean, covariance, rows = np.zeros(4), np.zeros((4, 4)), np.zeros((4, b.fresh.size))
     if b.alive[0] == 0:
         return mean + np.nan, covariance + np.nan
-    n, parts = b.fresh.size, np.empty((b.alive[0], 4))
-    rows = np.zeros((4, n))
+    # about the mean position, so that the squares of large coordinates do not swallow small variances
+    east = north = 0.0
+    for k in range(b.alive[0]):
+        east += b.weight[k] * b.state[k, X]
+        north += b.weight[k] * b.state[k, Y]
     for k in range(b.alive[0]):
         x = b.state[k]
         s = speed * np.exp(x[SPEED])
         vx, vy = s * np.sin(heading - x[HEADING]), s * np.cos(heading - x[HEADING])
         rows[0, X] = rows[1, Y] = rows[2, EAST] = rows[3, NORTH] = 1.0
         rows[2, SPEED], rows[2, HEADING], rows[3, SPEED], rows[3, HEADING] = vx, -vy, vy, vx
-        parts[k] = np.array([x[X], x[Y], vx + x[EAST], vy + x[NORTH]])
-        mean += b.weight[k] * parts[k]
-        covariance += b.weight[k] * (rows @ b.covariance[k] @ rows.T)
-    for k in range(b.alive[0]):
-        off = parts[k] - mean
-        covariance += b.weight[k] * np.outer(off, off)
+        here = (x[X] - east, x[Y] - north, vx + x[EAST], vy + x[NORTH])
+        add_moments(mean, covariance, b.weight[k], here, rows, b.covariance[k])
+    covariance -= np.outer(mean, mean)
+    mean[X], mean[Y] = mean[X] + east, mean[Y] + north
     return mean, covariance

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.beacons.belief import Belief, moments, new_belief, with_beacon
+from laisn.beacons.belief import Belief, advance, moments, new_belief, with_beacon
 from laisn.beacons.estimator import STARTERS, hear
-from laisn.beacons.odometry import advance
 from laisn.beacons.ranging import Ranging
 from laisn.beacons.settings import BeaconSettings
 from laisn.estimates import Estimates, FixKind

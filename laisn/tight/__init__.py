@@ -5,5 +5,5 @@ covariance that can be believed, biases, and both sides of the leader's axis whi
 Everything between is compiled (`estimator`), the same code whether one follower navigates online or a campaign runs.
 
 Imports: laisn.arrays laisn.compiled laisn.elementary laisn.estimates laisn.failure laisn.geometry laisn.messages
-laisn.navigators laisn.records laisn.settings laisn.smoothing
+laisn.mixture laisn.navigators laisn.records laisn.settings laisn.smoothing
 """

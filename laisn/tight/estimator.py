@@ -1,18 +1,16 @@
 """One message: predict, split, update, prune and merge; online in `TightNavigator`, and in a loop in campaigns."""
 
 import math
+from typing import Any
 
 import numpy as np
 
 from laisn.compiled import compiled
-from laisn.elementary import sin_cos
+from laisn.elementary import half_turn_angle, sin_cos
 from laisn.geometry import hull_to_world
 from laisn.tight.belief import Belief, refresh_output
-from laisn.tight.deviation import deviate
-from laisn.tight.leader_way import update_current_from_leader_track
-from laisn.tight.leg import average_leader_heading
+from laisn.tight.leader import average_leader_heading, update_current_from_leader_track
 from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
-from laisn.tight.modes import mix_modes
 from laisn.tight.own_motion import begin_interval, move
 from laisn.tight.ranging import Heard, update
 from laisn.tight.ring import add_ring, reinitialise_if_inconsistent
@@ -29,6 +27,11 @@ _PATIENCE = 3
 """Messages in a row without an accepted range after which the covariance is inflated."""
 _WIDER_POSITION, _WIDER_COMPASS = 1.0, math.radians(2.0) ** 2
 """Variances that each widening adds, of position along each axis [m²] and of the compass's bias [rad²]."""
+
+_TURN, _LEADER_TURN = 0.1, 0.15
+"""Turns up to these change nothing, one's own and the leader's, as readings err by a part of them [rad]."""
+_SETTLED = 10.0
+"""A turn is over where it has not gone on for so long [s]."""
 
 
 @compiled
@@ -57,6 +60,81 @@ def place_arms(heard: Heard, m: Model, pitch: float, roll: float, deeper: float)
         arms[i, 0] = forward * ahead[0] + port * aside[0]
         arms[i, 1] = forward * ahead[1] + port * aside[1]
         arms[i, 2] = deeper - (forward * ahead[2] + port * aside[2])
+
+
+@compiled
+def mix_modes(b: Belief, m: Model) -> None:
+    """Blend the two modes of each hypothesis, slow and quick drift of biases; nothing where there is one.
+
+    The interacting multiple model of Blom & Bar-Shalom (Bar-Shalom, Li & Kirubarajan 2001): each hypothesis has a
+    component of each mode, and before a message either becomes a blend of both, by the chance that the drift has
+    changed its mode.
+    """
+    if m.modes == 1:
+        return
+    x, P, n = b.state, b.covariance, m.states
+    # a chain of two states that changes at the same rate either way (Poisson)
+    stay = 0.5 + 0.5 * math.exp(-2.0 * m.mode_switches * b.motion.time)
+    for h in range(b.alive):
+        slow, quick = 2 * h, 2 * h + 1
+        both_slow, both_quick = b.weight[slow], b.weight[quick]
+        new_slow = stay * both_slow + (1.0 - stay) * both_quick
+        new_quick = stay * both_quick + (1.0 - stay) * both_slow
+        if new_slow <= 0.0 or new_quick <= 0.0:
+            continue
+        # shares of the quick component in either blend
+        in_slow = (1.0 - stay) * both_quick / new_slow
+        in_quick = stay * both_quick / new_quick
+        for i in range(n):
+            for j in range(i + 1):
+                apart = (x[quick, i] - x[slow, i]) * (x[quick, j] - x[slow, j])
+                first, change = P[slow, i, j], P[quick, i, j] - P[slow, i, j]
+                P[slow, i, j] = P[slow, j, i] = first + in_slow * change + in_slow * (1.0 - in_slow) * apart
+                P[quick, i, j] = P[quick, j, i] = first + in_quick * change + in_quick * (1.0 - in_quick) * apart
+        for i in range(n):
+            first, change = x[slow, i], x[quick, i] - x[slow, i]
+            x[slow, i], x[quick, i] = first + in_slow * change, first + in_quick * change
+        b.weight[slow], b.weight[quick] = new_slow, new_quick
+
+
+@compiled
+def _gained(turn: Any, direction: tuple[float, float], least: float, time: float) -> float:
+    """By how much the square of the angle of a turn has grown in so many seconds [rad²].
+
+    Args:
+        turn: its record, brought forward.
+        direction: sine and cosine of the heading now.
+        least: angle from which on it is a turn [rad].
+        time: since this was last asked [s].
+    """
+    sine, cosine = direction
+    started = turn.sin != 0.0 or turn.cos != 0.0
+    angle = half_turn_angle(sine * turn.cos - cosine * turn.sin, sine * turn.sin + cosine * turn.cos)
+    turn.still += time
+    if started and angle > max(turn.angle, least):
+        gained: float = angle * angle - turn.angle * turn.angle
+        turn.angle, turn.still = angle, 0.0
+        return gained
+    if not started or turn.still >= _SETTLED - 1e-6:
+        turn.sin, turn.cos, turn.angle, turn.still = sine, cosine, 0.0, 0.0
+    return 0.0
+
+
+@compiled
+def deviate(b: Belief, m: Model, heard: Heard) -> None:
+    """Widen the compasses' biases by what turns since the last message may have changed of them.
+
+    A compass errs by another bias on another heading. What a turn may have changed of it is a share of the whole turn,
+    however many messages come while it lasts.
+    """
+    o = b.motion
+    own, leader = _gained(b.turn, (o.sin, o.cos), _TURN, o.time), 0.0
+    if m.leader != ABSENT:
+        leader = _gained(b.leader_turn, sin_cos(heard.heading), _LEADER_TURN, o.time)
+    for k in range(b.alive * m.modes):
+        b.covariance[k, COMPASS, COMPASS] += m.deviation * own
+        if m.leader != ABSENT:
+            b.covariance[k, m.leader, m.leader] += m.deviation * leader
 
 
 @compiled

@@ -6,6 +6,7 @@ import numpy as np
 
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
+from laisn.mixture import add_moments
 from laisn.tight.belief import Belief
 from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
 
@@ -179,15 +180,7 @@ def _add_component(b: Belief, m: Model, k: int) -> None:
         rows[2, m.current] = rows[3, m.current + 1] = 1.0
         here = (here[0] + time * east, here[1] + time * north, here[2] + east, here[3] + north)
         slip += m.current_walk * time * time * time / 3.0
-    for i in range(4):
-        mean[i] += weight * here[i]
-        for j in range(4):
-            value = here[i] * here[j]
-            for g in range(n):
-                if rows[i, g] != 0.0:
-                    for h in range(n):
-                        value += rows[i, g] * P[k, g, h] * rows[j, h]
-            covariance[i, j] += weight * value
+    add_moments(mean, covariance, weight, here, rows, P[k, :n, :n])
     mode = k % m.modes
     q_log, q_compass = m.log_walk[mode] * time / 3.0, m.compass_walk[mode] * time / 3.0
     nxx, nxy, nyy = o.nxx, o.nxy, o.nyy

@@ -11,8 +11,8 @@ import numpy as np
 
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.elementary import log, sin_cos
+from laisn.mixture import factor
 from laisn.tight.belief import Belief
-from laisn.tight.gaussian import factor
 from laisn.tight.model import ABSENT, SCALE, Model, X, Y
 
 _LOG_TURN = math.log(2.0 * math.pi)

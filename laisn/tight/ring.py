@@ -8,14 +8,13 @@ import math
 
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
+from laisn.mixture import place_on_ring
 from laisn.tight.belief import CAPACITY, Belief, refresh_output
 from laisn.tight.model import ABSENT, Model, X, Y
 from laisn.tight.ranging import Heard, update
 from laisn.tight.sides import copy, normalise, prune_and_merge
 
 _BEARINGS = 96
-_OVERLAP = 0.6
-"""Standard deviation of a bearing's Gaussian as a share of their spacing, for which their sum is nearly even."""
 _RADIAL_VARIANCE = 25.0
 """Variance of a hypothesis's distance before the update [m²]: wide beside all errors of a range."""
 _ALARM = 3.0
@@ -46,14 +45,9 @@ def _try_bearing(b: Belief, m: Model, k: int, heard: Heard, nearest: int, distan
 
     False if that failed.
     """
-    ux, uy = sin_cos(bearing)
-    across = (_OVERLAP * 2.0 * math.pi / _BEARINGS * distance) ** 2
     _reset(b, m, k)
-    b.state[k, X] = heard.arms[nearest, 0] + distance * ux
-    b.state[k, Y] = heard.arms[nearest, 1] + distance * uy
-    b.covariance[k, X, X] = _RADIAL_VARIANCE * ux * ux + across * uy * uy
-    b.covariance[k, Y, Y] = _RADIAL_VARIANCE * uy * uy + across * ux * ux
-    b.covariance[k, X, Y] = b.covariance[k, Y, X] = (_RADIAL_VARIANCE - across) * ux * uy
+    centre = (heard.arms[nearest, 0], heard.arms[nearest, 1])
+    place_on_ring(b.state[k], b.covariance[k], centre, distance, sin_cos(bearing), (_RADIAL_VARIANCE, _BEARINGS))
     return update(b, m, k, heard) >= 0
 
 

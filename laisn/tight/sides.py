@@ -8,9 +8,9 @@ import math
 
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
+from laisn.mixture import blend, half_moments, is_same, is_same_place
 from laisn.tight.belief import CAPACITY, Belief
 from laisn.tight.estimates import HYPOTHESES
-from laisn.tight.gaussian import blend, half_moments
 from laisn.tight.model import ABSENT, Model, X, Y
 from laisn.tight.ranging import Heard
 
@@ -19,8 +19,6 @@ _SPLIT = 0.3
 _REACH = 3.5
 """Farthest axis of a split, in lateral standard deviations."""
 _LEAST_WEIGHT = 1e-5
-_SAME = 0.3
-"""Squared Mahalanobis distance of two hypotheses' positions, and of their b_L, below which they are one."""
 
 
 @compiled
@@ -164,12 +162,9 @@ def _same_place(b: Belief, m: Model, g: int, h: int) -> bool:
     x, P = b.state, b.covariance
     if m.leader != ABSENT:
         apart, spread = x[i, m.leader] - x[j, m.leader], P[i, m.leader, m.leader] + P[j, m.leader, m.leader]
-        if apart * apart > _SAME * 0.5 * spread:
+        if not is_same(apart, 0.5 * spread):
             return False
-    dx, dy = x[i, X] - x[j, X], x[i, Y] - x[j, Y]
-    xx, xy = 0.5 * (P[i, X, X] + P[j, X, X]), 0.5 * (P[i, X, Y] + P[j, X, Y])
-    yy = 0.5 * (P[i, Y, Y] + P[j, Y, Y])
-    return bool(dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < _SAME * (xx * yy - xy * xy))
+    return is_same_place(x, P, i, j)
 
 
 @compiled

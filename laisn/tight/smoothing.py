@@ -16,12 +16,10 @@ from laisn.tight.belief import Belief
 from laisn.tight.estimates import TightEstimates
 
 # a helper of the filter, so that what it does to a covariance stands once
-from laisn.tight.estimator import inflate_bias_covariance
+from laisn.tight.estimator import inflate_bias_covariance, mix_modes
 from laisn.tight.model import COMPASS, LOG, Model
-from laisn.tight.modes import mix_modes
-from laisn.tight.navigator import TightNavigator, Update
+from laisn.tight.navigator import ScalarRecord, TightNavigator, Update, moments, scalar_record
 from laisn.tight.own_motion import move
-from laisn.tight.scalar_records import ScalarRecord, moments, scalar_record
 from laisn.tight.settings import TightSettings
 
 _SAME_TIME = 5e-4

@@ -9,10 +9,9 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.beacons.belief import new_belief, with_beacon
-from laisn.beacons.mixture import split, tidy
+from laisn.beacons.estimator import add_ring, prune_and_merge, split
 from laisn.beacons.navigator import BeaconNavigator
 from laisn.beacons.ranging import Ranging
-from laisn.beacons.ring import add_ring
 from laisn.beacons.settings import MEDIA, BeaconSettings
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
@@ -111,7 +110,7 @@ def test_the_heaviest_components_are_kept_and_the_heaviest_of_all_comes_first() 
     weight[rng.choice(count, 10, replace=False)] = 1e-7
     b.alive[0], b.weight[:count] = count, weight / weight.sum()
     b.state[:count, 0], b.covariance[:count] = 100.0 * np.arange(count), np.eye(b.fresh.size)
-    tidy(b)
+    prune_and_merge(b)
     kept = np.sort(weight)[-256:]
     assert b.alive[0] == 256
     assert b.state[0, 0] == 100.0 * np.argmax(weight)
@@ -147,7 +146,7 @@ def test_positions_are_one_within_a_third_of_their_spread() -> None:
         b.covariance[0, :2, :2], b.covariance[1, :2, :2] = 0.5 * spread, 1.5 * spread
         root = np.linalg.cholesky(spread)
         b.state[1, :2] = aside * root @ [0.6, 0.8]
-        tidy(b)
+        prune_and_merge(b)
         assert b.alive[0] == alive
         # the heavier one comes first; together they lie at their mean
         expected = (0.75 if alive == 1 else 1.0) * aside * root @ [0.6, 0.8]

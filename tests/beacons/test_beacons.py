@@ -10,10 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from laisn.arrays import Floats
-from laisn.beacons.belief import GYRO, HEADING, ROOM, SCALE, SHARED, SPEED, Belief, X, Y, new_belief, with_beacon
-from laisn.beacons.mixture import split, tidy
+from laisn.beacons.belief import (
+    GYRO,
+    HEADING,
+    ROOM,
+    SCALE,
+    SHARED,
+    SPEED,
+    Belief,
+    X,
+    Y,
+    advance,
+    new_belief,
+    with_beacon,
+)
+from laisn.beacons.estimator import prune_and_merge, split
 from laisn.beacons.navigator import BeaconNavigator
-from laisn.beacons.odometry import advance
 from laisn.beacons.ranging import Ranging, learn, look
 from laisn.beacons.settings import MEDIA, BeaconSettings
 from laisn.estimates import FixKind
@@ -156,7 +168,7 @@ def test_components_in_one_place_become_one_with_their_moments() -> None:
     # all within a third of their spread
     made.covariance[:, X, X] += 400.0
     made.covariance[:, Y, Y] += 400.0
-    tidy(made)
+    prune_and_merge(made)
     assert made.alive[0] == 1
     mean, covariance = mixture_moments(made)
     covariance[[X, Y], [X, Y]] -= 400.0

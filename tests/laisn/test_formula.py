@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from laisn import acceleration
+from laisn import filter as acceleration
 from laisn.compiled import compiled
 from laisn.fix import Circle, Fix, Pair, pair_fix
 from laisn.geometry import Point, Turn

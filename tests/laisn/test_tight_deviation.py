@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from laisn.tight.belief import new_belief
-from laisn.tight.deviation import deviate
+from laisn.tight.estimator import deviate
 from laisn.tight.model import COMPASS, model_of
 from laisn.tight.own_motion import advance, begin_interval
 from laisn.tight.ranging import new_heard

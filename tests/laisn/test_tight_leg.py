@@ -6,7 +6,7 @@ import pytest
 from laisn.arrays import Floats
 from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimator import inflate_bias_covariance, update_leader_variance
-from laisn.tight.leg import average_leader_heading
+from laisn.tight.leader import average_leader_heading
 from laisn.tight.model import Model, model_of
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import Assume, TightSettings

@@ -10,11 +10,11 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from laisn.arrays import Floats
+from laisn.mixture import blend, half_moments
 from laisn.tight.belief import Belief, new_belief, refresh_output
-from laisn.tight.gaussian import blend, half_moments
-from laisn.tight.leader_way import update_current_from_leader_track
+from laisn.tight.estimator import mix_modes
+from laisn.tight.leader import update_current_from_leader_track
 from laisn.tight.model import Model, model_of
-from laisn.tight.modes import mix_modes
 from laisn.tight.own_motion import advance, begin_interval, moments, move, position
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import Assume, TightSettings

@@ -1,0 +1,168 @@
+"""The leader: its heading on a straight leg, and the current as its own way shows it.
+
+On a straight leg the mean of the headings that it broadcasts replaces each of them. A reading errs at random, and turns
+the arms of the transmitters with it. Linearised there, derivatives and residuals of the ranges err together: a
+regression with errors in its regressors (Fuller, Measurement Error Models, 1987), whose answer is biased however many
+messages there are. The leader's positions are exact. Where they lie on a straight line the heading stays, and the error
+of the mean heading, which is the same for all ranges of the leg but for what each message adds to the mean, is a part
+of b_L. How much readings scatter about the means of their legs bounds what they err by at random.
+
+The leader's way over ground, less what its log and compass measure, is the water's way. So a current shows on a
+straight leg too, where a follower's own ranges cannot tell it from biases of log and compass, and in still water the
+bias of the leader's compass. Needs a leader that broadcasts its speed through the water.
+"""
+
+import math
+
+from laisn.compiled import compiled
+from laisn.elementary import sin_cos
+from laisn.geometry import angle_between, wrap_angle
+from laisn.tight.belief import Belief
+from laisn.tight.model import ABSENT, Model
+from laisn.tight.ranging import Heard
+
+_STRAIGHT = 0.005
+"""Way that bends by less from message to message is straight [rad]."""
+_LEAST_WAY = 0.3
+"""Shorter ways between messages have no direction [m]."""
+_AGREES = 4.0
+"""Standard deviations of a reading from the mean, beyond which the leader has turned without moving aside."""
+_ENOUGH = 4.0
+"""Messages of a leg after which its mean heading is used; sooner where its variance is little beside that of b_L."""
+_LITTLE = 0.1
+
+
+@compiled
+def _bend(b: Belief, heard: Heard) -> float:
+    """By how much the leader's way turned at the last message [rad]; NaN if that is unknown."""
+    o = b.leader
+    dx, dy = heard.east - o.at_x, heard.north - o.at_y
+    before = o.track
+    o.at_x, o.at_y = heard.east, heard.north
+    o.track = math.atan2(dx, dy) if dx * dx + dy * dy > _LEAST_WAY * _LEAST_WAY else math.nan
+    return wrap_angle(o.track - before)
+
+
+@compiled
+def _turn_arms(heard: Heard, angle: float) -> None:
+    """Turn the arms clockwise."""
+    s, c = sin_cos(angle)
+    for i in range(3):
+        ax, ay = heard.arms[i, 0], heard.arms[i, 1]
+        heard.arms[i, 0], heard.arms[i, 1] = c * ax + s * ay, c * ay - s * ax
+
+
+@compiled
+def average_leader_heading(b: Belief, m: Model, heard: Heard) -> None:
+    """Replace the heading of a message by the leg's, with the arms; sets `heard.shift` and `heard.wander`."""
+    o, told = b.leader, m.leader_variance
+    bend = _bend(b, heard)
+    straight = abs(bend) < _STRAIGHT
+    heard.shift = heard.wander = 0.0
+    error = wrap_angle(heard.heading - o.leg_heading - bend)
+    if o.leg > 0.0 and not (straight and error * error <= _AGREES * _AGREES * told):
+        if o.steady > 0.0:
+            # from here on b_L is again without the mean's random error
+            heard.wander = o.scatter / o.leg
+            o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
+        o.leg = o.steady = 0.0
+        return
+    if not straight:
+        return
+    o.leg += 1.0
+    shift = error / o.leg if o.leg > 1.0 else 0.0
+    o.leg_heading = o.leg_heading + bend + shift if o.leg > 1.0 else heard.heading
+    if o.leg > 1.0:
+        o.squares += error * (error - shift)
+        o.compared += 1.0
+        o.scatter = min((told + o.squares) / (1.0 + o.compared), told)
+    if o.steady > 0.0:
+        # the way bends half an interval earlier than the heading
+        heard.shift, heard.wander = shift, 0.25 * bend * bend
+    elif o.leg >= _ENOUGH or o.scatter < _LITTLE * o.leg * b.covariance[0, m.leader, m.leader]:
+        heard.wander = o.scatter / o.leg
+        o.steady = 1.0
+        o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
+    if o.steady > 0.0:
+        change = wrap_angle(o.leg_heading - heard.heading)
+        heard.heading += change
+        _turn_arms(heard, change)
+
+
+_WINDOW = 10.0
+"""Longest window [s]; at the start it is shorter, so that something is known soon."""
+_FIRST_WINDOW = 1.0
+_GROWTH = 0.2
+_TURN = 0.2
+"""A window with more turn than this says nothing: the way between messages is not known well enough [rad]."""
+CURRENT_SIGMA = 0.05
+"""Standard deviation of the mean current over a window of 10 s [m/s]."""
+
+
+@compiled
+def _begin(b: Belief, heard: Heard) -> None:
+    o = b.leader
+    o.window_time, o.window_x, o.window_y = heard.time, heard.east, heard.north
+    o.logged_x = o.logged_y = 0.0
+    o.first_heading = heard.heading
+
+
+@compiled
+def _learn_component(
+    b: Belief, m: Model, k: int, seen: tuple[float, float], logged: tuple[float, float], variance: float
+) -> None:
+    """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once; `logged` is v_L u(θ_L)."""
+    x, P, n, gain = b.state, b.covariance, m.states, b.before_state
+    moving, turning = m.current != ABSENT, m.leader != ABSENT
+    bias = x[k, m.leader] if turning else 0.0
+    c, s = math.cos(bias), math.sin(bias)
+    turned = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
+    for axis in range(2):
+        state = m.current + axis
+        slope = -turned[1] if axis == 0 else turned[0]
+        residual = seen[axis] - (turned[axis] - logged[axis])
+        if turning:
+            residual -= slope * (x[k, m.leader] - bias)
+        if moving:
+            residual -= x[k, state]
+        spread = variance
+        for i in range(n):
+            gain[i] = P[k, i, state] if moving else 0.0
+            if turning:
+                gain[i] += slope * P[k, i, m.leader]
+        if moving:
+            spread += gain[state]
+        if turning:
+            spread += slope * gain[m.leader]
+        for i in range(n):
+            x[k, i] += gain[i] * residual / spread
+            for j in range(i + 1):
+                P[k, i, j] -= gain[i] * gain[j] / spread
+                P[k, j, i] = P[k, i, j]
+
+
+@compiled
+def update_current_from_leader_track(b: Belief, m: Model, heard: Heard) -> None:
+    """Take a message's pose and speed; at the end of a window update all components with the current it shows."""
+    o = b.leader
+    sx, sy = heard.speed * math.sin(heard.heading), heard.speed * math.cos(heard.heading)
+    if o.window_time != o.window_time:
+        o.first_time = heard.time
+        _begin(b, heard)
+    else:
+        elapsed = heard.time - o.last_time
+        o.logged_x += 0.5 * elapsed * (o.velocity_x + sx)
+        o.logged_y += 0.5 * elapsed * (o.velocity_y + sy)
+        turn = angle_between(heard.heading, o.first_heading)
+        window = heard.time - o.window_time
+        wanted = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (heard.time - o.first_time))
+        if turn > _TURN:
+            _begin(b, heard)
+        elif window >= wanted - 1e-6:
+            per = 1.0 / window
+            logged = (per * o.logged_x, per * o.logged_y)
+            seen = (per * (heard.east - o.window_x) - logged[0], per * (heard.north - o.window_y) - logged[1])
+            for k in range(b.alive * m.modes):
+                _learn_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
+            _begin(b, heard)
+    o.velocity_x, o.velocity_y, o.last_time, o.last_heading = sx, sy, heard.time, heard.heading
