@@ -266,7 +266,7 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
     """Estimates 3 m east and 4 m south of the truth; followers where their routes have them, but for a last stretch."""
     asked = []
 
-    def flown(scenario: Scenario, _: object) -> tuple[Trajectory, Any]:
+    def flown(scenario: Scenario) -> tuple[Trajectory, Any]:
         asked.append(scenario)
         short = study.scenario(tuple(ROUTES), 10.0).model_copy(update={"motion": "kinematic"})
         trajectory = simulate_motion(short)
