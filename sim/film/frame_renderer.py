@@ -4,6 +4,7 @@ import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -84,10 +85,10 @@ class FrameRenderer:
         return self._overlay.canvas.pixels
 
 
-def open_scene(job: Job) -> GlScene:
-    """The scene for a job, in this process."""
+def open_scene(job: Job) -> closing[GlScene]:
+    """The scene for a job, in this process, as a context manager."""
     size, scenario = (job.video.width_px, job.video.height_px), job.flight.scenario
-    return GlScene(job.flight.trajectory.names, models_of(scenario), ocean_of(scenario), size)
+    return closing(GlScene(job.flight.trajectory.names, models_of(scenario), ocean_of(scenario), size))
 
 
 def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:

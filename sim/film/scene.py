@@ -1,7 +1,6 @@
 """The three-dimensional part of a frame: sea, hulls and ghosts of estimates."""
 
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -28,7 +27,7 @@ _HULL_REACH_M = 1.5
 
 
 class GlScene:
-    """Owns the model, the graphics context and the frame buffer. A context manager.
+    """Owns the model, the graphics context and the frame buffer, until it is closed.
 
     Args:
         names: of the vehicles, the leader first.
@@ -61,12 +60,8 @@ class GlScene:
         self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
         self._smooth = np.zeros_like(self._pixels)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Free the graphics context."""
         self._context.free()
         self._gl.free()
 
