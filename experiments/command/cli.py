@@ -239,13 +239,15 @@ def log_export(
 @log_app.command("import")
 @report_errors
 def log_import(
-    source: Annotated[Path, typer.Argument(metavar="FILE", help="a factor graph (.pyfg), or NAME.mat or NAME_DR.txt")],
+    source: Annotated[
+        Path, typer.Argument(metavar="FILE", help="a factor graph (.pyfg), NAME.mat or NAME_DR.txt, or a table (.csv)")
+    ],
     out: Annotated[Path, typer.Option(help="the log to write (.mcap)")],
     beacons: Annotated[
         str | None, typer.Option(metavar="NAME,NAME", help="keep the ranges to these beacons (default: to all)")
     ] = None,
 ) -> None:
-    """Import a data set of odometry and ranges to beacons as a log, on which `laisn replay` navigates."""
+    """Import a data set of ranges to beacons, or a table of a vehicle's measurements, for `laisn replay`."""
     from experiments.command import replaying
 
     replaying.import_data_set(source, out, beacons)

@@ -197,19 +197,29 @@ def show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: 
 
 
 def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
-    """Write a data set as a log.
+    """Write a data set, or the table of a vehicle's measurements, as a log.
 
     Args:
-        source: factor graph or data set of ranging radios.
+        source: factor graph, data set of ranging radios, or table with named columns.
         out: the log.
         beacons: names of those whose ranges are kept, with commas between; None: all.
 
     Raises:
         LaisnError: the file cannot be read or lacks a beacon, or the log's name is invalid.
     """
-    from sim.datasets.log import VEHICLE, read_data_set, write_data_set
+    from sim.datasets.log import VEHICLE, read_data_set, write_data_set, write_vehicle_table
+    from sim.datasets.vehicle_table import read_vehicle_table
 
     require_own_file(out, ".mcap", source)
+    if source.suffix in (".csv", ".tsv") and not source.stem.endswith("_DR"):
+        if beacons is not None:
+            raise LaisnError(f"--beacons {beacons}: {source} holds a vehicle's own table, whose ranges have no beacons")
+        table = read_vehicle_table(source)
+        write_vehicle_table(table, out, "follower")
+        for remark in table.remarks:
+            tell(Console(), remark)
+        tell(Console(), f"log in {out}; navigate on it with: laisn replay {out} --scenario FILE")
+        return
     data = read_data_set(source)
     if beacons is not None:
         data = data.among([name.strip() for name in beacons.split(",") if name.strip()])

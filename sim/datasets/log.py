@@ -13,17 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from foxglove import Schema
 
-from laisn.arrays import Floats
+from laisn.arrays import Bools, Floats, Ints
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements, Ranges
 from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData
 from sim.datasets.range_tables import read_range_tables
+from sim.datasets.vehicle_table import VehicleTable
 from sim.files import atomic_write
 from sim.log.contents import Contents
 from sim.log.file import LogError, faults
 from sim.log.reader import read_recording
-from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE, RecordType
+from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE, RECEPTION, RecordType
 from sim.log.writer import log_file
 
 VEHICLE = "vehicle"
@@ -34,6 +35,7 @@ _RECORD = "data set"
 _STATED = ("range_sigma", "slip", "heading_walk")
 """What it holds of the sensors' errors, as the data set states them."""
 _SLOTS = Ranges._fields
+Channels = list[tuple[RecordType, Ints, dict[str, Floats]]]
 _APART = 1e-6
 """Between ranges of one instant that one reception cannot hold [s]."""
 
@@ -136,18 +138,53 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "start_north": repr(float(data.start[1])),
         **{name: "" if (value := getattr(data, name)) is None else repr(value) for name in _STATED},
     }
+    channels = [(type_, np.rint(time * 1e9).astype(np.int64), arrays) for type_, time, arrays in _channels(data)]
+    _write(path, VEHICLE, channels, facts)
+
+
+def write_vehicle_table(table: VehicleTable, path: Path, name: str) -> None:
+    """Write the measurements of a vehicle as a log that `laisn replay` navigates on.
+
+    Args:
+        table: its measurements.
+        path: the log.
+        name: of the vehicle.
+
+    Raises:
+        LogError: the file cannot be written.
+    """
+
+    def arrays(type_: RecordType, rows: Bools) -> dict[str, Floats]:
+        empty = np.full(table.time_ns.size, np.nan)
+        return {
+            group.attribute: np.column_stack([table.columns.get(field, empty) for field in group.fields])[rows]
+            for group in type_.groups
+        }
+
+    own = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
+    ranges = [values for field, values in table.columns.items() if field.startswith("range_")]
+    heard = np.any(np.isfinite(ranges), axis=0)
+    reception = PLACED_RECEPTION if set(PLACES.fields) & set(table.columns) else RECEPTION
+    channels = [
+        (type_, table.time_ns[rows], arrays(type_, rows)) for type_, rows in ((OWN_MOTION, own), (reception, heard))
+    ]
+    _write(path, name, channels, {})
+
+
+def _write(path: Path, name: str, channels: Channels, facts: dict[str, str]) -> None:
+    """Write channels of a vehicle: type, times, shape (n,), [ns], and arrays by attribute, n rows each."""
     messages: list[tuple[int, str, Schema, bytes]] = []
-    for type_, time, arrays in _channels(data):
-        time_ns = np.rint(time * 1e9).astype(np.int64)
+    for type_, time_ns, arrays in channels:
         rows = type_.rows(time_ns, arrays.__getitem__)
         messages += zip(time_ns.tolist(), repeat(type_.topic), repeat(type_.schema), rows, strict=False)
     with faults(path), atomic_write(path) as part, log_file(part) as log:
-        log.mcap.write_metadata(_RECORD, facts)
-        channels: dict[str, Callable[[bytes, int], None]] = {}
+        if facts:
+            log.mcap.write_metadata(_RECORD, facts)
+        log_to: dict[str, Callable[[bytes, int], None]] = {}
         for at, channel, schema, content in sorted(messages, key=itemgetter(0)):
-            if channel not in channels:
-                channels[channel] = log.channel(f"/{VEHICLE}/{channel}", schema)
-            channels[channel](content, at)
+            if channel not in log_to:
+                log_to[channel] = log.channel(f"/{name}/{channel}", schema)
+            log_to[channel](content, at)
 
 
 def is_data_set(path: Path) -> bool:

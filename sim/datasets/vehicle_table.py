@@ -1,0 +1,138 @@
+"""A vehicle's measurements in a text table with named columns, as a log that navigation is replayed on.
+
+Columns have the names of the log's fields, with or without a unit ("heading_deg", "range_rear [m]"). A row without
+ranges holds own measurements alone, and a row without own measurements a reception alone.
+"""
+
+import csv
+import math
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats, Ints
+from laisn.failure import LaisnError
+from sim.files import read_text
+from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
+
+LARGEST_BYTES = 500_000_000
+"""Larger files are refused [bytes]."""
+_TIME = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
+"""Nanoseconds of each unit of time."""
+_SPEED = {"m/s": 1.0, "m_s": 1.0, "kn": 1852.0 / 3600.0, "km/h": 1.0 / 3.6}
+_ANGLE = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+_LENGTH = {"m": 1.0, "cm": 0.01, "km": 1000.0, "ft": 0.3048}
+_TIME_NAMES = ("time", "timestamp", "t", "datetime")
+_FIELDS = (*OWN_MOTION.fields, *RECEPTION.fields, *PLACES.fields)
+_NEEDED = (*OWN_MOTION.fields, "leader_east", "leader_north", "leader_heading", "leader_speed", "leader_depth")
+_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+"""A time beyond these is counted from 1970 in this unit."""
+
+
+class VehicleTable(NamedTuple):
+    """Own measurements and receptions of a table."""
+
+    time_ns: Ints
+    """Of each row, increasing, shape (n,), [ns]."""
+    columns: dict[str, Floats]
+    """By the names of the log's fields, shape (n,), in SI units; NaN where a cell is empty."""
+    remarks: tuple[str, ...]
+    """What was taken for what, a sentence each."""
+
+
+def _units(field: str) -> dict[str, float]:
+    if field in _TIME_NAMES:
+        return _TIME
+    if field == "leader_timestamp":
+        return {unit: scale / 1e9 for unit, scale in _TIME.items()}
+    if "speed" in field:
+        return _SPEED
+    return _ANGLE if any(word in field for word in ("heading", "pitch", "roll")) else _LENGTH
+
+
+def _named(head: str) -> tuple[str, str]:
+    """Field and unit of a column's head, "" for what is not known."""
+    text = head.strip().lower()
+    for field in (*_TIME_NAMES, *_FIELDS):
+        match = re.fullmatch(rf"{field}(?:[ _]*[\[(]?([^\])]+)[\])]?)?", text)
+        if match is not None and (match[1] is None or match[1] in _units(field)):
+            return field, match[1] or ""
+    return "", ""
+
+
+def _times(words: list[str], unit: str, where: str) -> tuple[Ints, str]:
+    """Times [ns], and the format that was found."""
+    try:
+        numbers = np.array([float(word) for word in words])
+    except ValueError:
+        try:
+            dates = [datetime.fromisoformat(word.strip()) for word in words]
+        except ValueError as error:
+            raise LaisnError(f"{where}: {error}; expected numbers or dates such as 2026-05-01T12:00:00.25Z") from None
+        start = datetime(1970, 1, 1, tzinfo=UTC)
+        since = [(d if d.tzinfo else d.replace(tzinfo=UTC)) - start for d in dates]
+        return np.array([round(s.total_seconds() * 1e6) * 1000 for s in since], dtype=np.int64), "dates (UTC)"
+    if not np.all(np.isfinite(numbers)):
+        raise LaisnError(f"{where}: a time is not finite")
+    if not unit:
+        unit = next((name for least, name in _EPOCHS if numbers.max() > least), "s")
+        # own measurements less often than every 5 s would be rare
+        unit = "ms" if unit == "s" and np.median(np.diff(np.unique(numbers))) > 5.0 else unit
+    return np.rint(numbers * _TIME[unit]).astype(np.int64), unit
+
+
+def read_vehicle_table(path: Path) -> VehicleTable:
+    """Measurements of a text table; header, delimiter, units and format of time are detected.
+
+    Raises:
+        LaisnError: it cannot be read, lacks a column, or a cell is no number; the text names the line.
+    """
+    try:
+        text = read_text(path, LARGEST_BYTES)
+    except LaisnError as error:
+        raise LaisnError(f"{path}: {error}") from None
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if len(lines) < 3:
+        raise LaisnError(f"{path}: {len(lines)} lines; a header and two rows are needed at least")
+    delimiter = max(",;\t", key=lines[0].count)
+    heads, *rows = csv.reader(lines, delimiter=delimiter)
+    found = {i: named for i, head in enumerate(heads) if (named := _named(head))[0]}
+    by_field = {field: (i, unit) for i, (field, unit) in found.items()}
+    times = [field for field in _TIME_NAMES if field in by_field]
+    missing = [name for name in _NEEDED if name not in by_field] + ([] if times else ["time"])
+    missing += [] if any(field.startswith("range_") for field in by_field) else ["range_rear"]
+    if missing:
+        raise LaisnError(f"{path}: lacks columns {', '.join(missing)}; its columns: {', '.join(heads)}")
+    wrong = next((k for k, row in enumerate(rows) if len(row) != len(heads)), None)
+    if wrong is not None:
+        raise LaisnError(f"{path}, row {wrong + 1}: {len(rows[wrong])} cells, the header has {len(heads)}")
+    place, unit = by_field[times[0]]
+    time_ns, format_ = _times([row[place] for row in rows], unit, f"{path}, column {heads[place]}")
+    if time_ns.min() < 0:
+        raise LaisnError(f"{path}, column {heads[place]}: times before 1970, or negative ones")
+    remarks = [f"{heads[place]}: time in {format_}, {np.ptp(time_ns) / 1e9:g} s"]
+    columns = {}
+    for field, (i, given) in by_field.items():
+        if field in _TIME_NAMES:
+            continue
+        try:
+            # a decimal comma is only possible beside another delimiter
+            cells = [row[i].replace(",", ".") if delimiter != "," else row[i] for row in rows]
+            values = np.array([float(cell) if cell.strip() else math.nan for cell in cells])
+        except ValueError as error:
+            raise LaisnError(f"{path}, column {heads[i]}: {error}") from None
+        units = _units(field)
+        known = given or next(iter(units))
+        # no angle in radians is that large
+        if not given and units is _ANGLE and np.nanmax(np.abs(values), initial=0.0) > 4.0 * math.pi:
+            known = "deg"
+        columns[field] = values * units[known]
+        remarks.append(f"{heads[i]}: {field} in {known}")
+    unused = [head for i, head in enumerate(heads) if i not in found]
+    remarks += [f"not used: {', '.join(unused)}"] if unused else []
+    order = np.argsort(time_ns, kind="stable")
+    columns.setdefault("leader_timestamp", time_ns / 1e9)
+    return VehicleTable(time_ns[order], {field: values[order] for field, values in columns.items()}, tuple(remarks))

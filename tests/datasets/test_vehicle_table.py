@@ -1,0 +1,100 @@
+"""A vehicle's table of measurements: what is taken for what, and that the log holds it."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from experiments.command.cli import app
+from laisn.failure import LaisnError
+from sim.datasets.log import write_vehicle_table
+from sim.datasets.vehicle_table import read_vehicle_table
+from sim.log.reader import read_recording
+
+LEADER = "leader_east,leader_north,leader_heading_deg,leader_speed,leader_depth,range_rear,range_front"
+
+
+def table(folder: Path, *, delimiter: str = ",", start: float = 5.0, unit: str = "", scale: float = 1.0) -> Path:
+    """20 s at 10 Hz with jitter, heading 90°; a ping every second; a byte order mark."""
+    random = np.random.default_rng(3)
+    lines = [f"time{unit},speed [kn],heading_deg,depth,note,{LEADER}"]
+    for k in range(200):
+        at = start + 0.1 * k + random.uniform(-0.02, 0.02)
+        heard = f"{k},20.0,45,1.5,8.0,30.5,31.5" if k % 10 == 9 else ",,,,,,"
+        lines.append(
+            f"{at * scale:.9g},2,90.0,5.0,x,{heard}" if scale == 1.0 else f"{at * scale:.0f},2,90.0,5.0,x,{heard}"
+        )
+    path = folder / "mine.csv"
+    path.write_text("\n".join(lines).replace(",", delimiter), encoding="utf-8-sig")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "format_"),
+    [
+        ({}, "s"),
+        ({"delimiter": ";"}, "s"),
+        ({"delimiter": "\t"}, "s"),
+        ({"unit": "_ms", "scale": 1e3}, "ms"),
+        ({"scale": 1e3}, "ms"),
+        ({"start": 1.7e9, "scale": 1e3}, "ms"),
+        ({"start": 1.7e9, "scale": 1e9}, "ns"),
+    ],
+)
+def test_a_table_is_read_whatever_its_delimiter_and_clock(
+    tmp_path: Path, options: dict[str, float], format_: str
+) -> None:
+    found = read_vehicle_table(table(tmp_path, **options))  # type: ignore[arg-type]
+    assert found.remarks[0].startswith(f"time{options.get('unit', '')}: time in {format_}, ")
+    assert "speed [kn]: speed in kn" in found.remarks
+    assert found.remarks[-1] == "not used: note"
+    write_vehicle_table(found, tmp_path / "a.mcap", "follower")
+    measured, remarks = read_recording(tmp_path / "a.mcap")
+    assert remarks == ()
+    assert measured.dt == pytest.approx(0.1, abs=0.01)
+    assert measured.speed == pytest.approx(np.full(200, 2 * 1852 / 3600))
+    assert measured.heading == pytest.approx(np.full(200, math.pi / 2))
+    assert measured.message_step.tolist() == list(range(10, 201, 10))
+    assert measured.message[:, 1].tolist() == list(range(9, 200, 10))
+    assert measured.message[:, 3] == pytest.approx(np.full(20, math.pi / 4))
+    assert np.isnan(measured.message[:, 6:]).all()
+    assert measured.ranges[0, :2].tolist() == [30.5, 31.5]
+    assert np.isnan(measured.ranges[:, 2]).all()
+
+
+def test_dates_and_degrees_without_a_unit_are_recognised(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    rows = [f"2026-05-01T12:00:{k:02}.500Z,1.0,270,5.0,0,0,90,0,5,40" for k in range(10)]
+    head = "time,speed,heading,depth,leader_east,leader_north,leader_heading,leader_speed,leader_depth,range_rear"
+    path.write_text("\n".join([head, *rows]), encoding="utf-8")
+    found = read_vehicle_table(path)
+    assert np.diff(found.time_ns).tolist() == [10**9] * 9
+    assert found.columns["heading"] == pytest.approx(np.full(10, 1.5 * math.pi))
+    assert found.remarks[0] == "time: time in dates (UTC), 9 s"
+    assert "heading: heading in deg" in found.remarks
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("depth,note", "dpth,note", "lacks columns depth; its columns: time"),
+        ("range_rear,range_front", "a,b", "lacks columns range_rear"),
+        (",2,90.0,5.0,x,", ",2,north,5.0,x,", "column heading_deg: could not convert"),
+        (",2,90.0,5.0,x,,,,,,,", ",2,90.0", "row 1: 3 cells, the header has 12"),
+    ],
+)
+def test_faults_of_a_table_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
+    path = table(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8-sig").replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(LaisnError, match=rf"mine\.csv.*{words}"):
+        read_vehicle_table(path)
+
+
+def test_the_command_imports_a_table_and_prints_what_it_took(tmp_path: Path) -> None:
+    words = ["log", "import", str(table(tmp_path)), "--out", str(tmp_path / "a.mcap")]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "heading_deg: heading in deg" in result.output
+    assert read_recording(tmp_path / "a.mcap").measurements.speed.size == 200
