@@ -133,7 +133,13 @@ def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
 ) -> None:
     found = object.__new__(TightEstimates)
     weight = np.array([[1.0, 0.0], [1.0 - second, second], [1.0, 0.0]])
-    for name, value in (("fix_step", np.array([10, 20, 30])), ("weight", weight)):
+    told = {
+        "fix_step": np.array([10, 20, 30]),
+        "weight": weight,
+        "hypothesis": np.zeros((3, 2, 2)),
+        "hypothesis_covariance": np.zeros((3, 2, 2, 2)),
+    }
+    for name, value in told.items():
         object.__setattr__(found, name, value)
     monkeypatch.setattr(bound_panel.figures, "svg", lambda figure, *_: figure)
     panels: Any = bound_panel._weight_panel(dataclasses.replace(flight, estimates=(found,)), 0, 5.0)
