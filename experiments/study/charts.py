@@ -1,6 +1,7 @@
 """Figures of a study: a metric over its factors with intervals, over two of them as a map, and over its seas."""
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from textwrap import fill
 from typing import Any, NamedTuple
@@ -20,6 +21,37 @@ from experiments.study.plan import Plan
 ARM, FOLLOWER = "arm", "follower"
 MOST_PANELS = 12
 MOST_LINES = len(SERIES)
+
+
+_UNITS = {
+    "deg_sqrt_h": "°/√h", "m_s2": "m/s²", "m_s": "m/s", "kg_m3": "kg/m³", "deg_s": "°/s", "deg_h": "°/h",
+    "per_s": "1/s", "ppm": "ppm", "deg": "°", "kg": "kg", "m2": "m²", "m": "m", "s": "s", "n": "N",
+}  # fmt: skip
+"""Units at the end of keys, the longer ones first."""
+_OWNERS = re.compile(r"^(leader|followers\.(\d+))\.")
+
+
+def _words(name: str) -> tuple[str, str]:
+    """A key of the scenario in words, and its unit."""
+    owner = _OWNERS.match(name)
+    text = name.rpartition(".")[2]
+    unit = next((unit for unit in _UNITS if text.endswith(f"_{unit}")), "")
+    words = text.removesuffix(f"_{unit}").replace("_", " ")
+    if owner:
+        words = f"{'leader' if owner[2] is None else f'follower {int(owner[2]) + 1}'}'s {words}"
+    return words, _UNITS.get(unit, "")
+
+
+def label_of(name: str) -> str:
+    """A key of the scenario in words with its unit: "leader's excess buoyancy [N]" of leader.excess_buoyancy_n."""
+    words, unit = _words(name)
+    return f"{words} [{unit}]" if unit else words
+
+
+def setting_text(name: str, value: object) -> str:
+    """A key and its value in words: "leader's excess buoyancy 12 N"."""
+    words, unit = _words(name)
+    return f"{words} {said(value)} {unit}".rstrip().replace(" °", "°")
 
 
 class Axis(NamedTuple):
@@ -114,6 +146,13 @@ def _dress(figure: Figure, axis: Axis) -> None:
         axes.set_xlim(-0.6, len(axis.values) - 0.4)
 
 
+def _share_scale(panels: Sequence[Axes]) -> None:
+    """Give all panels one y scale, so that they can be compared."""
+    limits = [axes.get_ylim() for axes in panels]
+    for axes in panels:
+        axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+
+
 _TITLE = 48
 """Characters that a panel has room for in a line of its title."""
 Valued = Callable[[dict[str, Any]], Interval | None]
@@ -135,8 +174,9 @@ def over_factor(plan: Plan, layout: Layout, valued: Valued, label: str, name: st
     """
     axis = axis_of(plan, layout.against)
     kinds = levels(plan, layout.lines) if layout.lines else [None]
-    panels, legend = [], []
-    for number, chosen in enumerate(combinations(plan, layout.panels)[:MOST_PANELS]):
+    drawn: list[tuple[Figure, str]] = []
+    legend: list[tuple[Colour, str]] = []
+    for chosen in combinations(plan, layout.panels)[:MOST_PANELS]:
         lines, marks = [], []
         if zero:
             ends = (min(axis.places), max(axis.places)) if axis.numeric else (-0.6, len(axis.values) - 0.4)
@@ -157,12 +197,17 @@ def over_factor(plan: Plan, layout: Layout, valued: Valued, label: str, name: st
                 legend.append((SERIES[i], said(kind)))
         if not marks:
             continue
-        title = ", ".join(f"{key} = {said(value)}" for key, value in chosen.items())
-        figure = panel(lines, x_label=axis.name, y_label=label, title=title)
+        title = ", ".join(setting_text(key, value) for key, value in chosen.items())
+        figure = panel(lines, x_label=label_of(axis.name), y_label=label, title=title)
         for p, v, colour in marks:
             _mark(figure.axes[0], p, v, colour)
         _dress(figure, axis)
-        panels.append(svg(figure, f"{name}{number}", f"{label} over {axis.name} {title}"))
+        drawn.append((figure, title))
+    _share_scale([figure.axes[0] for figure, _ in drawn])
+    panels = [
+        svg(figure, f"{name}{number}", f"{label} over {label_of(axis.name)} {title}")
+        for number, (figure, title) in enumerate(drawn)
+    ]
     return panels, legend
 
 
@@ -205,8 +250,14 @@ def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequen
     low, high = np.nanmin(values), np.nanmax(values)
     panels = []
     for k, here in enumerate(chosen):
-        title = ", ".join(f"{key} = {said(value)}" for key, value in here.items())
-        figure = panel([], x_label=across.name, y_label=up.name, title=title, height=1.2 + 0.26 * len(up.values))
+        title = ", ".join(setting_text(key, value) for key, value in here.items())
+        figure = panel(
+            [],
+            x_label=label_of(across.name),
+            y_label=label_of(up.name),
+            title=title,
+            height=1.2 + 0.26 * len(up.values),
+        )
         axes = figure.axes[0]
         axes.grid(visible=False)
         for (i, j), value in np.ndenumerate(values[k]):
@@ -219,7 +270,7 @@ def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequen
         axes.set_yticks(range(len(up.values)), [said(v) for v in up.values])
         axes.set_xlim(-0.5, len(across.values) - 0.5)
         axes.set_ylim(-0.5, len(up.values) - 0.5)
-        panels.append(svg(figure, f"map{k}", f"map over {across.name} and {up.name} {title}"))
+        panels.append(svg(figure, f"map{k}", f"map over {label_of(across.name)} and {label_of(up.name)} {title}"))
     return panels
 
 
@@ -259,7 +310,7 @@ def over_draws(plan: Plan, results: Results, metric: str, point: int) -> list[st
                 x, y = np.array(drawn, dtype=np.float64), results.by_sea(place, metric)
                 lines.append(Line(x=x, y=y, colour=SERIES[i], marker="o"))
         if lines:
-            figure = panel(lines, x_label=draw.key, y_label=METRICS[metric].label)
+            figure = panel(lines, x_label=label_of(draw.key), y_label=METRICS[metric].label)
             figure.axes[0].margins(x=0.04, y=0.08)
-            panels.append(svg(figure, f"draw{number}", f"{METRICS[metric].label} over {draw.key}"))
+            panels.append(svg(figure, f"draw{number}", f"{METRICS[metric].label} over {label_of(draw.key)}"))
     return panels

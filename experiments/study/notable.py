@@ -2,7 +2,7 @@
 
 import math
 
-from experiments.study.charts import said
+from experiments.study.charts import setting_text
 from experiments.study.estimate import Place, Results
 from experiments.study.file import METRIC
 from experiments.study.plan import Entry, Plan
@@ -13,7 +13,7 @@ _MOST_COMMANDS = 400
 
 def point_text(plan: Plan, point: int) -> str:
     """A point's factors and values."""
-    return ", ".join(f"{key} = {said(value)}" for key, value in plan.points[point].items())
+    return ", ".join(setting_text(key, value) for key, value in plan.points[point].items())
 
 
 def place_text(plan: Plan, place: Place) -> str:

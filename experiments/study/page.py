@@ -104,8 +104,8 @@ def _main(plan: Plan, results: Results) -> list[Block]:
         return [Text(text=f"{label}: {shown(results.estimate(next(iter(results.rows)), metric))}.")]
     panels, legend = charts.over_factor(plan, layout, valued, label, "main", zero=False)
     what = METRICS[metric].what
-    caption = f"{what[0].upper()}{what[1:]} over {layout.against}"
-    caption += f", a line for each {layout.lines}" if layout.lines else ""
+    caption = f"{what[0].upper()}{what[1:]} over {charts.label_of(layout.against)}"
+    caption += f", a line for each {charts.label_of(layout.lines)}" if layout.lines else ""
     hidden = len(charts.combinations(plan, layout.panels)) - len(panels)
     caption += f"; {hidden} panels are left out" if hidden > 0 else ""
     if panels:
@@ -118,7 +118,12 @@ def _main(plan: Plan, results: Results) -> list[Block]:
         rest += [charts.ARM] if len(plan.arms) > 1 else []
         chosen = charts.combinations(plan, rest)[: charts.MOST_PANELS]
         maps = charts.heat_maps(plan, valued, names, chosen)
-        blocks.append(Figures(panels=maps, caption=f"{label} over {names[0]} and {names[1]}, shaded alike."))
+        blocks.append(
+            Figures(
+                panels=maps,
+                caption=f"{label} over {charts.label_of(names[0])} and {charts.label_of(names[1])}, one colour scale.",
+            )
+        )
     return blocks
 
 
@@ -162,7 +167,7 @@ def _differences(plan: Plan, results: Results) -> list[Block]:
 
 
 def _heads(plan: Plan) -> list[str]:
-    heads = ["point", *(factor.key for factor in plan.study.factors)]
+    heads = ["point", *(charts.label_of(factor.key) for factor in plan.study.factors)]
     heads += ["arm"] if len(plan.arms) > 1 else []
     return heads + (["follower"] if len(plan.followers) > 1 else [])
 
@@ -209,8 +214,8 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
     """
     study, metric = plan.study, plan.study.report.metric
     asked = study.question or f"What becomes of the {METRICS[metric].what}?"
-    sections = [Section(title="Question", blocks=[Text(text=asked), *_failures(plan, failures)])]
-    sections += [Section(title="Design", blocks=_design(plan)), Section(title="Results", blocks=_main(plan, results))]
+    answer = [Text(text=asked), *_failures(plan, failures), *_main(plan, results)]
+    sections = [Section(title="Question and answer", blocks=answer)]
     if len(plan.arms) > 1:
         sections.append(Section(title="Differences of arms", blocks=_differences(plan, results)))
     if study.seas > 1:
@@ -224,6 +229,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
             blocks.append(Figures(panels=drawn, legend=legend, caption=caption))
         sections.append(Section(title="Seas", blocks=blocks))
     sections.append(Section(title="Table", blocks=[_table(plan, results)]))
+    sections.append(Section(title="Design", blocks=_design(plan)))
     looking: list[Block] = [
         Text(text="Each line flies a run alone, with the very same noise, and films it."),
         Code(text=commands(plan, results), title="Worst and median run of every place", folded=len(results.rows) > 4),

@@ -201,7 +201,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, A
 
     def panel(lines: list[Line], **settings: Any) -> Mock:
         found.append((lines, settings))
-        return Mock(axes=[Mock(dataLim=Mock(y0=0.0))])
+        return Mock(axes=[Mock(dataLim=Mock(y0=0.0), get_ylim=lambda: (0.0, 1.0))])
 
     monkeypatch.setattr(charts, "panel", panel)
     monkeypatch.setattr(charts, "svg", lambda *_: "")
@@ -212,7 +212,7 @@ def test_lines_of_the_main_figure_are_the_means_of_their_arms(plan: Plan, result
     valued = charts.place_values(plan, results, "e_p_mean_m")
     _, legend = charts.over_factor(plan, charts.layout_of(plan), valued, "E_P", "main", zero=False)
     ((lines, settings),) = drawn
-    assert (settings["x_label"], settings["y_label"]) == ("followers.0.depth_m", "E_P")
+    assert (settings["x_label"], settings["y_label"]) == ("follower 1's depth [m]", "E_P")
     assert [name for _, name in legend] == ["plain", "aware"]
     for i, arm in enumerate(("plain", "aware")):
         mine = [line for line in lines if line.colour is SERIES[i]]
@@ -302,3 +302,21 @@ def test_maps_of_arms_are_shaded_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     assert high > low
     assert shades == [[low, high] * 2, [low, pytest.approx((low + high) / 2)] * 2]
     assert [text.get_text() for text in maps[0].axes[0].texts] == ["1.00", "10.0"] * 2  # type: ignore[attr-defined]
+
+
+def test_keys_are_named_in_words_with_their_units() -> None:
+    for key, label, setting in (
+        ("leader.excess_buoyancy_n", "leader's excess buoyancy [N]", "leader's excess buoyancy 2.5 N"),
+        ("followers.1.depth_m", "follower 2's depth [m]", "follower 2's depth 2.5 m"),
+        ("ocean.current_speed_m_s", "current speed [m/s]", "current speed 2.5 m/s"),
+        ("sensors.heading_bias_deg", "heading bias [°]", "heading bias 2.5°"),
+        ("arm", "arm", "arm 2.5"),
+    ):
+        assert (charts.label_of(key), charts.setting_text(key, 2.5)) == (label, setting)
+
+
+def test_panels_share_the_scale_that_holds_them_all() -> None:
+    panels = [Mock(get_ylim=lambda ends=ends: ends) for ends in ((0.0, 2.0), (-1.0, 1.0))]
+    charts._share_scale(panels)
+    for axes in panels:
+        axes.set_ylim.assert_called_once_with(-1.0, 2.0)
