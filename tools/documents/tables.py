@@ -137,16 +137,6 @@ def real_ranges(records: Records) -> str:
     return markdown(["mean error [m]", *heads], rows)
 
 
-def changes(records: Records) -> str:
-    """Numbers that documents printed before, beside those of today; the earlier ones name study, finding and format."""
-    rows = []
-    for name, before in records["before"].findings.items():
-        study, _, rest = name.partition(" ")
-        key, _, spec = rest.rpartition(" ")
-        rows.append([before.what, f"{before:{spec}}", f"{records[study][key]:{spec} i}".replace(" (– to –)", "")])
-    return markdown(["number", "before", "now (limits)"], rows)
-
-
 FLEETS = {
     1: "physics of leader and one follower with autopilot, 0.02 s step",
     10: "the same with ten followers",
@@ -248,7 +238,6 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "closed-loop-current": closed_loop_current,
     "tracking": tracking,
     "real-ranges": real_ranges,
-    "changes": changes,
     "speed": speed,
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,
