@@ -179,9 +179,10 @@ def test_a_closed_loop_is_told_beside_the_solver_alone(monkeypatch: pytest.Monke
 
 def test_a_log_is_told_in_thousand_messages_and_megabytes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mission, "fly", lambda _: (synthetic.make_flight(5.0), None))
-    monkeypatch.setattr(mission, "least_time", lambda *_: 0.5)
-    written = SimpleNamespace(messages=30_000, size=2_500_000)
-    monkeypatch.setattr(mission.writer, "write", lambda *_, **__: written)
+    monkeypatch.setattr(mission, "least_time", lambda work, _: (work(), 0.5)[1])
+    monkeypatch.setattr(mission.writer, "write", lambda _, path, **__: path.write_bytes(bytes(2_500_000)))
+    counted = SimpleNamespace(topics={name: SimpleNamespace(count=15_000) for name in ("truth", "fix")})
+    monkeypatch.setattr(mission, "Contents", lambda *_: counted)
     found = {row.name: row for row in mission.log()}
     assert found["messages"][1:3] == (30.0, "k")
     assert found["writing"][1:4] == pytest.approx((60.0, "k/s", 1.2))
