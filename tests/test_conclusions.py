@@ -82,20 +82,20 @@ CONCLUSIONS = (
         lambda r: r.low("captured real laisn-3-2 all") > r.high("captured level laisn-3-2 all"),
     ),
     Conclusion(
-        "docs/tight.md", "make the covariance worthless", "estimators",
+        "docs/tight.md", "make the covariance invalid", "estimators",
         lambda r: min(r.values("nees wrong {} unaware", *NOTICED)) > 5
         and 1.2 < min(r.values("nees wrong {} aware", *NOTICED)) <= max(r.values("nees wrong {} aware", *NOTICED)) < 3,
     ),
     Conclusion(
-        "docs/tight.md", "Echoes and losses need not be", "estimators",
+        "docs/tight.md", "Echoes and losses need no setting", "estimators",
         lambda r: all(1.2 < nees < 2.8 for nees in r.values("nees wrong {} aware", "echoes", "losses")),
     ),
     Conclusion(
-        "docs/tight.md", "Generality costs", "estimators",
+        "docs/tight.md", "Unneeded states", "estimators",
         lambda r: r.low("error G7 5") > r.high("error G1 5"),
     ),
     Conclusion(
-        "docs/tight.md", "The settings that matter are the σ of a range and that of the log", "estimators",
+        "docs/tight.md", "are the σ of a range and that of the log", "estimators",
         lambda r: min(r.values("nees sigma {}_sigma 0.5", "range", "speed"))
         > max(r.values("nees sigma {}_sigma 0.5", "heading", "range_scale", "speed_bias", "heading_bias"))
         and max(r.values("nees sigma {}_sigma 2", "range", "speed")) < 1.5,
@@ -106,15 +106,15 @@ CONCLUSIONS = (
         < 1.2 * r.value("error offset 0.1"),
     ),
     Conclusion(
-        "docs/tight.md", "A leader that weaves by 5° tells two transmitters the side", "estimators",
+        "docs/tight.md", "weaves by 5° makes the side observable with two transmitters", "estimators",
         lambda r: all(r.value(f"rms weaving {t}") < 0.8 * r.value(f"rms straight {t}") for t in ("T2", "T5")),
     ),
     Conclusion(
-        "docs/tight.md", "The middle transmitter should be far aside", "estimators",
+        "docs/tight.md", "Place it far aside", "estimators",
         lambda r: r.high("error offset 0.5") < r.low("error offset 0.1") < r.low("error offset 0.02"),
     ),
     Conclusion(
-        "docs/tight.md", "NEES is below 2 where more is allowed for than goes wrong", "estimators",
+        "docs/tight.md", "Assumed errors that do not occur lower NEES below 2", "estimators",
         lambda r: r.high("nees G7 5") < 2,
     ),
     Conclusion(
