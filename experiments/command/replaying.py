@@ -15,6 +15,7 @@ from rich.console import Console
 from experiments.campaign.bound import flight_bound
 from experiments.campaign.progress import literal, show_table, tell
 from experiments.flight.summary import consistency, position_and_bearing_errors, summarise
+from experiments.pages.replay_page import Replayed, write_replay_page
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
@@ -90,7 +91,7 @@ def replay(
 def replay_measurements(
     path: Path, source: str, assignments: Iterable[str], out: Path | None, longest_gap_s: float, smooth_s: float | None
 ) -> None:
-    """Navigate on the log of a real vehicle, without a true path, and print the last estimates.
+    """Navigate on the log of a real vehicle, without a true path; print the last estimates and write a page.
 
     A single range of a message is used, unless the scenario sets `use_single_range = false`.
 
@@ -125,6 +126,7 @@ def replay_measurements(
     rows: list[list[str]] = []
     states: list[tuple[str, Floats, Floats]] = []
     remarks: list[str] = []
+    replayed: list[Replayed] = []
     for i, name in enumerate(begin.names[1:]):
         measured, found = reader.read_recording(path, name, longest_gap_s)
         remarks += found
@@ -135,6 +137,8 @@ def replay_measurements(
         x, y = estimates.state[-1, :2]
         rows.append([name, f"{len(estimates.state)}", f"{measured.dt:g}", counts or "none", f"{x:.2f}", f"{y:.2f}"])
         states.append((name, measured.time, estimates.state))
+        baseline = scenario.leader.baseline_m or math.nan
+        replayed.append(Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline))
     console = Console()
     show_table(console, heads, rows)
     for remark in dict.fromkeys(remarks):
@@ -142,6 +146,16 @@ def replay_measurements(
     if out is not None:
         write_states(out, states)
         tell(console, out)
+    _write_page(console, replayed, path, navigation.variant, list(dict.fromkeys(remarks)))
+
+
+def _write_page(
+    console: Console, replayed: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str]
+) -> None:
+    """Write the page of a replay into out/replay and print its path."""
+    page = Path("out") / "replay" / f"{log.stem}.html"
+    write_replay_page(replayed, log, navigator, remarks, page)
+    tell(console, f"report in {page}")
 
 
 def show_info(path: Path) -> None:
@@ -254,7 +268,7 @@ def _split(assignments: Iterable[str]) -> tuple[list[str], dict[str, object]]:
 def replay_data_set(
     path: Path, variant: str, assignments: Sequence[str], out: Path | None, longest_gap_s: float
 ) -> None:
-    """Navigate on the log of a data set, and print errors beside those of dead reckoning.
+    """Navigate on the log of a data set; print errors beside those of dead reckoning and write a page.
 
     Args:
         path: log that `import_data_set` wrote.
@@ -306,3 +320,5 @@ def replay_data_set(
     if out is not None:
         write_states(out, [(VEHICLE, measured.time, estimates.state)])
         tell(console, out)
+    vehicle = Replayed(name=VEHICLE, measured=measured, estimates=estimates, path=recorded.truth)
+    _write_page(console, [vehicle], path, title, recorded.remarks)

@@ -1,0 +1,79 @@
+"""The page of a replay on measured data, for a vehicle whose numbers are known."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.pages.replay_page import Replayed, ellipse, write_replay_page
+from laisn.estimates import Estimates, FixKind
+from laisn.messages import LeaderMessage, Measurements
+
+N = 40
+
+
+def vehicle(**changes: Any) -> Replayed:
+    """East at 1 m/s for 40 s, a message every 10 s from a leader 30 m to the north; the estimate is 3 m too far north.
+
+    The covariance has standard deviations of 0.5 m (east) and 2 m (north).
+    """
+    time = np.arange(1.0, N + 1.0)
+    step = np.array([10, 20, 30, 40])
+    leader = LeaderMessage(timestamp=0.0, east=0.0, north=30.0, heading=np.pi / 2, speed=1.0, depth=5.0)
+    messages = np.tile(np.array(leader, dtype=np.float64), (4, 1))
+    messages[:, 1] = step
+    state = np.column_stack([time, np.full(N, 3.0), np.ones(N), np.zeros(N)])
+    covariance = np.tile(np.diag([0.25, 4.0, 1.0, 1.0]), (N, 1, 1))
+    # 1 m to either side of the leader along its heading, which is east
+    ranges = np.tile([np.hypot(30.0, 1.0), np.hypot(30.0, 1.0), np.nan], (4, 1))
+    measured = Measurements(
+        dt=1.0, speed=np.ones(N), heading=np.full(N, np.pi / 2), depth=np.full(N, 5.0), message_step=step,
+        message=messages, ranges=ranges,
+    )  # fmt: skip
+    estimates = Estimates(
+        state=state, covariance=covariance, fix_step=step, fix_position=state[step - 1, :2], fix_sigma=np.ones(4),
+        fix_kind=np.full(4, FixKind.TWO_POINTS), innovation=np.tile([0.0, 2.0], (4, 1)),
+        innovation_covariance=np.tile(np.diag([1.0, 4.0]), (4, 1, 1)),
+    )  # fmt: skip
+    path = np.column_stack([time, time, np.zeros(N)])
+    given: dict[str, object] = {
+        "name": "auv",
+        "measured": measured,
+        "estimates": estimates,
+        "baseline": 2.0,
+        "path": path,
+    }
+    return Replayed(**given | changes)  # type: ignore[arg-type]
+
+
+def test_figures_are_those_of_the_vehicle() -> None:
+    one = vehicle()
+    assert one.sigma == pytest.approx(np.full(N, 2.0))
+    assert one.errors == pytest.approx(np.full(N, 3.0))
+    # 2² / 4 over two quantities
+    assert one.nis == pytest.approx(np.full(4, 0.5))
+    # the estimate is 27 m from the leader's middle, the true place 30 m
+    residual = np.hypot(30.0, 1.0) - np.hypot(27.0, 1.0)
+    assert one.residuals[:, :2] == pytest.approx(np.full((4, 2), residual))
+    assert np.isnan(one.residuals[:, 2]).all()
+    assert vehicle(path=None).errors.size == 0
+
+
+def test_an_ellipse_has_the_axes_of_its_covariance() -> None:
+    turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    outline = ellipse(np.array([5.0, -2.0]), turn @ np.diag([9.0, 0.25]) @ turn.T) - [5.0, -2.0]
+    distance = np.hypot(*outline.T)
+    assert (distance.max(), distance.min()) == pytest.approx((6.0, 1.0), rel=1e-3)
+    along = outline[np.argmax(distance)]
+    assert abs(along @ turn[:, 1]) < 0.2
+
+
+def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:
+    path = tmp_path / "page" / "report.html"
+    write_replay_page([vehicle()], Path("auv.mcap"), "laisn-2", ["a gap of 3 s"], path)
+    text = path.read_text(encoding="utf-8")
+    assert "auv: the position is known to 4.00 m (2σ, median)" in text
+    assert "Its mean error is 3.00 m." in text
+    for words in ("a gap of 3 s", "4 two points", "Replay of auv.mcap", "surveyed path", "range residual [m]"):
+        assert words in text
