@@ -41,7 +41,7 @@ AMONG_BEACONS = {
     "tight": "tight, among beacons",
     "unknown-start": "the same, unknown start, after a minute",
     "steady-gyro": "the same without the gyro's drift",
-    "known-scale": "the same, believing the ranges' scale",
+    "known-scale": "the same, without the scale error of the ranges as a state",
     "exact-speed": "the same without a scale of speed",
     "exact-beacons": "the same without beacons' own errors",
 }
