@@ -14,7 +14,7 @@ from experiments.intervals import Interval
 from laisn.failure import LaisnError
 from tools.documents import markers
 from tools.documents.hull_trials import PUBLISHED_SPEED
-from tools.documents.tables import changes, closed_loop, markdown, ratios, tracking
+from tools.documents.tables import closed_loop, markdown, ratios, tracking
 
 SHARE = of(Interval(0.98, 0.965, 0.9951), "share", "")
 RECORD = Findings(
@@ -228,9 +228,6 @@ def test_tables_take_every_cell_from_its_finding() -> None:
     rows = tracking({"route-keeping": record("route-keeping", Everything())}).splitlines()
     assert rows[2] == "| leader, L | 0.25 | 0.25 | 0.2 | 0.250 | 0.250 | 0.2 | 0.25 | 0.2 |"
     assert len(rows) == 12
-    before = {"dive removed ahrs .0%": Finding(value=0.91, what="share"), "dive runs d": Finding(value=60, what="runs")}
-    rows = changes(RECORDS | {"before": record("before", before)}).splitlines()
-    assert rows[2:] == ["| share | 91 % | 98 % (96 to 100 %) |", "| runs | 60 | 1165696 |"]
 
 
 def test_a_table_is_markdown() -> None:

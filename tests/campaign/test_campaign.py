@@ -136,8 +136,8 @@ def test_two_processes_in_one_folder_share_the_work_and_give_the_same_rows(compu
         count, _, found = said.partition(" ")
         counts.append(int(count))
         assert found.strip() == repr(rows)
-    assert min(counts) >= 1
-    assert sum(counts) < 2 * len(plans())
+    # a process that starts late may find everything stored
+    assert len(plans()) <= sum(counts) < 2 * len(plans())
     assert set(contents(shared)) == {name for name in contents(folder) if not name.endswith(".part")}
 
 
