@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: help run test fuzz mutants check release-check bench figures studies lock clean
+.PHONY: help run test fuzz mutants check release-check docs bench figures studies lock clean
 
 # Bytecode is kept whatever the environment says: it is not made when packages are installed, but when they are first
 # imported, which takes half the time, as most modules never are.
@@ -36,6 +36,9 @@ check: $(VENV)/.dev  ## lint, formatting, types; numbers in README and docs
 
 release-check: check  ## check, and fail if a study has to be run again
 	$(BIN)/python -m tools.documents.markers --check --strict
+
+docs: $(VENV)/.dev  ## build the API reference into out/reference and check its references
+	$(BIN)/python -m tools.documents.reference
 
 bench: $(VENV)/.dev  ## measure speeds three times into out/benchmarks.json; BENCH_ARGS=--record keeps them in docs/results
 	$(BIN)/python -m tools.benchmarks.run $(BENCH_ARGS)

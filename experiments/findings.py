@@ -41,20 +41,23 @@ class Finding:
         return float(self.value) if isinstance(self.value, int | float) else math.nan
 
     def __format__(self, spec: str) -> str:
-        """Format as text: a Python format, `low` or `high` before it for a limit, ` i` after it to add the limits.
+        """Format as text: a Python format; `low` or `high` before it for a limit; ` i` after it adds the limits, ` ±`
+        half of the interval.
 
         A space stands before the percent sign, and minus signs are typographic: format(share, ".0% i") gives
         "98 % (97 to 99 %)".
         """
-        match = re.fullmatch(r"(?:(low|high) ?)?(\S*?)( i)?", spec)
+        match = re.fullmatch(r"(?:(low|high) ?)?(\S*?)( i| ±)?", spec)
         if match is None:
             raise ValueError(f"{spec!r} is no format of a finding, such as '.2f', 'low .0%' or '.1f i'")
-        which, inner, interval = match.groups()
-        shown = [_set(v, inner) for v in ((getattr(self, which) if which else self.value), self.low, self.high)]
-        if not interval:
-            return shown[0]
-        value, low, high = shown
-        return f"{value} ({low.removesuffix(' %')} to {high})"
+        which, inner, added = match.groups()
+        given = getattr(self, which) if which else self.value
+        value, low, high = (_set(v, inner) for v in (given, self.low, self.high))
+        if added == " i":
+            return f"{value} ({low.removesuffix(' %')} to {high})"
+        if added and self.low is not None and self.high is not None:
+            return f"{value} ± {_set((self.high - self.low) / 2, inner)}"
+        return value
 
 
 def _set(value: float | int | str | None, spec: str) -> str:
@@ -74,7 +77,7 @@ def of(interval: Interval, what: str, unit: str = "") -> Finding:
     return Finding(value=value, low=low, high=high, unit=unit, what=what)
 
 
-def plain(value: float | int | str, what: str, unit: str = "") -> Finding:
+def plain(value: float | int | str | None, what: str, unit: str = "") -> Finding:
     """A finding without limits."""
     return Finding(value=_rounded(value) if isinstance(value, float) else value, unit=unit, what=what)
 

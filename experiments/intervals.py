@@ -46,10 +46,15 @@ def proportion(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
     """
     if not 0 <= count <= of or of == 0:
         raise ValueError(f"{count} of {of} is no proportion")
+    return Interval(count / of, *exact_limits(count, of, confidence))
+
+
+def exact_limits(count: float, of: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Limits of Clopper and Pearson for a count of trials, which need not be whole numbers."""
     tail = (1.0 - confidence) / 2.0
     low = 0.0 if count == 0 else float(betaincinv(count, of - count + 1, tail))
     high = 1.0 if count == of else float(betaincinv(count + 1, of - count, 1.0 - tail))
-    return Interval(count / of, low, high)
+    return low, high
 
 
 def _undo_skewness(y: Floats, skewness: Floats, runs: Floats) -> Floats:

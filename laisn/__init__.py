@@ -1,6 +1,6 @@
 """LAISN: Low-cost Acoustic In-Swarm Navigation, after Praczyk & Hożyń, Electronics 2026, 15, 3709.
 
-The navigation of one follower from what it hears and senses; no simulator is imported here, and no truth.
+The navigation of one follower from what it receives and measures; no simulator is imported here, and no truth.
 
 Frames
     world    x east, y north, z up [m]; depth = −z. The filter is planar (x, y).

@@ -17,7 +17,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.records import require_numbers
-from laisn.smoothing import Chain, smooth
+from laisn.tight.smoothing import Chain, smooth
 
 _LINE, _SHARES = np.polynomial.hermite_e.hermegauss(5)
 _NODES = np.stack(np.meshgrid(_LINE, _LINE), axis=2).reshape(-1, 2)
@@ -71,7 +71,7 @@ class TrueNoise:
     leader_way_sigma: float = 0.0
     """Standard deviation of a mean current over 10 s as the leader's own way shows it [m/s]; 0: it shows none.
 
-    Longer times tell more in proportion: of the current, and of the leader's compass, where these are states.
+    Longer times give more in proportion: on the current, and of the leader's compass, where these are states.
     """
 
     def __post_init__(self) -> None:
@@ -251,7 +251,7 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
     mean = averaged if averaged is not None else transmitters < 3
     covariance: Floats = np.diag(variances)
     bound, onward = np.empty((n, 2, 2)), np.zeros((n, 2, size))
-    foretold, after, between = [covariance], [covariance], []
+    predicted, after, between = [covariance], [covariance], []
     ahead = geometry.dt * np.stack([np.sin(geometry.heading), np.cos(geometry.heading)], axis=1)
     for i, (begin, end) in enumerate(pairwise([0, *geometry.message_step.tolist(), n])):
         if begin == end:
@@ -265,7 +265,7 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
             onward[begin - 1] = between[-1][:2]
         covariance = step @ covariance @ step.T + way.noise()
         if i < geometry.message_step.size:
-            foretold.append(covariance)
+            predicted.append(covariance)
             away, arms = geometry.from_leader[i], geometry.arms[i]
             if mean:
                 gained = _expected_information(away, covariance[:2, :2], arms, noise, first, size)
@@ -283,7 +283,7 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
         return bound
     links = len(after)
     nothing = np.zeros((links, size))
-    chain = Chain(nothing, np.array(after), nothing, np.array(foretold), np.array([*between, between[-1]])[:links])
+    chain = Chain(nothing, np.array(after), nothing, np.array(predicted), np.array([*between, between[-1]])[:links])
     messages, steps = geometry.message_step, np.arange(1, n + 1)
     latest = np.searchsorted(messages, steps, side="right")
     last = np.searchsorted(messages, steps + round(lag / geometry.dt), side="right")

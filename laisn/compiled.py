@@ -1,4 +1,4 @@
-"""How this project compiles: numba with one set of flags, and machine code that the next process takes from a folder.
+"""How this project compiles: numba with one set of flags, and a folder in which later processes find the machine code.
 
 Compiled code contains constants and code of other modules, and numba compares only the file of the function itself with
 the one that was compiled. The folder is therefore named by a hash of the versions and of `REACHED`, the sources that
@@ -7,27 +7,27 @@ compiled code can reach.
 
 import hashlib
 import os
-import pickle
 import re
 import shutil
 import stat
 import sys
+import traceback
+import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from functools import cache, partial
+from contextlib import contextmanager
 from importlib.metadata import requires, version
 from pathlib import Path
 from typing import Any, TypeVar, cast
-from warnings import catch_warnings, simplefilter
 
 import numba
+import numpy as np
 from numba import errors
-from numba.extending import register_jitable
+from numba.core import event
+from numba.extending import overload, register_jitable
 
 from laisn.arrays import Floats
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-Listener = Callable[[int], None]
 
 REACHED = ("laisn", "sim", "experiments/campaign")
 """Folders of sources that compiled code reads: a compiled module imports from them alone."""
@@ -36,31 +36,25 @@ _APART = ("sim/datasets", "sim/film", "sim/log")
 _ROOT = Path(__file__).resolve().parents[1]
 _PROJECT = ("laisn", "sim", "experiments")
 _KEPT_VERSIONS = 8
-_UNREADABLE = (OSError, EOFError, pickle.UnpicklingError)
 
 
-def _states() -> dict[Path, int]:
-    """When each source was changed [ns]."""
-    found = (path for name in REACHED for path in sorted((_ROOT / name).rglob("*.py")))
-    apart = tuple(str(_ROOT / name) + os.sep for name in _APART)
-    return {path: path.stat().st_mtime_ns for path in found if not str(path).startswith(apart)}
+def reached_sources() -> list[Path]:
+    """Sources whose content names the folder."""
+    found = [path for name in REACHED for path in sorted((_ROOT / name).rglob("*.py"))]
+    return [path for path in found if not path.relative_to(_ROOT).as_posix().startswith(_APART)]
 
 
 def _version() -> str:
     """Hash of the compiler, of what it requires, and of the sources."""
     required = (re.split(r"[^\w.-]", entry)[0] for entry in requires("numba") or () if "extra ==" not in entry)
     digest = hashlib.sha256(repr((sys.version, [(name, version(name)) for name in ("numba", *required)])).encode())
-    for path in _AT_START:
+    for path in reached_sources():
         content = path.read_bytes()
         digest.update(f"{path.relative_to(_ROOT)} {len(content)} ".encode() + content)
     return digest.hexdigest()[:16]
 
 
-def _last_used(folder: Path) -> float:
-    return folder.stat().st_mtime
-
-
-def _find_folder() -> Path | None:
+def find_folder() -> Path | None:
     """Folder for the code of these sources, below one that nobody but this user can enter; None if there is none."""
     home = os.environ.get("XDG_CACHE_HOME", "")
     try:
@@ -72,7 +66,7 @@ def _find_folder() -> Path | None:
             return None
         own.mkdir(exist_ok=True)
         os.utime(own)
-        for old in sorted(place.iterdir(), key=_last_used)[:-_KEPT_VERSIONS]:
+        for old in sorted(place.iterdir(), key=lambda folder: folder.stat().st_mtime)[:-_KEPT_VERSIONS]:
             shutil.rmtree(old, ignore_errors=True)
     except (OSError, RuntimeError):
         # RuntimeError: this user has no home
@@ -80,81 +74,53 @@ def _find_folder() -> Path | None:
     return own
 
 
-_AT_START = _states()
-FOLDER = _find_folder()
+FOLDER = find_folder()
 """Where machine code is stored; None: nowhere, and each process compiles what it calls."""
 
-_listeners: list[Listener] = []
-_active = _compiled_so_far = 0
+
+def remove_if_damaged(error: BaseException) -> bool:
+    """Whether numba raised an error while it read or wrote stored code, as after a power failure; removes that code."""
+    frames = traceback.extract_tb(error.__traceback__)
+    damaged = FOLDER is not None and any(Path(frame.filename).match("numba/core/caching.py") for frame in frames)
+    if damaged:
+        shutil.rmtree(cast(Path, FOLDER), ignore_errors=True)
+    return damaged
+
+
+# numba warns of names of its own where formulas with branches are inlined into one another
+warnings.filterwarnings("ignore", category=errors.NumbaIRAssumptionWarning)
+
+
+class _Count(event.Listener):
+    """Reports how many functions have been compiled, and 0 when the outermost one is."""
+
+    def __init__(self, report: Callable[[int], None]) -> None:
+        self._report, self._depth, self._done = report, 0, 0
+
+    def on_start(self, _: event.Event) -> None:
+        self._depth += 1
+
+    def on_end(self, _: event.Event) -> None:
+        self._depth -= 1
+        self._done += 1
+        self._report(self._done)
+        if not self._depth:
+            self._report(0)
 
 
 @contextmanager
-def compiling(listener: Listener) -> Iterator[None]:
-    """Call a listener with the number of functions compiled so far, after each of them, and with 0 after the last."""
-    _listeners.append(listener)
-    try:
+def compiling(report: Callable[[int], None]) -> Iterator[None]:
+    """Report the number of functions compiled so far, after each of them, and 0 after the last."""
+    with event.install_listener("numba:compile", _Count(report)):
         yield
-    finally:
-        _listeners.remove(listener)
-
-
-def _dispatcher(function: Function, folder: str, **flags: Any) -> Any:
-    """What chooses the code of a function by the types of its arguments, stored in its own part of the folder."""
-    # a closure's content is in no source, and numba finds no file for what a user types
-    stored = FOLDER is not None and not function.__closure__ and function.__module__.partition(".")[0] in _PROJECT
-    config: Any = numba.config
-    njit: Any = numba.njit
-    before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER and FOLDER / folder)
-    dispatcher: Any = njit(error_model="numpy", cache=stored, no_cfunc_wrapper=True, **flags)(function)
-    config.CACHE_DIR = before
-    build = dispatcher.compile
-
-    def compile_types(signature: tuple[Any, ...]) -> Any:
-        """Compile for types of arguments; numba would compile again for each constant that is passed."""
-        global _active, _compiled_so_far
-        types = tuple(map(numba.types.unliteral, signature))
-        if types in dispatcher.overloads:
-            return dispatcher.overloads[types].entry_point
-        before = _compiled_so_far
-        _active += 1
-        try:
-            with catch_warnings():
-                # numba warns of a name of its own where a formula with branches is inlined into another one
-                simplefilter("ignore", errors.NumbaIRAssumptionWarning)
-                with suppress(*_UNREADABLE):
-                    build(types)
-                if types not in dispatcher.overloads:
-                    # a file is damaged, or two processes stored two signatures under one name at the same time
-                    dispatcher.recompile()
-                    build(types)
-        finally:
-            _active -= 1
-        if types not in dispatcher.stats.cache_hits:
-            _compiled_so_far += 1
-            for listener in _listeners:
-                listener(_compiled_so_far)
-            if stored and _states() != _AT_START:
-                # the code may be of sources that were edited after they were hashed
-                shutil.rmtree(cast(Path, FOLDER), ignore_errors=True)
-        if not _active and _compiled_so_far > before:
-            for listener in _listeners:
-                listener(0)
-        return dispatcher.overloads[types].entry_point
-
-    dispatcher.compile = compile_types
-    return dispatcher
 
 
 def _jit(function: Function, **flags: Any) -> Function:
-    """Compile for Python and, without the conversion of Python's objects, for compiled callers.
-
-    That conversion takes half of the time to compile a small function of records.
-    """
-    dispatcher = _dispatcher(function, "called", **flags)
-    inner = cache(partial(_dispatcher, function, "linked", no_cpython_wrapper=True, **flags))
-    dispatcher.get_call_template = lambda args, kws: inner().get_call_template(args, kws)
-    dispatcher.get_overload = lambda signature: inner().get_overload(signature)
-    return cast(Function, dispatcher)
+    # what other projects and closures refer to is not in the name of the folder
+    stored = FOLDER is not None and not function.__closure__ and function.__module__.partition(".")[0] in _PROJECT
+    config: Any = numba.config
+    config.CACHE_DIR = str(FOLDER or "")
+    return cast(Function, numba.njit(error_model="numpy", cache=stored, **flags)(function))
 
 
 def compiled(function: Function) -> Function:
@@ -190,3 +156,21 @@ def formula(function: Function) -> Function:
     Records are NamedTuples, and no branch may divide by zero, which Python refuses.
     """
     return register_jitable(inline="always")(function)
+
+
+def select(condition: Any, chosen: Any, other: Any) -> Any:
+    """`np.where`, which in compiled code is `chosen if condition else other` of numbers."""
+    return np.where(condition, chosen, other)
+
+
+@overload(select, strict=False)
+def _select(condition: Any, chosen: Any, other: Any) -> Any:
+    return lambda condition, chosen, other: chosen if condition else other
+
+
+def elementwise(function: Function) -> Function:
+    """A formula that compiled code calls with numbers and Python with arrays of them too.
+
+    It selects by `select`, `np.minimum` …; `if` is for what all elements share.
+    """
+    return register_jitable(error_model="numpy")(function)

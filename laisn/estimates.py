@@ -22,7 +22,7 @@ class FixKind(IntEnum):
     FUSED = 3
     """Weighted mean of several pairs (LAISN-3(2))."""
     GATED = 4
-    """Rejected as a gross error: by the gate, or because no range was believed."""
+    """Rejected as a gross error: by the gate, or because no range was accepted."""
     SINGULAR = 5
     """The filter was already exact (S singular): the update was skipped."""
     LOST = 6

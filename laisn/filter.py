@@ -1,4 +1,7 @@
-"""The linear Kalman filter of LAISN and its process noise (paper, Section 2.1): the only module that uses filterpy."""
+"""The linear Kalman filter of LAISN with its process noise, and its gate (paper, Sections 2.1 and 2.4).
+
+The only module that uses filterpy.
+"""
 
 import math
 from typing import NamedTuple
@@ -8,8 +11,8 @@ import numpy as np
 from laisn import POSITION
 from laisn.arrays import Floats
 from laisn.compiled import formula
-from laisn.geometry import SINGULAR_VARIANCE, angle_between, is_singular
-from laisn.tuning import Tuning
+from laisn.geometry import SINGULAR_VARIANCE, Point, angle_between, is_singular
+from laisn.settings import GATE_MEASURED, GATE_OFF, Tuning
 
 _H_POSITION = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]])
 _H_VELOCITY = np.array([[0, 0, 1.0, 0], [0, 0, 0, 1.0]])
@@ -150,3 +153,51 @@ class Filter:
         jacobian = np.array([[sine, speed * cosine], [cosine, -speed * sine]])
         noise = (jacobian * (sigma_speed**2, sigma_heading**2)) @ jacobian.T
         self._kalman.update(np.array([speed * sine, speed * cosine]), R=noise, H=_H_VELOCITY)
+
+
+@formula
+def reach(elapsed: float, speed: float, t: Tuning) -> float:
+    """Greatest distance that a vehicle can have come in a time [s], at top speed or at the one measured [m]."""
+    top = speed if t.gate == GATE_MEASURED else t.follower_speed_max
+    return np.inf if t.gate == GATE_OFF else top * elapsed
+
+
+@formula
+def is_beyond(place: Point, start: Point, bound: float) -> bool:
+    """Whether a place lies farther from a start than the bound [m]."""
+    east, north = place.east - start.east, place.north - start.north
+    return math.sqrt(east * east + north * north) > bound
+
+
+class Gate:
+    """Remembers the last accepted position: the state right after the update that was accepted."""
+
+    def __init__(self, tuning: Tuning, start: Point) -> None:
+        self._tuning = tuning
+        self._position = start
+        self._step = 0
+        self._extra = 0.0
+
+    def lengthen(self, extra: float) -> None:
+        """Say that the step that begins takes so much longer than Δt [s]."""
+        self._extra += extra
+
+    def bound(self, step: int, speed: float) -> float:
+        """Greatest distance that the vehicle can be from the last accepted position at a step [m].
+
+        Args:
+            step: k.
+            speed: measured at this step [m/s]; used by the rule "v-measured".
+        """
+        # steps of Δt are counted, not added up, so that this is exact where there are no others
+        return reach((step - self._step) * self._tuning.dt + self._extra, speed, self._tuning)
+
+    def passes(self, position: Point, step: int, speed: float) -> bool:
+        """Whether a fix at that position passes."""
+        return not is_beyond(position, self._position, self.bound(step, speed))
+
+    def accept(self, position: Point, step: int) -> None:
+        """Take the state after an update as the new last accepted position."""
+        self._position = position
+        self._step = step
+        self._extra = 0.0

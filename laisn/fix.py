@@ -12,7 +12,7 @@ from laisn.compiled import formula
 from laisn.estimates import FixKind
 from laisn.geometry import Arms, Point, Turn, common_chord, horizontal_range
 from laisn.messages import Ranges
-from laisn.tuning import Tuning
+from laisn.settings import Tuning
 
 TWO_POINTS = float(FixKind.TWO_POINTS)
 TANGENT = float(FixKind.TANGENT)
@@ -26,7 +26,7 @@ class Circle(NamedTuple):
     """Circle that a follower is on, by the range to one transmitter."""
 
     centre: Point
-    """The transmitter, where the follower believes it to be."""
+    """The transmitter, where the message places it."""
     radius: float
     """Horizontal range D_i [m]; NaN where nothing was received."""
 

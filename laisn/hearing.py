@@ -11,8 +11,7 @@ from laisn.estimates import FixKind
 from laisn.fix import Circle, Circles, Fix, Pair
 from laisn.geometry import Arms, Point, Turn, horizontal_range, level_arms, place_on_body, tilted_arms, turn
 from laisn.messages import LeaderMessage, Ranges, Reception
-from laisn.settings import NavigationSettings
-from laisn.tuning import Tuning
+from laisn.settings import NavigationSettings, Tuning
 
 
 class RangeCircles(NamedTuple):

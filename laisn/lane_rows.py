@@ -14,8 +14,7 @@ from laisn.compiled import compiled_lanes, inlined
 from laisn.failure import LaisnError
 from laisn.fix import Fix
 from laisn.geometry import Point
-from laisn.settings import NavigationSettings, Settings
-from laisn.tuning import Tuning
+from laisn.settings import NavigationSettings, Settings, Tuning
 
 LANES = 64
 """Runs of a block."""
@@ -52,16 +51,16 @@ def tuning(settings: Settings) -> Tuning:
     """Settings of LAISN as lanes take them.
 
     Raises:
-        NotImplementedError: naming a choice that no formula knows.
+        NotImplementedError: naming a choice that no formula implements.
         LaisnError: they are for one vehicle's navigator alone.
     """
-    told = cast(NavigationSettings, settings)
-    if told.use_single_range or told.transmitter_offsets:
+    laisn = cast(NavigationSettings, settings)
+    if laisn.use_single_range or laisn.transmitter_offsets:
         raise LaisnError(
             "use_single_range and transmitter offsets are for single vehicles and their logs; campaigns know "
             "transmitters on the leader's hull only, and drop a range that arrives alone"
         )
-    return Tuning.of(told)
+    return Tuning.of(laisn)
 
 
 @inlined

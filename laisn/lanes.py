@@ -1,22 +1,24 @@
 """LAISN for a block of runs side by side: what `navigator.py` does for one follower, compiled for campaigns and swarms.
 
-One step is a series of short passes over the lanes of a block (`lane_rows.py`), which vectorise.
+One step is a series of short passes over the lanes of a block (`lane_rows.py`), which vectorise. A campaign has a run
+in each lane, a swarm a follower.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn import lane_filter, lane_fix
+from laisn import lane_passes
 from laisn import lane_rows as row
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.compiled import compiled_lanes, copy_values
+from laisn.estimates import FixKind
+from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.messages import LeaderMessage, Measurements
-from laisn.settings import VARIANTS, NavigationSettings
-from laisn.tuning import Tuning
+from laisn.settings import VARIANTS, NavigationSettings, Tuning
 from laisn.variants import SEQUENTIAL
 
 _SEQUENTIAL = VARIANTS.index(SEQUENTIAL)
@@ -27,41 +29,41 @@ _BROADCAST = [LeaderMessage._fields.index(n) for n in ("east", "north", "heading
 @compiled_lanes
 def _use_pair(block: Floats, t: Tuning, k: int, fix: int) -> None:
     """One of the three updates of LAISN-3(1)."""
-    lane_fix.take(block, fix)
-    lane_filter.update(block, t, k)
-    lane_fix.give_back(block, fix)
+    lane_passes.take(block, fix)
+    lane_passes.update(block, t, k)
+    lane_passes.give_back(block, fix)
 
 
 @compiled_lanes
 def position_update(block: Floats, t: Tuning, k: int) -> None:
     """Position from the message of step k, by the variant (paper, Sections 2.2 and 2.3)."""
-    lane_fix.place_transmitters(block, t)
-    lane_fix.fix_rear_front(block, t)
+    lane_passes.place_transmitters(block, t)
+    lane_passes.fix_rear_front(block, t)
     if t.variant == _SEQUENTIAL:
         _use_pair(block, t, k, row.ZX12)
-        lane_fix.fix_rear_middle(block, t)
+        lane_passes.fix_rear_middle(block, t)
         _use_pair(block, t, k, row.ZX13)
-        lane_fix.fix_middle_front(block, t)
+        lane_passes.fix_middle_front(block, t)
         _use_pair(block, t, k, row.ZX23)
     else:
         if t.transmitters > 2:
-            lane_fix.fix_rear_middle(block, t)
-            lane_fix.fix_middle_front(block, t)
-        lane_fix.choose(block, t)
-        lane_filter.update(block, t, k)
-    lane_filter.remember_accepted(block, k)
+            lane_passes.fix_rear_middle(block, t)
+            lane_passes.fix_middle_front(block, t)
+        lane_passes.choose(block, t)
+        lane_passes.update(block, t, k)
+    lane_passes.remember_accepted(block, k)
 
 
 @compiled_lanes
 def advance(block: Floats, t: Tuning, k: int, received: bool) -> None:
     """Step k: predict, position if a message is received, speed. Rows of measurements must be filled."""
-    lane_filter.own_motion(block, t)
+    lane_passes.own_motion(block, t)
     if received:
-        lane_filter.leader_motion(block, t)
-    lane_filter.predict(block, t)
+        lane_passes.leader_motion(block, t)
+    lane_passes.predict(block, t)
     if received:
         position_update(block, t, k)
-    lane_filter.speed_update(block, t)
+    lane_passes.speed_update(block, t)
 
 
 @compiled_lanes
@@ -158,3 +160,65 @@ def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: Na
         estimates.append(run_block(own, first.message_step, messages, begin, t))
     state, kinds = (np.concatenate(parts, axis=-1)[..., : len(measurements)] for parts in zip(*estimates, strict=True))
     return LaneEstimates(state, kinds)
+
+
+_GATED = float(FixKind.GATED)
+
+
+class LaneSwarm(NamedTuple):
+    """LAISN's navigators of f followers; biases and current are no states of theirs."""
+
+    block: Floats
+    """Lanes, as of `laisn.lane_rows`."""
+    tuning: Tuning
+    gated: Ints
+    """See `Swarm.gated`."""
+
+    @compiled_lanes
+    def navigate(
+        self, step: int, readings: Records, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+    ) -> int:
+        """Advance by one filter step; see `laisn.swarm.Swarm.navigate`."""
+        block = self.block
+        last, any_received = readings.shape[0] - 1, bool(received.any())
+        for lane in range(LANES):
+            i = min(lane, last)
+            block[row.SPEED + lane], block[row.HEADING + lane] = readings[i].speed, readings[i].heading
+            block[row.DEPTH + lane] = readings[i].depth
+            if any_received:
+                block[row.EAST + lane], block[row.NORTH + lane] = messages[i, 1], messages[i, 2]
+                block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = messages[i, 3], messages[i, 4]
+                block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = messages[i, 5], messages[i, 6]
+                block[row.ROLL + lane] = messages[i, 7]
+                # a message without ranges has the same effect as none
+                block[row.R1 + lane] = ranges[i, 0] if received[i] else np.nan
+                block[row.R2 + lane] = ranges[i, 1] if received[i] else np.nan
+                block[row.R3 + lane] = ranges[i, 2] if received[i] else np.nan
+        advance(block, self.tuning, step, any_received)
+        for i in range(readings.shape[0]):
+            position, velocity = estimates[i].position, estimates[i].velocity
+            position[0], position[1] = block[row.X + i], block[row.Y + i]
+            velocity[0], velocity[1] = block[row.VX + i], block[row.VY + i]
+            if received[i]:
+                for first in fix_rows(self.tuning.variant):
+                    self.gated[i] += first >= 0 and block[first + 3 * LANES + i] == _GATED
+        return 0
+
+
+def new_lanes(settings: NavigationSettings, starts: Floats) -> LaneSwarm:
+    """Navigators of followers at known starts, rows of x, y [m] and vx, vy [m/s], shape (f, 4).
+
+    Raises:
+        LaisnError: there are more followers than lanes, or the settings are for single vehicles.
+    """
+    if len(starts) > LANES:
+        raise LaisnError(f"{len(starts)} followers cannot navigate together, at most {LANES}")
+    tuning = row.tuning(settings)
+    block = row.new_block(np.zeros(4), tuning)
+    rows = row.X, row.Y, row.VX, row.VY
+    for lane in range(LANES):
+        start = starts[min(lane, len(starts) - 1)]
+        for first, value in zip(rows, start, strict=True):
+            block[first + lane] = value
+        block[row.ACCEPTED_X + lane], block[row.ACCEPTED_Y + lane] = start[0], start[1]
+    return LaneSwarm(block, tuning, np.zeros(len(starts), dtype=np.int64))

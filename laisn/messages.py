@@ -1,8 +1,8 @@
-"""All that a follower hears and senses. A navigator sees nothing else."""
+"""All that a follower receives and measures: the only input of a navigator."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -86,6 +86,8 @@ class Measurements(ArrayRecord):
     """How long each filter step took, shape (n,), [s]; None: Δt each."""
     transmitters: Floats | None = None
     """Transmitters (east, north, depth) of each reception, shape (m, 3, 3), [m]; None: no reception says."""
+    own: Mapping[str, Floats] = field(default_factory=dict)
+    """Readings of sensors of the user's own by their names, shape (n, …); NaN where there is none."""
 
     def __post_init__(self) -> None:
         n, m = self.speed.size, self.message_step.size
@@ -116,8 +118,23 @@ class Measurements(ArrayRecord):
     @property
     def last_depth(self) -> Floats:
         """Depth, of a missing reading (NaN) the last one before it, shape (n,), [m]; NaN before the first one."""
-        last = np.maximum.accumulate(np.where(np.isnan(self.depth), 0, np.arange(self.depth.size)))
+        missing = np.isnan(self.depth)
+        if not missing.any():
+            return self.depth
+        last = np.maximum.accumulate(np.where(missing, 0, np.arange(self.depth.size)))
         return np.asarray(self.depth[last])
+
+    def part(self, first: int, last: int) -> Self:
+        """The measurements of steps `first` + 1 … `last`, which become 1 … `last` − `first`."""
+        kept = (self.message_step > first) & (self.message_step <= last)
+        messages = ("message_step", "message", "ranges", "transmitters")
+        parts = {
+            field.name: value[kept] if field.name in messages else value[first:last]
+            for field in fields(self)
+            if isinstance(value := getattr(self, field.name), np.ndarray)
+        }
+        own = {name: readings[first:last] for name, readings in self.own.items()}
+        return replace(self, **parts | {"message_step": parts["message_step"] - first}, own=own)
 
     def require_fresh(self, step: int, dt: float) -> None:
         """Raise ValueError unless a navigator with this filter step [s], now at that step, can navigate on them."""

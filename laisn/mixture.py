@@ -79,7 +79,7 @@ def half_moments(z: float) -> tuple[float, float, float]:
 
 @compiled
 def is_same(apart: float, variance: float) -> bool:
-    """Whether two components are nearer to each other in one state than their mean variance allows to tell."""
+    """Whether two components are nearer to each other in one state than their mean variance resolves."""
     return apart * apart <= _SAME * variance
 
 

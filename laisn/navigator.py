@@ -9,15 +9,13 @@ from laisn import POSITION
 from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind
 from laisn.failure import LaisnError
-from laisn.filter import Filter, expected_acceleration, larger, speed_share, turn_share
+from laisn.filter import Filter, Gate, expected_acceleration, larger, speed_share, turn_share
 from laisn.fix import Fix, fix_variance
-from laisn.gate import Gate
 from laisn.geometry import Point
 from laisn.hearing import RangeCircles, one_range, pair_fix, to_circles
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator, require_own, require_time
-from laisn.settings import NavigationSettings
-from laisn.tuning import Tuning
+from laisn.settings import NavigationSettings, Tuning
 from laisn.variants import SEQUENTIAL, SINGLE
 
 LOST = Fix(np.nan, np.nan, np.nan, float(FixKind.LOST), -1.0)
@@ -50,7 +48,7 @@ class Navigator(OnlineNavigator):
 
         Raises:
             ValueError: the start is not four finite numbers.
-            NotImplementedError: naming a choice that no formula knows.
+            NotImplementedError: naming a choice that no formula implements.
         """
         super().__init__(start, settings.position_sigma0)
         self.settings = settings

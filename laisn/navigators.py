@@ -87,7 +87,7 @@ class NavigatorSpec:
 
         Raises:
             ValueError: the start is not four finite numbers.
-            NotImplementedError: naming a choice that no formula knows.
+            NotImplementedError: naming a choice that no formula implements.
         """
         navigator: AnyNavigator = resolve_name(self.factory)(settings, start)
         return navigator
@@ -117,7 +117,7 @@ class NavigatorSpec:
         return MissionResult(found.state, covariance, found.fix_kind.tolist(), squared, 2.0 * len(e))
 
 
-_LAISN = NavigatorSpec(factory="laisn.navigator:Navigator", lanes=True, swarm="laisn.lane_swarm:new_lanes")
+_LAISN = NavigatorSpec(factory="laisn.navigator:Navigator", lanes=True, swarm="laisn.lanes:new_lanes")
 _TIGHT = NavigatorSpec(
     factory="laisn.tight.navigator:TightNavigator",
     settings=TightSettings,
@@ -125,7 +125,7 @@ _TIGHT = NavigatorSpec(
     title="the tightly coupled navigator",
     estimates=TightEstimates,
     mission="laisn.tight.mission:fly",
-    swarm="laisn.tight.swarm:new_tight_swarm",
+    swarm="laisn.tight.mission:new_tight_swarm",
     smoother="laisn.tight.smoothing:SmoothingNavigator",
     beacons="laisn.beacons.navigator:BeaconNavigator",
     near_bound=True,
@@ -155,15 +155,21 @@ def is_own(name: str) -> bool:
 
 
 @cache
-def _own(name: str) -> NavigatorSpec:
+def import_own(kind: str, name: str) -> Any:
+    """A class of the user's own, "module:Class"; LaisnError naming its kind if it cannot be imported."""
     folder = os.getcwd()
     if folder not in sys.path:
         # as the command has no folder of its own to look in
         sys.path.insert(0, folder)
     try:
-        made = resolve_name(name)
+        return resolve_name(name)
     except (ImportError, AttributeError) as error:
-        raise LaisnError(f"navigator {name!r}: {error}; modules are looked for in {folder} too") from None
+        raise LaisnError(f"{kind} {name!r}: {error}; modules are looked for in {folder} too") from None
+
+
+@cache
+def _own(name: str) -> NavigatorSpec:
+    made = import_own("navigator", name)
     settings = getattr(made, "Settings", NavigationSettings)
     if not callable(getattr(made, "run", None)) or not issubclass(settings, Settings):
         raise LaisnError(
@@ -188,8 +194,8 @@ def find(name: str) -> NavigatorSpec:
 
 
 def source_of(name: str) -> bytes:
-    """Source of the module of a user's own navigator; nothing for one of this project, or where there is none."""
-    path = sys.modules[resolve_name(find(name).factory).__module__].__file__ if is_own(name) else None
+    """Source of the module of a user's own class; nothing for a navigator of this project, or where there is none."""
+    path = sys.modules[import_own("class", name).__module__].__file__ if is_own(name) else None
     return Path(path).read_bytes() if path else b""
 
 

@@ -1,7 +1,10 @@
-"""Settings of navigators: what all of them are given, and every constant of the paper with its value as default."""
+"""Settings of navigators: what all of them are given, and every constant of the paper with its value as default.
+
+`Tuning` has the settings of LAISN as formulas take them: numbers alone, so that compiled code can.
+"""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar, Literal, NamedTuple, Self, TypeVar, get_args
 
 import numpy as np
 
@@ -77,7 +80,7 @@ class NavigationSettings(Settings):
     threshold: float = 0.1
     """T: two intersections closer than this count as one, on the leader's axis [m]."""
     beta: float = 0.1
-    """β: σp = β / sep [m²]."""
+    """β: σp = β / distance of the intersections [m²]."""
     sigma_floor: float = 0.0
     """Smallest σp that the filter is given [m]; the paper has none."""
     alpha: float = 8.0
@@ -89,9 +92,9 @@ class NavigationSettings(Settings):
     sigma_heading: float = float(np.deg2rad(2.0))
     """σθ of the speed update [rad]."""
     position_sigma0: float = 0.0
-    """p_pos_std of the start [m]."""
+    """p_pos_std: uncertainty of the start along each axis [m]."""
     velocity_sigma0: float = 0.0
-    """p_vel_std of the start [m/s]."""
+    """p_vel_std: uncertainty of the velocity at the start [m/s]."""
     leader_speed_max: float = 3.0
     """v_max of the leader in γv [m/s]."""
     follower_speed_max: float = 3.0
@@ -101,9 +104,10 @@ class NavigationSettings(Settings):
     side_rule: SideRule = "behind"
     """Where a fix without two clear intersections goes: always behind (the paper), or to the predicted end."""
     expected_pitch: float = 0.0
-    """Pitch that a level-leader follower must expect; adds Δz sin(…) to σp in squares [rad] (not in the paper)."""
+    """Pitch that inflates σp where the leader is taken as level; adds Δz sin(…) in squares [rad] (not in the paper)."""
     use_single_range: bool = False
-    """Where one range alone arrived, move the prediction along its line of sight; the paper drops it."""
+    """Where one range alone arrived, move the estimate along its line of sight; the paper drops it. A replay of a
+    vehicle's log does so unless this stands in its scenario as false."""
 
     @property
     def transmitters(self) -> int:
@@ -117,3 +121,75 @@ class NavigationSettings(Settings):
             if value not in allowed:
                 raise ValueError(f"{name} is {value!r}; available: {', '.join(allowed)}")
         super().__post_init__()
+
+
+GATE_OFF, GATE_MAX, GATE_MEASURED = range(3)
+
+_VARIANTS: dict[str, int] = {variant: number for number, variant in enumerate(VARIANTS)}
+_GATES = {"off": GATE_OFF, "v-max": GATE_MAX, "v-measured": GATE_MEASURED}
+_SIDES = {"behind": False, "predicted": True}
+
+Choice = TypeVar("Choice")
+
+
+def _number(name: str, chosen: str, known: dict[str, Choice]) -> Choice:
+    """What formulas know a choice as."""
+    if chosen not in known:
+        raise NotImplementedError(f"no formula implements the {name} {chosen!r}; there are: {', '.join(known)}")
+    return known[chosen]
+
+
+class Tuning(NamedTuple):
+    """`NavigationSettings` as numbers; fields of the same name mean the same."""
+
+    variant: int
+    """Index in `VARIANTS`."""
+    gate: int
+    predicted_side: bool
+    use_attitude: bool
+    transmitters: int
+    """N_T."""
+    dt: float
+    baseline: float
+    middle_offset: float
+    hydrophone_height: float
+    threshold: float
+    beta: float
+    sigma_floor: float
+    alpha: float
+    sigma_a0: float
+    speed_variance: float
+    heading_variance: float
+    position_variance0: float
+    velocity_variance0: float
+    leader_speed_max: float
+    follower_speed_max: float
+    sine_of_pitch: float
+    """Sine of the pitch that must be expected."""
+
+    @classmethod
+    def of(cls, settings: NavigationSettings) -> Self:
+        """Settings as numbers; NotImplementedError naming a choice that no formula implements."""
+        return cls(
+            variant=_number("variant", settings.variant, _VARIANTS),
+            gate=_number("gate", settings.gate, _GATES),
+            predicted_side=_number("side_rule", settings.side_rule, _SIDES),
+            use_attitude=settings.use_attitude,
+            transmitters=settings.transmitters,
+            dt=settings.dt,
+            baseline=settings.baseline,
+            middle_offset=settings.middle_offset,
+            hydrophone_height=settings.hydrophone_height,
+            threshold=settings.threshold,
+            beta=settings.beta,
+            sigma_floor=settings.sigma_floor,
+            alpha=settings.alpha,
+            sigma_a0=settings.sigma_a0,
+            speed_variance=settings.sigma_speed**2,
+            heading_variance=settings.sigma_heading**2,
+            position_variance0=settings.position_sigma0**2,
+            velocity_variance0=settings.velocity_sigma0**2,
+            leader_speed_max=settings.leader_speed_max,
+            follower_speed_max=settings.follower_speed_max,
+            sine_of_pitch=float(np.sin(settings.expected_pitch)),
+        )

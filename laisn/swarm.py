@@ -1,6 +1,6 @@
 """Navigators of a swarm: all followers advance by one filter step in one call, and their estimates control them.
 
-A swarm is a NamedTuple whose `navigate` is compiled (`laisn.lane_swarm`, `laisn.tight.swarm`), or any other object with
+A swarm is a NamedTuple whose `navigate` is compiled (`laisn.lanes`, `laisn.tight.mission`), or any other object with
 such a method, which Python calls. Compiled code chooses the method by the type of the NamedTuple.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload_method
 
-from laisn.arrays import Bools, Floats, Ints
+from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import Settings
 
@@ -30,6 +30,19 @@ ESTIMATE = np.dtype(
 """Estimate of one follower; a navigator without such states leaves their fields at zero."""
 
 
+READING = np.dtype(
+    [
+        ("speed", np.float64),  # speed log [m/s]
+        ("heading", np.float64),  # compass [rad]
+        ("depth", np.float64),  # pressure sensor [m]
+        ("pitch", np.float64),  # inclinometer [rad]
+        ("turning", np.float64),  # gyros: rates about the up and the port axis [rad/s]
+        ("pitching", np.float64),
+    ]
+)
+"""Readings of one follower's own sensors; navigators read the first three."""
+
+
 class Swarm(Protocol):
     """Navigators of f followers."""
 
@@ -38,13 +51,13 @@ class Swarm(Protocol):
         """Number of fixes or messages of each follower that its gate has rejected so far, shape (f,)."""
 
     def navigate(
-        self, step: int, readings: Floats, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+        self, step: int, readings: Records, received: Bools, messages: Floats, ranges: Floats, estimates: Records
     ) -> int:
         """Advance by one filter step.
 
         Args:
             step: from 1.
-            readings: log, compass and depth (more is not read), shape (f, 3) or wider, [m/s], [rad], [m].
+            readings: records of READING, shape (f,).
             received: whether a message is in, shape (f,).
             messages: columns of `LeaderMessage` from timestamp to roll, shape (f, 8) or wider.
             ranges: shape (f, 3), [m]; NaN where nothing was received.
@@ -78,13 +91,13 @@ class SeparateNavigators:
         self.gated: Ints = np.zeros(len(starts), dtype=np.int64)
 
     def navigate(
-        self, step: int, readings: Floats, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+        self, step: int, readings: Records, received: Bools, messages: Floats, ranges: Floats, estimates: Records
     ) -> int:
         """Advance by one filter step; see `Swarm.navigate`. Gates are not counted."""
         for i, navigator in enumerate(self.navigators):
             reception = None
             if received[i]:
                 reception = Reception(LeaderMessage(*messages[i].tolist()), Ranges(*ranges[i].tolist()))
-            navigator.step(OwnMotion(*readings[i, :3].tolist()), reception)
+            navigator.step(OwnMotion(*readings[i].tolist()[:3]), reception)
             estimates.position[i], estimates.velocity[i] = np.split(navigator.state, 2)
         return 0

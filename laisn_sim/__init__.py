@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
-    from experiments.flight.table import Table as Table
-    from experiments.study.folder import StudyFolder as StudyFolder
+    from experiments.flight.tables import Table as Table
+    from experiments.study.study import StudyFolder as StudyFolder
     from laisn.failure import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
     from laisn.navigators import NavigatorFactory
@@ -57,9 +57,9 @@ _HOMES = {
     "Flight": "sim.flight",
     "LaisnError": "laisn.failure",
     "Navigator": "laisn.navigator",
-    "StudyFolder": "experiments.study.folder",
+    "StudyFolder": "experiments.study.study",
     "Scenario": "sim.scenario.settings",
-    "Table": "experiments.flight.table",
+    "Table": "experiments.flight.tables",
 }
 
 
@@ -247,7 +247,7 @@ def write_log(flight: Flight, path: str | Path) -> Path:
         LaisnError: the file cannot be written.
     """
     _require_own_packages()
-    from experiments.flight.tables import log_flight
+    from experiments.flight.files import log_flight
 
     return log_flight(flight, path)
 
@@ -268,7 +268,7 @@ def render(
         LaisnError: a setting is impossible, or nothing renders here (`laisn doctor` says why).
     """
     _require_own_packages()
-    from experiments.flight.picture import picture
+    from experiments.flight.files import picture
 
     return picture(flight, path, time_s, follower, video)
 
@@ -315,6 +315,6 @@ def study(
         LaisnError: a line for each fault, before anything is flown; or a folder or cluster that cannot be used.
     """
     _require_own_packages()
-    from experiments.study.folder import run
+    from experiments.study.study import run
 
     return run(source, keys, out, workers=workers, cluster=cluster, force=force)

@@ -1,5 +1,7 @@
 """A scenario made into sea, routes and vehicles."""
 
+from dataclasses import fields
+
 import numpy as np
 
 from laisn.arrays import Floats
@@ -119,10 +121,9 @@ def routes_of(scenario: Scenario) -> tuple[Route, ...]:
 def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:
     """All vehicles at the start of their routes."""
     setups = []
+    shared = {field.name for field in fields(VehicleSetup)} - {"name", "model"}
     vehicles = (scenario.leader, *scenario.followers)
-    for i, (vehicle, name, model, route) in enumerate(
-        zip(vehicles, vehicle_names(scenario), models_of(scenario), routes, strict=True)
-    ):
+    for vehicle, name, model, route in zip(vehicles, vehicle_names(scenario), models_of(scenario), routes, strict=True):
         east, north = (float(c) for c in route.waypoint[0])
         setups.append(
             VehicleSetup(
@@ -131,15 +132,7 @@ def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSet
                 position_m=(east, north, -float(route.depth.depth[0])),
                 heading_rad=route.initial_heading,
                 speed_m_s=route.start_speed,
-                excess_buoyancy_n=vehicle.excess_buoyancy_n,
-                cg_offset_x_m=vehicle.cg_offset_x_m,
-                cg_offset_z_m=vehicle.cg_offset_z_m,
-                drag_scale=vehicle.drag_scale,
-                added_mass_scale=vehicle.added_mass_scale,
-                lift_scale=vehicle.lift_scale,
-                thrust_scale=vehicle.thrust_scale,
-                baseline_m=scenario.leader.baseline_m if i == 0 else None,
-                middle_offset_m=scenario.leader.middle_offset_m if i == 0 else None,
+                **{key: value for key, value in vehicle if key in shared},
             )
         )
     return tuple(setups)

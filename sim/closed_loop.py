@@ -17,71 +17,75 @@ from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.navigators import find
-from laisn.swarm import ESTIMATE, Swarm, SwarmFactory
+from laisn.swarm import ESTIMATE, READING, Swarm, SwarmFactory
 from sim.assembly import routes_of
 from sim.control.autopilot import control, vehicle_state
 from sim.control.follower import (
     FOLLOWER_MEMORY,
-    READINGS,
-    Law,
     extend_silent_trail,
     extend_trail,
     init_memory,
     keep_station,
-    law_of,
     measured_motion,
     update_avoidance,
 )
-from sim.control.guidance import (
-    COURSE,
-    EAST,
-    NORTH,
-    begin,
-    integrate_offset,
-    steer,
-    track_current,
-)
+from sim.control.guidance import REFERENCE, begin, integrate_offset, steer, track_current
 from sim.control.leader_plan import SPACING, LeaderPlan, plan_of
 from sim.control.trail import TRAIL
 from sim.flight import navigation_settings
+from sim.geometry.attitude import carried
 from sim.motion import simulate_motion
+from sim.scenario.formation import Proximity
 from sim.scenario.settings import Scenario
+from sim.sensing.acoustics import Motion
 from sim.sensing.ahrs import follow_tilt
-from sim.sensing.instant import Senses, forward_speed, read_own, senses_of
-from sim.sensing.listening import HEARD, SILENT, Inbox, hear, is_under_way, new_inbox
+from sim.sensing.instant import (
+    NO_MESSAGE,
+    RECEIVED,
+    Inbox,
+    SensorModel,
+    is_under_way,
+    new_inbox,
+    read_own,
+    receive,
+    sensor_model_of,
+)
 from sim.sensing.observation import start_of
-from sim.sensing.pings import site
 from sim.sensing.proximity import SEEN, Lookout, look, lookout_of
 from sim.simulation import TICK, RouteControl, standing, steer_along_route
-from sim.trajectory import Trajectory, Truth
+from sim.station_keeping import stations_of
+from sim.trajectory import Trajectory, Truth, speed_through_water
 from sim.vehicle.plant import Plant
 
-ROUTE, ROUTE_BY_ESTIMATE, STATION_BY_TRUTH, STATION = range(4)
+ON_ROUTE, ON_ROUTE_BY_ESTIMATE, ON_STATION_BY_TRUTH, ON_STATION = range(4)
 """What a follower keeps to, and what it steers by."""
 
 
 class ClosedLoopState(NamedTuple):
     """All that control works on beside the truth and the navigators; f followers."""
 
-    law: Law
-    senses: Senses
+    formation: Record
+    """Settings of `[formation]`."""
+    proximity: Record
+    """Settings of `[formation.proximity]`."""
+    sensors: SensorModel
     lookout: Lookout
     kinds: Ints
-    """ROUTE … STATION of each follower, shape (f,)."""
+    """ON_ROUTE … ON_STATION of each follower, shape (f,)."""
     estimates_current: bool
     """Whether the navigators estimate a current."""
     plan: LeaderPlan
     """The leader's, as far as its messages carry it."""
-    stations: Floats
-    """Columns BEHIND, PORT, STATION_DEPTH, shape (f, 3), [m]."""
+    stations: Records
+    """Of STATION, shape (f,)."""
     sites: tuple[Floats, Floats, Floats]
     """Offsets of the transmitters, shape (3, 3), of hydrophones and of pressure sensors, shape (f, 3), [m]."""
     routes: RouteControl
     """Control along routes, of the leader and of followers that steer by the truth; it holds all commands."""
-    readings: Floats
-    """Readings of each follower's sensors, shape (f, READINGS)."""
+    readings: Records
+    """Readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)."""
     inbox: Inbox
-    """What each follower has heard."""
+    """What each follower has received."""
     arrived: Bools
     """Whether a message is in at this filter step, shape (f,)."""
     tilts: Floats
@@ -90,22 +94,22 @@ class ClosedLoopState(NamedTuple):
     """What each follower's last look around showed, shape (f, v, SEEN)."""
     estimates: Records
     """Estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)."""
-    trails: Floats
-    """Trail of the leader as each follower has heard it, shape (f, room, TRAIL)."""
+    trails: Records
+    """Trail of the leader as each follower has received it, of TRAIL, shape (f, room)."""
     counts: Ints
     """Points of the trails, shape (f, 1)."""
     memory: Records
     """Memory of each follower, of FOLLOWER_MEMORY, shape (f,)."""
-    reference: Floats
-    """Reference of the autopilot of one follower at a time, shape (8,)."""
+    reference: Records
+    """Reference of the autopilot of one follower at a time, of REFERENCE, shape (1,)."""
     history: Records
     """Estimates at each instant, records of `laisn.swarm.ESTIMATE`, shape (n + 1, f)."""
 
 
 def _kind(on_station: bool, by_estimate: bool) -> int:
     if on_station:
-        return STATION if by_estimate else STATION_BY_TRUTH
-    return ROUTE_BY_ESTIMATE if by_estimate else ROUTE
+        return ON_STATION if by_estimate else ON_STATION_BY_TRUTH
+    return ON_ROUTE_BY_ESTIMATE if by_estimate else ON_ROUTE
 
 
 def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> ClosedLoopState:
@@ -120,36 +124,33 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
     memory, navigation = records(FOLLOWER_MEMORY, f), scenario.navigation
-    kinds, stations = np.zeros(f, dtype=np.int64), np.zeros((f, 3))
+    kinds = np.zeros(f, dtype=np.int64)
     waypoints = scenario.leader.broadcast_waypoints
-    track = routes.reference[:, 0, [EAST, NORTH, COURSE]]
-    plan = plan_of(track, routes_of(scenario)[0].time, waypoints, TICK)
+    plan = plan_of(routes.reference[:, 0], routes_of(scenario)[0].time, waypoints, TICK)
     planned = n // round(SPACING / TICK) if waypoints else 0
-    trails = np.zeros((f, n // scenario.message_every + planned + 2, TRAIL))
+    trails = records(TRAIL, f, n // scenario.message_every + planned + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
     leader = vehicle_state(plant.pose[0], plant.twist[0], plant.water_velocity()[0])
     start = np.array([0.0, *plant.pose[0, :2], leader.heading, leader.surge])
     for i, follower in enumerate(scenario.followers):
-        kinds[i] = _kind(follower.station is not None, follower.believes)
-        if follower.station:
-            place = follower.station
-            stations[i] = place.behind_m, place.port_m, place.depth_m
+        kinds[i] = _kind(follower.station is not None, follower.steers_by_estimate)
         init_memory(start, trails[i], counts[i], memory[i])
     return ClosedLoopState(
-        law=law_of(scenario.formation),
-        senses=senses_of(scenario),
+        formation=scenario.formation.record(),
+        proximity=(scenario.formation.proximity or Proximity()).record(),
+        sensors=sensor_model_of(scenario),
         lookout=lookout_of(scenario),
         kinds=kinds,
         estimates_current="current" in navigation.settings().estimated,
         plan=plan,
-        stations=stations,
+        stations=stations_of(scenario),
         sites=(
             np.array([offset[f"leader/tx_{which}"] for which in ("rear", "front", "middle")]),
             np.array([offset[f"{name}/hydrophone"] for name in names]),
             np.array([offset[f"{name}/depth_sensor"] for name in names]),
         ),
         routes=routes,
-        readings=np.zeros((f, READINGS)),
+        readings=records(READING, f),
         inbox=new_inbox(f),
         arrived=np.zeros(f, dtype=np.bool_),
         tilts=np.zeros((n, 2)),
@@ -158,7 +159,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         trails=trails,
         counts=counts,
         memory=memory,
-        reference=np.zeros(8),
+        reference=records(REFERENCE, 1),
         history=records(ESTIMATE, n, f),
     )
 
@@ -168,7 +169,7 @@ def _lean(k: int, truth: Truth, a: ClosedLoopState) -> None:
     """What accelerations make of the leader's pitch and roll; the first instant has those of the second."""
     for i in range(k - 1 if k == 1 else k, k + 1):
         change = truth.twist[k, 0, :3] - truth.twist[k - 1, 0, :3]
-        follow_tilt(a.senses.tilt_share, truth.pose[i, 0, 3:], change, a.tilts[max(i - 1, 0)], a.tilts[i])
+        follow_tilt(a.sensors.tilt_share, truth.pose[i, 0, 3:], change, a.tilts[max(i - 1, 0)], a.tilts[i])
 
 
 @compiled
@@ -182,8 +183,8 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
         truth: motion until then.
         a: readings, inbox, arrivals, trails and estimated positions are brought forward.
     """
-    stride = a.senses.stride
-    if k > 0 and a.senses.feels_acceleration:
+    stride = a.sensors.stride
+    if k > 0 and a.sensors.feels_acceleration:
         _lean(k, truth, a)
     if k % stride != 0:
         for i in range(a.kinds.size):
@@ -194,19 +195,19 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     step = k // stride
     for i in range(a.kinds.size):
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
-        read_own(a.senses, step, i, body, a.sites[2][i], a.readings[i])
-        on_station = a.kinds[i] >= STATION_BY_TRUTH
+        read_own(a.sensors, step, i, body, a.sites[2][i], a.readings[i])
+        on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
         if k > 0 and a.lookout.every > 0 and k % a.lookout.every == 0 and on_station:
             look(a.lookout, k, i, truth.pose[k], a.seen[i])
-            update_avoidance(a.law.avoidance, a.seen[i], a.estimates[i], a.memory[i])
+            update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         # few calls, for what is handed over costs more than the question
-        if is_under_way(step, i, a.senses.message_every, a.inbox):
-            hear(a.senses, step, i, (a.sites[0], a.sites[1]), (truth, k), a.tilts, a.inbox)
-            a.arrived[i] = a.inbox.outcome[i] != SILENT
-            if a.inbox.outcome[i] == HEARD and on_station:
+        if is_under_way(step, i, a.sensors.message_every, a.inbox):
+            receive(a.sensors, step, i, (a.sites[0], a.sites[1]), Motion(truth, 0.0, k), a.tilts, a.inbox)
+            a.arrived[i] = a.inbox.outcome[i] != NO_MESSAGE
+            if a.inbox.outcome[i] == RECEIVED and on_station:
                 clock, message = (k * TICK, TICK), a.inbox.message[i]
-                extend_trail(a.law.frame, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
+                extend_trail(a.formation, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
         if on_station:
             extend_silent_trail(a.plan, a.trails[i], a.counts[i], (k, TICK), a.memory[i])
     return k > 0
@@ -214,16 +215,20 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
 
 @compiled
 def _true_estimate(
-    body: tuple[Floats, Floats, Floats], hydrophone: Floats, guidance: Record, reading: Floats, estimate: Record
+    body: tuple[Floats, Floats, Floats], hydrophone: Floats, guidance: Record, reading: Record, estimate: Record
 ) -> None:
     """Replace readings and estimates of a follower that steers by the truth: pose, twist and velocity of the water."""
     pose, twist, water = body
     motion = vehicle_state(pose, twist, water)
-    reading[0], reading[1], reading[2] = forward_speed(pose, twist, water), motion.heading, motion.depth
-    reading[3], reading[4], reading[5] = motion.pitch, motion.turning, motion.pitching
+    reading.speed, reading.heading, reading.depth = (
+        speed_through_water(pose, twist, water),
+        motion.heading,
+        motion.depth,
+    )
+    reading.pitch, reading.turning, reading.pitching = motion.pitch, motion.turning, motion.pitching
     track_current((water[0], water[1]), TICK, guidance)
     estimate.log_bias = estimate.compass_bias = estimate.spread = 0.0
-    estimate.position[0], estimate.position[1], _ = site(pose, hydrophone)
+    estimate.position[0], estimate.position[1], _ = carried(pose, hydrophone)
     for i in range(2):
         estimate.velocity[i] = estimate.to_likelier[i] = 0.0
         estimate.current[i] = guidance.current[i]
@@ -238,9 +243,9 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
     if k == 0:
         begin(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
     place = estimate.position[0], estimate.position[1]
-    if k < a.senses.stride or place[0] != place[0]:
+    if k < a.sensors.stride or place[0] != place[0]:
         # as long as there is no estimate, the reference itself
-        place = reference[EAST], reference[NORTH]
+        place = reference.east, reference.north
     if a.estimates_current:
         track_current((estimate.current[0], estimate.current[1]), TICK, guidance)
     else:
@@ -263,28 +268,28 @@ def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
     for f in range(a.kinds.size):
         i, reading, estimate = f + 1, a.readings[f], a.estimates[f]
         a.history[k, f] = estimate
-        if a.kinds[f] == ROUTE:
+        if a.kinds[f] == ON_ROUTE:
             steer_along_route(k, truth, i, routes)
             continue
-        if a.kinds[f] == ROUTE_BY_ESTIMATE:
+        if a.kinds[f] == ON_ROUTE_BY_ESTIMATE:
             _follow_route(k, f, a)
             continue
-        if a.kinds[f] == STATION_BY_TRUTH:
+        if a.kinds[f] == ON_STATION_BY_TRUTH:
             body, guidance = (truth.pose[k, i], truth.twist[k, i], truth.water[k, i]), routes.guidance[i]
             if k == 0:
                 guidance.current[0], guidance.current[1] = body[2][0], body[2][1]
             _true_estimate(body, a.sites[1][f], guidance, reading, estimate)
         steering = keep_station(
-            a.law,
+            a.formation,
             a.stations[f],
             (reading, estimate),
             (a.trails[f], a.counts[f, 0]),
             (k * TICK, TICK),
             a.memory[f],
-            a.reference,
+            a.reference[0],
         )
         autopilot, memory, command = routes.autopilots[i], routes.autopilot[i], routes.command[i]
-        control(autopilot, steering.wanted, a.reference, steering.motion, TICK, memory, command)
+        control(autopilot, steering.wanted, a.reference[0], steering.motion, TICK, memory, command)
 
 
 class ClosedLoop(NamedTuple):
@@ -299,7 +304,7 @@ class ClosedLoop(NamedTuple):
         """Sense, navigate and find the commands of all vehicles; see `sim.simulation.Controller.control`."""
         state, failed = self.state, 0
         if sense(k, truth, state):
-            step, inbox = k // state.senses.stride, state.inbox
+            step, inbox = k // state.sensors.stride, state.inbox
             failed = self.swarm.navigate(
                 step, state.readings, state.arrived, inbox.message, inbox.ranges, state.estimates
             )

@@ -94,6 +94,10 @@ def contacts(trajectory: Trajectory) -> list[Contact]:
     return sorted(found)
 
 
+Ending = Callable[[Floats, Floats], int | None]
+"""What ends a mission early: of positions and attitudes, as of `first_touch`, the first instant that does."""
+
+
 def first_touch(position: Floats, quaternion: Floats) -> int | None:
     """First of n instants at which any two of v hulls touch; None if none do.
 
@@ -102,9 +106,4 @@ def first_touch(position: Floats, quaternion: Floats) -> int | None:
         quaternion: body to world, shape (n, v, 4).
     """
     first = _touching(position, quaternion)
-    there = first[first >= 0.0]
-    return int(there.min()) if there.size else None
-
-
-Ending = Callable[[Floats, Floats], int | None]
-"""What ends a mission early: of positions and attitudes, as of `first_touch`, the first instant that does."""
+    return int(first[first >= 0.0].min()) if (first >= 0.0).any() else None

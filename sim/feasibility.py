@@ -11,11 +11,12 @@ from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setups_of, vehicle_names
 from sim.contact import HULL_RADIUS_M
-from sim.log.clock import Clock
+from sim.log.schema import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
-from sim.scenario.point_motion import SPEED_MIN, Plan, plan
+from sim.scenario.point_motion import SPEED_MAX, SPEED_MIN, Plan, plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
+from sim.sensing.own_sensors import own_sensors
 
 MOST_INSTANTS = 2_000_000
 """Most instants times vehicles: two vehicles for a day. A million takes 1.1 GB of memory and 0.45 GB of log."""
@@ -77,13 +78,24 @@ def _plan(vehicle: Vehicle, name: str) -> Plan:
     return plan(route_of(vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0}), name))
 
 
-def _hull_errors(key: str, vehicle: Vehicle, role: str) -> list[str]:
+def _fastest(scenario: Scenario, vehicle: Vehicle) -> float:
+    """Highest mean speed of a leg of a vehicle's route, or that of followers on stations [m/s]."""
+    if isinstance(vehicle, Follower) and vehicle.station:
+        return scenario.formation.fastest_m_s
+    try:
+        return float(route_of(vehicle, "").leg_speed.max())
+    except LaisnError:
+        return SPEED_MAX  # reported with its route
+
+
+def _hull_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """Errors of a hull of the user's own, and what its autopilot cannot control."""
-    model = vehicle.model
+    model, role = vehicle.model, "follower" if isinstance(vehicle, Follower) else "leader"
     if model is None:
         return []
     # most scenarios have none, and need no MuJoCo to be looked at
     from sim.control.autopilot import design
+    from sim.control.stability import require_stable
     from sim.vehicle.mjcf import VehicleSetup
     from sim.vehicle.own_hull import faults_of
     from sim.vehicle.plant import Plant
@@ -91,12 +103,13 @@ def _hull_errors(key: str, vehicle: Vehicle, role: str) -> list[str]:
 
     lines = faults_of(model, role)
     if not lines:
-        setup = VehicleSetup(name=key.removesuffix(".model"), model=model, position_m=(0.0, 0.0, -10.0))
+        setup = VehicleSetup(name=key, model=model, position_m=(0.0, 0.0, -10.0))
         try:
-            design(Plant([setup], Ocean.calm()), (vehicle.depth_control,))
+            plant = Plant([setup], Ocean.calm())
+            require_stable(plant, design(plant, (vehicle.depth_control,)), _fastest(scenario, vehicle))
         except LaisnError as error:
             lines = [str(error)]
-    return [f"{key}: {line}" for line in lines]
+    return [f"{key}.model: {line}" for line in lines]
 
 
 def _leader_too_fast(scenario: Scenario) -> list[str]:
@@ -201,7 +214,7 @@ def transmitter_sites(scenario: Scenario) -> Floats:
 
 def _transmitters_off_axis(scenario: Scenario) -> list[str]:
     """Transmitters of an own hull where navigators of closed loops cannot use them."""
-    closed = any(follower.station or follower.believes for follower in scenario.followers)
+    closed = any(follower.station or follower.steers_by_estimate for follower in scenario.followers)
     if scenario.leader.model is None or not closed or _errors_of(partial(transmitter_sites, scenario), ""):
         return []
     if on_axis(transmitter_sites(scenario)):
@@ -271,9 +284,10 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *film_errors(scenario.duration_s, scenario.video),
         *_errors_of(partial(ocean_of, scenario), "ocean.waves"),
         *_errors_of(scenario.navigation.settings, ""),
+        *_errors_of(partial(own_sensors, scenario), ""),
     ]
-    for i, (key, vehicle) in enumerate(scenario.vehicles()):
-        found += _hull_errors(f"{key}.model", vehicle, "follower" if i else "leader")
+    for key, vehicle in scenario.vehicles():
+        found += _hull_errors(scenario, key, vehicle)
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
         if isinstance(vehicle, Follower) and vehicle.station:
             continue

@@ -16,9 +16,9 @@ from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import Settings
 from sim.assembly import on_axis
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import errors_of, observe
-from sim.sensing.sensor_errors import measure
+from sim.sensing.acoustics import AcousticConfig
+from sim.sensing.observation import observe
+from sim.sensing.sensors import errors_of, measure
 from sim.trajectory import Trajectory
 
 TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
@@ -29,6 +29,7 @@ SLIP_M_SQRT_S = 0.007
 That is what the hydrophone moves aside of speed and heading in the waves of `following-sea`, over 1 s; in calm water it
 is a thirtieth of it, and 0.007 costs less than a hundredth of the error there.
 """
+
 
 Kind = TypeVar("Kind", bound=Settings)
 
@@ -110,46 +111,45 @@ class Flight:
 
 
 def _transmitters(scenario: Scenario, trajectory: Trajectory) -> dict[str, Any]:
-    """Where a follower takes the leader's transmitters to be: on its hull, unless the scenario says otherwise."""
+    """Places of the leader's transmitters for a navigator: those on its hull, unless the scenario has others."""
     offset = {
         name: trajectory.site_offset[trajectory.site(f"leader/{name}")] for name in (*TRANSMITTERS, "depth_sensor")
     }
     sites = np.array([offset[name] for name in TRANSMITTERS]) - np.array([0.0, 0.0, offset["depth_sensor"][2]])
-    told = scenario.navigation.transmitters_m
+    chosen = scenario.navigation.transmitters_m
     if on_axis(sites):
         return {
             "baseline": 2.0 * float(sites[1, 0]),
             "middle_offset": float(sites[2, 1]),
-            "transmitter_offsets": told,
+            "transmitter_offsets": chosen,
         }
-    return {"transmitter_offsets": told or tuple(tuple(site) for site in sites.tolist())}
+    return {"transmitter_offsets": chosen or tuple(tuple(site) for site in sites.tolist())}
 
 
 def _hydrophone_height(scenario: Scenario, trajectory: Trajectory, follower: int) -> float:
-    """Height of the hydrophone above the depth sensor, as the follower believes [m]."""
-    told = scenario.navigation.hydrophone_height_m
-    if told is not None:
-        return told
+    """Height of the hydrophone above the depth sensor for a navigator [m]."""
+    if scenario.navigation.hydrophone_height_m is not None:
+        return float(scenario.navigation.hydrophone_height_m)
     name = trajectory.names[follower + 1]
     hydrophone, depth_sensor = (trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor"))
     return float(trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[depth_sensor, 2])
 
 
 def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:
-    """What a follower is told before the mission: the scenario's settings, and where its hydrophone sits.
+    """Settings of a follower's navigator: the scenario's, and where its hydrophone sits.
 
     Raises:
         LaisnError: the scenario's navigator is a user's own and cannot be found, or does not have these settings.
     """
-    sound, told = scenario.acoustics, scenario.navigation
+    sound = scenario.acoustics
     given = {
         **_transmitters(scenario, trajectory),
         "dt": scenario.timing.filter_step_s,
         "hydrophone_height": _hydrophone_height(scenario, trajectory, follower),
-        "use_attitude": told.use_attitude,
+        "use_attitude": scenario.navigation.use_attitude,
         "slip": SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0,
     }
-    return told.settings(given, sound.sound_speed_m_s + sound.sound_speed_bias_m_s)
+    return scenario.navigation.settings(given, sound.sound_speed_m_s + sound.sound_speed_bias_m_s)
 
 
 def settings_as(kind: type[Kind], scenario: Scenario, trajectory: Trajectory, follower: int) -> Kind:
@@ -180,7 +180,7 @@ def navigate(
     measurements, estimates = [], []
     make = navigator or find(scenario.navigation.variant).make
     for follower in range(len(scenario.followers)):
-        truth = observe(trajectory, Hearing.of(scenario, follower), follower)
+        truth = observe(trajectory, AcousticConfig.of(scenario, follower), follower)
         settings = navigation_settings(scenario, trajectory, follower)
         measured = measure(
             truth,
@@ -219,26 +219,9 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
         raise ValueError(
             f"an excerpt from {start:g} to {end:g} s of a mission from {begin:g} to {float(truth.time[-1]):g} s"
         )
-    points = slice(first * flight.stride, last * flight.stride + 1)
-    timed = ("time", "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
-
-    def within(m: Measurements) -> Measurements:
-        kept = (m.message_step > first) & (m.message_step <= last)
-        return Measurements(
-            dt=m.dt,
-            speed=m.speed[first:last],
-            heading=m.heading[first:last],
-            depth=m.depth[first:last],
-            message_step=m.message_step[kept] - first,
-            message=m.message[kept],
-            ranges=m.ranges[kept],
-            durations=None if m.durations is None else m.durations[first:last],
-            transmitters=None if m.transmitters is None else m.transmitters[kept],
-        )
-
     return replace(
         flight,
-        trajectory=replace(truth, **{name: getattr(truth, name)[points] for name in timed}),
-        measurements=tuple(within(m) for m in flight.measurements),
+        trajectory=truth.part(first * flight.stride, last * flight.stride),
+        measurements=tuple(m.part(first, last) for m in flight.measurements),
         estimates=tuple(e.part(first, last) for e in flight.estimates),
     )

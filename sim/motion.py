@@ -35,14 +35,11 @@ class ContactError(EndedError):
 
 
 class Sites(NamedTuple):
-    """Points on the hulls."""
+    """Points on the hulls, as of `Trajectory.site_names`, `site_vehicle` and `site_offset`."""
 
     names: tuple[str, ...]
-    """"vehicle/site", shape (s,)."""
     vehicle: Ints
-    """Index of the vehicle that carries the site, shape (s,)."""
     offset: Floats
-    """Sites in the vehicle's body frame, shape (s, 3), [m]."""
 
 
 def simulate_points(
@@ -99,9 +96,10 @@ def simulate_points(
 
 
 def listeners(scenario: Scenario) -> list[str]:
-    """Keys by which followers need what they hear to swim at all: their stations, or that they steer by estimates."""
-    kept = [f"followers.{i}.station" for i, follower in enumerate(scenario.followers) if follower.station]
-    return kept + [f"followers.{i}.steers_by = 'estimate'" for i, f in enumerate(scenario.followers) if f.believes]
+    """Keys by which the motion of followers depends on their estimates: stations, or steering by them."""
+    followers = list(enumerate(scenario.followers))
+    kept = [f"followers.{i}.station" for i, follower in followers if follower.station]
+    return kept + [f"followers.{i}.steers_by = 'estimate'" for i, f in followers if f.steers_by_estimate]
 
 
 def simulate_motion(
@@ -128,7 +126,7 @@ def simulate_motion(
         return trajectory
     time, (one, other) = met[0]
     touched = f"at {time:g} s {one} and {other} touched, which ended the mission"
-    raise ContactError(touched, trajectory.until(max(round(time / trajectory.dt), 1)))
+    raise ContactError(touched, trajectory.part(0, max(round(time / trajectory.dt), 1)))
 
 
 def _simulated(

@@ -70,8 +70,8 @@ def _control(controller, k, truth):  # type: ignore[no-untyped-def]
 class RouteControl(NamedTuple):
     """Controller of v vehicles along their routes, by the truth."""
 
-    reference: Floats
-    """Of all instants, columns of `sim.control.guidance.reference`, shape (n, v, 8)."""
+    reference: Records
+    """Of `sim.control.guidance.REFERENCE` at all instants, shape (n, v)."""
     autopilots: Records
     """Of `sim.control.autopilot.DESIGN`, shape (v,)."""
     guidance: Records
@@ -160,14 +160,15 @@ def _simulate(
 
 def _trajectory(plant: Plant, truth: Truth, instants: int) -> Trajectory:
     """What is recorded of the first instants, which are two or more."""
-    pose, twist, water, thrust = (np.ascontiguousarray(array[:instants]) for array in truth)
+    # the record copies them, in order
+    pose, twist, water, thrust = (array[:instants] for array in truth)
     return Trajectory(
         names=plant.names,
         time=np.arange(instants, dtype=np.float64) * TICK,
-        position=np.ascontiguousarray(pose[..., :3]),
-        quaternion=np.ascontiguousarray(pose[..., 3:]),
-        velocity=np.ascontiguousarray(twist[..., :3]),
-        angular_velocity=np.ascontiguousarray(twist[..., 3:]),
+        position=pose[..., :3],
+        quaternion=pose[..., 3:],
+        velocity=twist[..., :3],
+        angular_velocity=twist[..., 3:],
         water_velocity=water,
         thrust=thrust,
         site_names=plant.site_names,

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
 from sim.assembly import routes_of
-from sim.control.follower import law_of
-from sim.control.station import FRAME_STATE, Frame, station_at, turn_frame
+from sim.control.station import FRAME_STATE, STATION, station_at, turn_frame
 from sim.control.trail import TRAIL, extend
 from sim.scenario.formation import LEAST_LAYER_M, Formation
 from sim.scenario.settings import Scenario
@@ -23,11 +22,11 @@ JOINED_M = 2.0
 
 @compiled
 def _stations(
-    leader: Floats, speed: Floats, heading: Floats, stations: Floats, frame: Frame, dt: float, out: Floats
+    leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Record, dt: float, out: Floats
 ) -> None:
     """Where stations truly are, shape (n, f, 4): east, north [m], heading of the frame [rad], and its rate [rad/s]."""
     n, f = leader.shape[0], stations.shape[0]
-    trail, count = np.empty((n, TRAIL)), np.zeros(1, dtype=np.int64)
+    trail, count = np.empty(n, TRAIL), np.zeros(1, dtype=np.int64)
     states = np.zeros(f, FRAME_STATE)
     for i in range(f):
         states[i].heading = heading[0]
@@ -37,14 +36,14 @@ def _stations(
         for i in range(f):
             known = trail, count[0]
             if k > 0:
-                turn_frame(frame, stations[i], known, (time - dt, time), dt, states[i])
-            target = station_at(frame, stations[i], known, time, states[i])
+                turn_frame(formation, stations[i], known, (time - dt, time), dt, states[i])
+            target = station_at(formation, stations[i], known, time, states[i])
             out[k, i, 0], out[k, i, 1] = target.east, target.north
             out[k, i, 2], out[k, i, 3] = states[i].heading, states[i].rate
 
 
 def stations_along(
-    leader: Floats, speed: Floats, heading: Floats, stations: Floats, formation: Formation, dt: float
+    leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Formation, dt: float
 ) -> Floats:
     """Where stations are if the leader goes along a way.
 
@@ -52,7 +51,7 @@ def stations_along(
         leader: east and north at n instants, shape (n, 2), [m].
         speed: through the water, shape (n,), [m/s].
         heading: shape (n,), [rad].
-        stations: behind, to port, depth, shape (f, 3), [m].
+        stations: records of STATION, shape (f,).
         formation: how frames turn.
         dt: between instants [s].
 
@@ -61,8 +60,17 @@ def stations_along(
     """
     out = np.empty((leader.shape[0], stations.shape[0], 4))
     place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
-    _stations(place, through, ahead, stations, law_of(formation).frame, dt, out)
+    _stations(place, through, ahead, stations, formation.record(), dt, out)
     return out
+
+
+def stations_of(scenario: Scenario) -> Records:
+    """Stations of all followers, records of STATION, shape (f,); one without has that of the leader itself."""
+    stations = records(STATION, len(scenario.followers))
+    for i, follower in enumerate(scenario.followers):
+        if follower.station:
+            stations[i] = follower.station.record()
+    return stations
 
 
 def true_stations(scenario: Scenario, trajectory: Trajectory) -> Floats:
@@ -75,13 +83,10 @@ def true_stations(scenario: Scenario, trajectory: Trajectory) -> Floats:
     Returns:
         East, north [m], heading of the formation's frame there [rad] and its rate [rad/s], shape (n, f, 4).
     """
-    stations = np.zeros((len(scenario.followers), 3))
-    for i, follower in enumerate(scenario.followers):
-        if follower.station:
-            place = follower.station
-            stations[i] = place.behind_m, place.port_m, place.depth_m
     leader, speed = trajectory.position[:, 0, :2], trajectory.forward_speed[:, 0]
-    return stations_along(leader, speed, trajectory.heading[:, 0], stations, scenario.formation, trajectory.dt)
+    return stations_along(
+        leader, speed, trajectory.heading[:, 0], stations_of(scenario), scenario.formation, trajectory.dt
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,9 +125,12 @@ def off_station(scenario: Scenario, trajectory: Trajectory, stations: Floats | N
     return off
 
 
-def off_places(scenario: Scenario, trajectory: Trajectory) -> Floats:
-    """Horizontal distance of each follower from its station, or from where its route has it, shape (n, f), [m]."""
-    kept = off_station(scenario, trajectory)
+def off_places(scenario: Scenario, trajectory: Trajectory, stations: Floats | None = None) -> Floats:
+    """Horizontal distance of each follower from its station, or from where its route has it, shape (n, f), [m].
+
+    Arguments as of `off_station`.
+    """
+    kept = off_station(scenario, trajectory, stations)
     routes = routes_of(scenario)
     for i, follower in enumerate(scenario.followers):
         if follower.station is None:
@@ -171,33 +179,27 @@ class Approach:
     time_s: float
 
 
-def _all_closest(trajectory: Trajectory) -> tuple[Floats, Ints]:
+def _nearest(trajectory: Trajectory, which: int, pairs: Bools | None = None) -> Approach | None:
+    """The pair that came nearest in space (0) or horizontally (1), of all or of some, shape (v, v); None: of none."""
     v = len(trajectory.names)
     least, when = np.empty((v, v, 2)), np.zeros((v, v, 2), dtype=np.int64)
     _closest(np.ascontiguousarray(trajectory.position), least, when)
-    return least, when
-
-
-def _nearest(trajectory: Trajectory, squared: Floats, when: Ints) -> Approach:
-    """The nearest pair of squared distances of all pairs, shape (v, v), and the instants of them."""
+    squared = least[..., which] if pairs is None else np.where(pairs, least[..., which], np.inf)
     i, j = (int(x) for x in np.unravel_index(int(np.argmin(squared)), squared.shape))
-    return Approach(
-        distance_m=float(np.sqrt(squared[i, j])),
-        pair=(trajectory.names[j], trajectory.names[i]),
-        time_s=float(trajectory.time[when[i, j]]),
-    )
+    if not np.isfinite(squared[i, j]):
+        return None
+    names, time = trajectory.names, float(trajectory.time[when[i, j, which]])
+    return Approach(distance_m=float(np.sqrt(squared[i, j])), pair=(names[j], names[i]), time_s=time)
 
 
 def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
     """The pair that came nearest in space, and the one that came nearest horizontally, whatever their depths."""
-    least, when = _all_closest(trajectory)
-    space, level = (_nearest(trajectory, least[..., which], when[..., which]) for which in range(2))
+    space, level = _nearest(trajectory, 0), _nearest(trajectory, 1)
+    assert space is not None and level is not None  # noqa: PT018
     return space, level
 
 
 def closest_in_a_layer(scenario: Scenario, trajectory: Trajectory) -> Approach | None:
     """The pair of one layer that came nearest horizontally; None if no layer has two vehicles."""
     depths = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
-    least, when = _all_closest(trajectory)
-    level = np.where(np.abs(depths[:, None] - depths) < LEAST_LAYER_M, least[..., 1], np.inf)
-    return _nearest(trajectory, level, when[..., 1]) if np.isfinite(level).any() else None
+    return _nearest(trajectory, 1, np.abs(depths[:, None] - depths) < LEAST_LAYER_M)

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats, Ints, records
 from sim.assembly import route_of
+from sim.control.station import STATION
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
 from sim.scenario.point_motion import ACCELERATION, plan
 from sim.scenario.settings import Scenario
@@ -84,7 +85,9 @@ def _follow(scenario: Scenario) -> _Followed | None:
         leader.speed * np.cos(leader.course) - drift[:, -1, 1],
     )
     way = np.column_stack([leader.east, leader.north])
-    found = stations_along(way, through, leader.course, places, scenario.formation, _STEP_S)[..., :2]
+    stations = records(STATION, len(places))
+    stations.behind, stations.port, stations.depth = places.T
+    found = stations_along(way, through, leader.course, stations, scenario.formation, _STEP_S)[..., :2]
     return _Followed([i for i, _ in kept] + [-1], pairs, time, found, drift)
 
 
@@ -95,9 +98,8 @@ def nearest_stations(scenario: Scenario) -> Encounter | None:
         LaisnError: the leader's route cannot be flown.
     """
     followed = _follow(scenario)
-    if followed is None:
-        return None
-    return min((followed.meeting(i, j) for i, j in followed.pairs), key=lambda met: met.apart_m)
+    met = [] if followed is None else [followed.meeting(i, j) for i, j in followed.pairs]
+    return min(met, key=lambda one: one.apart_m, default=None)
 
 
 def hardest_crossing(scenario: Scenario, reach_m: float) -> Crossing | None:
@@ -116,8 +118,9 @@ def hardest_crossing(scenario: Scenario, reach_m: float) -> Crossing | None:
         LaisnError: the leader's route cannot be flown.
     """
     followed, crossings = _follow(scenario), []
-    for i, j in [] if followed is None else followed.pairs:
-        assert followed is not None  # it has pairs
+    if followed is None:
+        return None
+    for i, j in followed.pairs:
         meeting, apart = followed.meeting(i, j), followed.apart(i, j)
         if meeting.apart_m >= LEAST_APART_M:
             continue

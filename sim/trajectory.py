@@ -4,22 +4,15 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Self
+from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints
+from laisn.compiled import elementwise
 from laisn.records import ArrayRecord, own_arrays, require_shapes
 from sim.geometry import attitude
-
-
-def _carry(position: Floats, axes: Floats, offset: Floats) -> None:
-    """Move positions of body origins, shape (n, 3), to a site; `axes` of `attitude.axes`."""
-    # most sites lie on an axis or two of their hull; what adds nothing is not computed
-    for j in np.flatnonzero(offset):
-        for i in range(3):
-            position[:, i] += offset[j] * axes[j, i]
 
 
 class Truth(NamedTuple):
@@ -38,6 +31,50 @@ class Truth(NamedTuple):
     def empty(cls, instants: int, vehicles: int, effectors: int) -> Self:
         """Room for so many instants."""
         return cls(*(np.empty((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
+
+
+@elementwise
+def speed_through_water(pose: Any, twist: Any, water: Any) -> Any:
+    """Speed through the water along the hull, as a speed log measures it [m/s]; numbers or arrays.
+
+    Args:
+        pose: position and quaternion.
+        twist: of which the first three are the velocity in the world [m/s].
+        water: velocity of the water [m/s].
+    """
+    east, north, up = attitude.forward_of(pose[3:7])
+    return east * (twist[0] - water[0]) + north * (twist[1] - water[1]) + up * (twist[2] - water[2])
+
+
+@elementwise
+def pose_between(u: Any, dt: float, pose: tuple[Any, Any], velocity: tuple[Any, Any]) -> Any:
+    """Pose between two instants: position by cubic Hermite, attitude by spherical interpolation.
+
+    Args:
+        u: how far between them, 0 … 1.
+        dt: time from one to the other [s].
+        pose: at both: position [m] and quaternion, seven numbers or arrays.
+        velocity: of the body origin at both, three numbers or arrays [m/s].
+    """
+    one, other = pose
+    here, there = velocity
+    u2, u3 = u * u, u * u * u
+    a, b = 2.0 * u3 - 3.0 * u2 + 1.0, dt * (u3 - 2.0 * u2 + u)
+    c, d = 3.0 * u2 - 2.0 * u3, dt * (u3 - u2)
+    w, x, y, z = attitude.between(one[3:7], other[3:7], u)
+    return (
+        a * one[0] + b * here[0] + c * other[0] + d * there[0],
+        a * one[1] + b * here[1] + c * other[1] + d * there[1],
+        a * one[2] + b * here[2] + c * other[2] + d * there[2],
+        w,
+        x,
+        y,
+        z,
+    )
+
+
+_OF_VEHICLES = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
+"""Arrays of shape (n, v, …)."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -135,37 +172,29 @@ class Trajectory(ArrayRecord):
     @cached_property
     def forward_speed(self) -> Floats:
         """Speed through the water along the hull, as a speed log measures it, shape (n, v), [m/s]."""
-        forward = attitude.forward(self.quaternion)
-        along = [axis * (self.velocity[..., i] - self.water_velocity[..., i]) for i, axis in enumerate(forward)]
-        return np.asarray(along[0] + along[1] + along[2])
+        pose = np.concatenate([self.position, self.quaternion], axis=2)
+        parts = (np.moveaxis(values, 2, 0) for values in (pose, self.velocity, self.water_velocity))
+        return np.asarray(speed_through_water(*parts))
 
     @cached_property
     def site_position(self) -> Floats:
         """All sites in the world, shape (n, s, 3), [m]."""
-        out = self.position.take(self.site_vehicle, axis=1)
-        for v in np.unique(self.site_vehicle):
-            axes = attitude.axes(self.quaternion[:, v])
-            for s in np.flatnonzero(self.site_vehicle == v):
-                _carry(out[:, s], axes, self.site_offset[s])
-        return out
+        return np.stack([self.site_path(name) for name in self.site_names], axis=1)
 
     @cached_property
     def _site_paths(self) -> dict[str, Floats]:
         return {}
 
     def site_path(self, name: str) -> Floats:
-        """One site in the world, shape (n, 3), not to be written, [m]: as in `site_position`, for the price of one."""
+        """One site in the world, shape (n, 3), not to be written, [m]."""
         if name not in self._site_paths:
-            self._site_paths[name] = self._carried(self.site(name))
-            self._site_paths[name].flags.writeable = False
+            s = self.site(name)
+            v = self.site_vehicle[s]
+            pose = (*self.position[:, v].T, *self.quaternion[:, v].T)
+            path = np.column_stack(attitude.carried(pose, self.site_offset[s]))
+            path.flags.writeable = False
+            self._site_paths[name] = path
         return self._site_paths[name]
-
-    def _carried(self, s: int) -> Floats:
-        v = self.site_vehicle[s]
-        out = self.position[:, v].copy()
-        if self.site_offset[s].any():
-            _carry(out, attitude.axes(self.quaternion[:, v]), self.site_offset[s])
-        return out
 
     def only(self, vehicles: Sequence[int], sites: Collection[str]) -> Self:
         """Some of the vehicles, the leader among them, with those of their sites that have one of these names.
@@ -180,22 +209,21 @@ class Trajectory(ArrayRecord):
             for i, name in enumerate(self.site_names)
             if self.site_vehicle[i] in chosen and name.rpartition("/")[2] in sites
         ]
-        per_vehicle = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
         return replace(
             self,
             names=tuple(self.names[v] for v in chosen),
             effector_names=tuple(self.effector_names[v] for v in chosen) if self.effector_names else (),
             effector_force=self.effector_force[chosen],
-            **{name: getattr(self, name)[:, chosen] for name in per_vehicle},
+            **{name: getattr(self, name)[:, chosen] for name in _OF_VEHICLES},
             site_names=tuple(self.site_names[i] for i in kept),
             site_vehicle=np.searchsorted(chosen, self.site_vehicle[kept]),
             site_offset=self.site_offset[kept],
         )
 
-    def until(self, last: int) -> Self:
-        """All instants up to number `last`, which is at least 1."""
-        timed = ("time", "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
-        return replace(self, **{name: getattr(self, name)[: last + 1] for name in timed})
+    def part(self, first: int, last: int) -> Self:
+        """Instants number `first` to `last`, two at least."""
+        parts = {name: getattr(self, name)[first : last + 1] for name in ("time", *_OF_VEHICLES)}
+        return replace(self, **parts)
 
     def at(self, time: npt.ArrayLike) -> tuple[Floats, Floats]:
         """Poses between grid points: positions by cubic Hermite, attitudes by spherical interpolation.
@@ -215,23 +243,18 @@ class Trajectory(ArrayRecord):
             raise ValueError(f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s")
         place = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
         i = np.minimum(place.astype(np.int64), self.time.size - 2)
-        u = (place - i)[:, None, None]
-        p0, p1 = self.position[i], self.position[i + 1]
-        m0, m1 = self.velocity[i] * self.dt, self.velocity[i + 1] * self.dt
-        position = (
-            (2 * u**3 - 3 * u**2 + 1) * p0
-            + (u**3 - 2 * u**2 + u) * m0
-            + (3 * u**2 - 2 * u**3) * p1
-            + (u**3 - u**2) * m1
-        )
-        return position, attitude.slerp(self.quaternion[i], self.quaternion[i + 1], u[..., 0])
+        ends = [(np.concatenate([self.position[j], self.quaternion[j]], axis=2), self.velocity[j]) for j in (i, i + 1)]
+        pose, velocity = (tuple(np.moveaxis(end, 2, 0) for end in pair) for pair in zip(*ends, strict=True))
+        found = pose_between((place - i)[:, None], self.dt, pose, velocity)
+        return np.stack(found[:3], axis=-1), np.stack(found[3:], axis=-1)
 
     def site_at(self, name: str, time: npt.ArrayLike) -> Floats:
         """One site between grid points, shape (m, 3), [m]; `time` as in `at`."""
         s = self.site(name)
         position, quaternion = self.at(time)
         v = self.site_vehicle[s]
-        return position[:, v] + attitude.rotate(quaternion[:, v], self.site_offset[s])
+        pose = (*position[:, v].T, *quaternion[:, v].T)
+        return np.column_stack(attitude.carried(pose, self.site_offset[s]))
 
     def save(self, path: Path) -> None:
         """Write all arrays as an uncompressed `.npz` without pickles."""

@@ -14,7 +14,7 @@ from laisn.messages import LeaderMessage, Measurements
 from sim.flight import Flight
 from sim.geometry import attitude
 from sim.log import writer
-from sim.log.events import Event
+from sim.log.channels import Event
 from sim.scenario.settings import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing
 from sim.trajectory import Trajectory
 

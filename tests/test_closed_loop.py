@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from experiments.campaign.missions import simulate_mission
-from experiments.closed_loop import study
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
-from experiments.study.closed_runs import records_of_run
+from experiments.studies import closed_loop as study
+from experiments.study import measure as study_measure
+from experiments.study.measure import records_of_run
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from laisn.navigators import new_navigator
@@ -21,7 +22,7 @@ from sim.flight import navigate
 from sim.motion import simulate_motion
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
-from sim.sensing.hearing import Hearing
+from sim.sensing.acoustics import AcousticConfig
 from sim.sensing.observation import observe
 from sim.trajectory import Trajectory, Truth
 
@@ -95,7 +96,7 @@ def test_of_two_messages_that_come_in_together_the_first_is_kept() -> None:
     scenario = mission(*nearer)
     np.testing.assert_allclose(apart(scenario), 0.0, rtol=0, atol=1e-9)
     trajectory, _ = simulate_closed_loop(scenario)
-    sent = observe(trajectory, Hearing.of(scenario)).emission_step
+    sent = observe(trajectory, AcousticConfig.of(scenario)).emission_step
     assert np.count_nonzero(np.diff(sent) == 2) == 1
 
 
@@ -277,13 +278,17 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
         beliefs = [path + np.array([3.0, -4.0]) * (i + 1) for i, path in enumerate(hydrophones)]
         # at the start it knows its place
         history = SimpleNamespace(position=np.stack(beliefs, axis=1))
-        return moved, SimpleNamespace(state=SimpleNamespace(history=history))
+        swarm = SimpleNamespace(gated=np.zeros(len(beliefs), dtype=np.int64))
+        return moved, SimpleNamespace(state=SimpleNamespace(history=history), swarm=swarm)
 
-    monkeypatch.setattr(study, "simulate_closed_loop", flown)
-    one, other, *_ = study.measure(3, "tight-2", "estimate")
-    assert one == pytest.approx({"error": 5.0, "off": 0.0, "end": 0.0}, abs=1e-6)
+    monkeypatch.setattr(study_measure, "simulate_closed_loop", flown)
+    one, other, *_ = (
+        {name: row[name] for name in ("e_p_mean_m", "off_place_rms_m", "off_place_end_m")}
+        for row in study.measure(3, "tight-2", "estimate")
+    )
+    assert list(one.values()) == pytest.approx([5.0, 0.0, 0.0], abs=1e-6)
     # for the last 10 of 101 instants
-    assert other == pytest.approx({"error": 10.0, "off": 8.0 * np.sqrt(10 / 101), "end": 8.0}, abs=1e-6)
+    assert list(other.values()) == pytest.approx([10.0, 8.0 * np.sqrt(10 / 101), 8.0], abs=1e-6)
     (scenario,) = asked
     assert (scenario.run, scenario.navigation.variant, scenario.navigation.transmitters) == (3, "tight", 2)
     assert {follower.steers_by for follower in scenario.followers} == {"estimate"}
@@ -306,7 +311,11 @@ def test_the_record_counts_who_is_lost() -> None:
     """Follower i of run r: error i + r, off its place 10 i, and lost in the first run where i is even."""
     runs = [
         [
-            {"error": float(i + r), "off": 10.0 * i, "end": 60.0 if r == 0 and i % 2 == 0 else 50.0}
+            {
+                "e_p_mean_m": float(i + r),
+                "off_place_rms_m": 10.0 * i,
+                "off_place_end_m": 60.0 if r == 0 and i % 2 == 0 else 50.0,
+            }
             for i in range(len(ROUTES))
         ]
         for r in range(5)

@@ -9,9 +9,8 @@ import pytest
 from experiments.campaign.missions import simulate_mission
 from experiments.campaign.store import CampaignError
 from experiments.flight.fly import motion_and_outcome
-from experiments.study.closed_runs import records_of_run
 from experiments.study.estimate import Results
-from experiments.study.facts import facts_of
+from experiments.study.measure import facts_of, records_of_run
 from experiments.study.run import _of_runs
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.contact import contacts, first_touch, hull_gap

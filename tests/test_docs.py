@@ -23,13 +23,12 @@ from typing import NamedTuple
 import pytest
 from typer.testing import CliRunner
 
-from experiments.closed_loop import study as closed_loop
 from experiments.command.cli import app
 from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
 from experiments.flight.summary import off_place_rms
 from experiments.pages import flight_report
-from experiments.route_keeping import study as route_keeping
+from experiments.studies import closed_loop, route_keeping
 from experiments.study.file import StudyFile
 from sim.film import graphics
 from sim.scenario.file import parse
@@ -162,7 +161,7 @@ def test_commands_and_code_work(document: Path, tmp_path: Path, monkeypatch: pyt
             (tmp_path / name[1]).write_text(text, encoding="utf-8")
         elif language == "python" and (name := re.match(r"# (\w+\.py)\n", text)):
             (tmp_path / name[1]).write_text(text, encoding="utf-8")
-        elif language == "python" and not text.startswith("# laisn/"):
+        elif language == "python" and not text.startswith(("# laisn/", "# sim/")):
             exec(compile(text, str(document), "exec"), namespace)
         elif language == "python":
             assert (ROOT / text.splitlines()[0].removeprefix("# ")).is_file()

@@ -97,11 +97,16 @@ def test_an_unknown_finding_names_those_that_are_alike() -> None:
 def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
     for package in ("models", "laisn", "sim", "experiments"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
-    modules = ("experiments.asymmetry.findings", "experiments.asymmetry.flying")
+    modules = (
+        "experiments.studies.asymmetry.findings", "experiments.studies.asymmetry.missions",
+        "experiments.studies.reproduction.findings",
+    )  # fmt: skip
     before = version_of(modules, tmp_path)
     for name, counts in (
-        ("experiments/intervals.py", True), ("experiments/asymmetry/verdict.py", True), ("sim/water/waves.py", True),
-        ("experiments/asymmetry/remedies_page.py", False), ("experiments/pages/page.py", False),
+        ("experiments/intervals.py", True), ("experiments/studies/asymmetry/comparison.py", True),
+        ("sim/water/waves.py", True), ("experiments/studies/asymmetry/figures.py", False),
+        ("experiments/pages/page.py", False), ("experiments/studies/reproduction/claims.toml", True),
+        ("experiments/studies/reproduction/page.md.j2", False), ("experiments/studies/depth.toml", False),
     ):  # fmt: skip
         path = tmp_path / name
         whole = path.read_bytes()

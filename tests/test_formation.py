@@ -8,24 +8,24 @@ import pytest
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors, summarise
-from laisn.arrays import Floats
+from laisn.arrays import Floats, records
 from laisn.navigators import new_navigator
-from laisn.swarm import ESTIMATE
+from laisn.swarm import ESTIMATE, READING
 from sim.closed_loop import ClosedLoop, PythonClosedLoop, simulate_closed_loop
 from sim.control.follower import (
     FOLLOWER_MEMORY,
-    READINGS,
     extend_trail,
     init_memory,
     keep_station,
-    law_of,
     update_avoidance,
 )
+from sim.control.guidance import REFERENCE
+from sim.control.station import STATION
 from sim.control.trail import TRAIL
 from sim.flight import navigate
 from sim.motion import simulate_motion
 from sim.scenario.file import validate
-from sim.scenario.formation import Formation
+from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
 from sim.sensing.proximity import look, lookout_of
 from sim.station_keeping import (
@@ -90,7 +90,7 @@ def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
     flight = navigate(scenario, trajectory, new_navigator)
     for i, measured in enumerate(flight.measurements):
         last = np.array([measured.speed[-1], measured.heading[-1], measured.depth[-1]])
-        np.testing.assert_array_equal(controller.state.readings[i, :3], last)
+        np.testing.assert_array_equal(controller.state.readings[i].tolist()[:3], last)
         np.testing.assert_array_equal(controller.state.inbox.ranges[i], measured.ranges[-1])
         np.testing.assert_array_equal(controller.state.inbox.message[i], measured.message[-1, :8])
 
@@ -162,13 +162,14 @@ def test_a_sensor_that_shows_nobody_changes_nothing() -> None:
 
 def test_the_controller_knows_nothing_of_the_truth() -> None:
     """It is handed readings, beliefs, messages and a clock: arrays made here, with no vehicle behind them."""
-    law, memory = law_of(Formation()), record(FOLLOWER_MEMORY)
-    trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 5.0, 12.0])
-    reading, estimate, reference = np.zeros(READINGS), record(ESTIMATE), np.zeros(8)
-    reading[:3], estimate.log_bias, estimate.compass_bias = (1.2, 0.1, 12.0), 0.2, 0.1
+    law, memory = Formation().record(), record(FOLLOWER_MEMORY)
+    trail, count, station = records(TRAIL, 50), np.zeros(1, dtype=np.int64), record(STATION, 20.0, 5.0, 12.0)
+    reading, reference = record(READING, 1.2, 0.1, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
+    estimate = record(ESTIMATE)
+    estimate.log_bias, estimate.compass_bias = 0.2, 0.1
     init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 31):
-        extend_trail(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
+        extend_trail(law, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
         for tenth in range(10):
             now = second + 0.1 * tenth
             estimate.position = -5.0, now - 20.0
@@ -177,28 +178,29 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
     assert steering.wanted == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
     assert (steering.motion.surge, steering.motion.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
     told = set(inspect.signature(keep_station).parameters)
-    assert told == {"law", "station", "senses", "known", "clock", "memory", "reference"}
+    assert told == {"formation", "station", "senses", "known", "clock", "memory", "reference"}
     # nor does it give way by anything but what its sensor shows, here somebody 2 m ahead
-    update_avoidance(law.avoidance, np.array([[np.nan, np.nan], [2.0, -0.2]]), estimate, memory)
-    assert set(inspect.signature(update_avoidance).parameters) == {"avoidance", "seen", "estimate", "memory"}
+    update_avoidance(Proximity().record(), np.array([[np.nan, np.nan], [2.0, -0.2]]), estimate, memory)
+    assert set(inspect.signature(update_avoidance).parameters) == {"proximity", "seen", "estimate", "memory"}
     steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
     assert steering.wanted[2] < 1.0
 
 
 def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tuple[Floats, Floats]:
     """Headings and speeds wanted, and depths, of a follower on its station that hears nothing any more."""
-    law, memory = law_of(formation), record(FOLLOWER_MEMORY)
-    trail, count, station = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64), np.array([20.0, 0.0, 12.0])
-    reading, estimate, reference, rows = np.zeros(READINGS), record(ESTIMATE), np.zeros(8), []
-    reading[:3], estimate.spread = (1.0, 0.0, 12.0), spread
+    law, memory = formation.record(), record(FOLLOWER_MEMORY)
+    trail, count, station = records(TRAIL, 50), np.zeros(1, dtype=np.int64), record(STATION, 20.0, 0.0, 12.0)
+    reading, reference = record(READING, 1.0, 0.0, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
+    estimate, rows = record(ESTIMATE), []
+    estimate.spread = spread
     init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
     for second in range(1, 21):
-        extend_trail(law.frame, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
+        extend_trail(law, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
     for k in range(round(10 * seconds)):
         now = 20.0 + 0.1 * k
         estimate.position[1] = now - 20.0
         steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
-        rows.append((*steering.wanted, reference[6]))
+        rows.append((*steering.wanted, reference.depth))
     table = np.array(rows)
     return table[:, :3], table[:, 3]
 

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from experiments import coverage
-from experiments.coverage import covered
 from experiments.intervals import (
     FEWEST_RUNS,
     Interval,
@@ -18,6 +16,8 @@ from experiments.intervals import (
     ratio_intervals,
     share_removed,
 )
+from experiments.studies import coverage
+from experiments.studies.coverage import covered
 from laisn.arrays import Floats
 
 

@@ -18,8 +18,7 @@ from sim.film.annotations import OtherEstimate, RayErrors
 from sim.flight import navigate
 from sim.motion import simulate_motion
 from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
-from sim.sensing.acoustics import propagate, sound_speed
-from sim.sensing.hearing import Hearing
+from sim.sensing.acoustics import AcousticConfig, propagate
 from sim.sensing.observation import observe
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -55,14 +54,14 @@ def records() -> dict[str, Any]:
         acoustics=Acoustics(surface_echo_chance=0.1, travel_time=True),
         ocean=Ocean(waves=Waves(kind="jonswap", height_m=0.5, period_s=6.0)),
     )  # fmt: skip
-    trajectory, hearing = simulate_motion(scenario), Hearing.of(scenario)
+    trajectory, config = simulate_motion(scenario), AcousticConfig.of(scenario)
     flight = navigate(scenario, trajectory, Navigator)
     route = routes_of(scenario)[1]
     made = (
-        trajectory, propagate(trajectory, hearing), observe(trajectory, hearing), flight.measurements[0],
+        trajectory, propagate(trajectory, config), observe(trajectory, config), flight.measurements[0],
         flight.estimates[0], range_error_budget(flight),
         simulate(Cell.of(scenario, runs=2), keep_runs=True).table, route, route.depth,
-        ocean_of(scenario).waves, sound_speed(hearing),
+        ocean_of(scenario).waves, config.sound.profile,
         OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
         RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
     )  # fmt: skip
@@ -77,7 +76,7 @@ def made() -> dict[str, Any]:
 @pytest.mark.parametrize(
     "name",
     ["Trajectory", "Propagation", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "RunTable", "Route",
-     "DepthProfile", "Waves", "SoundSpeed", "OtherEstimate", "RayErrors"],
+     "DepthProfile", "Waves", "OtherEstimate", "RayErrors"],
 )  # fmt: skip
 def test_a_record_shares_no_array_with_whoever_made_it(made: dict[str, Any], name: str) -> None:
     record = made[name]

@@ -93,8 +93,11 @@ def cycle(found: Mapping[str, Iterable[str]]) -> list[str]:
 
 
 def layers(found: Mapping[str, Iterable[str]]) -> dict[str, int]:
-    """The layer of each package: one above the highest that it imports; 0 where it imports none."""
+    """The layer of each package: one above the highest that it imports, and those of `experiments` above all others."""
     level: dict[str, int] = {}
-    for package in TopologicalSorter(found).static_order():
-        level[package] = max((level[below] + 1 for below in found.get(package, ())), default=0)
+    for package in sorted(TopologicalSorter(found).static_order(), key=lambda name: name.startswith("experiments.")):
+        below = {*found.get(package, ())}
+        if package.startswith("experiments."):
+            below |= {name for name in level if not name.startswith("experiments.")}
+        level[package] = max((level[name] + 1 for name in below), default=0)
     return level

@@ -10,18 +10,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, TypedDict, TypeVar, Unpack
 
 from experiments.campaign import missions
 from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
-from experiments.campaign.store import PER_RUN, CampaignError, Record, Store
+from experiments.campaign.store import PER_RUN, PER_STEP, Arrays, CampaignError, Record, Store
 from experiments.campaign.tasks import Task, compute_tasks, key_of, task_key
 from laisn.failure import LaisnError
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
+T = TypeVar("T")
 Facts = Callable[[Scenario, Trajectory], list[Record]]
 """What is measured of a mission besides: a record for each follower."""
 
@@ -75,23 +76,22 @@ class Flown:
     failures: Mapping[Any, str]
     """What happened to missions that could not be flown, by the key of their motion, and to tasks, by their names."""
 
-    def _stored(self, key: str) -> Any:
-        found = self.store.record(key)
+    def _present(self, key: str, found: T | None) -> T:
         if found is None:
             raise CampaignError(f"{self.store.folder}: result {key} vanished while the campaign ran")
         return found
 
     def row(self, plan: CellPlan) -> Record:
         """The row of a cell under the name that this plan gives it, its facts included; CampaignError if it is gone."""
-        facts = self.design.facts
-        row = {name: value for name, value in self._stored(plan.key).items() if not name.startswith(PER_RUN)}
-        measured = self._stored(key_of(facts, plan.motion))[plan.follower] if facts else {}
-        return {"key": plan.key, "mission": plan.scenario.name} | row | measured
+        row: Record = self._present(plan.key, self.store.record(plan.key))
+        if self.design.facts:
+            key = key_of(self.design.facts, plan.motion)
+            row = row | self._present(key, self.store.record(key))[plan.follower]
+        return {"key": plan.key, "mission": plan.scenario.name} | row
 
-    def runs(self, plan: CellPlan) -> Record:
-        """The lists over runs of a cell, by their names without `PER_RUN`; CampaignError if it is gone."""
-        row = self._stored(plan.key)
-        return {name.removeprefix(PER_RUN): value for name, value in row.items() if name.startswith(PER_RUN)}
+    def runs(self, plan: CellPlan) -> Arrays:
+        """The arrays over runs of a cell by name; CampaignError if it is gone."""
+        return self._present(plan.key, self.store.arrays(plan.key, PER_RUN))
 
     @property
     def rows(self) -> list[Record]:
@@ -123,7 +123,7 @@ def missing_cells(plans: Iterable[CellPlan], store: Store) -> list[CellPlan]:
     return [
         plan
         for plan in merged.values()
-        if store.record(plan.key) is None or (plan.keep_steps and store.arrays(plan.key) is None)
+        if store.record(plan.key) is None or (plan.keep_steps and store.arrays(plan.key, PER_STEP) is None)
     ]
 
 
@@ -238,7 +238,7 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
         if tasks and design.ahead:
             with compiling_shown():
                 design.ahead()
-    with store.in_use(), pool:
+    with pool:
         failures: dict[Any, str] = {**fly_missions(motions, store, pool, facts=facts, quiet=quiet)}
         failures |= compute_tasks(tasks, store, pool, what=design.what, quiet=quiet)
         if failures and not tolerant:

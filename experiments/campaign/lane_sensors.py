@@ -1,6 +1,6 @@
 """Measurements of a block of runs, made where they are used.
 
-This is `sim.sensing.sensor_errors.measure` for lanes, with the same bits.
+This is `sim.sensing.sensors.measure` for lanes, with the same formulas and noise.
 """
 
 from typing import NamedTuple
@@ -12,50 +12,22 @@ from laisn.arrays import Bools, Floats
 from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from sim.sensing import gauss_markov
-from sim.sensing.echo import path_taken
-from sim.sensing.loss import Channel, is_bad, is_lost
+from sim.sensing.channel import is_bad, is_lost, loses, path_taken
+from sim.sensing.drift import advanced, weights
 from sim.sensing.noise import Stream, two_normals, two_units, uniform, words
-from sim.sensing.sensor_errors import (
-    SensorErrors,
-    attitude_reading,
-    heading_reading,
-    longest,
-    longest_used,
-    plain_reading,
-    range_reading,
-    speed_reading,
-)
-from sim.sensing.truth import MissionTruth
+from sim.sensing.observation import MissionTruth
+from sim.sensing.sensors import SensorErrors, heading_reading, plain_reading, range_readings, speed_reading
 
 # Rows of draws.
 _FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
 
 
-class Errors(NamedTuple):
-    """`SensorErrors` as compiled code takes them: the same fields, and how many transmitters the followers use."""
+class LaneSensors(NamedTuple):
+    """Sensors of the followers of a block."""
 
+    errors: SensorErrors
     transmitters: int
-    speed_bias: float
-    speed_sigma: float
-    heading_bias: float
-    heading_sigma: float
-    depth_sigma: float
-    leader_speed_bias: float
-    leader_speed_sigma: float
-    leader_heading_bias: float
-    leader_heading_sigma: float
-    leader_depth_sigma: float
-    leader_pitch_sigma: float
-    leader_roll_sigma: float
-    leader_attitude_offset_sigma: float
-    range_tau: tuple[float, float, float]
-    range_centre: float
-    range_scale_mean: float
-    range_scale_sigma: float
-    echo_chance: tuple[float, float]
-    common_echoes: bool
-    channel: Channel
+    """How many of the leader's the followers use."""
 
 
 class Address(NamedTuple):
@@ -82,7 +54,7 @@ def sent_rows(truth: MissionTruth, errors: SensorErrors) -> Floats:
     """True content of the messages and true ranges to them, in the order of a block's rows from EAST to R3.
 
     Ranges by way of the surface and of the bottom follow, NaN if the truth has none, then the weights of the leader's
-    wandering attitude error.
+    fluctuating attitude error.
     """
     position = truth.sent_position
     echoes = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
@@ -90,14 +62,9 @@ def sent_rows(truth: MissionTruth, errors: SensorErrors) -> Floats:
         [
             position[:, :2], truth.sent_heading, truth.sent_speed, position[:, 2], truth.sent_attitude,
             truth.slant_range, *echoes,
-            gauss_markov.weights(truth.emission_step, truth.dt, errors.leader_attitude_time),
+            weights(truth.emission_step, truth.dt, errors.leader_attitude_time),
         ]
     )  # fmt: skip
-
-
-def compiled_errors(errors: SensorErrors, transmitters: int) -> Errors:
-    """Sensor errors as compiled code takes them, for followers that use so many transmitters."""
-    return Errors(transmitters, *(getattr(errors, name) for name in Errors._fields[1:]))
 
 
 def address(seed: int, first_run: int, follower: int) -> Address:
@@ -118,8 +85,8 @@ class Noise(NamedTuple):
     address: Address
     burst: Bools
     """Whether a lane is within a burst of loss."""
-    wandering: Floats
-    """Two rows: what wanders of the leader's pitch and roll errors, of unit variance."""
+    fluctuation: Floats
+    """Two rows: Gauss–Markov part of the leader's pitch and roll errors, of unit variance."""
     offset: Floats
     """Two rows: what stays of them throughout a run, likewise."""
 
@@ -131,14 +98,6 @@ def _draw_uniforms(noise: Noise, stream: np.uint64, step: int) -> None:
     for lane in range(LANES):
         w0, w1, w2, _ = words(address.seed, address.first_run + np.uint64(lane), stream, np.uint64(step))
         draws[_FIRST + lane], draws[_SECOND + lane], draws[_THIRD + lane] = uniform(w0), uniform(w1), uniform(w2)
-
-
-@compiled_lanes
-def _draw_range_errors(noise: Noise, errors: Errors, received: int) -> None:
-    """Three uniforms for each lane, less `range_centre`."""
-    _draw_uniforms(noise, noise.address.range_uniform, received)
-    for i in range(3 * LANES):
-        noise.draws[i] -= errors.range_centre
 
 
 @compiled_lanes
@@ -172,7 +131,7 @@ def _draw_if(needed: bool, noise: Noise, stream: np.uint64, step: int) -> None:
 
 
 @compiled_lanes
-def sense_own(block: Floats, noise: Noise, errors: Errors, speed: float, heading: float, k: int) -> None:
+def sense_own(block: Floats, noise: Noise, errors: SensorErrors, speed: float, heading: float, k: int) -> None:
     """Read speed log and compass at step k."""
     draws = noise.draws
     _draw_normals(noise, noise.address.own_motion, k)
@@ -184,32 +143,7 @@ def sense_own(block: Floats, noise: Noise, errors: Errors, speed: float, heading
 
 
 @compiled_lanes
-def _read_echoes(block: Floats, noise: Noise, errors: Errors, sent: Floats, steps: tuple[int, int]) -> None:
-    """Measure ranges on pings and on echoes taken for them: rows R1 … R3, of which R1 holds ψ."""
-    draws = noise.draws
-    received, emitted = steps
-    surface, bottom = errors.echo_chance
-    _draw_uniforms(noise, noise.address.echo, emitted)
-    true = np.empty(3 * LANES)
-    for j in range(3):
-        for lane in range(LANES):
-            i = j * LANES + lane
-            draw = draws[lane if errors.common_echoes else i]
-            true[i] = sent[_ECHOES - 3 + j + 3 * path_taken(draw, surface, bottom)]
-    _draw_range_errors(noise, errors, received)
-    for lane in range(LANES):
-        psi = block[row.R1 + lane]
-        rear, front, middle = true[lane], true[LANES + lane], true[2 * LANES + lane]
-        far = longest_used(rear, front, middle, errors.transmitters)
-        farthest = longest(rear, front, middle)
-        tau_rear, tau_front, tau_middle = errors.range_tau
-        block[row.R1 + lane] = range_reading(rear, far, tau_rear, draws[_FIRST + lane], psi)
-        block[row.R2 + lane] = range_reading(front, far, tau_front, draws[_SECOND + lane], psi)
-        block[row.R3 + lane] = range_reading(middle, farthest, tau_middle, draws[_THIRD + lane], psi)
-
-
-@compiled_lanes
-def _lose(block: Floats, noise: Noise, errors: Errors, emitted: int) -> None:
+def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> None:
     """Ranges of lost messages become NaN."""
     draws, burst = noise.draws, noise.burst
     _draw_uniforms(noise, noise.address.loss, emitted)
@@ -220,39 +154,70 @@ def _lose(block: Floats, noise: Noise, errors: Errors, emitted: int) -> None:
 
 
 @compiled_lanes
-def _read_attitude(block: Floats, noise: Noise, errors: Errors, sent: Floats, emitted: int) -> None:
+def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int) -> None:
     """Read the leader's pitch and roll."""
-    draws, wandering, offset = noise.draws, noise.wandering, noise.offset
+    draws, fluctuation, offset = noise.draws, noise.fluctuation, noise.offset
     kept, fresh, constant = sent[_KEPT], sent[_FRESH], errors.leader_attitude_offset_sigma
     tilting = errors.leader_pitch_sigma > 0.0 or errors.leader_roll_sigma > 0.0
     _draw_if(tilting, noise, noise.address.leader_attitude, emitted)
     for i in range(2 * LANES):
-        wandering[i] = gauss_markov.advanced(wandering[i], kept, fresh, draws[i])
+        fluctuation[i] = advanced(fluctuation[i], kept, fresh, draws[i])
     for lane in range(LANES):
         i, j = _FIRST + lane, _SECOND + lane
-        pitch = attitude_reading(sent[5], constant, offset[i], errors.leader_pitch_sigma, wandering[i])
-        roll = attitude_reading(sent[6], constant, offset[j], errors.leader_roll_sigma, wandering[j])
-        block[row.PITCH + lane], block[row.ROLL + lane] = pitch, roll
+        pitch, roll = plain_reading(sent[5], constant, offset[i]), plain_reading(sent[6], constant, offset[j])
+        block[row.PITCH + lane] = plain_reading(pitch, errors.leader_pitch_sigma, fluctuation[i])
+        block[row.ROLL + lane] = plain_reading(roll, errors.leader_roll_sigma, fluctuation[j])
+
+
+@compiled_lanes
+def _read_ranges(block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats, steps: tuple[int, int]) -> None:
+    """Measure ranges on pings, or on echoes taken for them."""
+    draws, address, errors = noise.draws, noise.address, sensors.errors
+    received, emitted = steps
+    surface, bottom = errors.echo_chance
+    true, normal = np.empty(3 * LANES), np.empty(LANES)
+    if surface + bottom > 0.0:
+        _draw_uniforms(noise, address.echo, emitted)
+    else:
+        # above any chance
+        draws[:] = 1.0
+    for j in range(3):
+        for lane in range(LANES):
+            i = j * LANES + lane
+            path = path_taken(draws[lane if errors.common_echoes else i], surface, bottom)
+            true[i] = sent[_ECHOES - 3 + j + 3 * path]
+    _draw_normals(noise, address.range_scale, received)
+    copy_values(draws[:LANES], normal)
+    _draw_uniforms(noise, address.range_uniform, received)
+    for lane in range(LANES):
+        i, j, k = _FIRST + lane, _SECOND + lane, _THIRD + lane
+        block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane] = range_readings(
+            errors,
+            sensors.transmitters,
+            (true[i], true[j], true[k]),
+            (draws[i], draws[j], draws[k]),
+            normal[lane],
+        )
+    if loses(errors.channel):
+        _lose(block, noise, errors, emitted)
 
 
 @compiled_lanes
 def sense_message(
-    block: Floats, noise: Noise, errors: Errors, sent: Floats, depth: float, steps: tuple[int, int]
+    block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats, depth: float, steps: tuple[int, int]
 ) -> None:
     """Receive a message, measure its ranges and read one's depth.
 
     Args:
         block: its rows DEPTH and EAST … R3 are filled.
         noise: of the block.
-        errors: of the sensors.
+        sensors: of the followers.
         sent: a row of `sent_rows`.
         depth: true depth of the follower's sensor [m].
         steps: of reception and of emission.
     """
-    draws, address = noise.draws, noise.address
-    east, north, heading, speed, leader_depth, rear, front, middle = (
-        sent[0], sent[1], sent[2], sent[3], sent[4], sent[7], sent[8], sent[9]
-    )  # fmt: skip
+    draws, address, errors = noise.draws, noise.address, sensors.errors
+    east, north, heading, speed, leader_depth = sent[0], sent[1], sent[2], sent[3], sent[4]
     received, emitted = steps
     _draw_if(errors.depth_sigma > 0.0, noise, address.depth, received)
     for lane in range(LANES):
@@ -272,21 +237,4 @@ def sense_message(
     for lane in range(LANES):
         block[row.LEADER_DEPTH + lane] = plain_reading(leader_depth, errors.leader_depth_sigma, draws[_FIRST + lane])
     _read_attitude(block, noise, errors, sent, emitted)
-    _draw_normals(noise, address.range_scale, received)
-    for lane in range(LANES):
-        psi = plain_reading(errors.range_scale_mean, errors.range_scale_sigma, draws[_FIRST + lane])
-        # Kept in the row of the first range until the uniforms are drawn.
-        block[row.R1 + lane] = psi
-    if errors.echo_chance[0] + errors.echo_chance[1] > 0.0:
-        _read_echoes(block, noise, errors, sent, steps)
-    else:
-        _draw_range_errors(noise, errors, received)
-        far, farthest = longest_used(rear, front, middle, errors.transmitters), longest(rear, front, middle)
-        tau_rear, tau_front, tau_middle = errors.range_tau
-        for lane in range(LANES):
-            psi = block[row.R1 + lane]
-            block[row.R1 + lane] = range_reading(rear, far, tau_rear, draws[_FIRST + lane], psi)
-            block[row.R2 + lane] = range_reading(front, far, tau_front, draws[_SECOND + lane], psi)
-            block[row.R3 + lane] = range_reading(middle, farthest, tau_middle, draws[_THIRD + lane], psi)
-    if errors.channel.loss_chance + errors.channel.burst_chance > 0.0:
-        _lose(block, noise, errors, emitted)
+    _read_ranges(block, noise, sensors, sent, steps)

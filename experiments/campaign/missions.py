@@ -15,9 +15,8 @@ from laisn.failure import LaisnError
 from laisn.navigators import source_of
 from sim.motion import EndedError, simulate_motion
 from sim.scenario.settings import Leader, Scenario
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import observe
-from sim.sensing.truth import MissionTruth
+from sim.sensing.acoustics import AcousticConfig
+from sim.sensing.observation import MissionTruth, observe
 from sim.simulation import SimulationError
 from sim.trajectory import Trajectory
 from sim.vehicle.mjcf import transmitter_places
@@ -56,10 +55,10 @@ def motion_of(scenario: Scenario) -> Scenario:
 
 
 def key_of(scenario: Scenario, *others: object) -> str:
-    """Hash of a scenario but for its name, of the code version, of a navigator of the user's own, and of others."""
-    own = source_of(scenario.navigation.variant)
-    content = [code_version(), scenario.model_dump(mode="json", exclude={"name"}), *others]
-    return digest([*content, own.decode("utf-8")] if own else content)
+    """Hash of a scenario but for its name, of the code version, of classes of the user's own, and of others."""
+    names = scenario.navigation.variant, *(table.sensor for table in scenario.sensors.own)
+    own = [source.decode("utf-8") for source in map(source_of, names) if source]
+    return digest([code_version(), scenario.model_dump(mode="json", exclude={"name"}), *others, *own])
 
 
 def motion_key(scenario: Scenario) -> str:
@@ -96,8 +95,8 @@ class Mission:
         self._sited = cache(partial(sited, trajectory))
         self._observed = cache(self._observe)
 
-    def _observe(self, leader: Leader, hearing: Hearing, follower: int) -> MissionTruth:
-        return observe(self._sited(leader), hearing, follower)
+    def _observe(self, leader: Leader, config: AcousticConfig, follower: int) -> MissionTruth:
+        return observe(self._sited(leader), config, follower)
 
     def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, MissionTruth]:
         """The motion with a scenario's transmitters, and what one follower sees of it.
@@ -107,7 +106,8 @@ class Mission:
         """
         if motion_of(scenario).model_dump(exclude={"name"}) != self._motion:
             raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was simulated")
-        return self._sited(scenario.leader), self._observed(scenario.leader, Hearing.of(scenario, follower), follower)
+        config = AcousticConfig.of(scenario, follower)
+        return self._sited(scenario.leader), self._observed(scenario.leader, config, follower)
 
 
 @lru_cache(maxsize=4)

@@ -2,7 +2,7 @@
 
 Runs are flown in blocks side by side. Every block is computed alone and added up in the order of runs, so that results
 depend neither on the number of threads nor on how runs are split into blocks, to the bit. Run k takes exactly the noise
-that `sim.sensing.sensor_errors.measure(…, run=k)` gives a single flight.
+that `sim.sensing.sensors.measure(…, run=k)` gives a single flight.
 """
 
 import os
@@ -14,13 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.campaign import lane_metrics as metric
-from experiments.campaign import single_runs
 from experiments.campaign.cells import Cell, CellResult, CellSums
 from experiments.campaign.lane_sensors import (
     Address,
-    Errors,
+    LaneSensors,
     address,
-    compiled_errors,
     new_noise,
     sense_message,
     sense_own,
@@ -30,10 +28,12 @@ from laisn import lane_rows as row
 from laisn import lanes
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes, copy_values
+from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from laisn.tuning import Tuning
-from sim.sensing.sensor_errors import SensorErrors
-from sim.sensing.truth import MissionTruth
+from laisn.navigators import MissionResult
+from laisn.settings import Tuning
+from sim.sensing.observation import MissionTruth
+from sim.sensing.sensors import SensorErrors, measure
 
 _NO_HISTORY = np.empty((0, 4 * LANES))
 
@@ -59,7 +59,7 @@ def _compiled_truth(truth: MissionTruth, errors: SensorErrors) -> _Truth:
 
 @compiled_lanes
 def _fly_block(
-    truth: _Truth, errors: Errors, t: Tuning, address: Address, lanes_used: int, history: Floats
+    truth: _Truth, sensors: LaneSensors, t: Tuning, address: Address, lanes_used: int, history: Floats
 ) -> tuple[Floats, Ints]:
     """Tally and histograms of a block; states go to `history`, shape (n, 4 LANES), unless it is empty."""
     n, m = truth.own.shape[0], truth.message_step.size
@@ -72,10 +72,10 @@ def _fly_block(
     i = 0
     for k in range(1, n + 1):
         now = truth.own[k - 1]
-        sense_own(block, noise, errors, now[0], now[1], k)
+        sense_own(block, noise, sensors.errors, now[0], now[1], k)
         received = i < m and truth.message_step[i] == k
         if received:
-            sense_message(block, noise, errors, truth.sent[i], now[2], (k, truth.emission_step[i]))
+            sense_message(block, noise, sensors, truth.sent[i], now[2], (k, truth.emission_step[i]))
             i += 1
         lanes.advance(block, t, k, received)
         if received:
@@ -87,6 +87,66 @@ def _fly_block(
     return tally, histograms
 
 
+@compiled_lanes
+def _tally_steps(states: Floats, truth: Floats, tally: Floats, histograms: Ints, lanes_used: int) -> None:
+    """Add the errors of all steps.
+
+    Args:
+        states: x, y and covariance xx, xy, yy of each step and lane, shape (n, 5, LANES).
+        truth: x, y of the hydrophone; x, y and heading of the leader; shape (n, 5).
+        tally: as `lane_metrics` has it.
+        histograms: of position and bearing, shape (2, BINS).
+        lanes_used: how many of the lanes are runs.
+    """
+    block, bins = np.zeros(row.SIZE), np.zeros(2 * LANES, dtype=np.int64)
+    for k in range(states.shape[0]):
+        for i, first in enumerate((row.X, row.Y, row.PXX, row.PXY, row.PYY)):
+            copy_values(states[k, i], block[first : first + LANES])
+        now = truth[k]
+        metric.tally_step(block, tally, bins, (now[0], now[1]), (now[2], now[3], now[4]))
+        metric.fill_histograms(bins, histograms, lanes_used)
+
+
+def single_run(cell: Cell, run: int) -> MissionResult:
+    """One run of a cell, with the noise that a single flight of it gets; errors as of its navigator."""
+    measured = measure(
+        cell.truth,
+        cell.errors,
+        seed=cell.seed,
+        run=run,
+        follower=cell.follower,
+        transmitters=cell.settings.transmitters,
+    )
+    return cell.spec.fly(cell.settings, measured, cell.truth.start)
+
+
+def _fly_single_runs(cell: Cell, runs: range) -> tuple[Floats, Ints]:
+    """Tally and histograms of up to LANES runs, as `lane_metrics` has them.
+
+    Squared innovations of r numbers have mean r; they count as r/2 updates of a position, whose mean is 2.
+
+    Raises:
+        LaisnError: the start is unknown, so that a run has no error before its first message.
+        ArithmeticError: a covariance is not positive definite.
+    """
+    if not cell.settings.known_start:
+        raise LaisnError("navigation.assume.known_start = false is for single flights; cells need errors of all steps")
+    truth = cell.truth
+    states = np.ones((truth.speed.size, 5, LANES))
+    columns = np.zeros((metric.SIZE // LANES, LANES))
+    for lane, run in enumerate(runs):
+        found = single_run(cell, run)
+        states[:, :2, lane], states[:, 2:, lane] = found.state[:, :2], found.covariance
+        columns[metric.SUM_NIS // LANES, lane] = found.squared
+        columns[metric.COUNT_NIS // LANES, lane] = 0.5 * found.numbers
+        for kind in found.kinds:
+            columns[metric.KINDS // LANES + kind, lane] += 1.0
+    tally, histograms = columns.ravel(), np.zeros((2, metric.BINS), dtype=np.int64)
+    place = np.column_stack([truth.hydrophone, truth.leader_position, truth.leader_heading])
+    _tally_steps(states, place, tally, histograms, len(runs))
+    return tally, histograms
+
+
 def _blocks(cell: Cell) -> Iterator[range]:
     """Runs of each block of a cell."""
     for i in range(0, len(cell.runs), LANES):
@@ -95,9 +155,9 @@ def _blocks(cell: Cell) -> Iterator[range]:
 
 def _fly(cell: Cell, truth: _Truth, runs: range, history: Floats) -> tuple[Floats, Ints]:
     if not cell.spec.lanes:
-        return single_runs.fly_block(cell, runs)
-    errors, t = compiled_errors(cell.errors, cell.settings.transmitters), row.tuning(cell.settings)
-    return _fly_block(truth, errors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
+        return _fly_single_runs(cell, runs)
+    sensors, t = LaneSensors(cell.errors, cell.settings.transmitters), row.tuning(cell.settings)
+    return _fly_block(truth, sensors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
 
 
 def _tasks(cells: Sequence[Cell]) -> Iterator[tuple[Cell, _Truth, range]]:
@@ -157,7 +217,7 @@ def simulate(cell: Cell, *, threads: int | None = 1, keep_runs: bool = False) ->
 def histories(cell: Cell) -> Floats:
     """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
     if not cell.spec.lanes:
-        return np.stack([single_runs.flown(cell, run).state for run in cell.runs], axis=-1)
+        return np.stack([single_run(cell, run).state for run in cell.runs], axis=-1)
     truth, n = _compiled_truth(cell.truth, cell.errors), cell.truth.speed.size
     parts = []
     for runs in _blocks(cell):

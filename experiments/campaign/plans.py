@@ -10,7 +10,7 @@ from experiments.campaign import missions
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.cells import PERCENTILES, Cell, CellResult
 from experiments.campaign.montecarlo import histories, simulate_many
-from experiments.campaign.store import Record, Steps
+from experiments.campaign.store import PER_RUN, PER_STEP, Arrays, Record
 from experiments.campaign.version import code_version
 from laisn import metrics
 from laisn.arrays import Floats
@@ -18,7 +18,7 @@ from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.navigators import find
 from sim.scenario.settings import Scenario
-from sim.sensing.hearing import Hearing
+from sim.sensing.acoustics import AcousticConfig
 from sim.trajectory import Trajectory
 
 
@@ -68,7 +68,7 @@ def _over_bound(plan: CellPlan, result: CellResult, mission: missions.Mission) -
         return {"bound_rms_m": None, "rms_over_bound": None}
     trajectory, _ = mission.seen(plan.content, plan.follower)
     least = least_rms(
-        geometry_of(trajectory, Hearing.of(plan.content, plan.follower), plan.follower),
+        geometry_of(trajectory, AcousticConfig.of(plan.content, plan.follower), plan.follower),
         noise_of(plan.content, plan.follower),
     )
     bound = float(np.sqrt(np.mean(least**2)))
@@ -96,7 +96,6 @@ def _row(plan: CellPlan, result: CellResult, bound: Record) -> Record:
     if result.table is not None:
         free = ~result.table.captured
         row["e_p_mean_uncaptured_m"] = float(result.table.e_p_mean_m[free].mean()) if free.any() else None
-        row |= {f"run_{f.name}": getattr(result.table, f.name).tolist() for f in fields(result.table)}
     return row
 
 
@@ -107,7 +106,7 @@ def _few_runs(cell: Cell) -> Iterator[Floats]:
         yield from (states[:, :2, run] for run in range(states.shape[-1]))
 
 
-def steps_of(cell: Cell) -> Steps:
+def steps_of(cell: Cell) -> Arrays:
     """Errors at each step over all runs, and where the follower is, as the leader sees it."""
     truth, leader = cell.truth, cell.truth.leader_position
     total = {name: np.zeros(truth.speed.size) for name in ("e_p", "e_b")}
@@ -134,14 +133,19 @@ def steps_of(cell: Cell) -> Steps:
     return {name: np.asarray(values, dtype=np.float32) for name, values in columns.items()}
 
 
-def compute(
-    trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1
-) -> list[tuple[str, Record, Steps | None]]:
-    """Compute cells of one mission: key, row and, where asked for, errors at each step."""
+def _arrays(plan: CellPlan, cell: Cell, result: CellResult) -> Arrays:
+    table = result.table
+    runs = {f"{PER_RUN}{f.name}": getattr(table, f.name) for f in fields(table)} if table else {}
+    steps = steps_of(cell) if plan.keep_steps else {}
+    return runs | {f"{PER_STEP}{name}": values for name, values in steps.items()}
+
+
+def compute(trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1) -> list[tuple[str, Record, Arrays]]:
+    """Compute cells of one mission: key, row and arrays of each run and, where asked for, of each step."""
     mission = missions.Mission(plans[0].scenario, trajectory)
     cells = [Cell.of(plan.content, plan.follower, plan.runs, mission=mission) for plan in plans]
     results = simulate_many(cells, threads=threads, keep_runs=True)
     return [
-        (plan.key, _row(plan, result, _over_bound(plan, result, mission)), steps_of(cell) if plan.keep_steps else None)
+        (plan.key, _row(plan, result, _over_bound(plan, result, mission)), _arrays(plan, cell, result))
         for plan, cell, result in zip(plans, cells, results, strict=True)
     ]

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 from rich.table import Column, Table
 from rich.text import Text
@@ -55,72 +55,41 @@ def show_table(
     console.print(table)
 
 
-def _count(functions: int) -> str:
-    return f"{_COMPILING}: {functions} function{'s' if functions > 1 else ''}"
-
-
 @contextmanager
-def _compiling(console: Console, show: Callable[[int], None]) -> Iterator[None]:
-    """Report compilation: `show` gets the number of functions on a terminal, 0 at the end; a log has one line."""
+def compiling_shown(console: Console | None = None, bars: Bars | None = None) -> Iterator[None]:
+    """Print once that code is compiled, on standard error unless a console is given; bars count the functions."""
     # a process that only shows progress does not load the compiler
     from laisn.compiled import compiling
 
-    printed = False
+    out, printed, task = console or Console(stderr=True), False, None
 
-    def listener(functions: int) -> None:
-        nonlocal printed
-        if console.is_terminal:
-            show(functions)
+    def report(functions: int) -> None:
+        nonlocal printed, task
+        if bars is not None and not bars.disable:
+            task = bars.add_task(_COMPILING, total=None) if task is None else task
+            text = f"{_COMPILING}: {functions} functions" if functions else _COMPILING
+            bars.update(task, description=text, total=None if functions else 1.0, completed=0 if functions else 1)
         elif functions and not printed:
-            console.print(_COMPILING)
+            out.print(_COMPILING)
             printed = True
 
-    with compiling(listener):
+    with compiling(report):
         yield
 
 
 @contextmanager
-def compiling_shown() -> Iterator[None]:
-    """Print on standard error that code is compiled, and count the functions on a terminal while it is."""
-    console = Console(stderr=True)
-    status = console.status(_COMPILING)
-
-    def show(functions: int) -> None:
-        status.update(_count(functions))
-        (status.start if functions else status.stop)()
-
-    try:
-        with _compiling(console, show):
-            yield
-    finally:
-        status.stop()
-
-
-@contextmanager
 def phases(console: Console) -> Iterator[Phase]:
-    """A bar for each phase of a flight, with the time left or taken, and whether it is compiling; none in a log."""
-    columns = (
-        TextColumn(f"{{task.description:<{len(_count(100))}}}"),
-        BarColumn(),
-        TimeRemainingColumn(elapsed_when_finished=True),
-    )
-    current: list[tuple[TaskID, str]] = []
-    with Bars(*columns, console=console, disable=not console.is_terminal) as bars:
-
-        def show(functions: int) -> None:
-            for task, name in current[-1:]:
-                bars.update(task, description=_count(functions) if functions else name, refresh=True)
+    """A bar for each phase of a flight, with the time left or taken; none in a log."""
+    columns = TextColumn("{task.description:<9}"), BarColumn(), TimeRemainingColumn(elapsed_when_finished=True)
+    with Bars(*columns, console=console, disable=not console.is_terminal) as bars, compiling_shown(console, bars):
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:
             task = bars.add_task(name, total=1.0)
-            current.append((task, name))
             yield lambda done: bars.update(task, completed=done)
-            current.pop()
             bars.update(task, completed=1.0)
 
-        with _compiling(console, show):
-            yield phase
+        yield phase
 
 
 @contextmanager

@@ -1,17 +1,18 @@
 """Results on disk: tables of studies as Parquet, and a store of single results under keys of all that made them.
 
-Each stored result is one `.npz` archive, whose checksums cover every byte that is read.
+Each stored result is one `.npz` archive with a checksum of all its bytes.
 """
 
 import csv
+import hashlib
 import json
 import random
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -27,12 +28,13 @@ Content = TypeVar("Content")
 Item = TypeVar("Item")
 Record = dict[str, Any]
 """A row: column names and plain values."""
-Steps = dict[str, npt.NDArray[np.float32]]
-"""Errors at each step over all runs, arrays of shape (n,) by column name."""
+Arrays = dict[str, npt.NDArray[Any]]
+"""Columns of a result by name, arrays of shape (n,)."""
 
-PER_RUN = "run_"
-"""Prefix of columns that hold a list over runs."""
+PER_RUN, PER_STEP = "run_", "step_"
+"""Prefixes of what is stored of each run, and of each step over all runs."""
 
+_DIGITS = 64
 _RECORD = "record"
 """Array that holds the JSON of a stored record."""
 
@@ -84,24 +86,19 @@ def write_csv(path: Path, rows: Sequence[Record]) -> None:
         writer.writerows(zip(*columns.values(), strict=True))
 
 
-def _encoded(record: object) -> npt.NDArray[np.uint8]:
-    """JSON of a record; NumPy's numbers and arrays become plain ones."""
-    return np.frombuffer(json.dumps(record, default=lambda value: value.tolist()).encode(), dtype=np.uint8)
-
-
 def _decoded(path: Path) -> Any:
     with np.load(path, allow_pickle=False) as arrays:
         return json.loads(arrays[_RECORD].tobytes())
 
 
-def _arrays(path: Path) -> Steps:
+def _arrays(path: Path, prefix: str) -> Arrays:
     with np.load(path, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays if name != _RECORD}
+        return {name.removeprefix(prefix): arrays[name] for name in arrays if name.startswith(prefix)}
 
 
-def _label(path: Path, archive: ZipFile) -> bytes:
-    """Comment of an archive: its key and its number of arrays."""
-    return f"{path.stem} {len(archive.namelist())}".encode()
+def _checksum(path: Path, content: bytes) -> bytes:
+    """Checksum of a result and its key, which the comment of its archive holds: a zip file's own leave gaps."""
+    return hashlib.sha256(path.stem.encode() + content).hexdigest().encode()
 
 
 STUDY_FILE, FLIGHT_FILE = "campaign.json", "summary.json"
@@ -131,7 +128,6 @@ class Store:
         self.folder = folder
         self._cells, self._flights = folder / "cells", folder / "flights"
         self._force = force
-        self._shared = False
         self._written: set[Path] = set()
         for each in (self._cells, self._flights):
             each.mkdir(parents=True, exist_ok=True)
@@ -142,8 +138,14 @@ class Store:
 
     def _require_version(self) -> None:
         """Make the folder one of this version, or refuse."""
-        manifest = self.folder / STUDY_FILE
-        found = self._version(manifest)
+        manifest, found = self.folder / STUDY_FILE, None
+        try:
+            found = str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
+        except FileNotFoundError:
+            pass
+        except (ValueError, KeyError, TypeError, RecursionError):
+            # keys of results hold their version too
+            warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=1)
         if found == code_version():
             return
         if found is not None:
@@ -157,32 +159,18 @@ class Store:
         with atomic_write(manifest) as part:
             part.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
 
-    @staticmethod
-    def _version(manifest: Path) -> str | None:
-        """The version of a folder's results; None if it names none: keys of results hold their version too."""
-        try:
-            return str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
-        except FileNotFoundError:
-            return None
-        except (ValueError, KeyError, TypeError, RecursionError):
-            warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=1)
-            return None
-
     def _read(self, path: Path, load: Callable[[Path], Content]) -> Content | None:
         """Content of a stored result; None if it must be computed. A damaged file warns and counts as missing."""
         if self._force and path not in self._written:
             return None
         try:
-            with ZipFile(path) as archive:
-                damaged = archive.testzip()
-                if damaged:
-                    raise BadZipFile(f"bad checksum of {damaged}")
-                if archive.comment != _label(path, archive):
-                    raise BadZipFile("it is incomplete or another result's")
+            content = path.read_bytes()
+            if content[-_DIGITS:] != _checksum(path, content[:-_DIGITS]):
+                raise ValueError("wrong checksum: it is damaged or another result's")
             return load(path)
         except FileNotFoundError:
             return None
-        except Exception as error:  # zipfile and NumPy raise a dozen kinds for damaged files
+        except Exception as error:  # NumPy raises a dozen kinds for files that are none of ours
             what = f"{path} cannot be read and is computed again: {error or type(error).__name__}"
             warnings.warn(what, DamagedResult, stacklevel=1)
             return None
@@ -191,26 +179,17 @@ class Store:
         with atomic_write(path) as part:
             save(part)
             with ZipFile(part, "a") as archive:
-                archive.comment = _label(path, archive)
+                archive.comment = bytes(_DIGITS)
+            content = part.read_bytes()[:-_DIGITS]
+            part.write_bytes(content + _checksum(path, content))
         self._written.add(path)
-
-    @contextmanager
-    def in_use(self) -> Iterator[None]:
-        """Mark the folder as in use for the block, so that other processes compute its results in another order."""
-        with ExitStack() as stack:
-            try:
-                stack.enter_context(locked(self._cells, wait=False))
-            except BlockingIOError:
-                self._shared = True
-            yield
 
     def still_missing(
         self, items: Iterable[Item], is_stored: Callable[[Item], bool], skip: Callable[[Item], None]
     ) -> Iterator[Item]:
-        """Items to compute, less those that another process stores meanwhile.
+        """Items to compute, in random order, less those that another process stores meanwhile.
 
-        Processes that share a folder share the work: the first takes the items as they are given, the others in random
-        order.
+        Processes that share a folder share the work, for each takes the items in another order.
 
         Args:
             items: that were missing.
@@ -218,7 +197,7 @@ class Store:
             skip: called with an item that is stored.
         """
         given = list(items)
-        for item in random.sample(given, len(given)) if self._shared else given:
+        for item in random.sample(given, len(given)):
             if is_stored(item):
                 skip(item)
             else:
@@ -229,9 +208,9 @@ class Store:
         return self._read(self._cells / f"{key}.npz", _decoded)
 
     def write_record(self, key: str, record: object, arrays: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
-        """Store a JSON value, and arrays that belong to it."""
-
-        content: dict[str, Any] = {_RECORD: _encoded(record), **(arrays or {})}
+        """Store a JSON value, in which NumPy's numbers and arrays become plain, and arrays by prefixed names."""
+        text = json.dumps(record, default=lambda value: value.tolist()).encode()
+        content: dict[str, Any] = {_RECORD: np.frombuffer(text, dtype=np.uint8), **(arrays or {})}
 
         def save(part: Path) -> None:
             with part.open("wb") as file:
@@ -239,9 +218,9 @@ class Store:
 
         self._write(self._cells / f"{key}.npz", save)
 
-    def arrays(self, key: str) -> Steps | None:
-        """The arrays that belong to a record; None if they must be computed."""
-        return self._read(self._cells / f"{key}.npz", _arrays) or None
+    def arrays(self, key: str, prefix: str) -> Arrays | None:
+        """The arrays of a record with a prefix, by their names without it; None if they must be computed."""
+        return self._read(self._cells / f"{key}.npz", partial(_arrays, prefix=prefix)) or None
 
     def flight(self, key: str) -> Trajectory | None:
         """A stored mission; None if it must be simulated."""

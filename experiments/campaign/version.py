@@ -23,6 +23,8 @@ _COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", *code_of_nav
 """Modules that compute the numbers of cells. Tasks and facts add modules of their own."""
 _DATA = {".xml", ".json"}
 """Data files that modules of a package read: vehicles, routes."""
+_TABLES = {".toml", ".csv"}
+"""Data files that a study reads beside its modules."""
 
 
 @cache
@@ -105,17 +107,29 @@ def sources(root: Path = ROOT) -> tuple[Path, ...]:
     return tuple(sorted({*found.values(), *data}))
 
 
+def _without_docstrings(source: bytes) -> bytes:
+    """A source without the lines of statements that are strings alone: these describe code and compute nothing."""
+    lines = source.splitlines(keepends=True)
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            first, last = node.lineno - 1, node.end_lineno or node.lineno
+            if not lines[first][: node.col_offset].strip():
+                lines[first:last] = [b""] * (last - first)
+    return b"".join(lines)
+
+
 def _digest(files: Iterable[Path], root: Path) -> str:
-    """Hash of names and bytes of files, 12 hexadecimal digits."""
+    """Hash of names and contents of files, of sources without their docstrings, 12 hexadecimal digits."""
     digest = hashlib.sha256()
     for path in sorted(files):
+        content = path.read_bytes()
         digest.update(path.relative_to(root).as_posix().encode())
-        digest.update(path.read_bytes())
+        digest.update(_without_docstrings(content) if path.suffix == ".py" else content)
     return digest.hexdigest()[:12]
 
 
 def fingerprint(root: Path = ROOT) -> str:
-    """Hash of names and bytes of `sources`, 12 hexadecimal digits."""
+    """Hash of names and contents of `sources`, 12 hexadecimal digits."""
     return _digest(sources(root), root)
 
 
@@ -123,10 +137,14 @@ def version_of(modules: Iterable[str], root: Path = ROOT) -> str:
     """Hash of every source that may change the numbers of a study, 12 hexadecimal digits.
 
     Args:
-        modules: that compute its numbers; all that they import counts, and all that any campaign computes with.
+        modules: that compute its numbers; all that they import counts, the tables beside them, and all that any
+            campaign computes with.
         root: folder of the packages.
     """
-    return _digest({*reachable(modules, root).values(), *sources(root)}, root)
+    named = tuple(modules)
+    found = reachable(named, root)
+    data = (p for name in named for p in found[name].parent.iterdir() if p.suffix in _TABLES)
+    return _digest({*found.values(), *data, *sources(root)}, root)
 
 
 @cache

@@ -8,23 +8,18 @@ from rich.console import Console
 
 from experiments.campaign.progress import compiling_shown, show_table, tell
 from experiments.campaign.store import Record, columns_of, write_csv, write_table
+from experiments.command.errors import require_output
+from experiments.flight.files import flight_of
 from experiments.flight.library import load_flyable
 from experiments.flight.range_budget import Cause, range_error_budget
-from experiments.flight.source import flight_of
-from laisn.failure import LaisnError
+from experiments.pages.range_budget_page import TRANSMITTERS, share_table
 from sim.flight import Flight
 
 _QUARTERS = 4
 
 
 def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | None) -> None:
-    """Print the bound of the RMS position error of a mission, and the navigator's error beside it.
-
-    Args:
-        source: scenario name or TOML file.
-        assignments: overrides.
-        runs: Monte Carlo runs of the scenario's navigator; 0: none.
-        out: `.csv` file for the bound over time; None: none.
+    """Print the bound of the RMS position error of a mission, and the navigator's error in Monte Carlo runs beside it.
 
     Raises:
         LaisnError: the scenario or the file's name is invalid.
@@ -33,10 +28,9 @@ def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | N
     from experiments.campaign.cells import Cell
     from experiments.campaign.missions import mission_of, motion_of
     from experiments.campaign.montecarlo import simulate
-    from sim.sensing.hearing import Hearing
+    from sim.sensing.acoustics import AcousticConfig
 
-    if out is not None and out.suffix != ".csv":
-        raise LaisnError(f"--out {out}: should end in .csv")
+    require_output(out, ".csv")
     scenario = load_flyable(source, assignments)
     console = Console()
     heads = ["follower", *(f"{i + 1}. quarter" for i in range(_QUARTERS)), "whole"]
@@ -47,14 +41,13 @@ def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | N
         mission = mission_of(motion_of(scenario))
         for i, follower in enumerate(scenario.followers):
             trajectory, _ = mission.seen(scenario, i)
-            least = least_rms(geometry_of(trajectory, Hearing.of(scenario, i), i), noise_of(scenario, i))
-            whole = float(np.sqrt(np.mean(least**2)))
-            parts = [float(np.sqrt(np.mean(part**2))) for part in np.array_split(least, _QUARTERS)]
-            cells = [f"{value:.3f}" for value in (*parts, whole)]
+            least = least_rms(geometry_of(trajectory, AcousticConfig.of(scenario, i), i), noise_of(scenario, i))
+            bounds = [float(np.sqrt(np.mean(part**2))) for part in (*np.array_split(least, _QUARTERS), least)]
+            cells = [f"{value:.3f}" for value in bounds]
             if runs:
                 result = simulate(Cell.of(scenario, i, runs, mission=mission), threads=None)
                 rms = float(np.hypot(result.errors.e_p_mean_m, result.errors.e_p_std_m))
-                cells += [f"{rms:.3f}", f"{rms / whole:.2f}", f"{result.nees:.3g}"]
+                cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{result.nees:.3g}"]
             lines.append([follower.name, *cells])
             time = scenario.timing.filter_step_s * np.arange(1, least.size + 1)
             rows += [
@@ -69,8 +62,6 @@ def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | N
 
 def records(flight: Flight) -> Iterator[Record]:
     """The error budget of each received ping of a flight, a record each."""
-    from experiments.pages.range_budget_page import TRANSMITTERS
-
     for i, name in enumerate(flight.trajectory.names[1:]):
         budget = range_error_budget(flight, i)
         for m, t in np.argwhere(np.isfinite(budget.used_range)).tolist():
@@ -85,20 +76,12 @@ def records(flight: Flight) -> Iterator[Record]:
 
 
 def show_range_budget(source: str, assignments: Sequence[str], out: Path | None) -> None:
-    """Print the error budget of the ranges of a scenario or a log, and write it if asked to.
-
-    Args:
-        source: scenario name, TOML file or `.mcap` log.
-        assignments: overrides of a scenario.
-        out: `.csv` or `.parquet` file with a row for each ping received; None: none.
+    """Print the error budget of the ranges of a scenario or a log, and write it as a table with a row for each ping.
 
     Raises:
         LaisnError: the source or the name of the file is invalid, or overrides were given for a log.
     """
-    if out is not None and out.suffix not in {".csv", ".parquet"}:
-        raise LaisnError(f"--out {out}: should end in .csv or .parquet")
-    from experiments.pages.range_budget_page import TRANSMITTERS, share_table
-
+    require_output(out, ".csv", ".parquet")
     flight = flight_of(source, assignments)
     console, heads = Console(), ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
     for i, name in enumerate(flight.trajectory.names[1:]):

@@ -4,6 +4,7 @@ import gc
 import os
 import re
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,7 @@ import typer
 from experiments.command import studies
 from experiments.command.errors import report_errors, run, say
 from experiments.command.studies import OutOption, SetOption, folder_option
+from laisn.failure import LaisnError
 
 app = typer.Typer(
     name="laisn",
@@ -107,10 +109,10 @@ def doctor() -> None:
 
 def _size(text: str) -> dict[str, int]:
     """Width and height of frames by their names in a scenario."""
-    width, _, height = text.partition("x")
-    if not all(re.fullmatch(r"\d{1,9}", side) for side in (width, height)):
+    sides = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text)
+    if sides is None:
         raise typer.BadParameter("expected WIDTHxHEIGHT, such as 1280x720")
-    return {"width_px": int(width), "height_px": int(height)}
+    return {"width_px": int(sides[1]), "height_px": int(sides[2])}
 
 
 @app.command()
@@ -130,11 +132,20 @@ def render(
     out: Annotated[Path | None, typer.Option(help="file (default NAME.mp4 or NAME.png)")] = None,
 ) -> None:
     """Render a film or a picture of a scenario or a log."""
-    from experiments.command.fly import film
+    from rich.console import Console
+
+    from experiments.campaign.progress import phases
+    from experiments.flight.files import flight_of, picture, video_of
+    from sim.scenario.settings import Video
 
     given = {"camera": camera, "speed_up": speed_up}
     changes = {name: value for name, value in given.items() if value is not None} | (size or {})
-    film(source, set_ or (), changes, follower, still, out)
+    # before the mission is simulated
+    video_of(Video(), changes)
+    flight = flight_of(source, set_ or ())
+    path = out or Path(f"{flight.scenario.name}.{'mp4' if still is None else 'png'}")
+    with phases(Console()) as phase, phase("video") if still is None else nullcontext() as update:
+        say(picture(flight, path, still, follower, changes, update))
 
 
 @app.command()
@@ -164,7 +175,6 @@ def replay(
 ) -> None:
     """Navigate on the measurements of a log with another variant or other settings."""
     from experiments.command import replaying
-    from laisn.failure import LaisnError
     from sim.datasets.log import is_data_set
 
     if scenario is not None:
@@ -224,11 +234,9 @@ def log_export(
     rerun: Annotated[bool, typer.Option("--rerun", help="write one Rerun recording in place of tables")] = False,
 ) -> None:
     """Export every numeric channel as a table, or a flight as a recording for Rerun."""
-    from sim.log.export import export
+    from sim.log.export import export, write_recording
 
     if rerun:
-        from sim.log.recording import write_recording
-
         out.mkdir(parents=True, exist_ok=True)
         say(write_recording(log, out / f"{log.stem}.rrd"))
         return

@@ -3,8 +3,6 @@
 import platform
 import re
 import shlex
-import sys
-from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 from pathlib import Path
@@ -31,65 +29,30 @@ def _version(name: str) -> str:
         return ""
 
 
-def _fault(name: str, modules: Mapping[str, str]) -> str:
-    """Why a package cannot be used; empty if it can."""
-    if not _version(name):
-        return _ABSENT
-    try:
-        import_module(modules.get(name, name.replace("-", "_")))
-    except Exception as error:
-        # a broken package may raise anything
-        return f"cannot be imported: {str(error).partition(chr(10))[0] or type(error).__name__}"
-    return ""
-
-
-def _modules() -> dict[str, str]:
-    """The module to import by the package's name; where a package has several, the one of its own name."""
-    found: dict[str, str] = {}
-    for module, packages in packages_distributions().items():
-        for package in packages:
-            name = package.lower()
-            if name not in found or module.lower() == name:
-                found[name] = module
-    return found
-
-
-def faults() -> dict[str, str]:
+def _package_errors() -> dict[str, str]:
     """Errors of the packages that this project requires, by requirement ("av>=18")."""
     try:
         required = [entry for entry in requires(_PROJECT) or () if "extra ==" not in entry]
     except PackageNotFoundError:
         return {_PROJECT: _ABSENT}
-    modules = _modules()
-    return {entry: fault for entry in required if (fault := _fault(_name(entry), modules))}
-
-
-def _remedy(broken: Mapping[str, str]) -> str:
-    if _PROJECT in broken:
-        return "in the project's folder: pip install -e ."
-    again = "" if set(broken.values()) == {_ABSENT} else "--force-reinstall "
-    return f"in the project's folder: rm -r .venv && make run; elsewhere: pip install {again}{shlex.join(broken)}"
-
-
-def _add_compiled_steps(table: Table) -> None:
-    from sim.vehicle import mujoco_functions
-
-    try:
-        mujoco_functions.library()
-    except mujoco_functions.UnavailableError as error:
-        table.add_row("[red]no[/]", "compiled steps", escape(str(error)))
-    else:
-        table.add_row("[green]ok[/]", "compiled steps", "compiled code calls MuJoCo")
-
-
-def _add_compiled_code(table: Table) -> None:
-    from laisn.compiled import FOLDER
-
-    if FOLDER is None:
-        lacking = "not stored, every command compiles for 20 s: laisn-sim/compiled in XDG_CACHE_HOME or ~/.cache must "
-        table.add_row("--", "compiled code", escape(lacking + "be writable and have mode 0700"))
-    else:
-        table.add_row("[green]ok[/]", "compiled code", escape(f"stored in {FOLDER}"))
+    modules: dict[str, str] = {}
+    for module, packages in packages_distributions().items():
+        for package in map(str.lower, packages):
+            # of several modules of a package, the one of its own name
+            if package not in modules or module.lower() == package:
+                modules[package] = module
+    broken = {}
+    for entry in required:
+        name = _name(entry)
+        try:
+            if _version(name):
+                import_module(modules.get(name, name.replace("-", "_")))
+            else:
+                broken[entry] = _ABSENT
+        except Exception as error:
+            # a broken package may raise anything
+            broken[entry] = f"cannot be imported: {str(error).partition(chr(10))[0] or type(error).__name__}"
+    return broken
 
 
 def _first_line(error: BaseException) -> str:
@@ -97,11 +60,7 @@ def _first_line(error: BaseException) -> str:
 
 
 def _try_to_fly() -> tuple[str, str]:
-    """Simulate, log, report and film two seconds of a mission.
-
-    Returns:
-        Why the flight failed, and why the film did; empty where they did not.
-    """
+    """Why two seconds of a mission cannot be simulated, logged and reported, and why not filmed; empty if they can."""
     small = ["duration_s=2", "video.width_px=320", "video.height_px=180", "video.speed_up=20"]
     try:
         from experiments.campaign.progress import compiling_shown
@@ -122,30 +81,42 @@ def examine() -> int:
 
     table = Table("", "", "", box=None, show_header=False, pad_edge=False)
 
-    def row(fine: bool, what: str, detail: str) -> None:
-        table.add_row("[green]ok[/]" if fine else "[red]no[/]", what, escape(detail))
+    def row(fine: bool | None, what: str, detail: str) -> None:
+        """A line for what works, does not work, or is not needed (None)."""
+        mark = "--" if fine is None else "[green]ok[/]" if fine else "[red]no[/]"
+        table.add_row(mark, what, escape(detail))
 
-    able = sys.version_info >= (3, 11)
-    row(able, "Python", f"{platform.python_version()}{'' if able else ', needs 3.11 or newer'}")
+    row(True, "Python", platform.python_version())
     number = _version("mujoco")
     right = number.startswith("4.")
     if number:
         row(right, "MuJoCo", f"{number}{'' if right else ', needs 4.0.0'}")
-    broken = faults()
-    for entry, fault in broken.items():
-        row(False, _name(entry), fault)
+    broken = _package_errors()
+    for entry, error in broken.items():
+        row(False, _name(entry), error)
     if broken:
-        table.add_row("", "", escape(_remedy(broken)))
+        again = "" if set(broken.values()) == {_ABSENT} else "--force-reinstall "
+        install = f"rm -r .venv && make run; elsewhere: pip install {again}{shlex.join(broken)}"
+        remedy = "pip install -e ." if _PROJECT in broken else install
+        table.add_row("", "", escape(f"in the project's folder: {remedy}"))
     else:
-        _add_compiled_steps(table)
-        _add_compiled_code(table)
+        from laisn.compiled import FOLDER
+        from sim.vehicle import mujoco_functions
+
+        try:
+            mujoco_functions.library()
+            row(True, "compiled steps", "compiled code calls MuJoCo")
+        except mujoco_functions.UnavailableError as error:
+            row(False, "compiled steps", str(error))
+        writable = "laisn-sim/compiled in XDG_CACHE_HOME or ~/.cache must be writable and have mode 0700"
+        missing = f"not stored, every command compiles: {writable}"
+        row(bool(FOLDER) or None, "compiled code", f"stored in {FOLDER}" if FOLDER else missing)
     backends = graphics.probe()
     renders = any(backend.works for backend in backends)
     for backend in backends:
-        if backend.works or not renders:
-            row(backend.works, f"rendering with {backend.name}", backend.detail)
-        else:
-            table.add_row("--", f"rendering with {backend.name}", "not there, and not needed")
+        needed = backend.works or not renders
+        detail = backend.detail if needed else "not there, and not needed"
+        row(backend.works if needed else None, f"rendering with {backend.name}", detail)
     if not renders and not broken:
         table.add_row("", "", graphics.INSTALL)
     no_flight, no_film = ("a package is missing",) * 2 if broken else _try_to_fly()
@@ -155,4 +126,4 @@ def examine() -> int:
     fine = (name for name in (_PROJECT, *PACKAGES) if name not in named)
     row(True, "packages", ", ".join(f"{name} {number}" for name in fine if (number := _version(name))))
     Console().print(table)
-    return 0 if able and right and not no_flight else 1
+    return 0 if right and not no_flight else 1

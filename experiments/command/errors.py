@@ -7,20 +7,22 @@ import shlex
 import signal
 import sys
 import tempfile
-import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterable
 from functools import wraps
+from importlib.metadata import version
+from pathlib import Path
 from types import FrameType
-from typing import Any, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar
 
 import typer
 
 from laisn.failure import LaisnError, LaisnWarning
 from sim.screen import plain, screenful
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+P = ParamSpec("P")
+T = TypeVar("T")
 
 USER_ERROR, INTERNAL_ERROR, INTERRUPTED = 2, 1, 130
 """Exit codes: an error that the user can correct, a bug, Ctrl-C."""
@@ -36,22 +38,10 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__
         _print([f"laisn: {plain(message)}"], "yellow")
 
 
-def _version() -> str:
-    """Version of the code; a failure here must not prevent the report."""
-    from experiments.campaign.version import code_version
-
-    try:
-        return code_version()
-    except Exception as error:
-        return f"of unknown version ({error})"
-
-
 def _report(error: BaseException) -> str:
     """Write the traceback into a file that only this user can read; its path, or why there is none."""
-    text = (
-        f"laisn {_version()}, Python {platform.python_version()} on {platform.platform()}\n"
-        f"{shlex.join(sys.argv)}\n\n{''.join(traceback.format_exception(error))}"
-    )
+    system = f"laisn-sim {version('laisn-sim')}, Python {platform.python_version()} on {platform.platform()}"
+    text = f"{system}\n{shlex.join(sys.argv)}\n\n{''.join(traceback.format_exception(error))}"
     try:
         handle, path = tempfile.mkstemp(prefix="laisn-failure-", suffix=".txt")
         with open(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
@@ -64,28 +54,27 @@ def _report(error: BaseException) -> str:
 def _outcome(error: BaseException) -> tuple[int, list[str]]:
     """Exit code and message for an exception, with the notes that were added to it."""
     notes = list(getattr(error, "__notes__", ()))
-    signalled = received()
-    if signalled is not None or isinstance(error, KeyboardInterrupt):
+    # libraries in C and Rust may replace the exception of a signal by an error of their own
+    if _signals or isinstance(error, KeyboardInterrupt):
         kept = notes or ["finished files are kept, none is half-written"]
-        return signalled.code if signalled else INTERRUPTED, ["; ".join(["interrupted", *kept])]
+        return 128 + _signals[-1] if _signals else INTERRUPTED, ["; ".join(["interrupted", *kept])]
     if isinstance(error, LaisnError):
         return USER_ERROR, [*(str(error).splitlines() or [type(error).__name__]), *notes]
     if isinstance(error, OSError) and error.errno is not None:
         # from the system: a full disk, a folder without permission
         return USER_ERROR, [f"{error.filename or 'output'}: {error.strerror}", *notes]
     what = f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__
+    compiled = sys.modules.get("laisn.compiled")
+    if compiled is not None and compiled.remove_if_damaged(error):
+        return USER_ERROR, [f"compiled code could not be read and is removed ({what[:200]}); run the command again"]
     return INTERNAL_ERROR, [f"this is a bug in the program ({what[:200]}); {_report(error)}", *notes]
 
 
-def report_errors(command: Command) -> Command:
-    """Make a command print its errors as one message and exit with their code.
-
-    The traceback of a bug goes into a file that the message names. LAISN_DEBUG=1 shows tracebacks and all warnings
-    instead.
-    """
+def report_errors(command: Callable[P, T]) -> Callable[P, T]:
+    """Make a command print its errors as one message and exit with their code; LAISN_DEBUG=1 shows tracebacks."""
 
     @wraps(command)
-    def wrapped(*args: Any, **kwargs: Any) -> Any:
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> T:
         debug = bool(os.environ.get("LAISN_DEBUG"))
         with warnings.catch_warnings():
             if not debug:
@@ -101,7 +90,7 @@ def report_errors(command: Command) -> Command:
         _print([f"laisn: {lines[0]}", *lines[1:]], "red" if code in (USER_ERROR, INTERNAL_ERROR) else "yellow")
         raise typer.Exit(code)
 
-    return cast(Command, wrapped)
+    return wrapped
 
 
 def say(text: object) -> None:
@@ -109,53 +98,33 @@ def say(text: object) -> None:
     typer.echo(plain(text))
 
 
-class SignalInterrupt(KeyboardInterrupt):
-    """A signal that asks the process to end.
-
-    Attributes:
-        code: exit code, as a shell gives it for a process that the signal ended.
-    """
-
-    def __init__(self, number: int) -> None:
-        super().__init__(signal.Signals(number).name)
-        self.code = 128 + number
+def require_output(out: Path | None, *suffixes: str, source: Path | None = None) -> None:
+    """LaisnError if the file that `--out` names has another suffix, or is the source."""
+    if out is None:
+        return
+    if out.suffix not in suffixes:
+        raise LaisnError(f"--out: expected a file name that ends in {' or '.join(suffixes)} (given: {out})")
+    if source is not None and out.exists() and source.exists() and out.samefile(source):
+        raise LaisnError(f"--out: expected another file than the one that is read (given: {out})")
 
 
-_received: list[SignalInterrupt] = []
-
-
-def received() -> SignalInterrupt | None:
-    """The signal that was received, if any; a library that was being imported may have raised another error for it."""
-    return _received[0] if _received else None
+_signals: list[int] = []
+"""Signals that asked this process to end."""
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:
     if number != signal.SIGINT:
         # once, so that cleaning up is not interrupted by a repetition; a second Ctrl-C may
         signal.signal(number, signal.SIG_IGN)
-    _received.append(SignalInterrupt(number))
-    raise _received[-1]
-
-
-def resend_signal(lost: "sys.UnraisableHookArgs") -> None:
-    """Send a signal again whose exception was raised in a finaliser, where Python drops it."""
-    if not isinstance(lost.exc_value, SignalInterrupt):
-        sys.__unraisablehook__(lost)
-        return
-    _received.remove(lost.exc_value)
-    number = lost.exc_value.code - 128
-    signal.signal(number, _interrupt)
-    again = threading.Timer(0.01, signal.pthread_kill, [threading.main_thread().ident, number])
-    again.daemon = True
-    again.start()
+    _signals.append(number)
+    raise KeyboardInterrupt(signal.Signals(number).name)
 
 
 def handle_signals() -> None:
-    """Raise `SignalInterrupt` for SIGINT, SIGTERM and SIGHUP, unless the process was started to ignore them."""
+    """Raise `KeyboardInterrupt` for SIGINT, SIGTERM and SIGHUP, unless the process was started to ignore them."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
-    sys.unraisablehook = resend_signal
 
 
 def run(app: typer.Typer) -> None:

@@ -1,16 +1,18 @@
-"""Simulate one scenario and write log, film, report and numbers; film a scenario or a log."""
+"""Simulate one scenario and write log, film, report and numbers."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
 
-from experiments.campaign.progress import literal, phases, show_table, tell
+from experiments.campaign.progress import Update, phases, show_table, tell
+from experiments.flight.events import flight_events, stray_events
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import (
     FILM,
@@ -24,27 +26,20 @@ from experiments.flight.folder import (
     one_flight,
     require_safe,
 )
-from experiments.flight.separation import giving_way_events
-from experiments.flight.summary import (
-    capture_events,
-    flight_bounds,
-    position_and_bearing_errors,
-    stray_events,
-    summarise,
-)
+from experiments.flight.summary import flight_bounds, position_and_bearing_errors, summarise
 from laisn.arrays import Floats
 from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, navigate
-from sim.log.events import Event
 from sim.processes import background_process
-from sim.scenario.settings import Scenario, Video
+from sim.scenario.settings import Scenario
 
+_LONG_S = 7200.0
 _LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
 NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
 
 
-def _show_stations(console: Console, summary: dict[str, Any]) -> None:
-    """Print errors of followers on stations."""
+def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
+    """Print errors of followers on stations, and the closest approaches of two vehicles, of all and of one layer."""
     rows = []
     for name, row in summary["followers"].items():
         if "station_rms_m" in row:
@@ -53,28 +48,22 @@ def _show_stations(console: Console, summary: dict[str, Any]) -> None:
             rows.append([name, *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else ""])
     heads = ("follower", "station error: RMS", "95 %", "max", "E_P: mean", "joined at", "")
     show_table(console, heads, rows)
-
-
-def _show_approaches(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
-    """Print the closest approach of two vehicles, and of two in one depth layer."""
     truth, pair = flight.trajectory, summary["closest_approach_pair"]
     positions = truth.position[np.argmin(np.abs(truth.time - summary["closest_approach_s"]))]
     one, other = (positions[truth.names.index(name), :2] for name in pair)
-    names, level = " and ".join(literal(name).plain for name in pair), float(np.hypot(*(one - other)))
-    text = f"{names}, {summary['closest_approach_m']:.1f} m ({level:.1f} m horizontally)"
+    level = float(np.hypot(*(one - other)))
+    text = f"{' and '.join(pair)}, {summary['closest_approach_m']:.1f} m ({level:.1f} m horizontally)"
     tell(console, f"{text} at {summary['closest_approach_s']:.0f} s", "closest approach:", "")
     if summary["closest_in_layer_m"] is not None:
-        names = " and ".join(literal(name).plain for name in summary["closest_in_layer_pair"])
-        text = f"{names}, {summary['closest_in_layer_m']:.1f} m horizontally"
+        text = f"{' and '.join(summary['closest_in_layer_pair'])}, {summary['closest_in_layer_m']:.1f} m horizontally"
         tell(console, f"{text} at {summary['closest_in_layer_s']:.0f} s", "closest approach in one depth layer:", "")
 
 
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     """Print a table of errors, and the outcome if the mission was not completed."""
-    steered = any(follower.believes for follower in flight.scenario.followers)
+    steered = any(follower.steers_by_estimate for follower in flight.scenario.followers)
     if any("station_rms_m" in row for row in summary["followers"].values()):
-        _show_stations(console, summary)
-        _show_approaches(console, flight, summary)
+        _show_stations(console, flight, summary)
     else:
         heads = ("follower", "E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound")
         rows = []
@@ -101,8 +90,6 @@ class Written(NamedTuple):
 
     flight: Flight
     summary: dict[str, Any]
-    strays: list[Event]
-    """Vehicles that left the water."""
     no_film: str
     """Why there is no film; empty if there is one."""
     fault: Exception | None
@@ -113,7 +100,7 @@ def _film(
     flight: Flight,
     path: Path,
     errors: list[tuple[Floats, Floats]],
-    update: Callable[[float], None],
+    update: Update,
     write_log: Callable[..., Any],
 ) -> tuple[str, Exception | None]:
     """Render the film and add it to the log; returns why there is none, and the bug that prevented it."""
@@ -133,10 +120,6 @@ def _film(
     return "", None
 
 
-def _import_report() -> None:
-    import experiments.pages.flight_report  # noqa: F401
-
-
 def _draw_report(*arguments: Any) -> None:
     from experiments.pages.flight_report import flight_report
 
@@ -144,26 +127,19 @@ def _draw_report(*arguments: Any) -> None:
 
 
 def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
-    """Simulate a scenario and write its files.
-
-    Args:
-        scenario: to simulate.
-        folder: an empty one.
-        console: shows the progress.
-        with_video: render the film too.
-
-    Raises:
-        OSError, LogError: the folder cannot be written.
-    """
+    """Simulate a scenario and write its files into an empty folder; OSError or LogError if it cannot be written."""
     from sim.log import writer
     from sim.log.layout import layout
 
     watch = Stopwatch()
-    # a report without a film is drawn beside the log, by a process that imports libraries while the mission is flown
-    with background_process(None if with_video else _import_report) as background, phases(console) as shown:
+    # a report without a film is drawn beside the log, by a process that imports libraries while the mission is flown;
+    # that of a long mission is not, for the process would hold the flight once more
+    beside = not with_video and scenario.duration_s <= _LONG_S
+    imports = partial(import_module, "experiments.pages.flight_report") if beside else None
+    with background_process(imports) as background, phases(console) as shown:
 
         @contextmanager
-        def phase(name: str) -> Iterator[Callable[[float], None]]:
+        def phase(name: str) -> Iterator[Update]:
             with watch.phase(f"{name}_s"), shown(name) as update:
                 yield update
 
@@ -175,8 +151,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         with phase("navigate"):
             flight = navigate(scenario, trajectory, outcome=outcome)
         errors = position_and_bearing_errors(flight)
-        strays = stray_events(flight)
-        events = sorted([*capture_events(flight), *giving_way_events(flight), *strays], key=lambda event: event.time_s)
+        events = flight_events(flight)
         bounds = flight_bounds(flight)
         summary = summarise(flight, errors, bounds)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
@@ -184,39 +159,35 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         film, no_film, fault = folder / FILM, "not asked for", None
 
         # the log comes first, so that it is kept if the film fails
-        if with_video:
-            with phase("log"):
-                write_log()
-            with phase("video") as update:
-                no_film, fault = _film(flight, film, errors, update, write_log)
+        report = partial(_draw_report, flight, errors, summary, folder / REPORT)
+        if beside:
             with phase("report"):
-                _draw_report(flight, errors, summary, folder / REPORT, None if no_film else film, bounds)
-        else:
-            with phase("report"):
-                drawn = background.submit(_draw_report, flight, errors, summary, folder / REPORT, None, bounds)
+                drawn = background.submit(report, None, bounds)
                 with phase("log"):
                     write_log()
                 drawn.result()
+        else:
+            with phase("log"):
+                write_log()
+            if with_video:
+                with phase("video") as update:
+                    no_film, fault = _film(flight, film, errors, update, write_log)
+            with phase("report"):
+                report(None if no_film else film, bounds)
     factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
     timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
-    names = flight.trajectory.names
-    texts = {SUMMARY: summary_text, SCENARIO: scenario.toml(), TIMING: timing_text, LAYOUT: layout(names)}
+    texts = {SUMMARY: summary_text, SCENARIO: scenario.toml(), TIMING: timing_text, LAYOUT: layout(trajectory.names)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return Written(flight, summary, strays, no_film, fault)
+    return Written(flight, summary, no_film, fault)
 
 
 def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
     """Simulate a scenario, print a summary, and write every result into a folder.
 
     The results of an earlier flight there are replaced together, once all of the new ones are written;
-    `experiments.flight.folder` describes what an interrupt leaves.
-
-    Args:
-        scenario: to simulate.
-        folder: for the results; made if it does not exist.
-        with_video: render the film too.
-        source: file that the scenario was read from; None: there is none.
+    `experiments.flight.folder` describes what an interrupt leaves. `source` is the file that the scenario was read
+    from, which a changed scenario does not replace.
 
     Raises:
         LaisnError: the folder has files of the same names that no flight has written.
@@ -231,7 +202,7 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     show(console, written.flight, written.summary)
     for caution in cautions(scenario):
         tell(console, caution, "warning:")
-    for event in written.strays:
+    for event in stray_events(written.flight):
         tell(console, f"at {event.time_s:g} s {event.text}", "warning:")
     if with_video and written.no_film:
         tell(console, written.no_film, "no film:")
@@ -240,36 +211,3 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     tell(console, f"results in {folder}")
     if written.fault:
         raise written.fault
-
-
-def film(
-    source: str,
-    assignments: Iterable[str],
-    changes: Mapping[str, object],
-    follower: int,
-    still: float | None,
-    out: Path | None,
-) -> None:
-    """Render the film, or a picture, of a scenario or a log and print the name of the file.
-
-    Args:
-        source: scenario name, TOML file or `.mcap` log.
-        assignments: overrides of a scenario.
-        changes: settings of the film in place of the scenario's.
-        follower: index of the follower that the camera follows.
-        still: mission time of a picture [s]; None: a film.
-        out: the file; None: named after the scenario.
-
-    Raises:
-        LaisnError: a setting or the source is invalid.
-    """
-    from experiments.command.errors import say
-    from experiments.flight.picture import picture, video_of
-    from experiments.flight.source import flight_of
-
-    # before the mission is simulated
-    video_of(Video(), changes)
-    flight = flight_of(source, list(assignments))
-    path = out or Path(f"{flight.scenario.name}.{'mp4' if still is None else 'png'}")
-    with phases(Console()) as phase, phase("video") if still is None else nullcontext() as update:
-        say(picture(flight, path, still, follower, changes, update))

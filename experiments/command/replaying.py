@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -14,10 +13,9 @@ from rich.console import Console
 
 from experiments.campaign.bound import flight_bound
 from experiments.campaign.progress import literal, show_table, tell
+from experiments.command.errors import require_output
 from experiments.flight.summary import consistency, position_and_bearing_errors, summarise
 from experiments.pages.replay_page import Replayed, write_replay_page
-from laisn.arrays import Floats
-from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings
@@ -28,40 +26,12 @@ _LARGE = 1e5
 """Errors beyond this are printed by their order of magnitude [m]."""
 
 
-def require_own_file(out: Path | None, suffix: str, source: Path) -> None:
-    """LaisnError if an output file has the wrong suffix or is the log that is read."""
-    if out is None:
-        return
-    if out.suffix != suffix:
-        raise LaisnError(f"--out {out}: should end in {suffix}")
-    if out.exists() and source.exists() and out.samefile(source):
-        raise LaisnError(f"--out {out}: is the log that is read; give the new one another name")
-
-
-def write_states(out: Path, states: Iterable[tuple[str, Floats, Floats]]) -> None:
-    """Write estimates as CSV: of each follower its name, times, shape (n,), and states [x, y, vx, vy], shape (n, 4)."""
-    from experiments.campaign.store import write_csv
-
-    columns = ("x_m", "y_m", "vx_m_s", "vy_m_s")
-    rows = [
-        {"follower": name, "time_s": time_s, **dict(zip(columns, values, strict=True))}
-        for name, times, state in states
-        for time_s, values in zip(times.tolist(), state.tolist(), strict=True)
-    ]
-    write_csv(out, rows)
-
-
 def replay(
     path: Path, variant: str, assignments: Iterable[str], out: Path | None, smooth_s: float | None = None
 ) -> None:
     """Navigate on the measurements of a flight's log and print errors beside those of the log.
 
-    Args:
-        path: log of a flight.
-        variant: name of the navigator.
-        assignments: overrides of the scenario's navigation, `navigation.key=value`.
-        out: log for the new estimates, smoothed if they are; None: none.
-        smooth_s: smooth with messages of up to this much later [s], and print the effect; None: no smoothing.
+    `out` is a log for the new estimates, which are smoothed with messages of up to `smooth_s` later.
 
     Raises:
         LaisnError: the log cannot be read, an argument is invalid, or the variant cannot be smoothed.
@@ -70,7 +40,7 @@ def replay(
     from experiments.flight.fly import navigate_again
     from sim.log import reader, writer
 
-    require_own_file(out, ".mcap", path)
+    require_output(out, ".mcap", source=path)
     smoothing = smoothing_factory(variant, smooth_s)
     flown = reader.read(path)
     changes = values_of([f"navigation.variant={variant}", *assignments])
@@ -93,16 +63,9 @@ def replay_measurements(
 ) -> None:
     """Navigate on the log of a real vehicle, without a true path; print the last estimates and write a page.
 
-    A single range of a message is used, unless the scenario sets `use_single_range = false`.
-
-    Args:
-        path: log with `/NAME/motion` and `/NAME/reception` of every follower of the scenario.
-        source: scenario, of which followers' names and starts, the leader's baseline and the navigation are used; the
-            filter steps are the log's.
-        assignments: overrides of the scenario.
-        out: CSV file for the estimates after each step; None: none.
-        longest_gap_s: longest gap between own measurements that is bridged [s].
-        smooth_s: as of `replay`.
+    The log has `/NAME/motion` and `/NAME/reception` of every follower of the scenario `source`, of which followers'
+    names and starts, the leader's baseline and the navigation are used; the filter steps are the log's. A single range
+    of a message is used, unless the scenario sets `use_single_range = false`.
 
     Raises:
         LaisnError: as of `replay`; the scenario is invalid, or the log has too long a gap or lacks a channel.
@@ -112,7 +75,7 @@ def replay_measurements(
     from sim.motion import simulate_motion
     from sim.sensing.observation import start_of
 
-    require_own_file(out, ".csv", path)
+    require_output(out, ".csv", source=path)
     scenario = load_flyable(source, assignments)
     navigation = scenario.navigation
     make = smoothing_factory(navigation.variant, smooth_s) or find(navigation.variant).make
@@ -124,37 +87,42 @@ def replay_measurements(
     begin = simulate_motion(scenario.model_copy(update=short))
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
     rows: list[list[str]] = []
-    states: list[tuple[str, Floats, Floats]] = []
     remarks: list[str] = []
-    replayed: list[Replayed] = []
+    vehicles: list[Replayed] = []
     for i, name in enumerate(begin.names[1:]):
         measured, found = reader.read_recording(path, name, longest_gap_s)
         remarks += found
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
         estimates = make(settings, start_of(begin, i)).run(measured)
-        kinds = Counter(estimates.fix_kind.tolist())
-        counts = ", ".join(f"{kinds[kind]} {kind.name.lower().replace('_', ' ')}" for kind in FixKind if kinds[kind])
-        x, y = estimates.state[-1, :2]
-        rows.append([name, f"{len(estimates.state)}", f"{measured.dt:g}", counts or "none", f"{x:.2f}", f"{y:.2f}"])
-        states.append((name, measured.time, estimates.state))
         baseline = scenario.leader.baseline_m or math.nan
-        replayed.append(Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline))
+        vehicle = Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline)
+        x, y = estimates.state[-1, :2]
+        rows.append([name, f"{len(estimates.state)}", f"{measured.dt:g}", vehicle.fixes, f"{x:.2f}", f"{y:.2f}"])
+        vehicles.append(vehicle)
+    show_table(Console(), heads, rows)
+    _write_replay(vehicles, path, navigation.variant, list(dict.fromkeys(remarks)), out)
+
+
+def _write_replay(
+    vehicles: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str], out: Path | None
+) -> None:
+    """Print the remarks on a log, and write the estimates into a CSV file and the page into out/replay."""
     console = Console()
-    show_table(console, heads, rows)
-    for remark in dict.fromkeys(remarks):
+    for remark in remarks:
         tell(console, remark, "note:")
     if out is not None:
-        write_states(out, states)
+        from experiments.campaign.store import write_csv
+
+        columns = ("x_m", "y_m", "vx_m_s", "vy_m_s")
+        rows = [
+            {"follower": one.name, "time_s": time_s, **dict(zip(columns, state, strict=True))}
+            for one in vehicles
+            for time_s, state in zip(one.measured.time.tolist(), one.estimates.state.tolist(), strict=True)
+        ]
+        write_csv(out, rows)
         tell(console, out)
-    _write_page(console, replayed, path, navigation.variant, list(dict.fromkeys(remarks)))
-
-
-def _write_page(
-    console: Console, replayed: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str]
-) -> None:
-    """Write the page of a replay into out/replay and print its path."""
     page = Path("out") / "replay" / f"{log.stem}.html"
-    write_replay_page(replayed, log, navigator, remarks, page)
+    write_replay_page(vehicles, log, navigator, remarks, page)
     tell(console, f"report in {page}")
 
 
@@ -163,13 +131,11 @@ def show_info(path: Path) -> None:
     from sim.log.contents import Contents
 
     log, console = Contents(path, lambda topic, _: False), Console()
-    begin, end = log.span_ns or (0, 0)
+    begin, end = log.span_ns
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
     tell(console, f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from {start.isoformat()}")
-    rows = [
-        (topic, messages.schema.name if messages.schema else "", str(messages.count))
-        for topic, messages in sorted(log.topics.items())
-    ]
+    topics = sorted(log.topics.items())
+    rows = [(topic, found.schema.name if found.schema else "", str(found.count)) for topic, found in topics]
     show_table(console, ("channel", "schema", "messages"), rows)
     for name, data in log.attachments.items():
         tell(console, f"attachment {name}: {len(data)} bytes")
@@ -180,10 +146,7 @@ def show_info(path: Path) -> None:
 
 
 def smoothing_factory(variant: str, lag_s: float | None) -> NavigatorFactory | None:
-    """A factory of navigators that smooth with messages of up to a lag later [s]; None without a lag.
-
-    Raises LaisnError if the lag is not finite, or the navigator cannot be smoothed.
-    """
+    """Makes navigators that smooth with messages of up to a lag later [s], None without one; LaisnError if invalid."""
     if lag_s is None:
         return None
     if not math.isfinite(lag_s):
@@ -213,32 +176,27 @@ def show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: 
 def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     """Write a data set, or the table of a vehicle's measurements, as a log.
 
-    Args:
-        source: factor graph, data set of ranging radios, or table with named columns.
-        out: the log.
-        beacons: names of those whose ranges are kept, with commas between; None: all.
-
     Raises:
         LaisnError: the file cannot be read or lacks a beacon, or the log's name is invalid.
     """
     from sim.datasets.log import VEHICLE, read_data_set, write_data_set, write_vehicle_table
     from sim.datasets.vehicle_table import read_vehicle_table
 
-    require_own_file(out, ".mcap", source)
+    require_output(out, ".mcap", source=source)
+    console = Console()
     if source.suffix in (".csv", ".tsv") and not source.stem.endswith("_DR"):
         if beacons is not None:
             raise LaisnError(f"--beacons {beacons}: {source} holds a vehicle's own table, whose ranges have no beacons")
         table = read_vehicle_table(source)
         write_vehicle_table(table, out, "follower")
         for remark in table.remarks:
-            tell(Console(), remark)
-        tell(Console(), f"log in {out}; navigate on it with: laisn replay {out} --scenario FILE")
+            tell(console, remark)
+        tell(console, f"log in {out}; navigate on it with: laisn replay {out} --scenario FILE")
         return
     data = read_data_set(source)
     if beacons is not None:
         data = data.among([name.strip() for name in beacons.split(",") if name.strip()])
     write_data_set(data, out)
-    console = Console()
     tell(console, f"{VEHICLE}: {len(data.odometry)} steps of odometry in {data.time[-1] - data.time[0]:.1f} s")
     for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
         ranges = (data.range_beacon == i).sum()
@@ -249,62 +207,38 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     tell(console, f"log in {out}")
 
 
-def _split(assignments: Iterable[str]) -> tuple[list[str], dict[str, object]]:
-    """Assignments `navigation.…`, and values of `beacons.…` by key; LaisnError naming any other key."""
-    navigation: list[str] = []
-    beacons: dict[str, object] = {}
-    for assignment in assignments:
-        ((key, value),) = values_of([assignment]).items()
-        section, _, name = key.partition(".")
-        if section == "beacons":
-            beacons[name] = value
-        elif section == "navigation":
-            navigation.append(assignment)
-        else:
-            raise LaisnError(f"--set {key}: a replay of a data set takes navigation.… (LAISN) and beacons.… (tight)")
-    return navigation, beacons
-
-
 def replay_data_set(
     path: Path, variant: str, assignments: Sequence[str], out: Path | None, longest_gap_s: float
 ) -> None:
     """Navigate on the log of a data set; print errors beside those of dead reckoning and write a page.
 
-    Args:
-        path: log that `import_data_set` wrote.
-        variant: name of a LAISN variant, or "tight".
-        assignments: overrides, `navigation.key=value` of LAISN or `beacons.key=value` of the navigator among beacons.
-        out: CSV file for the estimates; None: none.
-        longest_gap_s: longest gap between own measurements that is bridged [s].
+    Assignments are `navigation.key=value` of LAISN or `beacons.key=value` of the navigator among beacons.
 
     Raises:
         LaisnError: the log cannot be read, or an argument is invalid.
     """
+    from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
     from experiments.flight.library import load_flyable
-    from experiments.real_ranges.navigating import among_beacons, by_laisn, dead_reckoning, score
-    from experiments.real_ranges.settings import beacons_of
     from sim.datasets.log import VEHICLE, read_data_set_log
     from sim.motion import simulate_motion
 
-    require_own_file(out, ".csv", path)
-    navigation, beacons = _split(assignments)
-    settings_of_beacons = beacons_of(beacons)
-    recorded = read_data_set_log(path, longest_gap_s)
-    if find(variant).beacons:
-        if navigation:
-            raise LaisnError(f"--set {navigation[0]}: the variant {variant} takes beacons.… in a data set")
-        estimates, medium = among_beacons(recorded, settings_of_beacons)
+    require_output(out, ".csv", source=path)
+    among, values, recorded = find(variant).beacons, values_of(assignments), read_data_set_log(path, longest_gap_s)
+    section = "beacons." if among else "navigation."
+    for key in values:
+        if not key.startswith(section):
+            raise LaisnError(f"--set: expected {section}… for the variant {variant} in a data set (given: {key})")
+    if among:
+        settings = beacons_of({key.removeprefix(section): value for key, value in values.items()})
+        estimates, medium = among_beacons(recorded, settings)
         title = f"{variant}, in {medium}"
     else:
-        if beacons:
-            able = " or ".join(name for name, spec in NAVIGATORS.items() if spec.beacons)
-            raise LaisnError(f"--set beacons.{next(iter(beacons))}: is for the variant {able}")
         # of this scenario only the settings of navigation are used
-        changes = [f"navigation.variant={variant}", "navigation.use_single_range=true", *navigation]
+        changes = [f"navigation.variant={variant}", "navigation.use_single_range=true", *assignments]
         scenario = load_flyable("T5", [*changes, "motion=kinematic", "duration_s=2"])
-        settings = settings_as(NavigationSettings, scenario, simulate_motion(scenario), 0)
-        estimates, title = by_laisn(recorded, settings), variant
-    console, measured = Console(), recorded.measurements
+        motion = simulate_motion(scenario)
+        estimates, title = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion, 0)), variant
+    measured = recorded.measurements
     heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")
     rows = []
     for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
@@ -314,11 +248,6 @@ def replay_data_set(
         ]
         x, y = found.state[-1, :2]
         rows.append([name, *figures, f"{x:.2f}, {y:.2f}"])
-    show_table(console, heads, rows)
-    for remark in recorded.remarks:
-        tell(console, remark, "note:")
-    if out is not None:
-        write_states(out, [(VEHICLE, measured.time, estimates.state)])
-        tell(console, out)
+    show_table(Console(), heads, rows)
     vehicle = Replayed(name=VEHICLE, measured=measured, estimates=estimates, path=recorded.truth)
-    _write_page(console, [vehicle], path, title, recorded.remarks)
+    _write_replay([vehicle], path, title, recorded.remarks, out)

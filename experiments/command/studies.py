@@ -1,11 +1,14 @@
 """Subcommands that run studies: `laisn study` for study files, the studies that ship, and `laisn compare`."""
 
+import os
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from experiments.command.errors import say
+from laisn.failure import LaisnError
 
 if TYPE_CHECKING:
     from experiments.study.estimate import Results
@@ -52,8 +55,6 @@ def _factors(assignments: list[str]) -> dict[str, Any]:
 
 
 def _print_effort(study: "Study", workers: int | None) -> None:
-    import os
-
     from experiments.study.plan import many, plan_of
     from experiments.study.study import effort_of
 
@@ -71,17 +72,17 @@ def _can_film() -> bool:
     """Whether films can be rendered; prints why not."""
     from sim.film import graphics
 
-    if graphics.working() is None:
+    works = graphics.working() is not None
+    if not works:
         typer.echo(f"no film: {graphics.MISSING}", err=True)
-        return False
-    return True
+    return works
 
 
 def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path | None:
     """Film the worst run of the worst point into the folder."""
     from experiments.flight.fly import fly
     from experiments.flight.summary import position_and_bearing_errors
-    from experiments.study.notable import worst_entry
+    from experiments.study.page import worst_entry
     from sim.film.render import render
 
     if not _can_film():
@@ -107,6 +108,7 @@ def study(
     seas: Annotated[int | None, typer.Option(min=1, max=100_000, help="seas at each point: waves, and draws")] = None,
     seed: Annotated[int | None, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="print the size of the study and stop")] = False,
+    quick: QuickOption = False,
     film: Annotated[str | None, typer.Option(metavar="worst", help="film the worst run of the worst point")] = None,
     workers: WorkersOption = None,
     out: OutOption = None,
@@ -114,28 +116,36 @@ def study(
     cluster: ClusterOption = None,
 ) -> None:
     """Run a study: factors, draws and arms of a file; write tables, intervals and a page."""
-    from experiments.study.file import study_of
+    given = {name: value for name, value in locals().items() if value and name != "source"}
+    from experiments.study.file import OWN_DESIGN, study_of
     from experiments.study.study import run_study
-    from laisn.failure import LaisnError
     from sim.scenario.file import values_of
 
+    if source in OWN_DESIGN and not Path(source).exists():
+        _run_own(source, given)
+        return
+    if quick:
+        raise LaisnError("--quick: a study file names its runs; change them with --runs")
     if film not in (None, "worst"):
         raise LaisnError(f"--film {film}: expected --film worst")
-    keys = {
-        "vary": _factors(vary or []),
-        "draw": values_of(draw or (), "--draw"),
-        "set": values_of(set_ or ()),
-        "runs": runs,
-        "seas": seas,
-        "seed": seed,
-    }
-    asked = study_of(source, keys)
+    keys = {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
+    asked = study_of(source, keys | {"runs": runs, "seas": seas, "seed": seed})
     if dry_run:
         _print_effort(asked, workers)
         return
     folder, film_of = out or Path("out") / asked.name, _film_worst if film else None
     report = run_study(asked, folder, workers=workers, cluster=cluster, force=force, film=film_of)
     say(f"report in {report}")
+
+
+def _run_own(name: str, options: dict[str, Any]) -> None:
+    """Run a study with a design of its own, as its own command does; LaisnError names an option that it lacks."""
+    run = {command.__name__: command for command in (asymmetry, estimators, formation, reproduce)}[name]
+    foreign = options.keys() - signature(run).parameters.keys()
+    if foreign:
+        option = min(foreign).strip("_").replace("_", "-")
+        raise LaisnError(f"--{option}: no option of the study {name}; `laisn {name} --help` lists its options")
+    run(**options)
 
 
 def compare(
@@ -163,7 +173,7 @@ def reproduce(
     cluster: ClusterOption = None,
 ) -> None:
     """Run the paper's five stages; write tables beside the published ones, figures, and verdicts on its claims."""
-    from experiments.reproduction import study as reproduction
+    from experiments.studies.reproduction import study as reproduction
 
     report = reproduction.reproduce(
         stage, motion=motion,  # type: ignore[arg-type]  # reproduce refuses other motions
@@ -183,8 +193,8 @@ def asymmetry(
     ] = None,
 ) -> None:
     """Run the study of range errors from a pitching leader, and of remedies."""
-    from experiments.asymmetry import film as asymmetry_film
-    from experiments.asymmetry import study
+    from experiments.studies.asymmetry import film as asymmetry_film
+    from experiments.studies.asymmetry import study
 
     wanted = (not quick if film is None else film) and _can_film()
     film_of = asymmetry_film.film if wanted else None
@@ -201,12 +211,10 @@ def estimators(
     cluster: ClusterOption = None,
 ) -> None:
     """Run the comparison of LAISN-2, the tightly coupled navigator and the Cramér–Rao bound."""
-    from experiments.estimators import report, study
-    from experiments.findings import FILE, read
+    from experiments.studies.estimators import study
 
     folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
-    found = study.run(folder, quick=quick, workers=workers, force=force, cluster=cluster)
-    say(f"report in {report.write_page(read(folder / FILE), found, folder / 'report.html', quick=quick)}")
+    say(f"report in {study.run(folder, quick=quick, workers=workers, force=force, cluster=cluster)}")
 
 
 def formation(
@@ -220,11 +228,8 @@ def formation(
     cluster: ClusterOption = None,
 ) -> None:
     """Run the study of ten followers in formation: currents, waves, losses and navigators."""
-    from experiments.findings import FILE, read
-    from experiments.formation import report, study
+    from experiments.studies.formation import study
 
     folder = out or Path("out") / ("formation-quick" if quick else "formation")
-    size = runs or (2 if quick else study.RUNS), 100.0 if quick else study.DURATION_S
-    study.run(folder, *size, workers=workers, force=force, cluster=cluster)
-    page = report.write_page(read(folder / FILE), folder / "report.html", quick=quick)
+    page = study.run(folder, quick=quick, runs=runs, workers=workers, force=force, cluster=cluster)
     say(f"report in {page}")

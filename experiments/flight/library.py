@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from sim.scenario.file import ScenarioError, assigned, override, read, validate
-from sim.scenario.own_hull import seen_from
+from sim.scenario.file import ScenarioError, assigned, override, read, seen_from, validate
 from sim.scenario.settings import Scenario
 from sim.screen import plain, shortened
 

@@ -18,10 +18,9 @@ from laisn.geometry import horizontal_range
 from laisn.messages import LeaderMessage
 from laisn.records import own_arrays
 from sim.flight import Flight, navigation_settings
-from sim.sensing.acoustics import TRANSMITTERS, propagate
-from sim.sensing.echo import Path, locked_path
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import errors_of
+from sim.sensing.acoustics import TRANSMITTERS, AcousticConfig, Path, propagate
+from sim.sensing.channel import locked_path
+from sim.sensing.sensors import errors_of
 from sim.trajectory import leveled
 
 
@@ -101,7 +100,7 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
         follower: its index, 0 for the first.
     """
     scenario, trajectory, measured = flight.scenario, flight.trajectory, flight.measurements[follower]
-    sound = propagate(trajectory, Hearing.of(scenario, follower), follower)
+    sound = propagate(trajectory, AcousticConfig.of(scenario, follower), follower)
     # sound counts steps from the start of the mission, a flight from its own
     first = round(float(trajectory.time[0]) / measured.dt)
     _, row, kept = np.intersect1d(sound.message_step - first, measured.message_step, return_indices=True)
@@ -115,15 +114,13 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone")[fix]
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
-    path = np.full((row.size, 3), int(Path.DIRECT))
     errors = errors_of(scenario, follower)
-    if errors.echoes:
-        path = locked_path(scenario.seed, scenario.run, follower, emission, errors.echo_chance, errors.common_echoes)
+    path = locked_path(scenario.seed, scenario.run, follower, emission, errors.echo_chance, errors.common_echoes)
 
     def taken(values: Floats) -> Floats:
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])
 
-    length = taken(sound.length)
+    length = taken(sound.arrival.length)
     message = dict(zip(LeaderMessage._fields, measured.message[kept].T, strict=True))
     height = navigation_settings(scenario, trajectory, follower).hydrophone_height
     measured_difference = message["depth"] - (measured.depth[measured.message_step[kept] - 1] - height)
@@ -131,9 +128,9 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     steps = {
         Cause.FORESHORTENING: np.linalg.norm(broadcast[..., :2] - hydrophone[:, None, :2], axis=2),
         Cause.LEVER_ARM: _on_plane(np.linalg.norm(broadcast - hydrophone[:, None], axis=2), depth_difference),
-        Cause.MOTION: _on_plane(sound.length[row, :, Path.DIRECT], depth_difference),
+        Cause.MOTION: _on_plane(sound.arrival.length[row, :, Path.DIRECT], depth_difference),
         Cause.ECHO: _on_plane(length, depth_difference),
-        Cause.SOUND_SPEED: _on_plane(length * taken(sound.slowness_ratio), depth_difference),
+        Cause.SOUND_SPEED: _on_plane(length * taken(sound.arrival.ratio), depth_difference),
         Cause.CLOCK: _on_plane(taken(sound.range), depth_difference),
         Cause.RANDOM: _on_plane(measured.ranges[kept], depth_difference),
         Cause.DEPTH: _on_plane(measured.ranges[kept], measured_difference),

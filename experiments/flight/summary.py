@@ -1,4 +1,4 @@
-"""What is said of a flight: errors of its estimates, events on its way, and the figures of `summary.json`."""
+"""Errors of a flight's estimates, and the numbers of `summary.json`."""
 
 from dataclasses import asdict
 from typing import Any
@@ -7,12 +7,10 @@ import numpy as np
 
 from experiments.campaign.bound import flight_bound
 from experiments.campaign.version import versions
-from experiments.flight.separation import approach_events, contact_events, route_events, uncertainty_events
 from laisn import metrics
 from laisn.arrays import Floats
 from sim.contact import contacts
 from sim.flight import Flight
-from sim.log.events import Event
 from sim.sensing.proximity import sightings
 from sim.station_keeping import closest_approaches, closest_in_a_layer, off_places, station_keeping
 
@@ -38,38 +36,6 @@ def true_bearing(flight: Flight, follower: int) -> Floats:
     steps = flight.step_index()
     away = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
     return np.asarray(np.mod(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0], 2 * np.pi))
-
-
-def capture_events(flight: Flight) -> list[Event]:
-    """A line for the log where an estimate is captured at the mirror image of the truth, and where it is released."""
-    steps = flight.step_index()
-    time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
-    heading = flight.trajectory.heading[steps, 0]
-    events = []
-    for i, name in enumerate(flight.trajectory.names[1:]):
-        estimate, truth = flight.estimates[i].state[:, :2], flight.hydrophone(i)[:, :2]
-        captured = metrics.captured_steps(estimate, truth, leader, heading)
-        for k in np.flatnonzero(np.diff(captured.astype(np.int64), prepend=0)):
-            caught = bool(captured[k])
-            text = "mirror capture: the estimate is at the truth's mirror image" if caught else "mirror capture ends"
-            events.append(Event(float(time[k]), "warning" if caught else "info", text, name))
-    return sorted(events, key=lambda event: event.time_s)
-
-
-def stray_events(flight: Flight) -> list[Event]:
-    """Events for the log: a vehicle leaves the water or its route, touches or nearly touches another, or its station is
-    too near another one."""
-    events = [*route_events(flight), *approach_events(flight), *contact_events(flight), *uncertainty_events(flight)]
-    floor = flight.scenario.ocean.floor_depth_m
-    planned = (flight.scenario.leader, *flight.scenario.followers)
-    for v, name in enumerate(flight.trajectory.names):
-        depth = flight.trajectory.depth[:, v]
-        surfaced = depth < 0 if planned[v].layer_m > 1 else np.zeros(depth.size, dtype=bool)
-        for strayed, text in ((depth > floor, "goes below the sea floor"), (surfaced, "breaks the surface")):
-            if strayed.any():
-                first = float(flight.trajectory.time[np.argmax(strayed)])
-                events.append(Event(first, "warning", f"{name} {text}", name))
-    return sorted(events, key=lambda event: event.time_s)
 
 
 def off_place_rms(flight: Flight) -> list[float]:

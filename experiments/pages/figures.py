@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
+from xml.sax.saxutils import escape
 
 import matplotlib as mpl
 import numpy as np
@@ -24,8 +25,6 @@ DRAWN_POINTS = 600
 
 Limits = tuple[float | None, float | None]
 """Bottom and top of an axis; None leaves one to the data."""
-
-
 _STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "laisn-sim",
@@ -70,13 +69,8 @@ class Line:
 def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, Floats]:
     """Smallest and largest value of each of points/2 stretches, in their order, so that no peak is lost.
 
-    Args:
-        x: shape (n,).
-        y: shape (n,).
-        points: most points to keep.
-
     Returns:
-        Both at the same at most `points` + 2 places, the first and last included.
+        x and y, of shape (n,), at the same at most `points` + 2 places, the first and last included.
     """
     n = y.size
     if n <= points:
@@ -116,25 +110,16 @@ def _axes(figure: Figure, bottom: float, height: float) -> Axes:
     return figure.add_axes((left / wide, bottom / high, (wide - left - right) / wide, height / high))
 
 
-def _points(width: float) -> int:
-    """Most points of a line in a panel of a width [inch]."""
-    return round(DRAWN_POINTS * max(1.0, width / WIDTH))
-
-
-def _draw(axes: Axes, lines: Iterable[Line], points: int | None) -> None:
-    """Lines and marks; lines of more than so many points are decimated."""
+def _draw(axes: Axes, lines: Iterable[Line], width: float, *, whole: bool = False) -> None:
+    """Lines and marks; a line of more points than a panel of this width [inch] shows is decimated unless whole."""
+    points = round(DRAWN_POINTS * max(1.0, width / WIDTH))
     for line in lines:
-        x, y = (line.x, line.y) if points is None or line.marker else decimate(line.x, line.y, points)
-        if line.marker:
-            size, edge = (5.0, 0.7) if line.marker == "|" else (line.size, 0.0)
-            axes.plot(
-                x, y, linestyle="none", marker=line.marker, markersize=size, markeredgewidth=edge,
-                color=line.colour.placeholder, alpha=line.opacity,
-            )  # fmt: skip
-        else:
-            axes.plot(
-                x, y, linestyle=line.dash, linewidth=line.width, color=line.colour.placeholder, alpha=line.opacity
-            )
+        x, y = (line.x, line.y) if whole or line.marker else decimate(line.x, line.y, points)
+        size, edge = (5.0, 0.7) if line.marker == "|" else (line.size, 0.0)
+        axes.plot(
+            x, y, linestyle="none" if line.marker else line.dash, linewidth=line.width, marker=line.marker,
+            markersize=size, markeredgewidth=edge, color=line.colour.placeholder, alpha=line.opacity,
+        )  # fmt: skip
 
 
 def _title(axes: Axes, title: str) -> None:
@@ -161,17 +146,14 @@ def panel(
         y_label: with unit.
         title: set above the panel, on the left.
         equal: both axes to one scale, for maps.
-        y_limits: bottom and top; None leaves one to the data.
+        y_limits: of the axis.
         width: [inch]; wider panels keep more points.
         height: [inch].
-
-    Returns:
-        The figure, to be turned into SVG by `svg`.
     """
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(width, height))
         axes = _axes(figure, 0.44, height - 0.72)
-        _draw(axes, lines, None if equal else _points(width))
+        _draw(axes, lines, width, whole=equal)
         if equal:
             axes.set_aspect("equal", adjustable="datalim")
         axes.margins(x=0.05 if equal else 0.0)
@@ -186,15 +168,7 @@ def panel(
 def stack(
     parts: Sequence[Part], *, x_label: str, title: str = "", width: float = WIDTH, height: float = HEIGHT
 ) -> Figure:
-    """Panels above one another that share the axis at their foot.
-
-    Args:
-        parts: from above.
-        x_label: with unit.
-        title: set above the uppermost, on the left.
-        width: [inch].
-        height: of all together [inch].
-    """
+    """Panels above one another, listed from above, that share the axis at their foot; arguments as of `panel`."""
     gap = 0.14
     each = (height - 0.72 - gap * (len(parts) - 1)) / len(parts)
     with mpl.rc_context(_STYLE):
@@ -203,7 +177,7 @@ def stack(
             axes = _axes(figure, 0.44 + number * (each + gap), each)
             for low, high in part.shaded:
                 axes.axhspan(low, high, color=GRID.placeholder, linewidth=0.0)
-            _draw(axes, part.lines, _points(width))
+            _draw(axes, part.lines, width)
             axes.margins(x=0.0)
             axes.set_ylabel(part.y_label, labelpad=3)
             axes.set_ylim(*part.y_limits)
@@ -218,40 +192,13 @@ def stack(
     return figure
 
 
-def timeline(marks: Sequence[Line], rows: Sequence[str], title: str = "", width: float = WIDTH) -> Figure:
-    """A panel with a named row for each line of marks; x in seconds.
-
-    Args:
-        marks: one line for each row, its y being the number of the row from 0.
-        rows: names, from below.
-        title: set above the panel.
-        width: [inch].
-    """
-    figure = panel(
-        marks,
-        x_label="time [s]",
-        y_label="",
-        title=title,
-        width=width,
-        height=1.1 + 0.2 * len(rows),
-        y_limits=(-0.6, len(rows) - 0.4),
-    )
-    axes = figure.axes[0]
-    left, bottom, across, height = axes.get_position().bounds
-    room = 0.25 / width
-    axes.set_position((left + room, bottom, across - room, height))
-    axes.set_yticks(range(len(rows)), rows)
-    axes.tick_params(axis="y", length=0)
-    axes.grid(visible=False, axis="y")
-    return figure
-
-
 _SYMBOL = re.compile(r"(?<=[> ,])([EDHσ])_([A-Za-z]+)(?=[^<>\"]*</text>)")
 """A symbol with an index, such as E_P, in the words of a drawing."""
 
 
-def _escape(text: str) -> str:
-    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+def with_subscripts(text: str) -> str:
+    """The text of a drawing with the indices of symbols below the line."""
+    return _SYMBOL.sub(r'\1<tspan dy="2" font-size="70%">\2</tspan><tspan dy="-2">&#8203;</tspan>', text)
 
 
 def svg(figure: Figure, name: str, label: str = "") -> str:
@@ -283,11 +230,11 @@ def svg(figure: Figure, name: str, label: str = "") -> str:
     text = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(\.\d\d)\d+", r"\1", tag[0]), text)
     text = re.sub(r"font-family: [^;\"]*;? ?", "", text)
     text = text.replace("font-weight: 700", "font-weight: 600")
-    text = _SYMBOL.sub(r'\1<tspan dy="2" font-size="70%">\2</tspan><tspan dy="-2">&#8203;</tspan>', text)
+    text = with_subscripts(text)
     for colour in COLOURS:
         text = text.replace(colour.placeholder, f"var({colour.variable}, {colour.light})")
     box = re.search(r'viewBox="([^"]*)"', text)
-    wide = round(72 * figure.get_size_inches()[0])
-    head = f'<svg viewBox="{box[1] if box else ""}" style="--w: {wide}" role="img" aria-label="{_escape(label)}">'
+    wide, label = round(72 * figure.get_size_inches()[0]), escape(label, {'"': "&quot;"})
+    head = f'<svg viewBox="{box[1] if box else ""}" style="--w: {wide}" role="img" aria-label="{label}">'
     text = re.sub(r"^<svg.*?>", lambda _: head, text, flags=re.DOTALL)
     return re.sub(r"\s*\n\s*", "\n", text).strip()

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.flight.summary import true_bearing
-from experiments.pages.figures import Line, Part, panel, stack, timeline
+from experiments.pages.figures import Line, Part, panel, stack
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, SERIES, TRANSMITTERS
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
@@ -24,6 +24,7 @@ MAP_WIDTH = 3.3
 """Width of the panels of a follower's row [inch]: errors over time, map, difference."""
 _TRACK_POINTS = 1500
 _DOTS = 1200
+_LEAST_WEIGHT = 1e-3
 
 
 def without_wraps(angle_deg: Floats) -> Floats:
@@ -34,12 +35,7 @@ def without_wraps(angle_deg: Floats) -> Floats:
 
 
 def bearing_part(time: Floats, bearing: Floats) -> Part:
-    """B over time, with the stretches on a darker ground where the follower is near the leader's axis.
-
-    Args:
-        time: shape (n,), [s].
-        bearing: shape (n,), [rad].
-    """
+    """B, shape (n,), [rad], over time [s]; darker ground where the follower is near the leader's axis."""
     shaded = [(0.0, ON_AXIS_DEG), (180.0 - ON_AXIS_DEG, 180.0 + ON_AXIS_DEG), (360.0 - ON_AXIS_DEG, 360.0)]
     angle = without_wraps(np.rad2deg(np.mod(bearing, 2 * np.pi)))
     return Part(
@@ -61,32 +57,20 @@ def own_sigma(covariance: Floats) -> Floats:
 def error_stack(flight: Flight, follower: int, errors: tuple[Floats, Floats], width: float = STACK_WIDTH) -> Figure:
     """E_P with the filter's own 2σ, E_B, and the bearing B, over time, each on its own axis.
 
-    Args:
-        flight: as flown.
-        follower: its index.
-        errors: E_P [m] and E_B [rad] at filter steps k = 1 … n, shapes (n,).
-        width: [inch].
+    `errors` are E_P [m] and E_B [rad] at filter steps k = 1 … n, shapes (n,).
     """
     time = flight.trajectory.time[flight.step_index()]
     position, bearing = errors
-    believed = own_sigma(flight.estimates[follower].covariance)
-    # a filter that knows nothing would leave a flat line of its errors
-    largest, widest = (float(np.nanmax(values, initial=0.0)) for values in (position, believed))
+    two_sigma = own_sigma(flight.estimates[follower].covariance)
+    # beside a very large uncertainty the errors would be a flat line
+    largest, widest = (float(np.nanmax(values, initial=0.0)) for values in (position, two_sigma))
     top = max(1.1 * largest, min(1.1 * widest, 3.0 * largest), 1e-3)
+    sigma = Line(x=time, y=np.minimum(two_sigma, 2 * top), colour=INK, width=0.7)
+    error = Line(x=time, y=position, colour=ESTIMATE)
+    turn = Line(x=time, y=np.rad2deg(np.abs(bearing)), colour=ESTIMATE)
     parts = [
-        Part(
-            lines=[
-                Line(x=time, y=np.minimum(believed, 2 * top), colour=INK, width=0.7),
-                Line(x=time, y=position, colour=ESTIMATE),
-            ],
-            y_label="E_P, 2σ [m]",
-            y_limits=(0.0, top),
-        ),
-        Part(
-            lines=[Line(x=time, y=np.rad2deg(np.abs(bearing)), colour=ESTIMATE)],
-            y_label="E_B [°]",
-            y_limits=(0.0, None),
-        ),
+        Part(lines=[sigma, error], y_label="E_P, 2σ [m]", y_limits=(0.0, top)),
+        Part(lines=[turn], y_label="E_B [°]", y_limits=(0.0, None)),
         bearing_part(time, true_bearing(flight, follower)),
     ]
     return stack(parts, x_label="time [s]", width=width, height=ROW_HEIGHT)
@@ -101,14 +85,14 @@ def position_errors(flight: Flight, errors: Sequence[Floats], worst: int) -> Fig
 
 
 def track_map(flight: Flight, followers: Sequence[int], width: float = MAP_WIDTH, height: float = ROW_HEIGHT) -> Figure:
-    """True routes of the leader and of some followers from above, and where these believed to be."""
+    """True routes of the leader and of some followers from above, and their estimates."""
     steps = flight.step_index()
     every = slice(None, None, max(1, steps.size // _TRACK_POINTS))
     leader = flight.trajectory.position[steps[every], 0, :2]
     lines = [Line(x=leader[:, 0], y=leader[:, 1], colour=LEADER, width=1.4)]
     tracks = [(flight.hydrophone(i)[every, :2], flight.estimates[i].state[every, :2]) for i in followers]
     lines += [Line(x=truth[:, 0], y=truth[:, 1], colour=FOLLOWER, width=1.8) for truth, _ in tracks]
-    lines += [Line(x=belief[:, 0], y=belief[:, 1], colour=ESTIMATE, width=0.7) for _, belief in tracks]
+    lines += [Line(x=estimate[:, 0], y=estimate[:, 1], colour=ESTIMATE, width=0.7) for _, estimate in tracks]
     ends = [(leader, LEADER), *((truth, FOLLOWER) for truth, _ in tracks)]
     lines += [Line(x=track[-1:, 0], y=track[-1:, 1], colour=colour, marker="o", size=4.5) for track, colour in ends]
     return panel(lines, x_label="east [m]", y_label="north [m]", title="Routes", equal=True, width=width, height=height)
@@ -158,17 +142,13 @@ def motion(flight: Flight) -> list[tuple[str, Figure]]:
     colours = [LEADER, *[FOLLOWER] * (len(truth.names) - 1)]
     # the leader last, above the crowd
     order = [*range(1, len(truth.names)), 0]
-    width = (FULL - 0.5) / 3
-    return [
-        (
-            title,
-            panel(
-                [Line(x=truth.time, y=values[:, v], colour=colours[v], width=0.9) for v in order],
-                x_label="time [s]", y_label=label, title=title, y_limits=limits, width=width,
-            ),
-        )
-        for title, values, label, limits in quantities
-    ]  # fmt: skip
+    figures = []
+    for title, values, label, limits in quantities:
+        lines = [Line(x=truth.time, y=values[:, v], colour=colours[v], width=0.9) for v in order]
+        width = (FULL - 0.5) / 3
+        figure = panel(lines, x_label="time [s]", y_label=label, title=title, y_limits=limits, width=width)
+        figures.append((title, figure))
+    return figures
 
 
 def ranges(flight: Flight, follower: int) -> Figure:
@@ -194,4 +174,37 @@ def fixes(flight: Flight, follower: int) -> Figure:
         )
         for row, kind in enumerate(kinds)
     ]
-    return timeline(marks, [FIX_WORDS[FixKind(kind)] for kind in kinds], width=HALF)
+    height, limits = 1.1 + 0.2 * len(kinds), (-0.6, len(kinds) - 0.4)
+    figure = panel(marks, x_label="time [s]", y_label="", width=HALF, height=height, y_limits=limits)
+    axes = figure.axes[0]
+    # room for the names of the kinds
+    left, bottom, across, high = axes.get_position().bounds
+    axes.set_position((left + 0.25 / HALF, bottom, across - 0.25 / HALF, high))
+    axes.set_yticks(range(len(kinds)), [FIX_WORDS[FixKind(kind)] for kind in kinds])
+    axes.tick_params(axis="y", length=0)
+    axes.grid(visible=False, axis="y")
+    return figure
+
+
+def error_and_bound(flight: Flight, follower: int, error: Floats, bound: Floats, width: float) -> Figure:
+    """E_P of a follower, its standard deviation by the filter, and the bound over time; shapes (n,), [m]."""
+    time, covariance = flight.trajectory.time[flight.step_index()], flight.estimates[follower].covariance
+    lines = [
+        Line(x=time, y=error, colour=ESTIMATE),
+        Line(x=time, y=np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]), colour=INK),
+        Line(x=time, y=bound, colour=MUTED, width=1.6),
+    ]
+    name = flight.trajectory.names[follower + 1]
+    return panel(lines, x_label="time [s]", y_label="position error [m]", title=name, width=width)
+
+
+def hypothesis_weights(flight: Flight, follower: int, width: float) -> Figure | None:
+    """Weights of a follower's hypotheses over time; None if a second one never weighed more than 0.001."""
+    estimates = flight.estimates[follower]
+    weight = estimates.hypotheses.weight
+    if np.all(weight[:, 1:] < _LEAST_WEIGHT):
+        return None
+    time = np.asarray(estimates.fix_step * flight.measurements[follower].dt, dtype=np.float64)
+    lines = [Line(x=time, y=weight[:, h], colour=SERIES[h]) for h in range(weight.shape[1])]
+    title = f"{flight.trajectory.names[follower + 1]}: hypotheses"
+    return panel(lines, x_label="time [s]", y_label="weight", title=title, width=width)

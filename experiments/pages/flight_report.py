@@ -7,11 +7,11 @@ from typing import Any, Literal
 import numpy as np
 
 from experiments.flight.summary import flight_bounds
-from experiments.pages import account, bound_panel, flight_figures, range_budget_page
+from experiments.pages import flight_figures, flight_text, range_budget_page
 from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
 from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words, write
-from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED, TRANSMITTERS
+from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, TRANSMITTERS
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
@@ -24,6 +24,7 @@ Errors = Sequence[tuple[Floats, Floats]]
 
 DRAWN_FOLLOWERS = 12
 """Followers with a row of their own; tables and the map have all of them."""
+_IN_DEGREES = {"compass_bias_rad": "compass_bias_deg", "leader_compass_bias_rad": "leader_compass_bias_deg"}
 VEHICLES = ((LEADER, "leader"), (FOLLOWER, "follower"), (ESTIMATE, "estimate"))
 
 
@@ -32,18 +33,18 @@ def _drawn(flight: Flight) -> range:
 
 
 def _all_drawn(flight: Flight) -> str:
-    followers = len(flight.estimates)
-    drawn = len(_drawn(flight))
+    followers, drawn = len(flight.estimates), len(_drawn(flight))
     return "" if drawn == followers else f" The first {drawn} of {followers} followers are drawn."
 
 
-def _overview(flight: Flight, errors: Errors) -> Figures:
-    """Position errors over time: of the follower, or of the worst beside the others."""
+def _overview(flight: Flight, errors: Errors) -> list[Figures | Table]:
+    """Position errors over time, of the follower or of the worst beside the others, and their table."""
     names = flight.trajectory.names[1:]
     worst = max(range(len(names)), key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))
     figure = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
     legend = [(ESTIMATE, names[worst])] + ([(MUTED, "other followers")] if len(names) > 1 else [])
-    return Figures(panels=[svg(figure, "overview", "Position errors over time")], legend=legend)
+    curves = Figures(panels=[svg(figure, "overview", "Position errors over time")], legend=legend)
+    return [curves, *_overview_table(flight)]
 
 
 def _overview_table(flight: Flight) -> list[Table]:
@@ -52,29 +53,27 @@ def _overview_table(flight: Flight) -> list[Table]:
         return []
     rows: list[list[Cell]] = []
     for i, name in enumerate(flight.trajectory.names[1:]):
-        one = account.seen(flight, i)
+        one = flight_text.estimate_errors(flight, i)
         k = int(one.error.argmax())
         numbers = [float(one.error.mean()), float(np.percentile(one.error, 95)), float(one.error[k])]
         cells = [*map(number, numbers), number(float(one.time[k]), 0), number(100 * float(one.outside.mean()), 1)]
         rows.append([words(name), *cells])
-    return [
-        Table(
-            heads=("follower", "mean [m]", "95 % below [m]", "largest [m]", "at [s]", "outside 2σ [%]"),
-            rows=rows,
-            caption="Position error of the estimate, and share of the time for which the truth is outside the filter's "
-            f"2σ ellipse: a consistent filter would be outside for {account.percent(account.RIGHT_SHARE)} of it.",
-        )
-    ]
-
-
-def _routes(flight: Flight) -> Figures:
-    """All vehicles on one map."""
-    figure = flight_figures.track_map(flight, range(len(flight.estimates)), width=FULL, height=6.0)
-    return Figures(
-        panels=[svg(figure, "map", "Routes of leader and followers, and the estimates")],
-        caption="True and estimated routes; a dot marks where the mission ended.",
-        legend=VEHICLES,
+    heads = ("follower", "mean [m]", "95 % below [m]", "largest [m]", "at [s]", "outside 2σ [%]")
+    caption = (
+        "Position error of the estimate, and share of the time for which the truth is outside the filter's 2σ ellipse "
+        f"({flight_text.percent(flight_text.CONSISTENT_SHARE)} for a consistent filter)."
     )
+    return [Table(heads=heads, rows=rows, caption=caption)]
+
+
+def _routes(flight: Flight) -> list[Section]:
+    """All vehicles on one map; nothing for a single follower, whose row has a map."""
+    if len(flight.estimates) == 1:
+        return []
+    figure = flight_figures.track_map(flight, range(len(flight.estimates)), width=FULL, height=6.0)
+    panels = [svg(figure, "map", "Routes of leader and followers, and the estimates")]
+    caption = "True and estimated routes; a dot marks where the mission ended."
+    return [Section(title="Routes", blocks=[Figures(panels=panels, caption=caption, legend=VEHICLES)])]
 
 
 def _error_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) -> Figures:
@@ -117,17 +116,48 @@ def _stations(flight: Flight) -> list[Section]:
     return [Section(title="Stations", blocks=[Figures(panels=panels, caption=caption + _all_drawn(flight))])]
 
 
-def _motion(flight: Flight) -> Section:
-    panels = [
-        svg(figure, f"motion-{title.lower()}", f"{title} of all vehicles over time")
-        for title, figure in flight_figures.motion(flight)
+def _final_states(flight: Flight) -> list[Table]:
+    """Final estimates of biases, current and offsets, where a navigator has them."""
+    rows: list[list[Cell]] = []
+    for i in _drawn(flight):
+        for name, value, sigma in flight.estimates[i].further_states():
+            if np.isfinite(value):
+                per = 180.0 / np.pi if name in _IN_DEGREES else 1.0
+                cells = [words(flight.trajectory.names[i + 1]), words(_IN_DEGREES.get(name, name))]
+                rows.append([*cells, number(per * value), number(per * sigma)])
+    caption = "Estimates of sensor errors and current after the last message."
+    return [Table(heads=["follower", "state", "estimate", "σ"], rows=rows, caption=caption)] if rows else []
+
+
+def bound_section(flight: Flight, errors: Errors, bounds: Sequence[Floats]) -> Section:
+    """Error, its standard deviation by the filter and the bound, of shape (n,) of each follower [m], over time."""
+    names, drawn = flight.trajectory.names[1:], _drawn(flight)
+    width = HALF if len(drawn) > 1 else FULL
+    curves = [flight_figures.error_and_bound(flight, i, errors[i][0], bounds[i], width) for i in drawn]
+    panels = [svg(curves[i], f"bound{i}", f"Error and lower bound of {names[i]}") for i in drawn]
+    panels += [
+        svg(weights, f"weights{i}", f"Weights of the hypotheses of {names[i]}, the heaviest first")
+        for i in drawn
+        if (weights := flight_figures.hypothesis_weights(flight, i, width))
     ]
+    figures = Figures(
+        panels=panels,
+        caption="E_P, the root of the trace of the filter's position covariance, and the Cramér–Rao bound: the least "
+        "RMS error of dead reckoning with log and compass, corrected by these ranges, with constant biases.",
+        legend=[(ESTIMATE, "E_P"), (INK, "σ by the filter"), (MUTED, "bound")],
+    )
+    return Section(title="Cramér–Rao bound", blocks=[figures, *_final_states(flight)])
+
+
+def _motion(flight: Flight) -> Section:
+    drawn = flight_figures.motion(flight)
+    panels = [svg(figure, f"motion-{title.lower()}", f"{title} of all vehicles over time") for title, figure in drawn]
     return Section(title="Motion", blocks=[Figures(panels=panels, caption="Truth.", legend=VEHICLES[:2])])
 
 
 def _ranges(flight: Flight) -> Section:
     used = flight.scenario.navigation.transmitters
-    names = ("rear", "front", "middle")[:used]
+    names = range_budget_page.TRANSMITTERS
     rows = [
         Figures(
             panels=[
@@ -195,13 +225,11 @@ def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
         )
         if np.any(captured):
             share = 100 * float(np.mean(captured))
-            notices.append(
-                Notice(
-                    tone="warning",
-                    text=f"{name}: the estimate was more than {metrics.CAPTURE_ERROR:g} m off, at the mirror image of "
-                    f"the truth in the leader's axis, for {share:.1f} % of the mission (mirror capture).",
-                )
+            text = (
+                f"{name}: the estimate was more than {metrics.CAPTURE_ERROR:g} m off, at the mirror image of the truth "
+                f"in the leader's axis, for {share:.1f} % of the mission (mirror capture)."
             )
+            notices.append(Notice(tone="warning", text=text))
     return notices
 
 
@@ -209,8 +237,7 @@ def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     scenario = flight.scenario
     timing = f"{scenario.timing.filter_step_s:g} s, {scenario.timing.message_interval_s:g} s"
     transmitters, variant = scenario.navigation.transmitters, scenario.navigation.variant
-    followers = len(scenario.followers)
-    navigator = find(variant).title or variant.upper()
+    followers, navigator = len(scenario.followers), find(variant).title or variant.upper()
     return [
         ("Vehicles", f"a leader and {followers} follower{'s' if followers > 1 else ''}"),
         ("Navigator", f"{navigator} on {transmitters} transmitters"),
@@ -253,24 +280,19 @@ def flight_report(
     Raises:
         OSError: the file cannot be written.
     """
-    followers = flight.trajectory.names[1:]
     films = [Film(path=film, caption="The film of the mission.")] if film else []
-    routes = [Section(title="Routes", blocks=[_routes(flight)])] if len(followers) > 1 else []
-    first, *others = account.sentences(flight) or [f"{flight.outcome.value.capitalize()}."]
+    first, *others = flight_text.sentences(flight) or [f"{flight.outcome.value.capitalize()}."]
     page = Page(
         title=f"Flight {flight.scenario.name}",
         summary=first,
         facts=_facts(flight, summary),
         sections=[
-            Section(
-                title="Result",
-                blocks=[*_troubles(flight, errors), _overview(flight, errors), *_overview_table(flight), *films],
-            ),
+            Section(title="Result", blocks=[*_troubles(flight, errors), *_overview(flight, errors), *films]),
             Section(title="Details", blocks=[*(Text(text=text) for text in others), _results(summary)]),
-            *routes,
+            *_routes(flight),
             *_stations(flight),
             _errors(flight, errors),
-            bound_panel.section(flight, errors, bounds or flight_bounds(flight), len(_drawn(flight))),
+            bound_section(flight, errors, bounds or flight_bounds(flight)),
             _ranges(flight),
             range_budget_page.section(flight),
             _motion(flight),

@@ -32,8 +32,6 @@ _SHORT = 44
 EMBEDDED_FILM_BYTES = 2_500_000
 """Larger films are linked: Base64 adds a third, and a page stays below 5 MB."""
 _POSTER_QUALITY = 80
-
-
 _SYMBOL = re.compile(r"\b(?:([EHσμτ]|Δt)_([A-Za-z0-9θ]+)|(Δt))\b")
 
 
@@ -137,7 +135,7 @@ class Figures:
 
     kind: ClassVar[str] = "figures"
     panels: Sequence[str]
-    """SVG elements of `figures.svg`."""
+    """SVG elements of `figures.svg`, which escapes its label: trusted markup."""
     caption: str = ""
     title: str = ""
     """Set above the panels."""
@@ -148,11 +146,6 @@ class Figures:
         """Class of the page's style: a grid of many alike, or a row that fills the width, each panel by its own."""
         widths = {width for panel in self.panels for width in re.findall(r"^<svg [^>]*--w: (\d+)", panel)}
         return "grid" if len(self.panels) > 2 and len(widths) == 1 else "row"
-
-    @property
-    def drawings(self) -> list[Markup]:
-        """The panels as trusted markup: they come from `figures.svg`, which escapes its label."""
-        return [Markup(panel) for panel in self.panels]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,22 +215,16 @@ def number(value: float | int | None, digits: int = 2, tone: str = "", title: st
     return Cell(text=shown, sort=value, tone=tone, title=title)
 
 
-def percent(share: Sequence[float], digits: int = 1, tone: str = "", title: str = "") -> Cell:
-    """A share in per cent with its interval in brackets; a dash for limits that the data do not give."""
-    value, low, high = (number(100 * v, digits).text for v in share)
-    return Cell(text=f"{value} ({low} … {high})", sort=number(share[0]).sort, tone=tone, title=title)
-
-
 def with_limits(finding: "Finding", digits: int = 2) -> Cell:
     """A finding with its interval in brackets, if it has one."""
     return Cell(text=f"{finding:.{digits}f i}".replace(" (– to –)", ""), sort=float(finding.value or 0.0))
 
 
 def share_of(finding: "Finding") -> Cell:
-    """A finding that is a share, in per cent with its interval; a dash for what the study could not tell."""
-    return percent(
-        [math.nan if value is None else float(value) for value in (finding.value, finding.low, finding.high)]
-    )
+    """A finding that is a share, in per cent with its interval; a dash for what the study did not determine."""
+    values = [math.nan if value is None else float(value) for value in (finding.value, finding.low, finding.high)]
+    share, low, high = (number(100 * value, 1).text for value in values)
+    return Cell(text=f"{share} ({low} … {high})", sort=number(values[0]).sort)
 
 
 def words(text: str, tone: str = "", title: str = "") -> Cell:
@@ -275,16 +262,8 @@ def render(page: Page) -> str:
     """The page as HTML text."""
     found = versions()
     made_with = ", ".join(f"{name} {found[package]}" for package, name in _SHOWN_VERSIONS.items())
-    return (
-        _environment()
-        .get_template("page.html")
-        .render(
-            page=page,
-            made_with=made_with,
-            style=Markup(css() + _template("page.css")),
-            script=Markup(_template("page.js")),
-        )
-    )
+    style, script = Markup(css() + _template("page.css")), Markup(_template("page.js"))
+    return _environment().get_template("page.html").render(page=page, made_with=made_with, style=style, script=script)
 
 
 def write(page: Page, path: Path) -> None:

@@ -13,13 +13,8 @@ from laisn.arrays import Floats
 from sim.flight import Flight
 
 TRANSMITTERS = ("rear", "front", "middle")
-COLOUR = dict(
-    zip(
-        (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO),
-        SERIES,
-        strict=True,
-    )
-)
+_CAUSES = (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO)
+COLOUR = dict(zip(_CAUSES, SERIES, strict=True))
 """Colours of causes that can tell bow from stern; clock and sound speed are the same for both, or nearly."""
 _NOTICEABLE_M = 1e-6
 _DRAWN_FOLLOWERS = 3
@@ -38,10 +33,7 @@ def _largest(values: Floats) -> float:
 def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int = 3) -> Table:
     """Root mean square of each cause's share in the range errors, and in the asymmetry of bow and stern.
 
-    Args:
-        budget: of one follower's ranges.
-        caption: what stands before the table's own words.
-        transmitters: how many have a column, rear and front first.
+    The table's own caption follows `caption`; so many transmitters have a column, rear and front first.
     """
     at_work = [cause for cause in Cause if _largest(budget.share[..., cause]) > _NOTICEABLE_M]
     rows = [
@@ -77,12 +69,9 @@ def legend_of(causes: Sequence[Cause]) -> list[tuple[Colour, str]]:
 def section(flight: Flight) -> Section:
     """Why the ranges of a flight were off: for its report."""
     names = flight.trajectory.names[1:]
-    corrected = flight.scenario.navigation.use_attitude
-    assumption = (
-        "use the broadcast pitch and roll, so that lever arm and foreshortening do not affect their fixes"
-        if corrected
-        else "assume that it is level"
-    )
+    assumption = "assume that it is level"
+    if flight.scenario.navigation.use_attitude:
+        assumption = "use the broadcast pitch and roll, so that lever arm and foreshortening do not affect their fixes"
     blocks: list[Block] = [
         Text(
             text="Against the ranges to a level leader, each measured one is off for causes that add up exactly. What "
@@ -99,18 +88,13 @@ def section(flight: Flight) -> Section:
             blocks.append(Notice(text=f"{name} received no ping."))
             continue
         title = name if len(names) > 1 else ""
-        shares = {cause: budget.asymmetry[:, cause] for cause in COLOUR}
-        shares = {cause: share for cause, share in shares.items() if _largest(share) > _NOTICEABLE_M}
+        shares = {cause: share for cause in COLOUR if _largest(share := budget.asymmetry[:, cause]) > _NOTICEABLE_M}
         drawn |= set(shares)
         panels.append(svg(asymmetry_over_time(budget.time, shares, title, width), f"budget{i}"))
         tables.append(share_table(budget, f"{name}. " if len(names) > 1 else "", used))
     if panels:
         first = "" if len(names) <= _DRAWN_FOLLOWERS else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers."
-        blocks.append(
-            Figures(
-                panels=panels,
-                caption=f"What each cause does to the difference of front and rear range.{first}",
-                legend=legend_of([cause for cause in COLOUR if cause in drawn]),
-            )
-        )
+        caption = f"What each cause does to the difference of front and rear range.{first}"
+        legend = legend_of([cause for cause in COLOUR if cause in drawn])
+        blocks.append(Figures(panels=panels, caption=caption, legend=legend))
     return Section(title="Range error budget", blocks=[*blocks, *tables])

@@ -18,8 +18,12 @@ from laisn.metrics import nis
 _ELLIPSES = 24
 """Ellipses along the path of a vehicle."""
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 41)
-_POSE = ("east", "north", "heading")
 _NAMES = ("rear or first transmitter", "front or second", "middle or third")
+
+
+def _poses(measured: Measurements) -> list[Floats]:
+    """East, north [m], heading [rad] and depth [m] of the leader in each message, shapes (m,)."""
+    return [measured.message[:, LeaderMessage._fields.index(field)] for field in ("east", "north", "heading", "depth")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +37,12 @@ class Replayed:
     """From the rear to the front transmitter, where messages do not hold their positions [m]."""
     path: Floats | None = None
     """Surveyed path to compare with: time [s], east, north [m], shape (t, 3); None: there is none."""
+
+    @property
+    def fixes(self) -> str:
+        """Number of fixes of each kind, in words."""
+        kinds = Counter(self.estimates.fix_kind.tolist())
+        return ", ".join(f"{kinds[kind]} {FIX_WORDS[kind]}" for kind in FixKind if kinds[kind]) or "none"
 
     @property
     def sigma(self) -> Floats:
@@ -58,8 +68,7 @@ class Replayed:
         if measured.transmitters is not None:
             places = measured.transmitters
         else:
-            east, north, heading = (measured.message[:, LeaderMessage._fields.index(f)] for f in _POSE)
-            depth = measured.message[:, LeaderMessage._fields.index("depth")]
+            east, north, heading, depth = _poses(measured)
             arm = 0.5 * self.baseline * np.stack([np.sin(heading), np.cos(heading), np.zeros_like(heading)], axis=1)
             middle = np.column_stack([east, north, depth])
             places = np.stack([middle - arm, middle + arm, np.full_like(middle, np.nan)], axis=1)
@@ -98,7 +107,7 @@ def _map(one: Replayed) -> Figures:
         lines.append(Line(x=places[:, 0], y=places[:, 1], colour=LEADER, marker="^", size=5.0))
         legend.append((LEADER, "transmitters"))
     elif len(one.measured.message):
-        east, north = (one.measured.message[:, LeaderMessage._fields.index(field)] for field in ("east", "north"))
+        east, north, *_ = _poses(one.measured)
         lines.append(Line(x=east, y=north, colour=LEADER))
         legend.append((LEADER, "leader, as broadcast"))
     if one.path is not None:
@@ -110,10 +119,8 @@ def _map(one: Replayed) -> Figures:
 
 def _curves(one: Replayed) -> list[Block]:
     time = one.measured.time
-    sigma = panel(
-        [Line(x=time, y=2.0 * one.sigma, colour=ESTIMATE)],
-        x_label="time [s]", y_label="2σ of the position [m]", width=FULL,
-    )  # fmt: skip
+    curve = Line(x=time, y=2.0 * one.sigma, colour=ESTIMATE)
+    sigma = panel([curve], x_label="time [s]", y_label="2σ of the position [m]", width=FULL)
     at, residuals = time[one.measured.message_step - 1], one.residuals
     seen = np.isfinite(residuals)
     lines = [
@@ -141,11 +148,9 @@ def _table(replayed: Sequence[Replayed]) -> Table:
     heads = ["vehicle", "steps", "messages", "fixes", "2σ, median [m]", "2σ, largest [m]", "mean NIS", "mean error [m]"]
     rows = []
     for one in replayed:
-        kinds = Counter(one.estimates.fix_kind.tolist())
-        fixes = ", ".join(f"{kinds[kind]} {FIX_WORDS[kind]}" for kind in FixKind if kinds[kind]) or "none"
         squared, errors, sigma = one.nis, one.errors, one.sigma
         rows.append([
-            words(one.name), number(len(one.estimates.state)), number(len(one.measured.message)), words(fixes),
+            words(one.name), number(len(one.estimates.state)), number(len(one.measured.message)), words(one.fixes),
             number(2.0 * float(np.median(sigma))), number(2.0 * float(sigma.max())),
             number(float(np.nanmean(squared)) if np.isfinite(squared).any() else None),
             number(float(errors.mean()) if errors.size else None),
@@ -154,31 +159,19 @@ def _table(replayed: Sequence[Replayed]) -> Table:
 
 
 def _answer(one: Replayed) -> str:
-    sigma = one.sigma
+    sigma, errors = one.sigma, one.errors
     worst = int(np.argmax(sigma))
-    text = (
+    return (
         f"{one.name}: the position is known to {2.0 * float(np.median(sigma)):.2f} m (2σ, median), and at worst to "
         f"{2.0 * float(sigma[worst]):.2f} m, at {one.measured.time[worst]:.0f} s."
+        + (f" Its mean error is {errors.mean():.2f} m." if errors.size else "")
     )
-    errors = one.errors
-    return text + (f" Its mean error is {errors.mean():.2f} m." if errors.size else "")
 
 
 def write_replay_page(
     replayed: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str], path: Path
 ) -> None:
-    """Write the page of a replay.
-
-    Args:
-        replayed: the vehicles.
-        log: that was replayed.
-        navigator: that made the estimates.
-        remarks: on the log, each shown as a note.
-        path: of the HTML file.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write the page of a replay, with remarks on the log as notes; OSError if the file cannot be written."""
     notes: list[Block] = [Notice(text=remark) for remark in remarks]
     first = Section(title="Result", blocks=[_map(replayed[0]), _table(replayed), *notes])
     sections = [first, *(Section(title=f"Map of {one.name}", blocks=[_map(one)]) for one in replayed[1:])]

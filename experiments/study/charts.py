@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from textwrap import fill
 from typing import Any, NamedTuple
 
@@ -13,33 +13,25 @@ from matplotlib.patches import Rectangle
 
 from experiments.intervals import Interval
 from experiments.pages.figures import Line, panel, svg
-from experiments.pages.style import FRAME, INK, SERIES, Colour, Legend
+from experiments.pages.style import FRAME, FULL, INK, SERIES, Colour, Legend
 from experiments.study.estimate import Results, digits
-from experiments.study.metrics import METRICS
-from experiments.study.plan import Plan
+from experiments.study.metrics import METRICS, without_unit
+from experiments.study.plan import ARM, FOLLOWER, Plan, levels
 
-ARM, FOLLOWER = "arm", "follower"
 MOST_PANELS = 12
 MOST_LINES = len(SERIES)
 
-
-_UNITS = {
-    "deg_sqrt_h": "°/√h", "m_s2": "m/s²", "m_s": "m/s", "kg_m3": "kg/m³", "deg_s": "°/s", "deg_h": "°/h",
-    "per_s": "1/s", "ppm": "ppm", "deg": "°", "kg": "kg", "m2": "m²", "m": "m", "s": "s", "n": "N",
-}  # fmt: skip
-"""Units at the end of keys, the longer ones first."""
 _OWNERS = re.compile(r"^(leader|followers\.(\d+))\.")
 
 
 def _words(name: str) -> tuple[str, str]:
     """A key of the scenario in words, and its unit."""
     owner = _OWNERS.match(name)
-    text = name.rpartition(".")[2]
-    unit = next((unit for unit in _UNITS if text.endswith(f"_{unit}")), "")
-    words = text.removesuffix(f"_{unit}").replace("_", " ")
+    text, unit = without_unit(name.rpartition(".")[2])
+    words = text.replace("_", " ")
     if owner:
         words = f"{'leader' if owner[2] is None else f'follower {int(owner[2]) + 1}'}'s {words}"
-    return words, _UNITS.get(unit, "")
+    return words, unit
 
 
 def label_of(name: str) -> str:
@@ -70,18 +62,6 @@ class Layout(NamedTuple):
     against: str
     lines: str
     panels: tuple[str, ...]
-
-
-def levels(plan: Plan, name: str) -> list[Any]:
-    """All values of a factor, of the arms or of the followers, in their order."""
-    if name == ARM:
-        return list(plan.arms)
-    if name == FOLLOWER:
-        return list(plan.followers)
-    found: dict[str, Any] = {}
-    for point in plan.points:
-        found.setdefault(repr(point[name]), point[name])
-    return list(found.values())
 
 
 def axis_of(plan: Plan, name: str) -> Axis:
@@ -220,12 +200,15 @@ def combinations(plan: Plan, names: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def place_values(plan: Plan, results: Results, metric: str, base: str = "") -> Valued:
-    """Values of a metric by place; with a base arm its paired differences from that."""
-    index = {tuple(repr(point[f.key]) for f in plan.study.factors): i for i, point in enumerate(plan.points)}
+    """Values of a metric by place, whose factors have one value or single out a point; or differences from an arm."""
+    indices: dict[tuple[str, ...], dict[tuple[str, ...], int]] = {}
 
     def valued(here: dict[str, Any]) -> Interval | None:
-        point = index.get(tuple(repr(here[f.key]) if f.key in here else _only(plan, f.key)
-                                for f in plan.study.factors))  # fmt: skip
+        keys = tuple(factor.key for factor in plan.study.factors if factor.key in here)
+        if keys not in indices:
+            points = reversed(list(enumerate(plan.points)))
+            indices[keys] = {tuple(repr(point[key]) for key in keys): i for i, point in points}
+        point = indices[keys].get(tuple(repr(here[key]) for key in keys))
         if point is None:
             return None
         place = (point, here.get(ARM, plan.arms[0]), here.get(FOLLOWER, plan.followers[0]))
@@ -234,10 +217,6 @@ def place_values(plan: Plan, results: Results, metric: str, base: str = "") -> V
         return results.difference(place, base, metric) if base else results.estimate(place, metric)
 
     return valued
-
-
-def _only(plan: Plan, key: str) -> str:
-    return repr(plan.points[0][key])
 
 
 def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequence[dict[str, Any]]) -> list[str]:
@@ -272,6 +251,29 @@ def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequen
         axes.set_ylim(-0.5, len(up.values) - 0.5)
         panels.append(svg(figure, f"map{k}", f"map over {label_of(across.name)} and {label_of(up.name)} {title}"))
     return panels
+
+
+def effect_bars(effects: Mapping[str, Interval]) -> str:
+    """Bars of the share of variance of each factor, the largest at the top, with their intervals."""
+    places = np.arange(len(effects), dtype=np.float64)[::-1]
+    figure = panel(
+        [
+            Line(x=np.array([e.low, e.high]), y=np.repeat(y, 2), colour=INK)
+            for y, e in zip(places, effects.values(), strict=True)
+        ],
+        x_label="share of variance",
+        y_label="",
+        width=FULL,
+        height=0.8 + 0.3 * len(effects),
+        y_limits=(-0.6, len(effects) - 0.4),
+    )
+    (axes,) = figure.axes
+    axes.barh(places, [effect.value for effect in effects.values()], 0.6, color=SERIES[0].placeholder, alpha=0.6)
+    axes.set_yticks(places, [fill(label_of(name), 30) for name in effects])
+    left, bottom, across, height = axes.get_position().bounds
+    axes.set_position((left + 0.25, bottom, across - 0.25, height))
+    axes.set_xlim(0.0, 1.0)
+    return svg(figure, "effects", "Share of the variance that each factor explains")
 
 
 def over_seas(plan: Plan, results: Results, metric: str) -> tuple[list[str], Legend]:

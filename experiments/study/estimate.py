@@ -10,11 +10,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import betaincinv
 from scipy.stats import t as student
 
 from experiments.campaign.store import Record
-from experiments.intervals import CONFIDENCE, FEWEST_RUNS, Interval, difference_of_shares, mean_interval, proportion
+from experiments.intervals import (
+    CONFIDENCE,
+    FEWEST_RUNS,
+    Interval,
+    difference_of_shares,
+    exact_limits,
+    mean_interval,
+    proportion,
+)
 from experiments.study.metrics import SHARES
 from laisn.arrays import Floats
 
@@ -71,10 +78,7 @@ def share_over_seas(seas: Sequence[Floats]) -> Interval:
     if 0.0 < share < 1.0:
         most = share * (1.0 - share) * (_quantile(runs) / _quantile(count)) ** 2
         alike = min(most / scatter, float(runs)) if scatter > 0 else float(runs)
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low = 0.0 if share == 0.0 else float(betaincinv(share * alike, (1.0 - share) * alike + 1.0, tail))
-    high = 1.0 if share == 1.0 else float(betaincinv(share * alike + 1.0, (1.0 - share) * alike, 1.0 - tail))
-    return Interval(share, low, high)
+    return Interval(share, *exact_limits(share * alike, alike))
 
 
 def over_runs(seas: Sequence[Floats], *, shares: bool = False, paired: bool = False) -> Interval:

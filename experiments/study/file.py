@@ -1,20 +1,19 @@
 """Study files: what a user asks, as TOML, read and checked key by key."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from os.path import relpath
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import Field, ValidationError
 from scipy import stats
 
 from experiments.flight.library import name_of, names
-from experiments.study.draws import Draw, known
-from experiments.study.factors import Design, Factor
+from experiments.study.design import Design, Draw, Factor, known
 from laisn.failure import LaisnError
-from sim.scenario.file import dotted, plain_values, read
-from sim.scenario.own_hull import beside, is_mjcf, is_model_key
+from sim.scenario.file import beside, dotted, is_mjcf, is_model_key, plain_values, read
 from sim.scenario.section import Section
 from sim.scenario.settings import Name
 from sim.scenario.validation_errors import key_of
@@ -22,7 +21,10 @@ from sim.screen import plain, screenful, shortened
 
 FOLDER = Path(__file__).parents[1] / "studies"
 """Studies that ship."""
+OWN_DESIGN = ("asymmetry", "estimators", "formation", "reproduce")
+"""Studies that ship whose design no file can hold; each has a command of its own."""
 METRIC = "e_p_mean_m"
+Made = TypeVar("Made")
 
 
 class StudyError(LaisnError):
@@ -212,22 +214,22 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     lines: list[str] = []
     table = plain_values(table, source)
     file = _file(table, lines)
-    factors: list[Factor] = []
-    draws: list[Draw] = []
     unsound: dict[str, str] = {}
-    sampled = file.design != "factorial"
-    for key, given in dotted(file.vary, lambda v: bool({"from", "to", "steps"} & set(v))).items():
-        try:
-            factors.append(Factor.of(key, given, sampled=sampled))
-        except ValueError as error:
-            unsound[key] = "vary"
-            lines.append(f"  vary.{key}: {error}")
-    for key, given in dotted(file.draw, _names_a_law).items():
-        try:
-            draws.append(Draw.of(key, given))
-        except ValueError as error:
-            unsound[key] = "draw"
-            lines.append(f"  draw.{key}: {error}")
+
+    def made(part: str, given: Mapping[str, Any], make: Callable[[str, Any], Made]) -> list[Made]:
+        """Factors or draws of a part of the file; what is at fault is left out, with a line."""
+        found = []
+        for key, value in given.items():
+            try:
+                found.append(make(key, value))
+            except ValueError as error:
+                unsound[key] = part
+                lines.append(f"  {part}.{key}: {error}")
+        return found
+
+    varied = dotted(file.vary, lambda v: bool({"from", "to", "steps"} & set(v)))
+    factors = made("vary", varied, partial(Factor.of, sampled=file.design != "factorial"))
+    draws = made("draw", dotted(file.draw, _names_a_law), Draw.of)
     scenario = file.scenario
     if scenario and scenario not in names() and not Path(scenario).is_absolute():
         scenario = str(folder / scenario)
@@ -251,20 +253,15 @@ def path_of(source: str) -> Path:
     return FOLDER / f"{source}.toml" if source in shipped() and not Path(source).exists() else Path(source)
 
 
-def table_of(path: Path) -> dict[str, Any]:
-    """The table of a study file; errors as of `sim.scenario.file.read`."""
-    return read(path)
-
-
 _BY_KEY = ("vary", "draw", "set")
 """Parts of a study whose keys are replaced one by one."""
 
 
 def _table_at(path: Path, source: str) -> dict[str, Any]:
     if not path.exists():
-        known = f"available: {', '.join(shipped())}, a TOML file, or a scenario with --vary"
+        known = f"available: {', '.join((*shipped(), *OWN_DESIGN))}, a TOML file, or a scenario with --vary"
         raise StudyError(f"unknown study '{shortened(plain(source), 200)}'; {known}")
-    return table_of(path)
+    return read(path)
 
 
 def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:

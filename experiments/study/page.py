@@ -10,14 +10,29 @@ from experiments.intervals import Interval
 from experiments.pages.page import Block, Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words
 from experiments.pages.style import Legend
 from experiments.study import charts
+from experiments.study.effects import INTERACTIONS, main_effects
 from experiments.study.estimate import Place, Results, shown
 from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS
-from experiments.study.notable import commands, place_text
-from experiments.study.plan import ALONE, Entry, Plan, many
+from experiments.study.plan import ALONE, ARM, Entry, Plan, levels, many
+from laisn.failure import LaisnError
 
 _FEWEST_SEAS = 8
 """Fewest seas of a figure over what was drawn; with fewer there is nothing to see."""
+_MOST_COMMANDS = 400
+
+
+def point_text(plan: Plan, point: int) -> str:
+    """A point's factors and values."""
+    return ", ".join(charts.setting_text(key, value) for key, value in plan.points[point].items())
+
+
+def place_text(plan: Plan, place: Place) -> str:
+    """A place in words: its point, and arm and follower where there are several."""
+    parts = [point_text(plan, place[0])] if plan.points[place[0]] else []
+    parts += [f"arm {place[1]}"] if len(plan.arms) > 1 else []
+    parts += [place[2]] if len(plan.followers) > 1 else []
+    return ", ".join(parts) or "the study's only point"
 
 
 def _cell(interval: Interval, tone: str = "") -> Cell:
@@ -43,7 +58,7 @@ def summary_of(plan: Plan, results: Results) -> str:
     known = sorted((pair for pair in found if not math.isnan(pair[1].value)), key=lambda pair: pair[1].value)
     if not known:
         return f"Nothing can be said of the {label}."
-    unit = METRICS[metric].label.partition(" [")[2].rstrip("]")
+    unit = METRICS[metric].unit
     text = f"{label[0].upper()}{label[1:]}, with 95 % intervals: {shown(known[0][1], unit)}"
     if len(known) > 1:
         text += f" at best ({place_text(plan, known[0][0])}), {shown(known[-1][1], unit)} at most "
@@ -87,55 +102,54 @@ def _design(plan: Plan) -> list[Block]:
     return [*blocks, Table(heads=("key", "how", "values"), rows=rows)] if rows else blocks
 
 
+def _varied(plan: Plan) -> list[str]:
+    """Factors of more than one value."""
+    return [factor.key for factor in plan.study.factors if len(levels(plan, factor.key)) > 1]
+
+
+def _wants_lines(plan: Plan) -> bool:
+    """Whether lines over a factor are drawn: of several factors only where the study asks for them."""
+    report = plan.study.report
+    return len(_varied(plan)) < 2 or any((report.against, report.lines, report.panels))
+
+
 def _main(plan: Plan, results: Results) -> list[Block]:
-    metric = plan.study.report.metric
-    label, valued = METRICS[metric].label, charts.place_values(plan, results, metric)
-    blocks: list[Block] = []
+    """Figures of the report's metric: main effects, maps over two factors or points of a sample, lines if asked for."""
+    metric, blocks = plan.study.report.metric, list[Block]()
+    label, what = METRICS[metric].label, METRICS[metric].what
+    if effects := main_effects(plan, results, metric):
+        rest = f"; {INTERACTIONS}: what no factor explains alone" if INTERACTIONS in effects else ""
+        caption = f"Share of the variance of {label} over all points that each factor alone explains{rest}; bars: 95 %."
+        blocks.append(Figures(panels=[charts.effect_bars(effects)], caption=caption))
+    valued = charts.place_values(plan, results, metric)
     if plan.study.design != "factorial":
         panels: list[str] = []
         legend: Legend = []
         for i, factor in enumerate(plan.study.factors[: charts.MOST_PANELS]):
-            drawn, legend = _scatter(plan, results, factor.key, metric, i)
+            over = charts.Layout(factor.key, ARM if len(plan.arms) > 1 else "", ())
+            drawn, legend = charts.over_factor(plan, over, valued, label, f"scatter{i}-", zero=False)
             panels += drawn
-        caption = f"{METRICS[metric].what}; a mark for each point of the design, with its interval."
-        return [Figures(panels=panels, caption=caption, legend=legend)]
-    layout = charts.layout_of(plan)
+        caption = f"{what}; a mark for each point of the design, with its interval."
+        return [*blocks, Figures(panels=panels, caption=caption, legend=legend)]
+    layout, varied = charts.layout_of(plan), _varied(plan)
     if not layout.against:
         return [Text(text=f"{label}: {shown(results.estimate(next(iter(results.rows)), metric))}.")]
-    panels, legend = charts.over_factor(plan, layout, valued, label, "main", zero=False)
-    what = METRICS[metric].what
-    caption = f"{what[0].upper()}{what[1:]} over {charts.label_of(layout.against)}"
-    caption += f", a line for each {charts.label_of(layout.lines)}" if layout.lines else ""
-    hidden = len(charts.combinations(plan, layout.panels)) - len(panels)
-    caption += f"; {hidden} panels are left out" if hidden > 0 else ""
-    if panels:
-        blocks.append(Figures(panels=panels, caption=f"{caption}.", legend=legend))
-    varied = [f.key for f in plan.study.factors if len(charts.levels(plan, f.key)) > 1]
     if len(varied) >= 2:
-        names = (layout.against if layout.against in varied else varied[0], "")
-        names = (names[0], next(key for key in varied if key != names[0]))
-        rest = [key for key in varied if key not in names]
-        rest += [charts.ARM] if len(plan.arms) > 1 else []
-        chosen = charts.combinations(plan, rest)[: charts.MOST_PANELS]
-        maps = charts.heat_maps(plan, valued, names, chosen)
-        blocks.append(
-            Figures(
-                panels=maps,
-                caption=f"{label} over {charts.label_of(names[0])} and {charts.label_of(names[1])}, one colour scale.",
-            )
-        )
+        across = layout.against if layout.against in varied else varied[0]
+        up = next(key for key in varied if key != across)
+        others = [key for key in varied if key not in (across, up)] + [ARM] * (len(plan.arms) > 1)
+        maps = charts.heat_maps(plan, valued, (across, up), charts.combinations(plan, others)[: charts.MOST_PANELS])
+        caption = f"{label} over {charts.label_of(across)} and {charts.label_of(up)}, one colour scale."
+        blocks.append(Figures(panels=maps, caption=caption))
+    if _wants_lines(plan):
+        panels, legend = charts.over_factor(plan, layout, valued, label, "main", zero=False)
+        caption = f"{what[0].upper()}{what[1:]} over {charts.label_of(layout.against)}"
+        caption += f", a line for each {charts.label_of(layout.lines)}" if layout.lines else ""
+        hidden = len(charts.combinations(plan, layout.panels)) - len(panels)
+        caption += f"; {hidden} panels are left out" if hidden > 0 else ""
+        if panels:
+            blocks.append(Figures(panels=panels, caption=f"{caption}.", legend=legend))
     return blocks
-
-
-def _scatter(plan: Plan, results: Results, key: str, metric: str, number_: int) -> tuple[list[str], Legend]:
-    layout = charts.Layout(key, charts.ARM if len(plan.arms) > 1 else "", ())
-    points = {repr(point[key]): i for i, point in enumerate(plan.points)}
-
-    def valued(here: dict[str, object]) -> Interval | None:
-        place = (points[repr(here[key])], str(here.get(charts.ARM, plan.arms[0])), plan.followers[0])
-        return results.estimate(place, metric) if place in results.rows else None
-
-    return charts.over_factor(plan, layout, valued, METRICS[metric].label, f"scatter{number_}-", zero=False)
 
 
 def _differences(plan: Plan, results: Results) -> list[Block]:
@@ -145,13 +159,13 @@ def _differences(plan: Plan, results: Results) -> list[Block]:
         Text(text=f"Each arm less {base}, run by run on the same noise and the same sea; below zero the arm is lower.")
     ]
     others = plan.arms[1:]
-    places = [name for name in (layout.against, layout.lines, *layout.panels) if name and name != charts.ARM]
-    if places and plan.study.design == "factorial":
+    places = [name for name in (layout.against, layout.lines, *layout.panels) if name and name != ARM]
+    if places and plan.study.design == "factorial" and _wants_lines(plan):
         valued = charts.place_values(plan, results, metric, base)
-        trimmed = charts.Layout(places[0], charts.ARM, tuple(places[1:]))
+        trimmed = charts.Layout(places[0], ARM, tuple(places[1:]))
 
         def of_others(here: dict[str, object]) -> Interval | None:
-            return valued(here) if here[charts.ARM] in others else None
+            return valued(here) if here[ARM] in others else None
 
         panels, legend = charts.over_factor(plan, trimmed, of_others, f"difference: {label}", "apart", zero=True)
         if panels:
@@ -203,6 +217,52 @@ def _failures(plan: Plan, failures: Mapping[str, list[Entry]]) -> list[Block]:
     return blocks
 
 
+def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Sea and run of the worst and of the median run of a place, by the report's metric if single runs have it."""
+    metric = plan.study.report.metric
+    runs = results.by_run(place, metric) or results.by_run(place, METRIC)
+    if runs is None:
+        raise LaisnError(f"the runs of {place_text(plan, place)} have no {METRIC}")
+    seas = [row["sea"] for row in results.rows[place]]
+    # a run that contact ended has no value, and is the first to look at
+    every = sorted(
+        (math.inf if math.isnan(value) else value, sea, run)
+        for sea, values in zip(seas, runs, strict=True)
+        for run, value in enumerate(values.tolist())
+    )
+    worst, median = every[-1], every[(len(every) - 1) // 2]
+    return worst[1:], median[1:]
+
+
+def entry_at(plan: Plan, place: Place, sea: int) -> Entry:
+    """The entry of a place and a sea."""
+    return next(e for e in plan.entries if (e.point, e.arm, e.sea) == (place[0], place[1], sea))
+
+
+def worst_entry(plan: Plan, results: Results) -> tuple[Entry, int, str]:
+    """The scenario, run and follower of the worst run of the worst place."""
+
+    def size(place: Place) -> float:
+        value = results.estimate(place, plan.study.report.metric).value
+        return -math.inf if math.isnan(value) else value
+
+    place = max(results.rows, key=size)
+    (sea, run), _ = notable(plan, results, place)
+    return entry_at(plan, place, sea), run, place[2]
+
+
+def commands(plan: Plan, results: Results) -> str:
+    """For every place the commands that fly its worst and its median run alone."""
+    entries = {(entry.point, entry.arm, entry.sea): entry for entry in plan.entries}
+    lines = []
+    for place in list(results.rows)[:_MOST_COMMANDS]:
+        for which, (sea, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
+            told = f" of sea {sea}" if plan.study.seas > 1 else ""
+            lines.append(f"# {place_text(plan, place)}: {which} run, {run}{told}")
+            lines.append(entries[place[0], place[1], sea].command(plan.study.scenario, run))
+    return "\n".join(lines)
+
+
 def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], film: Path | None = None) -> Page:
     """The page of a study that was flown.
 
@@ -213,7 +273,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         film: of its worst run; None: there is none.
     """
     study, metric = plan.study, plan.study.report.metric
-    asked = study.question or f"What becomes of the {METRICS[metric].what}?"
+    asked = study.question or f"How does this metric depend on what is varied: {METRICS[metric].what}?"
     answer = [Text(text=asked), *_failures(plan, failures), *_main(plan, results)]
     sections = [Section(title="Question and answer", blocks=answer)]
     if len(plan.arms) > 1:

@@ -8,7 +8,7 @@ from typing import Any
 
 from experiments.campaign.missions import digest, motion_key, motion_of
 from experiments.flight.library import fly_line, table_of, text_of
-from experiments.study.factors import points_of
+from experiments.study.design import points_of
 from experiments.study.file import Study, refusal
 from experiments.study.metrics import METRICS
 from sim.feasibility import infeasibilities
@@ -16,6 +16,8 @@ from sim.scenario.file import ScenarioError, assigned, examined
 from sim.scenario.settings import Scenario
 from sim.scenario.validation_errors import unknown_key
 
+ARM, FOLLOWER = "arm", "follower"
+"""Names of what varies beside the factors."""
 ALONE = "all"
 """Name of the only arm of a study that names none."""
 MOST_ENTRIES = 200_000
@@ -46,7 +48,7 @@ class Entry:
     @property
     def closed_loop(self) -> bool:
         """Whether each of its runs is another mission."""
-        return any(follower.believes for follower in self.scenario.followers)
+        return any(follower.steers_by_estimate for follower in self.scenario.followers)
 
     def command(self, source: str, run: int) -> str:
         """The command that flies one of its runs alone, with the very same noise."""
@@ -74,6 +76,18 @@ class Plan:
         """Missions to fly: each once for all entries that share it, each run of a closed loop."""
         shared = {entry.motion for entry in self.entries if not entry.closed_loop}
         return len(shared) + self.study.runs * sum(entry.closed_loop for entry in self.entries)
+
+
+def levels(plan: Plan, name: str) -> list[Any]:
+    """All values of a factor, of the arms or of the followers, in their order."""
+    if name == ARM:
+        return list(plan.arms)
+    if name == FOLLOWER:
+        return list(plan.followers)
+    found: dict[str, Any] = {}
+    for point in plan.points:
+        found.setdefault(repr(point[name]), point[name])
+    return list(found.values())
 
 
 def many(number: int, noun: str) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -13,8 +14,7 @@ from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Record, columns_of
 from experiments.flight.fly import fly
-from experiments.study.closed_runs import records_of_run
-from experiments.study.facts import facts_of
+from experiments.study.measure import facts_of, records_of_run
 from experiments.study.plan import Entry, Plan
 
 _OWN = ("key", "mission", "version", "motion")
@@ -53,7 +53,7 @@ def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tupl
             row[name] = None
         elif name.endswith(("_max_m", "_max_deg")):
             row[name] = float(whole.max())
-        elif name == "closest_approach_m":
+        elif name.startswith("closest_"):
             row[name] = float(whole.min())
         elif "_rms_" in name:
             row[name] = float(np.sqrt(np.mean(whole**2)))
@@ -119,9 +119,8 @@ def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> 
     return outcomes
 
 
-def table_columns(rows: list[Record]) -> dict[str, list[Any]]:
-    """Rows as columns of one type each: where a factor's values are of several, they stand as text."""
-    columns = columns_of(rows)
+def of_one_type(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    """Columns of one type each: where a factor's values are of several, they stand as text."""
     for name, values in columns.items():
         kinds = {"number" if isinstance(v, int | float) and not isinstance(v, bool) else type(v).__name__
                  for v in values if v is not None}  # fmt: skip
@@ -130,11 +129,12 @@ def table_columns(rows: list[Record]) -> dict[str, list[Any]]:
     return columns
 
 
-def run_columns(runs: list[tuple[Record, Record]]) -> dict[str, list[Any]]:
+def run_columns(runs: list[tuple[Record, Record]]) -> dict[str, Any]:
     """Lists over runs as columns with a row for each run."""
-    rows = [
-        labels | dict(zip(lists, values, strict=True))
-        for labels, lists in runs
-        for values in zip(*lists.values(), strict=True)
-    ]
-    return table_columns(rows)
+    numbers = [len(next(iter(lists.values()))) for _, lists in runs]
+    columns: dict[str, Any] = {}
+    for name in dict.fromkeys(name for labels, lists in runs for name in (*labels, *lists)):
+        parts = [lists.get(name, [labels.get(name)] * n) for (labels, lists), n in zip(runs, numbers, strict=True)]
+        arrays = all(isinstance(part, np.ndarray) for part in parts)
+        columns[name] = np.concatenate(parts) if arrays else of_one_type({name: [*chain(*parts)]})[name]
+    return columns

@@ -1,24 +1,30 @@
-"""A study from its file to its page: `laisn study`."""
+"""A study from its file to its folder: `laisn study` and `laisn_sim.study`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import tomli_w
 
 from experiments.campaign import missions
 from experiments.campaign.campaign import ExecutionOptions, compile_ahead
 from experiments.campaign.plans import CellPlan, compute
-from experiments.campaign.store import Store, write_table
+from experiments.campaign.store import Store, columns_of, write_table
+from experiments.campaign.version import code_version
+from experiments.findings import Finding, Findings, of, read
 from experiments.flight.fly import fly
+from experiments.flight.tables import Table
 from experiments.pages.page import write
-from experiments.study.estimate import Results
-from experiments.study.file import Study, table_in
+from experiments.study.effects import main_effects
+from experiments.study.estimate import Place, Results
+from experiments.study.file import Study, study_of, table_in
+from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan, plan_of
-from experiments.study.record import record_of
-from experiments.study.run import Outcomes, fly_study, run_columns, table_columns
+from experiments.study.run import Outcomes, fly_study, of_one_type, run_columns
 from laisn.failure import LaisnError
 from sim.files import atomic_write
 
@@ -70,6 +76,34 @@ def effort_of(plan: Plan, workers: int) -> Effort:
     return Effort(plan.flights, cells, cells * runs, seconds / workers, size / 1e6)
 
 
+def _place_name(place: Place) -> str:
+    point, arm, follower = place
+    return f"point {point}, arm {arm}, {follower}"
+
+
+def record_of(plan: Plan, results: Results) -> Findings:
+    """The metric of the report at every place, and the arms' differences from the first of them."""
+    study, metric = plan.study, plan.study.report.metric
+    unit, what, first = METRICS[metric].unit, METRICS[metric].what, plan.arms[0]
+    found: dict[str, Finding] = {}
+    for place in results.rows:
+        estimate = results.estimate(place, metric)
+        point = ", ".join(f"{key} = {value}" for key, value in plan.points[place[0]].items())
+        found[f"{metric}: {_place_name(place)}"] = of(estimate, f"{what}; {point}" if point else what, unit)
+        if place[1] != first and (place[0], first, place[2]) in results.rows:
+            apart = results.difference(place, first, metric)
+            found[f"{metric}: {_place_name(place)}, less {first}"] = of(apart, f"paired difference: {what}", unit)
+    for name, share in main_effects(plan, results, metric).items():
+        found[f"share of variance: {name}"] = of(share, f"of the variance of {metric} over all points")
+    return Findings(
+        study=study.name,
+        command=f"laisn study {study.source}",
+        modules=("experiments.study.study",),
+        version=code_version(),
+        findings=found,
+    )
+
+
 def write_results(plan: Plan, outcomes: Outcomes, folder: Path, film: Path | None = None) -> Path:
     """Write tables, record and page of a study; the same outcomes give the same bytes.
 
@@ -87,7 +121,7 @@ def write_results(plan: Plan, outcomes: Outcomes, folder: Path, film: Path | Non
     results = Results.of(outcomes.rows, outcomes.runs)
     with atomic_write(folder / STUDY) as part:
         part.write_text(tomli_w.dumps(table_in(plan.study, folder)), encoding="utf-8")
-    write_table(folder / RESULTS, table_columns(outcomes.rows))
+    write_table(folder / RESULTS, of_one_type(columns_of(outcomes.rows)))
     write_table(folder / RUNS, run_columns(outcomes.runs))
     record_of(plan, results).write(folder / RECORD)
     write(page_of(plan, results, outcomes.failures, film), folder / REPORT)
@@ -120,3 +154,57 @@ def run_study(
     outcomes = fly_study(plan, folder, **options)
     filmed = film(plan, Results.of(outcomes.rows, outcomes.runs), folder) if film and outcomes.rows else None
     return write_results(plan, outcomes, folder, filmed)
+
+
+class StudyFolder:
+    """What a study left in its folder: `results.parquet`, `runs.parquet`, `results.json` and `report.html`.
+
+    Attributes:
+        folder: of the study.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        """Take a folder that `laisn study` wrote; LaisnError if it has no results."""
+        self.folder = Path(folder)
+        if not (self.folder / RESULTS).is_file():
+            raise LaisnError(f"{folder}: holds no results of a study ({RESULTS})")
+
+    @property
+    def report(self) -> Path:
+        """The page of the study."""
+        return self.folder / REPORT
+
+    @cached_property
+    def table(self) -> Table:
+        """A row for each point, arm, sea and follower (`results.parquet`)."""
+        return Table.read(self.folder / RESULTS)
+
+    @cached_property
+    def runs(self) -> Table:
+        """A row for each run of these (`runs.parquet`)."""
+        return Table.read(self.folder / RUNS)
+
+    @property
+    def findings(self) -> Mapping[str, Finding]:
+        """The metric of the report at every point with its interval, and the differences of arms (`results.json`)."""
+        return read(self.folder / RECORD).findings
+
+    def __repr__(self) -> str:
+        return f"<StudyFolder in {self.folder}: {len(self.table)} rows, {len(self.runs)} runs>"
+
+    def _repr_html_(self) -> str:
+        report = escape(str(self.report), quote=True)
+        return f'<p><a href="{report}">{report}</a></p>{self.table._repr_html_()}'
+
+
+def run(
+    source: str | Path | Mapping[str, Any],
+    keys: Mapping[str, Any],
+    out: str | Path | None,
+    **options: Unpack[ExecutionOptions],
+) -> StudyFolder:
+    """Fly a study and give its results; arguments and errors as of `laisn_sim.study`."""
+    study = study_of(source if isinstance(source, Mapping) else str(source), keys)
+    folder = Path("out") / study.name if out is None else Path(out)
+    run_study(study, folder, **(options | {"quiet": True}))
+    return StudyFolder(folder)

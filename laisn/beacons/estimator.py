@@ -1,11 +1,296 @@
-"""One range: split the mixture along its circle, update, weigh, merge, and add a ring of positions where needed."""
+"""The estimate of a vehicle among beacons: a mixture of Gaussians over its position and the errors of its sensors.
+
+State of a component, of n = 8 + 3 B numbers for B beacons; a state with the variance 0 is switched off:
+
+    x, y    position of the receiver, east and north [m]
+    b_s     logarithm of true over measured speed
+    b_θ     error of the heading, clockwise [rad] …
+    b_ω     … and the rate at which it grows [rad/s]
+    g       scale error of all ranges
+    c       current, east and north [m/s]
+    d_i     constant error of the ranges to beacon i [m] …
+    δ_i     … and the error of its place, east and north [m]
+"""
 
 import math
+from typing import NamedTuple
 
-from laisn.beacons.belief import HEADING, KEPT, OWN, ROOM, SCALE, SHARED, Belief, X, Y, copy
-from laisn.beacons.ranging import Ranging, learn, learn_variance, look
+import numpy as np
+
+from laisn.arrays import Floats, Ints
+from laisn.beacons.settings import BeaconSettings
 from laisn.compiled import compiled
-from laisn.mixture import blend, is_same_place, place_on_ring
+from laisn.mixture import add_moments, blend, is_same_place, place_on_ring
+
+X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
+"""Indices of the states that all beacons share."""
+SHARED, OWN = 8, 3
+"""Number of states that all beacons share, and of those of each one."""
+
+KEPT = 256
+"""Components that are kept from range to range."""
+ROOM = 4 * KEPT
+"""Components that there is room for while they are split."""
+
+# How fast what is called constant may wander, as variance in a second: biases of real sensors are never quite constant,
+# and a filter that takes them as constant loses track of them for good.
+_SPEED_WALK = 5e-4**2  # [1/s]
+_GYRO_WALK = 2e-5**2  # [rad²/s³]
+_CURRENT_WALK = 1e-3**2  # [m²/s³]
+
+
+class Belief(NamedTuple):
+    """A mixture of Gaussians, its heaviest component first; compiled functions change it in place."""
+
+    state: Floats
+    """Mean of each component, shape (ROOM, n)."""
+    covariance: Floats
+    """Its covariance, shape (ROOM, n, n)."""
+    weight: Floats
+    """Its weight, shape (ROOM,); sum 1 over those alive."""
+    alive: Ints
+    """How many components there are, shape (1,)."""
+    evidence: Floats
+    """Logarithm of the probability density of all ranges so far, shape (1,)."""
+    fresh: Floats
+    """Variances of the states before the mission, shape (n,)."""
+    variance: Floats
+    """Variance of each beacon's random error, as estimated so far, shape (B,), [m²]."""
+    rejected: Ints
+    """Ranges of each beacon rejected in a row, shape (B,)."""
+    gain: Floats
+    """Room for P Hᵀ, shape (n,)."""
+
+
+def _fresh_variances(settings: BeaconSettings, beacons: int) -> Floats:
+    """Variances of the states before the mission, shape (n,)."""
+    s = settings
+    shared = [s.start_sigma] * 2 + [s.speed_scale_sigma, s.heading_sigma, s.gyro_bias_sigma, s.range_scale_sigma]
+    own = [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
+    return np.square([*shared, s.current_sigma, s.current_sigma, *own * beacons])
+
+
+def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> Belief:
+    """One component at a known start [m], or none; no beacon is known yet."""
+    n = SHARED
+    belief = Belief(
+        state=np.zeros((ROOM, n)),
+        covariance=np.zeros((ROOM, n, n)),
+        weight=np.zeros(ROOM),
+        alive=np.zeros(1, dtype=np.int64),
+        evidence=np.zeros(1),
+        fresh=_fresh_variances(settings, 0),
+        variance=np.zeros(0),
+        rejected=np.zeros(0, dtype=np.int64),
+        gain=np.zeros(n),
+    )
+    if start is not None:
+        belief.state[0, :2] = start
+        belief.covariance[0] = np.diag(belief.fresh)
+        belief.weight[0], belief.alive[0] = 1.0, 1
+    return belief
+
+
+def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
+    """Belief with fresh states of one more beacon."""
+    before, beacons = belief.fresh.size, belief.variance.size + 1
+    fresh = _fresh_variances(settings, beacons)
+    state, covariance = np.zeros((ROOM, fresh.size)), np.zeros((ROOM, fresh.size, fresh.size))
+    # what is not alive stays untouched, and takes no memory
+    alive, own = slice(int(belief.alive[0])), np.arange(before, fresh.size)
+    state[alive, :before], covariance[alive, :before, :before] = belief.state[alive], belief.covariance[alive]
+    covariance[alive, own, own] = fresh[before:]
+    return belief._replace(
+        state=state,
+        covariance=covariance,
+        fresh=fresh,
+        variance=np.append(belief.variance, settings.range_sigma**2),
+        rejected=np.append(belief.rejected, 0),
+        gain=np.zeros(fresh.size),
+    )
+
+
+@compiled
+def copy(b: Belief, source: int, target: int) -> None:
+    """Copy a component."""
+    b.state[target] = b.state[source]
+    b.covariance[target] = b.covariance[source]
+    b.weight[target] = b.weight[source]
+
+
+@compiled
+def advance(b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float) -> None:
+    """One step of odometry, whose mean speed and heading are measured.
+
+    The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading.
+
+    Args:
+        b: the belief.
+        errors: random walk of the position that odometry does not see [m/√s], and of the heading [rad/√s].
+        speed: mean over the step [m/s].
+        heading: of the way in the step [rad].
+        time: that the step takes [s].
+    """
+    n, (slip, heading_walk) = b.fresh.size, errors
+    for k in range(b.alive[0]):
+        x, P = b.state[k], b.covariance[k]
+        if b.fresh[GYRO] > 0.0:
+            x[HEADING] += time * x[GYRO]
+            for j in range(n):
+                P[HEADING, j] += time * P[GYRO, j]
+            for j in range(n):
+                P[j, HEADING] += time * P[j, GYRO]
+            P[GYRO, GYRO] += time * _GYRO_WALK
+        way = speed * time * math.exp(x[SPEED])
+        east, north = way * math.sin(heading - x[HEADING]), way * math.cos(heading - x[HEADING])
+        x[X] += east + time * x[EAST]
+        x[Y] += north + time * x[NORTH]
+        for j in range(n):
+            P[X, j] += east * P[SPEED, j] - north * P[HEADING, j] + time * P[EAST, j]
+            P[Y, j] += north * P[SPEED, j] + east * P[HEADING, j] + time * P[NORTH, j]
+        for j in range(n):
+            P[j, X] += east * P[j, SPEED] - north * P[j, HEADING] + time * P[j, EAST]
+            P[j, Y] += north * P[j, SPEED] + east * P[j, HEADING] + time * P[j, NORTH]
+        P[Y, X] = P[X, Y]
+        P[X, X] += slip * slip * time
+        P[Y, Y] += slip * slip * time
+        P[HEADING, HEADING] += heading_walk * heading_walk * time
+        if b.fresh[SPEED] > 0.0:
+            P[SPEED, SPEED] += _SPEED_WALK * time
+        if b.fresh[EAST] > 0.0:
+            P[EAST, EAST] += _CURRENT_WALK * time
+            P[NORTH, NORTH] += _CURRENT_WALK * time
+
+
+@compiled
+def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
+    """Mean of x, y, vx, vy over the mixture, shape (4,), and its covariance, shape (4, 4); NaN if it is empty.
+
+    Args:
+        b: the belief.
+        speed: last reading of the odometry [m/s] …
+        heading: … and of the gyro [rad].
+    """
+    mean, covariance, rows = np.zeros(4), np.zeros((4, 4)), np.zeros((4, b.fresh.size))
+    if b.alive[0] == 0:
+        return mean + np.nan, covariance + np.nan
+    # about the mean position, so that the squares of large coordinates do not swallow small variances
+    east = north = 0.0
+    for k in range(b.alive[0]):
+        east += b.weight[k] * b.state[k, X]
+        north += b.weight[k] * b.state[k, Y]
+    for k in range(b.alive[0]):
+        x = b.state[k]
+        s = speed * np.exp(x[SPEED])
+        vx, vy = s * np.sin(heading - x[HEADING]), s * np.cos(heading - x[HEADING])
+        rows[0, X] = rows[1, Y] = rows[2, EAST] = rows[3, NORTH] = 1.0
+        rows[2, SPEED], rows[2, HEADING], rows[3, SPEED], rows[3, HEADING] = vx, -vy, vy, vx
+        here = (x[X] - east, x[Y] - north, vx + x[EAST], vy + x[NORTH])
+        add_moments(mean, covariance, b.weight[k], here, rows, b.covariance[k])
+    covariance -= np.outer(mean, mean)
+    mean[X], mean[Y] = mean[X] + east, mean[Y] + north
+    return mean, covariance
+
+
+_SHORTEST = 0.1
+"""Nearer to a beacon than this the direction to it means nothing [m]."""
+_ADAPTATION_GAIN = 0.02
+"""Share of a range in the estimated variance of its beacon."""
+_LARGEST = 16.0
+"""A range adds to that at most so many times the variance."""
+_LEAST, _MOST = 0.25, 16.0
+"""Bounds of the estimated variance, as multiples of the settings'."""
+
+
+class Ranging(NamedTuple):
+    """A range as compiled code takes it."""
+
+    beacon: int
+    """Which beacon, from 0."""
+    east: float
+    """Its surveyed place [m]."""
+    north: float
+    deeper: float
+    """How much deeper it is than the receiver [m]."""
+    range: float
+    """Measured, along the line of sight [m]."""
+    variance: float
+    """Variance of the settings' random error [m²]."""
+    accepted: float
+    """Logarithm of the chance that the range is right."""
+    wrong: float
+    """Logarithm of the probability density of a range that is wrong [1/m]."""
+
+
+@compiled
+def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
+    """Predict a range for component k; P Hᵀ goes into `b.gain`.
+
+    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001, Section 10.3.2: ½ tr(F C) in the mean and
+    ½ tr((F C)²) in the variance, with the range's second derivatives F and the covariance C of p − δ.
+
+    Returns:
+        Residual [m]; its variance without the random error [m²]; and half the curvature along the tangent times the
+        variance there [m], by which the circle bends away from its tangent.
+    """
+    x, P, n = b.state[k], b.covariance[k], b.fresh.size
+    own = SHARED + OWN * z.beacon
+    dx, dy = x[X] - z.east - x[own + 1], x[Y] - z.north - x[own + 2]
+    distance = max(math.sqrt(dx * dx + dy * dy + z.deeper * z.deeper), _SHORTEST)
+    flat = max(math.sqrt(dx * dx + dy * dy), _SHORTEST)
+    scale = 1.0 + x[SCALE]
+    hx, hy = scale * dx / distance, scale * dy / distance
+    for j in range(n):
+        b.gain[j] = hx * (P[j, X] - P[j, own + 1]) + hy * (P[j, Y] - P[j, own + 2]) + distance * P[j, SCALE] + P[j, own]
+    gain = b.gain
+    variance = hx * (gain[X] - gain[own + 1]) + hy * (gain[Y] - gain[own + 2]) + distance * gain[SCALE] + gain[own]
+    cxx = P[X, X] - 2.0 * P[X, own + 1] + P[own + 1, own + 1]
+    cyy = P[Y, Y] - 2.0 * P[Y, own + 2] + P[own + 2, own + 2]
+    cxy = P[X, Y] - P[X, own + 2] - P[own + 1, Y] + P[own + 1, own + 2]
+    per = scale / distance
+    fxx, fyy = per * (1.0 - dx * dx / distance**2), per * (1.0 - dy * dy / distance**2)
+    fxy = -per * dx * dy / distance**2
+    axx, axy = fxx * cxx + fxy * cxy, fxx * cxy + fxy * cyy
+    ayx, ayy = fxy * cxx + fyy * cxy, fxy * cxy + fyy * cyy
+    second = 0.5 * (axx * axx + 2.0 * axy * ayx + ayy * ayy)
+    residual = z.range - scale * distance - x[own] - 0.5 * (axx + ayy)
+    tx, ty = -dy / flat, dx / flat
+    bend = 0.5 * (tx * tx * cxx + 2.0 * tx * ty * cxy + ty * ty * cyy) / flat
+    return residual, variance + second, bend
+
+
+@compiled
+def update(b: Belief, k: int, z: Ranging) -> tuple[bool, float]:
+    """Update component k with a range, unless that is more likely a wrong one.
+
+    Returns:
+        Whether it was used, and the logarithm of its probability density.
+    """
+    n = b.fresh.size
+    residual, expected, _ = predict_range(b, k, z)
+    variance = expected + b.variance[z.beacon]
+    density = z.accepted - 0.5 * (residual * residual / variance + math.log(2.0 * math.pi * variance))
+    if density < z.wrong:
+        return False, z.wrong
+    x, P, gain = b.state[k], b.covariance[k], b.gain
+    for i in range(n):
+        share = gain[i] / variance
+        x[i] += share * residual
+        for j in range(i + 1):
+            P[i, j] -= share * gain[j]
+            P[j, i] = P[i, j]
+    return True, density
+
+
+@compiled
+def adapt_variance(b: Belief, z: Ranging) -> None:
+    """Adapt a beacon's variance to what the heaviest component makes of a range, before it is updated."""
+    residual, expected, _ = predict_range(b, 0, z)
+    now = b.variance[z.beacon]
+    surplus = min(max(residual * residual - expected, 0.0), _LARGEST * now)
+    now += _ADAPTATION_GAIN * (surplus - now)
+    b.variance[z.beacon] = min(max(now, _LEAST * z.variance), _MOST * z.variance)
+
 
 _BEND = 0.7
 """A component is split where a circle bends away from its tangent by more than this share of a range's error."""
@@ -15,7 +300,7 @@ BEARINGS = 48
 STARTERS = 8
 """So many of the first ranges may be the one that an unknown start is found by."""
 _SURE = 0.9
-"""Errors of ranges are learnt where one component has more weight than this."""
+"""Errors of ranges are estimated where one component has more weight than this."""
 _PATIENCE = 8
 """Ranges of one beacon rejected in a row after which a ring about it is added."""
 _DOUBT = 0.01
@@ -56,7 +341,7 @@ def split(b: Belief, z: Ranging) -> None:
     """Split every component that is too wide for the circle of a range to be straight."""
     k = 0
     while k < b.alive[0]:
-        _, _, bend = look(b, k, z)
+        _, _, bend = predict_range(b, k, z)
         if bend > _BEND * math.sqrt(b.variance[z.beacon]) and b.alive[0] + 2 <= ROOM:
             _split_component(b, k, z)
         else:
@@ -124,7 +409,7 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
     if b.alive[0] + BEARINGS >= ROOM:
         return
     distance = max(math.sqrt(max(z.range * z.range - z.deeper * z.deeper, 1.0)), 1.0)
-    # wide beside all errors of a range, the learning of which follows
+    # wide beside all errors of a range, the update with which follows
     along = 4.0 * (b.variance[z.beacon] + b.fresh[own] + b.fresh[own + 1] + b.fresh[SCALE] * distance * distance)
     for i in range(BEARINGS):
         k = b.alive[0]
@@ -140,13 +425,13 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
             P[HEADING, HEADING] += b.fresh[HEADING]
         place_on_ring(x, P, (z.east, z.north), distance, (ux, uy), (along, BEARINGS))
         b.weight[k] = weight / BEARINGS
-        learn(b, k, z)
+        update(b, k, z)
         b.alive[0] += 1
     b.weight[: b.alive[0]] /= b.weight[: b.alive[0]].sum()
 
 
 @compiled
-def hear(b: Belief, z: Ranging, starter: int) -> bool:
+def receive(b: Belief, z: Ranging, starter: int) -> bool:
     """Take a range.
 
     With an unknown start each of the first ranges may be the first right one: the ring of the m-th has the weight of
@@ -164,10 +449,10 @@ def hear(b: Belief, z: Ranging, starter: int) -> bool:
     if b.alive[0] > 0:
         split(b, z)
         if b.weight[0] > _SURE:
-            learn_variance(b, z)
+            adapt_variance(b, z)
         for k in range(b.alive[0]):
-            believed, density = learn(b, k, z)
-            used = believed if k == 0 else used
+            is_used, density = update(b, k, z)
+            used = is_used if k == 0 else used
             b.weight[k] *= math.exp(density - z.wrong)
         total = b.weight[: b.alive[0]].sum()
         b.evidence[0] += math.log(total) + z.wrong

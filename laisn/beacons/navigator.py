@@ -8,9 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.beacons.belief import Belief, advance, moments, new_belief, with_beacon
-from laisn.beacons.estimator import STARTERS, hear
-from laisn.beacons.ranging import Ranging
+from laisn.beacons.estimator import STARTERS, Belief, Ranging, advance, moments, new_belief, receive, with_beacon
 from laisn.beacons.settings import BeaconSettings
 from laisn.estimates import Estimates, FixKind
 from laisn.failure import LaisnError
@@ -112,7 +110,7 @@ class BeaconNavigator(OnlineNavigator):
             )
         advance(self._belief, (self.settings.slip, self.settings.heading_walk), own.speed, own.heading, time)
         heard = [] if reception is None or math.isnan(own.depth) else _heard(reception)
-        used = [self._hear(place, measured, own.depth) for place, measured in heard]
+        used = [self._receive(place, measured, own.depth) for place, measured in heard]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
         if self._belief.alive[0] and not np.isfinite(self._covariance).all():
             raise ArithmeticError(f"step {self._step}: the covariance is not finite after {reception}")
@@ -141,20 +139,20 @@ class BeaconNavigator(OnlineNavigator):
             self._belief = with_beacon(self._belief, self.settings)
         return self._beacons[place]
 
-    def _hear(self, place: Floats, measured: float, depth: float) -> bool:
+    def _receive(self, place: Floats, measured: float, depth: float) -> bool:
         """Take one range; whether the heaviest component used it."""
-        told = self.settings
+        settings = self.settings
         z = Ranging(
             beacon=self._beacon((float(place[0]), float(place[1]))),
             east=float(place[0]),
             north=float(place[1]),
-            deeper=float(place[2] - (depth - told.hydrophone_height)),
+            deeper=float(place[2] - (depth - settings.hydrophone_height)),
             range=measured,
-            variance=told.range_sigma**2,
-            accepted=float(np.log1p(-told.outlier_chance)),
-            wrong=float(np.log(told.outlier_chance / told.outlier_span)),
+            variance=settings.range_sigma**2,
+            accepted=float(np.log1p(-settings.outlier_chance)),
+            wrong=float(np.log(settings.outlier_chance / settings.outlier_span)),
         )
-        used = hear(self._belief, z, self._starter)
+        used = receive(self._belief, z, self._starter)
         if self._starter >= 0:
             self._starter = self._starter + 1 if self._starter + 1 < STARTERS else -1
         return bool(used)

@@ -1,6 +1,7 @@
 """What the navigator among beacons takes its odometry and its ranges to be, as a data sheet would say it."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,6 +15,9 @@ class BeaconSettings:
     The defaults are those of a wheeled vehicle with radio ranges, `MEDIA` has others. Raises ValueError naming the
     field if a value is out of its range.
     """
+
+    POSITIVE: ClassVar[frozenset[str]] = frozenset({"dt", "start_sigma", "range_sigma", "outlier_span"})
+    """Numbers that must not be zero."""
 
     dt: float = 0.1
     """Filter step Δt [s]; steps of other lengths may come between."""
@@ -36,7 +40,7 @@ class BeaconSettings:
     current_sigma: float = 0.0
     """Standard deviation of a current that carries the vehicle, along each axis [m/s]; 0 for none."""
     range_sigma: float = 0.5
-    """Random error of each range [m]; what is learnt of each beacon stays between half and four times this."""
+    """Random error of each range [m]; the estimate for each beacon stays between half and four times this."""
     range_scale_sigma: float = 0.1
     """Standard deviation of the scale error that all ranges share: of radio. Sound under water has 0.003."""
     range_offset_sigma: float = 0.1
@@ -50,8 +54,7 @@ class BeaconSettings:
 
     def __post_init__(self) -> None:
         require_chance("outlier_chance", self.outlier_chance)
-        positive = {"dt", "start_sigma", "range_sigma", "outlier_span"}
-        require_numbers(self, positive=positive, signed={"hydrophone_height"})
+        require_numbers(self, positive=self.POSITIVE, signed={"hydrophone_height"})
 
 
 MEDIA = {

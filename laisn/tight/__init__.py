@@ -1,9 +1,9 @@
 """A tightly coupled navigator: it uses the ranges themselves, estimates the sensors' biases, and is consistent.
 
 Takes `Measurements`, as a whole or step by step (`navigator`); gives `TightEstimates`: position and velocity with a
-covariance that can be believed, biases, and both sides of the leader's axis while two transmitters leave them open.
+consistent covariance, biases, and both sides of the leader's axis while two transmitters leave them open.
 Everything between is compiled (`estimator`), the same code whether one follower navigates online or a campaign runs.
 
 Imports: laisn.arrays laisn.compiled laisn.elementary laisn.estimates laisn.failure laisn.geometry laisn.messages
-laisn.mixture laisn.navigators laisn.records laisn.settings laisn.smoothing
+laisn.mixture laisn.navigators laisn.records laisn.settings
 """

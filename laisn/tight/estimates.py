@@ -1,4 +1,4 @@
-"""What the tightly coupled navigator concludes: estimates with covariances that can be believed, and its hypotheses."""
+"""Estimates of the tightly coupled navigator: states with covariances, and its hypotheses."""
 
 from dataclasses import dataclass
 from typing import ClassVar

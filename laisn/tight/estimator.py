@@ -8,13 +8,11 @@ import numpy as np
 from laisn.compiled import compiled
 from laisn.elementary import half_turn_angle, sin_cos
 from laisn.geometry import hull_to_world
-from laisn.tight.belief import Belief, refresh_output
+from laisn.tight.hypotheses import add_ring, normalise, prune_and_merge, reinitialise_if_inconsistent, split
 from laisn.tight.leader import average_leader_heading, update_current_from_leader_track
-from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
+from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, refresh_output
 from laisn.tight.own_motion import begin_interval, move
 from laisn.tight.ranging import Heard, update
-from laisn.tight.ring import add_ring, reinitialise_if_inconsistent
-from laisn.tight.sides import normalise, prune_and_merge, split
 
 _BEND = 0.003
 """A compass bias so uncertain that the way bends by more than this is taken from the message first [m]."""

@@ -8,8 +8,8 @@ of the mean heading, which is the same for all ranges of the leg but for what ea
 of b_L. How much readings scatter about the means of their legs bounds what they err by at random.
 
 The leader's way over ground, less what its log and compass measure, is the water's way. So a current shows on a
-straight leg too, where a follower's own ranges cannot tell it from biases of log and compass, and in still water the
-bias of the leader's compass. Needs a leader that broadcasts its speed through the water.
+straight leg too, where a follower's own ranges cannot separate it from biases of log and compass, and in still water
+the bias of the leader's compass. Needs a leader that broadcasts its speed through the water.
 """
 
 import math
@@ -17,8 +17,7 @@ import math
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, wrap_angle
-from laisn.tight.belief import Belief
-from laisn.tight.model import ABSENT, Model
+from laisn.tight.model import ABSENT, Belief, Model
 from laisn.tight.ranging import Heard
 
 _STRAIGHT = 0.005
@@ -55,12 +54,12 @@ def _turn_arms(heard: Heard, angle: float) -> None:
 @compiled
 def average_leader_heading(b: Belief, m: Model, heard: Heard) -> None:
     """Replace the heading of a message by the leg's, with the arms; sets `heard.shift` and `heard.wander`."""
-    o, told = b.leader, m.leader_variance
+    o, given = b.leader, m.leader_variance
     bend = _bend(b, heard)
     straight = abs(bend) < _STRAIGHT
     heard.shift = heard.wander = 0.0
     error = wrap_angle(heard.heading - o.leg_heading - bend)
-    if o.leg > 0.0 and not (straight and error * error <= _AGREES * _AGREES * told):
+    if o.leg > 0.0 and not (straight and error * error <= _AGREES * _AGREES * given):
         if o.steady > 0.0:
             # from here on b_L is again without the mean's random error
             heard.wander = o.scatter / o.leg
@@ -75,7 +74,7 @@ def average_leader_heading(b: Belief, m: Model, heard: Heard) -> None:
     if o.leg > 1.0:
         o.squares += error * (error - shift)
         o.compared += 1.0
-        o.scatter = min((told + o.squares) / (1.0 + o.compared), told)
+        o.scatter = min((given + o.squares) / (1.0 + o.compared), given)
     if o.steady > 0.0:
         # the way bends half an interval earlier than the heading
         heard.shift, heard.wander = shift, 0.25 * bend * bend

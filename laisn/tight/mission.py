@@ -1,26 +1,27 @@
-"""A whole mission in one compiled loop: what campaigns run, and what `TightNavigator.run` must equal."""
+"""Compiled loops: a whole mission, as campaigns run it, and the steps of a swarm that steers by its estimates.
 
-from typing import NamedTuple
+Both equal `TightNavigator` to the bit.
+"""
+
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.compiled import compiled, compiled_run, copy_values
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
+from laisn.geometry import Triple
 from laisn.messages import Measurements
 from laisn.navigators import MissionResult
-from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimates import kind_of
 from laisn.tight.estimator import count_received, place_arms, receive
-from laisn.tight.model import Model, model_of
-from laisn.tight.own_motion import moments, position, reckon
+from laisn.tight.hypotheses import heaviest, heaviest_hypothesis, hypothesis_weight
+from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, model_of, new_belief
+from laisn.tight.own_motion import advance, moments, position, reckon, velocity
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import TightSettings
-from laisn.tight.sides import heaviest, hypothesis_weight
-
-_AHEAD = 64
-"""Headings whose sines and cosines are taken together."""
 
 
 class Found(NamedTuple):
@@ -36,30 +37,43 @@ class Found(NamedTuple):
 
 
 @compiled
+def _receive(b: Belief, m: Model, heard: Heard, message: Floats, ranges: Triple, depth: float) -> int:
+    """Take a message, columns of `LeaderMessage` from timestamp to roll, at the follower's depth [m]; see `receive`."""
+    heard.time, heard.east, heard.north = message[0], message[1], message[2]
+    heard.heading, heard.speed = message[3], message[4]
+    heard.ranges[0], heard.ranges[1], heard.ranges[2] = ranges
+    place_arms(heard, m, message[6], message[7], message[5] - (depth - m.hydrophone_height))
+    return receive(b, m, heard)
+
+
+@compiled
 def record_outcome(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
     """Note what became of a message: a row of `Found.outcome`, shape (3,); `used` is what `receive` gave."""
     outcome[0] = count_received(m, heard)
     outcome[1], outcome[2] = 0, np.nan
     if used > 0 and b.alive > 0:
-        top = 0
-        for h in range(1, b.alive):
-            if hypothesis_weight(b, m, h) > hypothesis_weight(b, m, top):
-                top = h
-        k = heaviest(b, m, top)
+        k = heaviest(b, m, heaviest_hypothesis(b, m))
         outcome[1] = b.taken[k]
         outcome[2] = b.squared[k] if b.taken[k] > 0 else np.nan
 
 
 @compiled
-def look_ahead(own: Floats, first: int, turns: Floats) -> None:
-    """Sines and cosines of the next headings, in SIMD, shape (2, `_AHEAD`): they hang on nothing that is estimated."""
-    for k in range(min(own.shape[0] - first, _AHEAD)):
-        turns[0, k], turns[1, k] = sin_cos(own[first + k, 1])
+def _sines(heading: Floats, sine: Floats, cosine: Floats) -> None:
+    """Sines and cosines of all headings in one loop, which is vectorised; shape (n,)."""
+    for k in range(heading.shape[0]):
+        sine[k], cosine[k] = sin_cos(heading[k])
 
 
 @compiled_run
 def filter_mission(
-    b: Belief, m: Model, heard: Heard, own: Floats, message_step: Ints, messages: Floats, found: Found
+    b: Belief,
+    m: Model,
+    heard: Heard,
+    speed: Floats,
+    heading: Floats,
+    message_step: Ints,
+    messages: Floats,
+    found: Found,
 ) -> int:
     """Estimate a whole mission.
 
@@ -67,27 +81,25 @@ def filter_mission(
         b: a new belief.
         m: settings.
         heard: room for a message.
-        own: speed [m/s], heading [rad] and depth [m] after each step, shape (n, 3).
+        speed: log after each step, shape (n,), [m/s].
+        heading: compass after each step, shape (n,), [rad].
         message_step: shape (m,), from 1.
-        messages: columns of `LeaderMessage` from timestamp to roll, then the three ranges; shape (m, 11).
+        messages: columns of `LeaderMessage` from timestamp to roll, the three ranges, and the follower's depth;
+            shape (m, 12).
         found: overwritten.
 
     Returns:
         The step at which a covariance was not positive definite; 0 if none was.
     """
     i, states, covariances, outcome = 0, found.state, found.covariance, found.outcome
-    turns = np.empty((2, _AHEAD))
-    for k in range(own.shape[0]):
-        ahead = k % _AHEAD
-        if ahead == 0:
-            look_ahead(own, k, turns)
-        reckon(b, m, own[k, 0], turns[0, ahead], turns[1, ahead], m.dt)
+    n = speed.shape[0]
+    sine, cosine = np.empty(n), np.empty(n)
+    _sines(heading, sine, cosine)
+    for k in range(n):
+        reckon(b, m, speed[k], sine[k], cosine[k], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
             row = messages[i]
-            heard.time, heard.east, heard.north, heard.heading, heard.speed = row[0], row[1], row[2], row[3], row[4]
-            heard.ranges[0], heard.ranges[1], heard.ranges[2] = row[8], row[9], row[10]
-            place_arms(heard, m, row[6], row[7], row[5] - (own[k, 2] - m.hydrophone_height))
-            used = receive(b, m, heard)
+            used = _receive(b, m, heard, row, (row[8], row[9], row[10]), row[11])
             if used < 0:
                 return k + 1
             if outcome.shape[0] > 0:
@@ -106,7 +118,7 @@ def filter_mission(
 def run_mission(
     settings: TightSettings, measurements: Measurements, start: Floats | None, *, covariance: bool = True
 ) -> Found:
-    """States and covariances of a mission, to the bit those of `TightNavigator`, without the rest that it tells.
+    """States and covariances of a mission, to the bit those of `TightNavigator`.
 
     Args:
         settings: of the navigator.
@@ -127,11 +139,12 @@ def run_mission(
     messages_told = len(measurements.message) if covariance else 0
     found = Found(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)),
                   np.empty((messages_told, 3)))  # fmt: skip
-    own = np.column_stack([measurements.speed, measurements.heading, measurements.last_depth])
-    messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
+    speed, heading = np.ascontiguousarray(measurements.speed), np.ascontiguousarray(measurements.heading)
+    step = measurements.message_step
+    messages = np.column_stack([measurements.message[:, :8], measurements.ranges, measurements.last_depth[step - 1]])
     known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
     belief = new_belief(settings, model, known)
-    failed = filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, found)
+    failed = filter_mission(belief, model, new_heard(), speed, heading, step, messages, found)
     if failed:
         raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
     return found
@@ -144,3 +157,117 @@ def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> M
     known = np.isfinite(squared)
     kinds = [kind_of(int(r), int(u)) for r, u in zip(received, used, strict=True)]
     return MissionResult(found.state, found.covariance, kinds, squared[known].sum(), used[known].sum())
+
+
+_APART = 2.0
+"""Two hypotheses are two places, and not the halves of a wide one, where they are farther apart than so many times the
+sum of their standard deviations: intervals of 95 % about each do not meet."""
+
+
+@compiled
+def _spread(b: Belief, k: int, east: float, north: float) -> float:
+    """Standard deviation of the place of component k in a direction, a unit vector [m]."""
+    P = b.covariance
+    return math.sqrt(east * east * P[k, X, X] + 2.0 * east * north * P[k, X, Y] + north * north * P[k, Y, Y])
+
+
+@compiled
+def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
+    """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where they are one place."""
+    first, second, most, next_most = 0, -1, -1.0, -1.0
+    for h in range(b.alive):
+        weight = hypothesis_weight(b, m, h)
+        if weight > most:
+            first, second, most, next_most = h, first if h > 0 else -1, weight, most
+        elif weight > next_most:
+            second, next_most = h, weight
+    if second < 0:
+        return 0.0, 0.0
+    i, j = heaviest(b, m, first), heaviest(b, m, second)
+    east, north = b.state[i, X] - b.state[j, X], b.state[i, Y] - b.state[j, Y]
+    apart = math.sqrt(east * east + north * north)
+    if apart == 0.0:
+        return 0.0, 0.0
+    east, north = east / apart, north / apart
+    if apart < _APART * (_spread(b, i, east, north) + _spread(b, j, east, north)):
+        return 0.0, 0.0
+    return b.state[i, X] - x, b.state[i, Y] - y
+
+
+@compiled
+def _write_outputs(b: Belief, m: Model, out: Any) -> None:
+    """Write biases and current (means over the mixture), its spread, and the offset to the likelier hypothesis."""
+    x = y = log_bias = compass_bias = east = north = 0.0
+    for k in range(b.alive * m.modes):
+        w = b.weight[k]
+        x += w * b.state[k, X]
+        y += w * b.state[k, Y]
+        log_bias += w * b.state[k, LOG]
+        compass_bias += w * b.state[k, COMPASS]
+        if m.current != ABSENT:
+            east += w * b.state[k, m.current]
+            north += w * b.state[k, m.current + 1]
+    xx = xy = yy = 0.0
+    for k in range(b.alive * m.modes):
+        w, dx, dy = b.weight[k], b.state[k, X] - x, b.state[k, Y] - y
+        xx += w * (b.covariance[k, X, X] + dx * dx)
+        xy += w * (b.covariance[k, X, Y] + dx * dy)
+        yy += w * (b.covariance[k, Y, Y] + dy * dy)
+    half, across = 0.5 * (xx + yy), 0.5 * (xx - yy)
+    out.log_bias, out.compass_bias = log_bias, compass_bias
+    out.current[0], out.current[1] = east, north
+    out.spread = math.sqrt(half + math.sqrt(across * across + xy * xy))
+    out.to_likelier[0], out.to_likelier[1] = _offset_to_likelier_hypothesis(b, m, x, y)
+
+
+class TightSwarm(NamedTuple):
+    """Tightly coupled navigators of f followers."""
+
+    beliefs: Any
+    """`Belief` of each follower, shape (f,)."""
+    model: Model
+    """Of all of them."""
+    heard: Heard
+    """Room for a message."""
+    gated: Ints
+    """See `Swarm.gated`."""
+
+    @compiled
+    def navigate(
+        self, step: int, readings: Records, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+    ) -> int:
+        """Advance by one filter step, the same to the bit as `TightNavigator.step`; see `laisn.swarm.Swarm.navigate`.
+
+        The step's number is not read.
+        """
+        beliefs, m, heard, gated = self
+        outcome = np.empty(3)
+        for i in range(beliefs.size):
+            b, message, estimate = beliefs[i], messages[i], estimates[i]
+            advance(b, m, readings[i].speed, readings[i].heading, m.dt)
+            if received[i]:
+                measured = (ranges[i, 0], ranges[i, 1], ranges[i, 2])
+                used = _receive(b, m, heard, message, measured, readings[i].depth)
+                if used < 0:
+                    return i + 1
+                record_outcome(b, m, heard, used, outcome)
+                # ranges were received, there was an estimate to test them against, and none was used
+                gated[i] += outcome[0] > 0.0 and outcome[1] == 0.0 and b.alive > 0
+                _write_outputs(b, m, estimate)
+            estimate.position[0], estimate.position[1] = position(b)
+            estimate.velocity[0], estimate.velocity[1] = velocity(b)
+        return 0
+
+
+def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
+    """Navigators of followers at their starts, rows of x, y [m] and more, shape (f, 2) or wider.
+
+    The starts are not read if the settings say that they are unknown.
+    """
+    model = model_of(settings)
+    known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
+    beliefs = [new_belief(settings, model, start) for start in known]
+    together = np.zeros(len(beliefs), dtype=beliefs[0].dtype)
+    for i, belief in enumerate(beliefs):
+        together[i] = belief
+    return TightSwarm(together.view(np.recarray), model, new_heard(), np.zeros(len(beliefs), dtype=np.int64))

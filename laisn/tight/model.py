@@ -22,6 +22,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from laisn.arrays import Ints
+from laisn.compiled import compiled
+from laisn.elementary import sin_cos
+from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.settings import TightSettings
 
 X, Y, LOG, COMPASS, SCALE = range(5)
@@ -30,7 +33,7 @@ ABSENT = -1
 """Index of a state that is switched off."""
 
 # How fast what is called constant may wander, in a second. Biases of real sensors are never quite constant, and a
-# filter that believes them to be loses track of them for good.
+# filter that takes them as constant loses track of them for good.
 _STEADY_LOG, _STEADY_COMPASS = 2e-4, 1.5e-4  # [m/s/√s], [rad/√s]
 _DRIFTING_LOG, _DRIFTING_COMPASS = 2.5e-3, 1.7e-3
 _MODES = (0.25, 2.5)
@@ -65,7 +68,7 @@ _MODEL = np.dtype((np.record, np.dtype([
     ("mode_switches", np.float64),  # rate of changes of the mode [1/s]
     ("deviation", np.float64),
     ("range_sigma", np.float64), ("range_scale_variance", np.float64),
-    ("leader_variance", np.float64),  # of the heading in a message [rad²]: the learnt one starts here and is never more
+    ("leader_variance", np.float64),  # of a message's heading [rad²]: first and largest value of the estimate
     ("log_accepted", np.float64),  # logarithm of the chance that a range is a direct one
     ("outlier_span", np.float64),  # largest excess of an echo [m]
     ("log_rejected", np.float64),  # logarithm of the probability density of an echo's excess, in [1/m]
@@ -134,3 +137,156 @@ def canonical(model: Model) -> Ints:
     if model.clock != ABSENT:
         places += [10, 11]
     return np.array(places, dtype=np.int64)
+
+
+CAPACITY = 2 * HYPOTHESES
+"""Hypotheses that there is room for while they are split."""
+
+MOST_STATES = 12
+"""Room for n; the arrays of a belief have one shape for all settings, so that all share one compiled code."""
+_COMPONENTS = 2 * CAPACITY
+_T = 3
+
+# A belief is one record of fixed layout: compiled functions take a pointer to it, and it can be copied as a whole.
+
+_MOTION = np.dtype(
+    [(name, np.float64) for name in (
+        "ax", "ay",  # A = Σ v u Δt since the last message, with the measured speed v in the measured direction u [m]
+        "bx", "by",  # B = Σ u Δt [s]
+        "nxx", "nxy", "nyy",  # covariance of A's random errors [m²]
+        "time",  # since the last message [s]
+        "speed", "sin", "cos",  # the last reading of the log [m/s], NaN before the first, and the compass's direction
+    )]
+)  # fmt: skip
+_TURN = np.dtype(
+    [(name, np.float64) for name in (
+        "sin", "cos",  # the heading before it; zeros before the first one
+        "angle",  # the largest between that heading and a later one [rad]
+        "still",  # since it was last larger than before [s]
+    )]
+)  # fmt: skip
+_LEADER = np.dtype(
+    [(name, np.float64) for name in (
+        "window_time", "window_x", "window_y",  # where the window began; the time is NaN before the first message
+        "logged_x", "logged_y",  # Σ s_L u(θ_L) Δt since then [m]
+        "velocity_x", "velocity_y",  # s_L u(θ_L) of the last message [m/s]
+        "first_heading", "last_heading",  # at the window's beginning and in the last message [rad]
+        "first_time", "last_time",  # of the first message of all and of the last one [s]
+        "at_x", "at_y", "track",  # place [m] at the last message, and direction of the way there [rad]
+        "leg",  # messages on the leg so far; 0: it turns, or that is unknown
+        "steady",  # 1 where the leg's mean heading is used, else 0
+        "leg_heading",  # mean heading of the leg, as it was at the last message [rad]
+        "squares", "compared",  # of readings on all legs from their means [rad²], and how many they are worth
+        "scatter",  # variance of a reading about its leg's heading, as far as known [rad²]
+        "other_variance",  # `leader_variance` of steady legs while there is none, else of readings [rad²]
+    )]
+)  # fmt: skip
+_OUTPUT = np.dtype(
+    # the mean over the mixture is (x, y) + C A − D B + v T, with C and D rotations times numbers
+    [(name, np.float64) for name in ("x", "y", "c_cos", "c_sin", "d_cos", "d_sin", "v_x", "v_y")]
+)
+_WORK = np.dtype([
+    ("residual", np.float64, _T),  # z − ẑ [m]
+    ("row_x", np.float64, _T), ("row_y", np.float64, _T),  # derivatives of each range by the states …
+    ("row_scale", np.float64, _T), ("row_leader", np.float64, _T),
+    ("curvature", np.float64, (_T, 3, 3)),  # … and second ones by (x, y, b_L), times their covariance
+    ("spread", np.float64, (_T, _T)),  # S: covariance of the residuals [m²]
+    ("direct_spread", np.float64, (_T, _T)),  # S of ranges without a common echo
+    ("root", np.float64, (_T, _T)),  # its Cholesky factor over the ranges that are used …
+    ("per_root", np.float64, _T),  # … and the reciprocals of its diagonal
+    ("white", np.float64, _T), ("turned", np.float64, _T),  # residuals, and `row_leader`, in units of it
+    ("gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ
+    ("white_gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ root⁻ᵀ over the ranges that are used
+    ("used", np.int64, _T),  # their indices
+    ("shared", np.int64),  # 1 where these have an echo in common, else 0
+    ("share", np.float64),  # square of its excess over a range
+    ("common", np.float64, _T),  # its direction in units of the root, of length 1
+])  # fmt: skip
+_BELIEF = np.dtype((np.record, np.dtype([
+    ("state", np.float64, (_COMPONENTS, MOST_STATES)),  # mean of each component: `hypothesis · modes + mode`
+    ("covariance", np.float64, (_COMPONENTS, MOST_STATES, MOST_STATES)),
+    ("weight", np.float64, _COMPONENTS),  # sum 1 over those alive
+    ("evidence", np.float64, _COMPONENTS),  # logarithm of what a message says for each component
+    ("taken", np.int64, _COMPONENTS),  # ranges that each used
+    ("squared", np.float64, _COMPONENTS),  # their squared residuals, in units of S
+    # the same for each range received, an echo counting as what it costs
+    ("normalised_innovation", np.float64, _COMPONENTS),
+    ("turn_excess", np.float64, _COMPONENTS),  # by how much `leader_variance` should be larger [rad²]
+    ("alive", np.int64),  # hypotheses
+    ("smoothed_nis", np.float64),  # NIS over some messages
+    ("missed_updates", np.float64),  # messages in a row without an accepted range
+    ("leader_variance", np.float64),  # estimated, of the random error of the leader's heading [rad²]
+    ("turn", _TURN), ("leader_turn", _TURN),  # that either compass is in, or the last one
+    ("motion", _MOTION), ("leader", _LEADER), ("output", _OUTPUT), ("work", _WORK),
+    ("now", np.float64, 4), ("now_covariance", np.float64, (4, 4)),  # x, y, vx, vy over the mixture, at the last step
+    ("rows", np.float64, (4, MOST_STATES)),  # their derivatives by a component's states
+    ("fresh", np.float64, MOST_STATES),  # variances at the start
+    ("before_state", np.float64, MOST_STATES),  # a component before the motion since the last message; else room …
+    ("before_covariance", np.float64, (MOST_STATES, MOST_STATES)),
+], align=True)))  # fmt: skip
+
+Belief: TypeAlias = Any
+"""A mixture of Gaussians, and what was sensed since the last message: a record with the fields of `_BELIEF`."""
+
+
+@compiled
+def refresh_output(b: Belief, m: Model) -> None:
+    """Prepare the mean position for the steps until the next message; NaN if there is no hypothesis."""
+    out = b.output
+    out.x = out.y = out.c_cos = out.c_sin = out.d_cos = out.d_sin = out.v_x = out.v_y = 0.0
+    if b.alive == 0:
+        out.x = out.y = np.nan
+    for k in range(b.alive * m.modes):
+        w = b.weight[k]
+        bias = b.state[k, LOG]
+        sine, cosine = sin_cos(b.state[k, COMPASS])
+        out.x += w * b.state[k, X]
+        out.y += w * b.state[k, Y]
+        out.c_cos += w * cosine
+        out.c_sin += w * sine
+        out.d_cos += w * cosine * bias
+        out.d_sin += w * sine * bias
+        if m.current != ABSENT:
+            out.v_x += w * b.state[k, m.current]
+            out.v_y += w * b.state[k, m.current + 1]
+
+
+def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | None) -> Belief:
+    """One hypothesis: a known start [m], and biases of zero with the standard deviations of the settings.
+
+    None: the start is unknown, and there is no hypothesis before the first message with two ranges.
+    """
+    # by key, as attributes of a record are slow outside of compiled code
+    modes, leader, current, offset, clock, leader_variance = m[
+        ["modes", "leader", "current", "offset", "clock", "leader_variance"]
+    ].item()
+    sigma = np.zeros(MOST_STATES)
+    sigma[:LOG] = settings.start_sigma
+    sigma[LOG], sigma[COMPASS] = settings.speed_bias_sigma, settings.heading_bias_sigma
+    sigma[SCALE] = settings.range_scale_bias_sigma
+    if leader != ABSENT:
+        sigma[leader] = settings.leader_heading_bias_sigma
+    if current != ABSENT:
+        sigma[current : current + 2] = settings.current_sigma
+    if offset != ABSENT:
+        sigma[offset : offset + settings.transmitters - 1] = settings.offset_sigma
+    if clock != ABSENT:
+        sigma[clock : clock + 2] = settings.clock_offset_sigma, settings.clock_drift_sigma
+    made = np.zeros(1, dtype=_BELIEF)
+    belief: Belief = made[0]
+    made["smoothed_nis"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, sigma**2
+    made["motion"]["speed"] = np.nan
+    about = made["leader"]
+    about["window_time"] = about["at_x"] = about["track"] = np.nan
+    about["scatter"], about["other_variance"] = leader_variance, leader_variance / 16.0
+    if start is None:
+        made["output"]["x"] = made["output"]["y"] = np.nan
+        return belief
+    made["alive"] = 1
+    made["state"][0, :modes, :LOG] = start
+    made["covariance"][0, :modes] = np.diag(sigma**2)
+    made["weight"][0, :modes] = 1.0 / modes
+    # no bias turns or shortens the way
+    made["output"]["x"], made["output"]["y"] = start
+    made["output"]["c_cos"] = 1.0
+    return belief

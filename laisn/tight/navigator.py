@@ -13,9 +13,8 @@ from laisn.geometry import place_on_body
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.navigators import FARTHEST, OnlineNavigator, require_readings, require_time
 from laisn.tight import estimator, own_motion
-from laisn.tight.belief import Belief, new_belief
 from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
-from laisn.tight.model import canonical, model_of
+from laisn.tight.model import Belief, canonical, model_of, new_belief
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import TightSettings
 
@@ -181,22 +180,22 @@ class TightNavigator(OnlineNavigator):
 
     def _place_anywhere(self, own: OwnMotion, reception: Reception) -> bool:
         """Place transmitters that are on no hull, or elsewhere on it; False if there are none."""
-        message, settings, told = reception.message, self.settings, reception.transmitters
-        if told is None and not settings.transmitter_offsets:
+        message, settings, places = reception.message, self.settings, reception.transmitters
+        if places is None and not settings.transmitter_offsets:
             return False
-        if told is None:
+        if places is None:
             offsets = np.full((3, 3), np.nan)
             offsets[: len(settings.transmitter_offsets)] = settings.transmitter_offsets
             known = settings.use_attitude and not np.isnan(message.pitch + message.roll)
             tilt = (message.pitch, message.roll) if known else (0.0, 0.0)
-            told = place_on_body((message.east, message.north, message.depth), (message.heading, *tilt), offsets)
+            places = place_on_body((message.east, message.north, message.depth), (message.heading, *tilt), offsets)
         elif not settings.assume.exact_leader:
             raise LaisnError(
                 f"step {self._step}: the message places its transmitters, whom no compass of a leader turns; set "
                 "assume.exact_leader"
             )
         hydrophone = own.depth - settings.hydrophone_height
-        self._heard["arms"][0] = told - np.array([message.east, message.north, hydrophone])
+        self._heard["arms"][0] = places - np.array([message.east, message.north, hydrophone])
         self._heard["ranges"][0, np.any(np.isnan(self._heard["arms"][0]), axis=1)] = np.nan
         return True
 

@@ -7,8 +7,7 @@ import numpy as np
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
 from laisn.mixture import add_moments
-from laisn.tight.belief import Belief
-from laisn.tight.model import ABSENT, COMPASS, LOG, Model, X, Y
+from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y
 
 
 @inlined

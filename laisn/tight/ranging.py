@@ -12,14 +12,13 @@ import numpy as np
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.elementary import log, sin_cos
 from laisn.mixture import factor
-from laisn.tight.belief import Belief
-from laisn.tight.model import ABSENT, SCALE, Model, X, Y
+from laisn.tight.model import ABSENT, SCALE, Belief, Model, X, Y
 
 _LOG_TURN = math.log(2.0 * math.pi)
 _TOO_SHORT = 6.0
 """By this the logarithm of an echo's likelihood is less if the range is shorter than expected, which no echo is."""
-_TELLING = 0.5
-"""What a message tells of the leader's random error is used if it leaves less than this share of its variance."""
+_INFORMATIVE = 0.5
+"""The leader's random error is estimated from a message if it leaves less than this share of its variance."""
 _SHORTEST = 0.01
 """Nearer to a transmitter than this the direction to it means nothing [m]."""
 
@@ -339,8 +338,8 @@ def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
     """Update component k with the ranges of a message, of which it leaves out those that look like echoes.
 
     Sets `taken`, `evidence`, `squared`, `normalised_innovation` and `turn_excess` of it. Where the leader's heading
-    errs at random and the ranges tell by how much, they are linearised about that: about the broadcast heading, the
-    derivatives would err together with the residuals, which in hundreds of messages adds up to a bias.
+    errs at random and the ranges determine by how much, they are linearised about that: about the broadcast heading,
+    the derivatives would err together with the residuals, which in hundreds of messages adds up to a bias.
 
     Returns:
         How many ranges it used; −1 if a covariance was not positive definite.
@@ -368,7 +367,7 @@ def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
     if m.leader != ABSENT and used > 0:
         turn, left = _leader_turn(b, used)
         b.turn_excess[k] = turn * turn + left - v
-        if left < _TELLING * v:
+        if left < _INFORMATIVE * v:
             u0, u1, u2 = b.work.used[0], b.work.used[1], b.work.used[2]
             predict_ranges(b, m, k, heard, turn, left)
             b.work.used[0], b.work.used[1], b.work.used[2] = u0, u1, u2

@@ -14,17 +14,17 @@ class Assume:
     """What is taken as given, and what is estimated."""
 
     exact_leader: bool = True
-    """The heading that the leader broadcasts has no bias."""
+    """The leader's compass has no bias; else that is estimated."""
     drift: bool = False
     """The biases of log and compass drift."""
     deviation: bool = False
-    """The compass errs by another bias on another heading; the leader's too, unless it is exact."""
+    """Compasses err by another bias on another heading, by 3 % of a turn; the leader's too, unless it is exact."""
     current: bool = False
-    """The water moves, alike for leader and follower."""
+    """The water moves, alike for leader and follower; the current is estimated."""
     offsets: bool = False
     """Each transmitter may be early or late by a constant time."""
     clock: bool = False
-    """The follower's clock has an offset from the leader's, and drifts: all ranges share the error."""
+    """The follower's clock has an offset from the leader's, and drifts; the error of all ranges is estimated."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,33 +39,33 @@ class TightSettings(Settings):
     known_start: bool = True
     """The start is given. Otherwise the first message with two ranges or more makes the first estimate."""
     start_sigma: float = 0.01
-    """Standard deviation of the position at the start, along each axis [m]."""
+    """σ of the position at the start, along each axis [m]."""
     speed_sigma: float = 0.2
-    """Random error of a reading of the speed log [m/s]."""
+    """σ of the random error of a reading of the speed log [m/s]."""
     speed_bias_sigma: float = 0.3
-    """Standard deviation of the log's bias before the mission [m/s]."""
+    """σ of the log's bias before the mission [m/s]."""
     heading_sigma: float = float(np.deg2rad(1.2))
-    """Random error of a reading of the compass [rad]."""
+    """σ of the random error of a reading of the compass [rad]."""
     heading_bias_sigma: float = float(np.deg2rad(8.0))
-    """Standard deviation of the compass's bias before the mission [rad]."""
+    """σ of the compass's bias before the mission [rad]."""
     range_sigma: float = 0.003
-    """Random error of each range [m]."""
+    """σ of the random error of each range [m]."""
     range_scale_sigma: float = 0.05
-    """Random error that the ranges of a message share in proportion to their length [m at the largest]."""
+    """σ of the random error that the ranges of a message share in proportion to their length, at the longest [m]."""
     range_scale_bias_sigma: float = 0.2
-    """Standard deviation of the mean of that shared error [m at the largest]."""
+    """σ of the mean of that shared error before the mission [m]."""
     leader_heading_sigma: float = float(np.deg2rad(1.2))
-    """Random error of the heading in a message, if the leader is not exact [rad]."""
+    """σ of the random error of the heading in a message, if the leader is not exact [rad]."""
     leader_heading_bias_sigma: float = float(np.deg2rad(6.0))
-    """Standard deviation of the bias of the heading in messages [rad]."""
+    """σ of the bias of the heading in messages, if the leader is not exact [rad]."""
     current_sigma: float = 0.4
-    """Standard deviation of the current along each axis, if there may be one [m/s]."""
+    """σ of the current along each axis, if there may be one [m/s]."""
     offset_sigma: float = 0.015
-    """Standard deviation of a transmitter's constant error beside the first one's, if there may be one [m]."""
+    """σ of a transmitter's constant error beside the first one's, if there may be one [m]."""
     clock_offset_sigma: float = 1.5
-    """Standard deviation of the clocks' offset at the start, as a range [m]: 1 ms, if there may be one."""
+    """σ of the clocks' offset at the start, as a range [m]: 1 ms, if there may be one."""
     clock_drift_sigma: float = 1.5e-3
-    """Standard deviation of the rate at which it grows [m/s]: 1 ppm."""
+    """σ of the rate at which it grows [m/s]: 1 ppm."""
     slip: float = 0.0
     """Motion that the log does not see: leeway and turbulence, in a second [m/√s]."""
     outlier_chance: float = 0.05

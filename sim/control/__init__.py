@@ -1,8 +1,7 @@
-"""What steers: guidance along a plan, thrust allocation, and the autopilot of five thrusters.
+"""Control: guidance along a plan or to a station, control allocation, and the autopilot of any set of effectors.
 
-Takes where a vehicle should be and where it takes itself to be; gives thruster commands, ten times a second. Pure
-functions over small arrays, compiled. It must not know what a sensor or a message is, nor call for the truth: whoever
-calls decides whether a position is true or believed.
+Takes the reference of a vehicle and its measured or true motion; gives thruster commands, ten times a second. Pure
+functions of records, compiled. The caller decides whether a position is true or estimated.
 
-Imports: laisn sim.geometry sim.scenario sim.vehicle
+Imports: laisn sim.geometry sim.scenario sim.vehicle sim.water
 """

@@ -1,7 +1,7 @@
 """A follower turns in time: its hull turns at a limited rate, the velocity that its station needs may not.
 
 In a following current a station's velocity through the water may swing by 180° where its way over ground bends by 90°.
-A follower that begins to turn when its station does is late, and several metres off. It is told instead the heading
+A follower that begins to turn when its station does is late, and several metres off. It gets instead the heading
 that of all headings which change no faster than it can is nearest to what the station needs from now on and needed
 just before: the middle of the envelopes that fall and rise at that rate (McShane 1934). A swing in no time becomes a
 turn about the same instant; what changes slowly enough stays as it is.
@@ -9,10 +9,9 @@ turn about the same instant; what changes slowly enough stays as it is.
 
 import numpy as np
 
-from laisn.arrays import Floats, Record
+from laisn.arrays import Record, Records
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
-from sim.control.station import BEHIND, PORT, Frame
 from sim.control.trail import arc_at, at, pace, turned_since
 
 AGILITY = float(np.deg2rad(8.0))
@@ -31,7 +30,7 @@ Turning = tuple[float, float, float]
 
 @compiled
 def _through_water(
-    trail: tuple[Floats, int], where: tuple[float, float], turning: Turning, current: tuple[float, float], later: float
+    trail: tuple[Records, int], where: tuple[float, float], turning: Turning, current: tuple[float, float], later: float
 ) -> tuple[float, float]:
     """Velocity through the water that a station needs so much later, east and north [m/s].
 
@@ -51,7 +50,7 @@ def _through_water(
 
 @compiled
 def _turns_slowly(
-    trail: tuple[Floats, int], where: tuple[float, float], turning: Turning, preview: float, speed: float
+    trail: tuple[Records, int], where: tuple[float, float], turning: Turning, preview: float, speed: float
 ) -> bool:
     """Whether all headings that are looked at are surely nearer to the one needed now than a hull turns in a step.
 
@@ -72,7 +71,7 @@ def _turns_slowly(
 
 @compiled
 def _between_envelopes(
-    trail: tuple[Floats, int],
+    trail: tuple[Records, int],
     where: tuple[float, float],
     turning: Turning,
     current: tuple[float, float],
@@ -102,21 +101,21 @@ def _between_envelopes(
 
 @compiled
 def rate_limited_velocity(
-    f: Frame, station: Floats, trail: tuple[Floats, int], time: float, current: tuple[float, float], state: Record
+    f: Record, station: Record, trail: tuple[Records, int], time: float, current: tuple[float, float], state: Record
 ) -> tuple[float, float]:
     """Velocity over ground with which a hull stays nearest to its station, east and north [m/s].
 
     Args:
-        f: `preview` is how early all of it is given, for hull and thrusters lag.
-        station: columns BEHIND and PORT are read.
+        f: record of `[formation]`; `preview` is how early all of it is given, for hull and thrusters lag.
+        station: record of STATION.
         trail: of the leader, and how many points it has, at least one.
         time: now [s].
         current: as the follower estimates it [m/s].
         state: record of `sim.control.station.FRAME_STATE`.
     """
     points, count = trail
-    where = arc_at(points, count, time) - station[BEHIND], pace(points, count)
-    turning = station[PORT], state.heading, state.rate
+    where = arc_at(points, count, time) - station.behind, pace(points, count)
+    turning = station.port, state.heading, state.rate
     east, north = _through_water(trail, where, turning, current, f.preview)
     speed = np.sqrt(east * east + north * north)
     if not _turns_slowly(trail, where, turning, f.preview, speed):

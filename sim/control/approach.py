@@ -7,49 +7,41 @@
     ALOS               line of sight with an adaptive crab angle (Fossen 2023)
 
 The two lines of sight follow the station's path; along it all three close up alike.
-"""
 
-from typing import NamedTuple
+A follower gives way to vehicles nearby: a velocity away from each is added to the one that it wants,
+
+    v = v_wanted − Σ w(d) r̂,   w(d) = W min(max((R − d) / (R − F), 0), 1)
+
+R is the sensor's range, F the range of full speed W. Two followers push each other apart at 2 w(d). Let the velocities
+that they want close up at a rate c: by what they are commanded their distance changes at 2 w(d) − c, so that it stops
+to shrink where w(d) = c / 2 and never comes below F while c < 2 W. Hulls lag behind commands, which takes the way of
+some seconds more. Beyond R nothing is changed. A hull keeps its steerage way, so that it does not turn back for
+somebody ahead: it slows down.
+"""
 
 import numpy as np
 
+from laisn.arrays import Floats, Record
 from laisn.compiled import compiled
 from sim.control.allocation import clip
 from sim.control.station import Target
 
-LAWS = ("constant-bearing", "ilos", "alos")
 CONSTANT_BEARING, ILOS, ALOS = range(3)
-
-
-class Approach(NamedTuple):
-    """Law and gains of `[formation]`."""
-
-    law: int
-    """CONSTANT_BEARING, ILOS or ALOS."""
-    speed: float
-    """U: greatest speed towards the station [m/s]."""
-    lookahead: float
-    """Δ: distance within which the approach slows down [m]."""
-    integral: float
-    """σ of ILOS [m/s]; γ of ALOS [1/s] is this by Δ²."""
-    least_way: float
-    """Least speed through the water along the leader's way [m/s]."""
-    slowest: float
-    """Least speed through the water [m/s]."""
-    fastest: float
-    """Greatest speed through the water [m/s]."""
+"""Values of `formation.law`."""
+DISTANCE, BEARING = range(2)
+"""Columns of what is seen of each vehicle: [m], and to starboard of the own heading [rad]; NaN: nothing."""
 
 
 @compiled
 def _line_of_sight(
-    a: Approach, t: Target, off: tuple[float, float], dt: float, integral: float
+    a: Record, t: Target, off: tuple[float, float], dt: float, integral: float
 ) -> tuple[float, float, float]:
     """Velocity through the water, east and north, and the integral brought forward."""
     speed = np.hypot(t.velocity_east, t.velocity_north)
     course = np.arctan2(t.velocity_east, t.velocity_north) if speed > 0.0 else np.arctan2(t.way_east, t.way_north)
     sine, cosine = np.sin(course), np.cos(course)
     along, across = off[0] * sine + off[1] * cosine, off[0] * cosine - off[1] * sine
-    wanted = speed - a.speed * along / np.sqrt(along * along + a.lookahead * a.lookahead)
+    wanted = speed - a.approach_speed * along / np.sqrt(along * along + a.lookahead * a.lookahead)
     if a.law == ILOS:
         pulled = across + a.integral * integral
         integral += dt * a.lookahead * across / (a.lookahead * a.lookahead + pulled * pulled)
@@ -65,12 +57,12 @@ def _line_of_sight(
 
 @compiled
 def approach(
-    a: Approach, t: Target, place: tuple[float, float], current: tuple[float, float], dt: float, integral: float
+    a: Record, t: Target, place: tuple[float, float], current: tuple[float, float], dt: float, integral: float
 ) -> tuple[float, float, float]:
     """Velocity through the water that leads to a station.
 
     Args:
-        a: law and gains.
+        a: record of `[formation]`: law, gains and speeds.
         t: the station.
         place: where the vehicle takes itself to be [m].
         current: what it takes the current to be [m/s].
@@ -82,7 +74,7 @@ def approach(
     """
     x, y = place[0] - t.east, place[1] - t.north
     if a.law == CONSTANT_BEARING:
-        scale = a.speed / np.sqrt(x * x + y * y + a.lookahead * a.lookahead)
+        scale = a.approach_speed / np.sqrt(x * x + y * y + a.lookahead * a.lookahead)
         east = t.velocity_east - scale * x - current[0]
         north = t.velocity_north - scale * y - current[1]
     else:
@@ -99,3 +91,40 @@ def approach(
         scale = clip(size, a.slowest, a.fastest) / size
         east, north = east * scale, north * scale
     return east, north, integral
+
+
+@compiled
+def away(p: Record, seen: Floats, heading: float) -> tuple[float, float]:
+    """Velocity away from all vehicles in sight, east and north, no more than the full speed [m/s].
+
+    Args:
+        p: record of `[formation.proximity]`: R, F and W are `range`, `full` and `give_way`.
+        seen: columns DISTANCE and BEARING of each vehicle, shape (v, 2).
+        heading: own measured one [rad].
+    """
+    east, north = 0.0, 0.0
+    for j in range(seen.shape[0]):
+        if seen[j, DISTANCE] == seen[j, DISTANCE]:
+            speed = p.give_way * clip((p.range - seen[j, DISTANCE]) / (p.range - p.full), 0.0, 1.0)
+            towards = heading + seen[j, BEARING]
+            east, north = east - speed * np.sin(towards), north - speed * np.cos(towards)
+    size = np.hypot(east, north)
+    if size > p.give_way:
+        east, north = east * p.give_way / size, north * p.give_way / size
+    return east, north
+
+
+@compiled
+def give_way(f: Record, wanted: tuple[float, float], push: tuple[float, float]) -> tuple[float, float]:
+    """Heading [rad] and speed through the water [m/s] with a velocity added to them, within what a hull can do.
+
+    Args:
+        f: record of `[formation]`: `least_way` and `fastest` are read.
+        wanted: heading and speed that lead where the follower wants to go.
+        push: east and north [m/s].
+    """
+    heading, speed = wanted
+    sine, cosine = np.sin(heading), np.cos(heading)
+    along = max(speed + push[0] * sine + push[1] * cosine, f.least_way)
+    across = push[0] * cosine - push[1] * sine
+    return heading + np.arctan2(across, along), min(np.hypot(along, across), f.fastest)

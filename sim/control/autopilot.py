@@ -32,7 +32,6 @@ from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, allocate, clip, pseudo_inverse
-from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING
 from sim.geometry.vectors import rotation, transposed
 from sim.vehicle import coefficients, effectors
 from sim.vehicle.plant import Plant
@@ -167,12 +166,12 @@ def _increment(rate: float, wanted: float, given: float) -> float:
 
 @compiled
 def _hold_depth(
-    d: Any, reference: Floats, depth: float, sinking: float, speed: float, dt: float, memory: Record
+    d: Any, reference: Record, depth: float, sinking: float, speed: float, dt: float, memory: Record
 ) -> tuple[float, float, float, float]:
     """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's rate [N]."""
     by_pitch = d.by_pitch * clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
     speed = max(speed, SPEED_HEAVE)
-    high = reference[DEPTH] - depth
+    high = reference.depth - depth
 
     # through pitch: the angle of climb, and the incidence that lifts what the integral asks for
     lift = d.lift * speed * speed
@@ -181,7 +180,7 @@ def _hold_depth(
         incidence = clip(by_pitch * memory.depth_integral / lift, -INCIDENCE_MAX, INCIDENCE_MAX)
     steepest = speed * np.sin(CLIMB_MAX)
     slow = d.omega / 5.0
-    sink = reference[SINKING] + slow * high
+    sink = reference.sinking + slow * high
     climb = -np.arcsin(clip(sink, -steepest, steepest) / speed)
     before = memory.pitch_command
     step = PITCH_RATE_MAX * dt
@@ -189,8 +188,8 @@ def _hold_depth(
 
     # through heave: a level hull that sinks is held back by its lift
     fast = d.omega / 2.0
-    push = d.heave_mass * (fast * fast * high + 2.0 * fast * (reference[SINKING] - sinking))
-    push += d.lift * speed * reference[SINKING]
+    push = d.heave_mass * (fast * fast * high + 2.0 * fast * (reference.sinking - sinking))
+    push += d.lift * speed * reference.sinking
     force = memory.depth_integral - incidence * lift - (1.0 - by_pitch) * push
 
     rate = by_pitch * 0.25 * slow * slow * d.lift * speed + (1.0 - by_pitch) * 0.2 * d.heave_mass * fast**3
@@ -200,7 +199,7 @@ def _hold_depth(
 
 
 class VehicleState(NamedTuple):
-    """How a vehicle moves, as far as its autopilot knows: measured by sensors, or true."""
+    """Motion of a vehicle, measured or true."""
 
     surge: float
     """Speed through the water along the hull [m/s]."""
@@ -242,7 +241,7 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 def control(
     d: Any,
     wanted: tuple[float, float, float],
-    reference: Floats,
+    reference: Record,
     motion: VehicleState,
     dt: float,
     memory: Record,
@@ -253,7 +252,7 @@ def control(
     Args:
         d: record of DESIGN.
         wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
-        reference: TURNING, ACCELERATING, DEPTH and SINKING are read, shape (8,).
+        reference: record of `sim.control.guidance.REFERENCE`; its accelerations, depth and sinking are read.
         motion: how the vehicle moves.
         dt: since the last call [s].
         memory: record of AUTOPILOT_MEMORY; brought forward.
@@ -269,15 +268,15 @@ def control(
     # is that of when the thrusters will have followed
     level = max(np.cos(pitch), 0.5)
     missing = speed_wanted / level - surge
-    soon = speed_wanted / level + lag * reference[ACCELERATING]
-    thrust = d.surge_mass * (reference[ACCELERATING] + 0.5 * omega * missing) + memory.speed_integral
+    soon = speed_wanted / level + lag * reference.acceleration
+    thrust = d.surge_mass * (reference.acceleration + 0.5 * omega * missing) + memory.speed_integral
     thrust += (d.drag_linear * np.exp(-d.drag_fade * abs(soon)) + d.drag * abs(soon)) * soon
 
     # heading and sway; moments to port are positive, turns to port are negative
-    turn_soon = turn_wanted + lag * reference[TURNING]
+    turn_soon = turn_wanted + lag * reference.turn_acceleration
     astray = signed_angle(heading_wanted - heading)
     moment = -d.yaw_inertia * (
-        reference[TURNING] + omega * omega * astray + 2.0 * omega * (turn_wanted + motion.turning)
+        reference.turn_acceleration + omega * omega * astray + 2.0 * omega * (turn_wanted + motion.turning)
     )
     moment += memory.heading_integral - _damping(d.yaw_damping, way, turn_soon)
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway

@@ -21,15 +21,26 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from laisn.arrays import Floats, Record
+from laisn.arrays import Floats, Record, Records, records
 from laisn.compiled import compiled
 from laisn.geometry import signed_angle
 from sim.control.allocation import clip
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Limits, plan
 from sim.scenario.routes import Route
 
-EAST, NORTH, COURSE, SPEED, TURNING, ACCELERATING, DEPTH, SINKING = range(8)
-"""Columns of a reference: [m], [m], [rad], [m/s], [rad/s²], [m/s²], [m], [m/s]."""
+REFERENCE = np.dtype(
+    [
+        ("east", np.float64),  # [m]
+        ("north", np.float64),
+        ("course", np.float64),  # [rad]
+        ("speed", np.float64),  # [m/s]
+        ("turn_acceleration", np.float64),  # [rad/s²]
+        ("acceleration", np.float64),  # [m/s²]
+        ("depth", np.float64),  # [m]
+        ("sinking", np.float64),  # [m/s]
+    ]
+)
+"""State in which a vehicle should be at one instant."""
 GUIDANCE_MEMORY = np.dtype(
     [
         ("heading", np.float64),  # command [rad]
@@ -80,7 +91,7 @@ def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floa
     return (value(time + 0.5 * width) - value(time - 0.5 * width)) / width
 
 
-def _reference_of(route: Route, limits: Limits | None, time: Floats, lead: float) -> Floats:
+def _write_reference(route: Route, limits: Limits | None, time: Floats, lead: float, out: Records) -> None:
     flown = plan(route, limits)
     motion = flown.at(time)
 
@@ -96,23 +107,17 @@ def _reference_of(route: Route, limits: Limits | None, time: Floats, lead: float
     def depth(t: Floats) -> Floats:
         return route.depth.depth_at(np.maximum(t, 0.0))
 
-    columns = {
-        EAST: motion.east,
-        NORTH: motion.north,
-        COURSE: _mean(course, time, TURN_SMOOTHING),
-        SPEED: motion.speed,
-        TURNING: _rate(turn_rate, time + lead, 0.1),
-        ACCELERATING: _rate(speed, time + lead, 0.1),
-        DEPTH: _mean(depth, time, DEPTH_SMOOTHING),
-        SINKING: _rate(depth, time, DEPTH_SMOOTHING),
-    }
-    return np.column_stack([columns[i] for i in range(len(columns))])
+    out.east, out.north, out.speed = motion.east, motion.north, motion.speed
+    out.course = _mean(course, time, TURN_SMOOTHING)
+    out.turn_acceleration = _rate(turn_rate, time + lead, 0.1)
+    out.acceleration = _rate(speed, time + lead, 0.1)
+    out.depth, out.sinking = _mean(depth, time, DEPTH_SMOOTHING), _rate(depth, time, DEPTH_SMOOTHING)
 
 
 def reference(
     routes: Sequence[Route], time: Floats, limits: Sequence[Limits] | None = None, lead: Sequence[float] | None = None
-) -> Floats:
-    """State in which all vehicles should be: shape (n, v, 8), columns EAST … SINKING.
+) -> Records:
+    """State in which all vehicles should be: records of REFERENCE, shape (n, v).
 
     Course and depth are smoothed about each instant, for the plan is known ahead; the path is not.
 
@@ -125,25 +130,24 @@ def reference(
     Raises:
         ValueError: a route cannot be flown.
     """
-    table = np.empty((time.size, len(routes), 8))
+    table = records(REFERENCE, time.size, len(routes))
     for i, route in enumerate(routes):
-        bounds, early = limits[i] if limits else None, lead[i] if lead else 0.0
-        table[:, i] = _reference_of(route, bounds, time, early)
+        _write_reference(route, limits[i] if limits else None, time, lead[i] if lead else 0.0, table[:, i])
     return table
 
 
 @compiled
-def begin(reference: Floats, heading: float, speed: float, current: tuple[float, float], memory: Record) -> None:
+def begin(reference: Record, heading: float, speed: float, current: tuple[float, float], memory: Record) -> None:
     """Set up what guidance remembers of a vehicle at its start.
 
     Args:
-        reference: of this instant, columns EAST … SINKING, shape (8,).
+        reference: of this instant, record of REFERENCE.
         heading: of the vehicle [rad].
         speed: through the water, along the hull [m/s].
         current: east and north; zero where it is not known [m/s].
         memory: record of GUIDANCE_MEMORY; overwritten.
     """
-    memory.heading = reference[COURSE] + signed_angle(heading - reference[COURSE])
+    memory.heading = reference.course + signed_angle(heading - reference.course)
     memory.speed = max(speed, SPEED_LEAST)
     memory.current[0], memory.current[1] = current
 
@@ -162,17 +166,18 @@ def track_current(current: tuple[float, float], dt: float, memory: Record) -> No
 
 
 @compiled
-def integrate_offset(reference: Floats, position: tuple[float, float], dt: float, memory: Record) -> None:
+def integrate_offset(reference: Record, position: tuple[float, float], dt: float, memory: Record) -> None:
     """Take what keeps a vehicle off its reference for a current: integral action, for who cannot estimate one.
 
     Args:
-        reference: of this instant, columns EAST and NORTH are read [m].
+        reference: of this instant, record of REFERENCE.
         position: true or estimated, east and north [m].
         dt: since the last call [s].
         memory: record of GUIDANCE_MEMORY; `current` is brought forward.
     """
+    place = reference.east, reference.north
     for i in range(2):
-        offset = clip(position[i] - reference[EAST + i], -OFFSET_MOST, OFFSET_MOST)
+        offset = clip(position[i] - place[i], -OFFSET_MOST, OFFSET_MOST)
         integral = memory.current[i] + OFFSET_GAIN * offset * dt
         memory.current[i] = clip(integral, -INTEGRAL_MOST, INTEGRAL_MOST)
 
@@ -212,11 +217,11 @@ def _hold(
 
 
 @compiled
-def steer(reference: Floats, position: tuple[float, float], dt: float, memory: Record) -> tuple[float, float, float]:
+def steer(reference: Record, position: tuple[float, float], dt: float, memory: Record) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 
     Args:
-        reference: of this instant, columns EAST … SINKING, shape (8,).
+        reference: of this instant, record of REFERENCE.
         position: true or estimated, east and north [m].
         dt: since the last call [s].
         memory: record of GUIDANCE_MEMORY; the commands are brought forward, the current is read.
@@ -225,16 +230,16 @@ def steer(reference: Floats, position: tuple[float, float], dt: float, memory: R
         heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; speed through the water,
         changing at 0.2 m/s² at most, and negative only where the route stops [m/s].
     """
-    sin, cos = np.sin(reference[COURSE]), np.cos(reference[COURSE])
-    east, north = reference[EAST] - position[0], reference[NORTH] - position[1]
-    if reference[SPEED] < SPEED_LEAST:
+    sin, cos = np.sin(reference.course), np.cos(reference.course)
+    east, north = reference.east - position[0], reference.north - position[1]
+    if reference.speed < SPEED_LEAST:
         return _hold((sin, cos), (east, north), dt, memory)
     along, across = east * sin + north * cos, east * cos - north * sin
 
-    lookahead = max(LOOKAHEAD_MIN, LOOKAHEAD_TIME * reference[SPEED])
-    course = reference[COURSE] + np.arctan(across / lookahead)
-    bound = CATCH_UP * reference[SPEED]
-    speed = reference[SPEED] + clip(along / ALONG_TRACK_TIME, -bound, bound)
+    lookahead = max(LOOKAHEAD_MIN, LOOKAHEAD_TIME * reference.speed)
+    course = reference.course + np.arctan(across / lookahead)
+    bound = CATCH_UP * reference.speed
+    speed = reference.speed + clip(along / ALONG_TRACK_TIME, -bound, bound)
 
     through_east = speed * np.sin(course) - memory.current[0]
     through_north = speed * np.cos(course) - memory.current[1]

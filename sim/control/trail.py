@@ -1,4 +1,4 @@
-"""The leader's trail: where it was heard, by the length of its way.
+"""The leader's trail: its received positions, by the length of its way.
 
 A smooth curve leads through the positions (cubic Hermite segments with mean slopes, as Catmull and Rom 1974). Beyond
 its head the leader is taken to go on as it went over the last seconds; before its tail, to have come straight.
@@ -6,16 +6,25 @@ its head the leader is taken to go on as it went over the last seconds; before i
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Ints, Records
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 
-EAST, NORTH, ARC, TIME, THROUGH, HEADING, SLOPE_EAST, SLOPE_NORTH, TURNED, PACE = range(10)
-"""Columns of a trail: [m], [m], length of the way to there [m], [s]; what the leader said of itself there: its speed
-through the water [m/s] and its heading [rad]; slope of the curve there, for a metre of way; what the curve has turned
-until there at most, to port and to starboard added up [rad]; and the leader's mean speed over ground over the last
-seconds until then [m/s]."""
-TRAIL = 10
+TRAIL = np.dtype(
+    [
+        ("east", np.float64),  # [m]
+        ("north", np.float64),
+        ("arc", np.float64),  # length of the way to there [m]
+        ("time", np.float64),  # [s]
+        ("through", np.float64),  # the leader's broadcast speed through the water [m/s]
+        ("heading", np.float64),  # its broadcast heading [rad]
+        ("slope_east", np.float64),  # slope of the curve, per metre of way
+        ("slope_north", np.float64),
+        ("turned", np.float64),  # bound of what the curve has turned until there, both sides added up [rad]
+        ("pace", np.float64),  # the leader's mean speed over ground over the last seconds [m/s]
+    ]
+)
+"""One point of a trail."""
 
 SHORTEST = 0.3
 """Points of a trail are at least this far apart [m]: below it, a way would be made of waves and rounding."""
@@ -31,28 +40,28 @@ Place = tuple[float, float, float, float, float]
 
 
 @compiled
-def _chord(trail: Floats, a: int, b: int) -> tuple[float, float]:
+def _chord(trail: Records, a: int, b: int) -> tuple[float, float]:
     """East and north from point a to point b, for a metre of way; nothing where there is none."""
-    length = trail[b, ARC] - trail[a, ARC]
+    length = trail[b].arc - trail[a].arc
     if length <= 0.0:
         return 0.0, 0.0
-    return (trail[b, EAST] - trail[a, EAST]) / length, (trail[b, NORTH] - trail[a, NORTH]) / length
+    return (trail[b].east - trail[a].east) / length, (trail[b].north - trail[a].north) / length
 
 
 @compiled
-def _tail(trail: Floats, count: int) -> tuple[float, float]:
+def _tail(trail: Records, count: int) -> tuple[float, float]:
     """Direction of the first stretch of a trail; the shorter it is yet, the more that of the heading said there."""
-    course = trail[0, HEADING]
+    course = trail[0].heading
     i = 1
-    while i < count - 1 and trail[i, ARC] < TAIL:
+    while i < count - 1 and trail[i].arc < TAIL:
         i += 1
-    made = np.arctan2(trail[i, EAST] - trail[0, EAST], trail[i, NORTH] - trail[0, NORTH])
-    course += wrap_angle(made - course) * min(trail[i, ARC] / TAIL, 1.0)
+    made = np.arctan2(trail[i].east - trail[0].east, trail[i].north - trail[0].north)
+    course += wrap_angle(made - course) * min(trail[i].arc / TAIL, 1.0)
     return np.sin(course), np.cos(course)
 
 
 @compiled
-def _slope(trail: Floats, count: int, i: int) -> tuple[float, float]:
+def _slope(trail: Records, count: int, i: int) -> tuple[float, float]:
     """East and north of the direction of the curve at point i; it begins as it came, and at its head bends on."""
     last = count - 1
     if i == 0:
@@ -67,36 +76,36 @@ def _slope(trail: Floats, count: int, i: int) -> tuple[float, float]:
 
 
 @compiled
-def _turn_to(trail: Floats, i: int) -> float:
+def _turn_to(trail: Records, i: int) -> float:
     """Angle that the curve turns by at most from the point before to point i, to either side added up [rad].
 
     A derivative of Hermite's cubic is a Bézier curve, which turns no more than the polygon of its three points.
     """
-    length = trail[i, ARC] - trail[i - 1, ARC]
-    ax, ay = length * trail[i - 1, SLOPE_EAST], length * trail[i - 1, SLOPE_NORTH]
-    bx, by = length * trail[i, SLOPE_EAST], length * trail[i, SLOPE_NORTH]
-    mx = 3.0 * (trail[i, EAST] - trail[i - 1, EAST]) - ax - bx
-    my = 3.0 * (trail[i, NORTH] - trail[i - 1, NORTH]) - ay - by
+    length = trail[i].arc - trail[i - 1].arc
+    ax, ay = length * trail[i - 1].slope_east, length * trail[i - 1].slope_north
+    bx, by = length * trail[i].slope_east, length * trail[i].slope_north
+    mx = 3.0 * (trail[i].east - trail[i - 1].east) - ax - bx
+    my = 3.0 * (trail[i].north - trail[i - 1].north) - ay - by
     first = np.arctan2(ax * my - ay * mx, ax * mx + ay * my)
     second = np.arctan2(mx * by - my * bx, mx * bx + my * by)
     return float(abs(first) + abs(second))
 
 
 @compiled
-def _mean_speed(trail: Floats, last: int) -> float:
+def _mean_speed(trail: Records, last: int) -> float:
     """Mean speed over ground over the last seconds until a point that has one before it [m/s]."""
     i = last - 1
-    while i > 0 and trail[last, TIME] - trail[i, TIME] < PACE_TIME - 1e-6:
+    while i > 0 and trail[last].time - trail[i].time < PACE_TIME - 1e-6:
         i -= 1
-    return float((trail[last, ARC] - trail[i, ARC]) / (trail[last, TIME] - trail[i, TIME]))
+    return float((trail[last].arc - trail[i].arc) / (trail[last].time - trail[i].time))
 
 
 @compiled
-def extend(trail: Floats, count: Ints, east: float, north: float, time: float, said: tuple[float, float]) -> None:
+def extend(trail: Records, count: Ints, east: float, north: float, time: float, said: tuple[float, float]) -> None:
     """Add where the leader was to its trail.
 
     Args:
-        trail: columns EAST … PACE, shape (room, TRAIL); overwritten from `count` on, and the slopes of the last points.
+        trail: records of TRAIL, shape (room,); overwritten from `count` on, and the slopes of the last points.
         count: how many points it has, shape (1,); brought forward.
         east: [m].
         north: [m].
@@ -106,50 +115,50 @@ def extend(trail: Floats, count: Ints, east: float, north: float, time: float, s
     n = count[0]
     through, heading = said
     if n == 0:
-        trail[0, EAST], trail[0, NORTH], trail[0, ARC], trail[0, TIME] = east, north, 0.0, time
-        trail[0, THROUGH], trail[0, HEADING] = through, heading
-        trail[0, SLOPE_EAST], trail[0, SLOPE_NORTH] = np.sin(heading), np.cos(heading)
-        trail[0, TURNED], trail[0, PACE] = 0.0, through
+        trail[0].east, trail[0].north, trail[0].arc, trail[0].time = east, north, 0.0, time
+        trail[0].through, trail[0].heading = through, heading
+        trail[0].slope_east, trail[0].slope_north = np.sin(heading), np.cos(heading)
+        trail[0].turned, trail[0].pace = 0.0, through
         count[0] = 1
         return
     # the head moves on until it is far enough from the point before
-    if n > 1 and trail[n - 1, ARC] - trail[n - 2, ARC] < SHORTEST:
+    if n > 1 and trail[n - 1].arc - trail[n - 2].arc < SHORTEST:
         n -= 1
-    step = np.hypot(east - trail[n - 1, EAST], north - trail[n - 1, NORTH])
+    step = np.hypot(east - trail[n - 1].east, north - trail[n - 1].north)
     # a way that bends evenly is longer than its chord
-    half = 0.5 * abs(wrap_angle(heading - trail[n - 1, HEADING]))
+    half = 0.5 * abs(wrap_angle(heading - trail[n - 1].heading))
     if 1e-3 < half < 1.5:
         step *= half / np.sin(half)
-    trail[n, EAST], trail[n, NORTH], trail[n, TIME] = east, north, time
-    trail[n, THROUGH], trail[n, HEADING] = through, heading
-    trail[n, ARC] = trail[n - 1, ARC] + step
-    trail[n, PACE] = _mean_speed(trail, n)
+    trail[n].east, trail[n].north, trail[n].time = east, north, time
+    trail[n].through, trail[n].heading = through, heading
+    trail[n].arc = trail[n - 1].arc + step
+    trail[n].pace = _mean_speed(trail, n)
     count[0] = n + 1
     # the slope at the head hangs on three points, that at the tail on the first stretch
-    first = n - 1 if trail[n - 1, ARC] >= TAIL else 0
+    first = n - 1 if trail[n - 1].arc >= TAIL else 0
     for i in range(first, n + 1):
-        trail[i, SLOPE_EAST], trail[i, SLOPE_NORTH] = _slope(trail, n + 1, i)
+        trail[i].slope_east, trail[i].slope_north = _slope(trail, n + 1, i)
     for i in range(max(first, 1), n + 1):
-        trail[i, TURNED] = trail[i - 1, TURNED] + _turn_to(trail, i)
+        trail[i].turned = trail[i - 1].turned + _turn_to(trail, i)
 
 
 @compiled
-def pace(trail: Floats, count: int) -> float:
+def pace(trail: Records, count: int) -> float:
     """Mean speed over ground at the end of a trail [m/s]; that through the water where there is no way yet."""
-    return float(trail[count - 1, PACE])
+    return float(trail[count - 1].pace)
 
 
 @compiled
-def arc_at(trail: Floats, count: int, time: float) -> float:
+def arc_at(trail: Records, count: int, time: float) -> float:
     """Length of the way at a time [s]; after the last point the leader is taken to have kept its pace [m]."""
     last = count - 1
-    if time >= trail[last, TIME]:
-        return float(trail[last, ARC] + pace(trail, count) * (time - trail[last, TIME]))
+    if time >= trail[last].time:
+        return float(trail[last].arc + pace(trail, count) * (time - trail[last].time))
     i = last
-    while i > 1 and trail[i - 1, TIME] > time:
+    while i > 1 and trail[i - 1].time > time:
         i -= 1
-    share = (time - trail[i - 1, TIME]) / (trail[i, TIME] - trail[i - 1, TIME])
-    return float(trail[i - 1, ARC] + share * (trail[i, ARC] - trail[i - 1, ARC]))
+    share = (time - trail[i - 1].time) / (trail[i].time - trail[i - 1].time)
+    return float(trail[i - 1].arc + share * (trail[i].arc - trail[i - 1].arc))
 
 
 @compiled
@@ -160,81 +169,81 @@ def _unit(east: float, north: float) -> tuple[float, float]:
 
 
 @compiled
-def _straight(trail: Floats, i: int, ahead: tuple[float, float], beyond: float) -> Place:
+def _straight(trail: Records, i: int, ahead: tuple[float, float], beyond: float) -> Place:
     """A place so far beyond point i in a direction."""
-    east, north = trail[i, EAST] + beyond * ahead[0], trail[i, NORTH] + beyond * ahead[1]
-    return east, north, ahead[0], ahead[1], trail[i, THROUGH]
+    east, north = trail[i].east + beyond * ahead[0], trail[i].north + beyond * ahead[1]
+    return east, north, ahead[0], ahead[1], trail[i].through
 
 
 @compiled
-def _before(trail: Floats, count: int, arc: float) -> int:
+def _before(trail: Records, count: int, arc: float) -> int:
     """The last point that is not beyond a length of the way, which lies between the ends of a trail.
 
     It is sought from where it would be at an even pace: bisection would touch all of a long trail, which no cache holds
     of many followers.
     """
     last = count - 1
-    low = min(int(arc / trail[last, ARC] * last), last - 1)
-    while trail[low, ARC] > arc:
+    low = min(int(arc / trail[last].arc * last), last - 1)
+    while trail[low].arc > arc:
         low -= 1
-    while trail[low + 1, ARC] <= arc:
+    while trail[low + 1].arc <= arc:
         low += 1
     return low
 
 
 @compiled
-def _head(trail: Floats, count: int) -> int:
+def _head(trail: Records, count: int) -> int:
     """The last point whose slope says where the leader goes: too near to the one before, its own does not."""
     last = count - 1
-    return last - 1 if trail[last, ARC] - trail[last - 1, ARC] < SHORTEST and count > 2 else last
+    return last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
 
 
 @compiled
-def turned_since(trail: Floats, count: int, arc: float) -> float:
+def turned_since(trail: Records, count: int, arc: float) -> float:
     """By how much the way turns at most from a length of it on, to port and to starboard added up [rad].
 
     Args:
-        trail: columns EAST … PACE, shape (room, TRAIL).
+        trail: records of TRAIL, shape (room,).
         count: how many points it has, at least 1.
         arc: length of the way, as of `at` [m].
     """
     last = count - 1
-    if arc <= 0.0 or trail[last, ARC] <= 0.0:
-        return float(trail[last, TURNED])
-    since = last - 1 if arc >= trail[last, ARC] else _before(trail, count, arc)
-    return float(trail[last, TURNED] - trail[since, TURNED])
+    if arc <= 0.0 or trail[last].arc <= 0.0:
+        return float(trail[last].turned)
+    since = last - 1 if arc >= trail[last].arc else _before(trail, count, arc)
+    return float(trail[last].turned - trail[since].turned)
 
 
 @compiled
-def at(trail: Floats, count: int, arc: float) -> Place:
+def at(trail: Records, count: int, arc: float) -> Place:
     """The trail at a length of the way.
 
     Args:
-        trail: columns EAST … PACE, shape (room, TRAIL).
+        trail: records of TRAIL, shape (room,).
         count: how many points it has, at least 1.
         arc: length of the way; less than that of the first point or more than that of the last is straight on [m].
     """
     last = count - 1
-    if arc <= 0.0 or trail[last, ARC] <= 0.0:
-        return _straight(trail, 0, (trail[0, SLOPE_EAST], trail[0, SLOPE_NORTH]), arc)
-    if arc >= trail[last, ARC]:
+    if arc <= 0.0 or trail[last].arc <= 0.0:
+        return _straight(trail, 0, (trail[0].slope_east, trail[0].slope_north), arc)
+    if arc >= trail[last].arc:
         i = _head(trail, count)
-        return _straight(trail, last, _unit(trail[i, SLOPE_EAST], trail[i, SLOPE_NORTH]), arc - trail[last, ARC])
+        return _straight(trail, last, _unit(trail[i].slope_east, trail[i].slope_north), arc - trail[last].arc)
     low = _before(trail, count, arc)
     high = low + 1
-    length = trail[high, ARC] - trail[low, ARC]
-    u = (arc - trail[low, ARC]) / length
-    ax, ay = length * trail[low, SLOPE_EAST], length * trail[low, SLOPE_NORTH]
-    bx, by = length * trail[high, SLOPE_EAST], length * trail[high, SLOPE_NORTH]
-    dx, dy = trail[high, EAST] - trail[low, EAST], trail[high, NORTH] - trail[low, NORTH]
+    length = trail[high].arc - trail[low].arc
+    u = (arc - trail[low].arc) / length
+    ax, ay = length * trail[low].slope_east, length * trail[low].slope_north
+    bx, by = length * trail[high].slope_east, length * trail[high].slope_north
+    dx, dy = trail[high].east - trail[low].east, trail[high].north - trail[low].north
     # Hermite's cubic about the first point, and its derivative by u
     p, q, r = u * (1.0 - u) * (1.0 - u), u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
     dp, dq, dr = (1.0 - u) * (1.0 - 3.0 * u), 6.0 * u * (1.0 - u), u * (3.0 * u - 2.0)
     ahead_east, ahead_north = _unit(dp * ax + dr * bx + dq * dx, dp * ay + dr * by + dq * dy)
     return (
-        trail[low, EAST] + p * ax + r * bx + q * dx,
-        trail[low, NORTH] + p * ay + r * by + q * dy,
+        trail[low].east + p * ax + r * bx + q * dx,
+        trail[low].north + p * ay + r * by + q * dy,
         ahead_east,
         ahead_north,
-        (1.0 - u) * trail[low, THROUGH] + u * trail[high, THROUGH],
+        (1.0 - u) * trail[low].through + u * trail[high].through,
     )

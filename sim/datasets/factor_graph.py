@@ -20,11 +20,8 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.datasets.range_data import RangeData, compose, join_equal_times
-from sim.files import read_text
+from sim.datasets.range_data import RangeData, compose, numbers, text_of
 
-LARGEST_BYTES = 500_000_000
-"""Larger files are refused [bytes]."""
 _WORDS = {
     "VERTEX_SE2": (1, 1, 3, 0), "VERTEX_XY": (0, 1, 2, 0), "VERTEX_SE2:PRIOR": (1, 1, 3, 6),
     "VERTEX_XY:PRIOR": (1, 1, 2, 3), "EDGE_SE2": (1, 2, 3, 6), "EDGE_RANGE": (1, 2, 1, 1), "EDGE_SE2_XY": (1, 2, 2, 3),
@@ -40,15 +37,15 @@ _POSE = re.compile(r"([A-KM-Za-km-z])(\d+)")
 class _Line(NamedTuple):
     """A line of the file."""
 
-    number: int
     time: float
-    names: tuple[str, ...]
-    values: tuple[float, ...]
-    noise: tuple[float, ...]
+    """0 where it has none [s]."""
+    names: list[str]
+    values: list[float]
+    noise: list[float]
 
 
 def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
-    """Lines by their kind; LaisnError naming the first that cannot be understood."""
+    """Lines by their kind, with times in s; LaisnError naming the first that cannot be understood."""
     lines: dict[str, list[_Line]] = {kind: [] for kind in _WORDS}
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
@@ -63,30 +60,15 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
         expected = 1 + times + names + values + noise
         if len(words) != expected:
             raise LaisnError(f"{source}, line {number}: {kind} with {len(words)} words, expected {expected}")
-        try:
-            given = [float(word) for word in (*words[1 : 1 + times], *words[1 + times + names :])]
-        except ValueError as error:
-            raise LaisnError(f"{source}, line {number}: {kind}: {error}") from None
+        first = 1 + times + names
+        given = numbers((*words[1 : 1 + times], *words[first:]), f"{source}, line {number}: {kind}").tolist()
         if not np.all(np.isfinite(given)):
             raise LaisnError(f"{source}, line {number}: {kind} holds a number that is not finite")
-        called = tuple(words[1 + times : 1 + times + names])
-        numbers = given[times:]
-        lines[kind].append(
-            _Line(number, given[0] if times else 0.0, called, tuple(numbers[:values]), tuple(numbers[values:]))
-        )
-    return lines
-
-
-def _in_seconds(lines: dict[str, list[_Line]]) -> dict[str, list[_Line]]:
-    """Lines with times in s, of which some may be in ns."""
+        measured, variances = given[times : times + values], given[times + values :]
+        lines[kind].append(_Line(sum(given[:times]), words[1 + times : first], measured, variances))
     if max((abs(line.time) for kind in lines.values() for line in kind), default=0.0) <= _LATEST_S:
         return lines
     return {kind: [line._replace(time=1e-9 * line.time) for line in some] for kind, some in lines.items()}
-
-
-def _compass(heading: float) -> float:
-    """Clockwise from north, of a heading anticlockwise from east [rad]."""
-    return 0.5 * np.pi - heading
 
 
 def _robot(lines: dict[str, list[_Line]], source: str) -> tuple[str, list[str]]:
@@ -131,14 +113,10 @@ def _odometry(lines: dict[str, list[_Line]], order: dict[str, int], source: str)
     return steps, variances, [f"edges left out that are no steps of odometry: {closures}"] if closures else []
 
 
-def _walks(time: Floats, variances: Floats) -> tuple[float | None, float | None]:
-    """Random walks of position [m/√s] and heading [rad/√s] that steps have in the median; None where that is zero."""
-    lasted = np.diff(time)
-    rates = variances[lasted > 0.0] / lasted[lasted > 0.0, None]
-    if not rates.size:
-        return None, None
-    slip, turn = float(np.median(rates[:, :2].mean(axis=1))), float(np.median(rates[:, 2]))
-    return (float(np.sqrt(slip)) if slip > 0.0 else None), (float(np.sqrt(turn)) if turn > 0.0 else None)
+def _walk(rates: Floats) -> float | None:
+    """Random walk of which variances per second are given, [unit/√s], by their median; None where that is zero."""
+    rate = float(np.median(rates)) if rates.size else 0.0
+    return float(np.sqrt(rate)) if rate > 0.0 else None
 
 
 def _path(poses: list[_Line], odometry: Floats) -> tuple[Floats, str]:
@@ -154,28 +132,24 @@ def _path(poses: list[_Line], odometry: Floats) -> tuple[Floats, str]:
 
 
 def _ranges(
-    lines: dict[str, list[_Line]], order: dict[str, int], time: Floats, beacons: dict[str, int]
-) -> tuple[Floats, list[float], list[str]]:
-    """Rows of time, beacon and range, in order of time; their variances; and what to say of others.
+    lines: list[_Line], order: dict[str, int], time: Floats, beacons: list[str]
+) -> tuple[list[tuple[float, int, float]], float | None]:
+    """Rows of time, beacon and range, and its random error, from lines EDGE_RANGE.
 
     The time of a range is that in its line if it lies between the poses beside its own, and otherwise its pose's.
     """
-    rows, variances, left_out = [], [], 0
-    for line in lines["EDGE_RANGE"]:
+    rows, variances = [], []
+    for line in lines:
         pose, beacon = line.names if line.names[0] in order else line.names[::-1]
         if pose not in order or beacon not in beacons:
-            left_out += 1
+            rows.append((0.0, -1, line.values[0]))
             continue
         k = order[pose]
         low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
-        rows.append((line.time if low < line.time < high else time[k], beacons[beacon], line.values[0]))
+        rows.append((line.time if low < line.time < high else time[k], beacons.index(beacon), line.values[0]))
         variances.append(line.noise[0])
-    table = np.array(sorted(rows), dtype=np.float64).reshape(-1, 3)
-    return (
-        table,
-        variances,
-        [f"ranges left out that are not to a beacon of known place: {left_out}"] if left_out else [],
-    )
+    sigma = float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else None
+    return sorted(rows), sigma
 
 
 def read_factor_graph(path: Path) -> RangeData:
@@ -189,11 +163,7 @@ def read_factor_graph(path: Path) -> RangeData:
         LaisnError: the file cannot be read, is no planar graph, or lacks odometry or ranges; the text names the line.
     """
     source = str(path)
-    try:
-        text = read_text(path, LARGEST_BYTES)
-    except LaisnError as error:
-        raise LaisnError(f"{path}: cannot be read: {error}") from None
-    lines = _in_seconds(_parsed(text, source))
+    lines = _parsed(text_of(path), source)
     robot, remarks = _robot(lines, source)
     poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot)]
     poses.sort(key=lambda line: int(line.names[0][1:]))
@@ -202,29 +172,25 @@ def read_factor_graph(path: Path) -> RangeData:
         raise LaisnError(f"{source}: {len(poses) - len(order)} poses have the name of another one")
     time, untimed = _times(poses, source)
     odometry, spread, closures = _odometry(lines, order, source)
-    slip, heading_walk = _walks(time, spread)
+    lasted = np.diff(time)
+    rates = spread[lasted > 0.0] / lasted[lasted > 0.0, None]
     vertices, compared = _path(poses, odometry)
     places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
-    beacons = {name: i for i, name in enumerate(places)}
-    table, variances, left_out = _ranges(lines, order, time, beacons)
+    ranges, sigma = _ranges(lines["EDGE_RANGE"], order, time, list(places))
     begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
-    kept, odometry = join_equal_times(time, odometry)
-    joined = np.count_nonzero(~kept)
-    equal = [f"poses at the time of the one before, joined to it: {joined}"] if joined else []
-    truth = np.column_stack([time, vertices])[kept] if len(vertices) else np.empty((0, 3))
-    return RangeData(
+    # of poses at one time the first stays
+    path_rows = np.column_stack([time, vertices])[np.append(True, lasted != 0.0)] if len(vertices) else np.empty((0, 3))
+    return RangeData.collect(
         source=source,
-        start=np.array([begin[0], begin[1], _compass(begin[2])]),
-        time=time[kept],
+        start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]),
+        time=time,
         odometry=odometry,
-        beacons=tuple(beacons),
+        beacons=tuple(places),
         places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
-        range_time=table[:, 0].copy(),
-        range_beacon=table[:, 1].astype(np.int64),
-        ranges=table[:, 2].copy(),
-        range_sigma=float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else None,
-        truth=truth,
-        slip=slip,
-        heading_walk=heading_walk,
-        remarks=(*remarks, *untimed, *closures, *left_out, *equal, compared),
+        ranges=ranges,
+        range_sigma=sigma,
+        truth=path_rows,
+        slip=_walk(rates[:, :2].mean(axis=1)),
+        heading_walk=_walk(rates[:, 2]),
+        remarks=(*remarks, *untimed, *closures, compared),
     )

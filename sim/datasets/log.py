@@ -3,17 +3,14 @@
 In the log its beacons are transmitters of a leader that lies still, and the vehicle is a follower that hears them.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import repeat
-from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from foxglove import Schema
 
-from laisn.arrays import Bools, Floats, Ints
+from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements, Ranges
 from sim.datasets.factor_graph import read_factor_graph
@@ -21,8 +18,8 @@ from sim.datasets.range_data import RangeData
 from sim.datasets.range_tables import read_range_tables
 from sim.datasets.vehicle_table import VehicleTable
 from sim.files import atomic_write
-from sim.log.contents import Contents
-from sim.log.file import LogError, faults
+from sim.log.channels import Channel, numeric
+from sim.log.contents import Contents, LogError, faults
 from sim.log.reader import read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE, RECEPTION, RecordType
 from sim.log.writer import log_file
@@ -35,7 +32,6 @@ _RECORD = "data set"
 _STATED = ("range_sigma", "slip", "heading_walk")
 """What it holds of the sensors' errors, as the data set states them."""
 _SLOTS = Ranges._fields
-Channels = list[tuple[RecordType, Ints, dict[str, Floats]]]
 _APART = 1e-6
 """Between ranges of one instant that one reception cannot hold [s]."""
 
@@ -73,54 +69,52 @@ class Replayable(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def _slots(data: RangeData) -> tuple[Floats, list[str]]:
+def _slots(data: RangeData) -> tuple[Floats, Ints]:
     """When each range is heard [s], and of which transmitter it is.
 
     Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front and middle in turn,
     and what finds no free one is heard a microsecond later.
     """
-    times, slots = np.empty(data.ranges.size), []
-    own, taken, last = len(data.beacons) <= len(_SLOTS), set[str](), -1.0
+    times, slots = np.empty(data.ranges.size), np.empty(data.ranges.size, dtype=np.int64)
+    own, taken, last = len(data.beacons) <= len(_SLOTS), set[int](), -1.0
     for i, (at, beacon) in enumerate(zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)):
         taken = taken if at <= last else set()
-        slot = _SLOTS[beacon] if own else next((s for s in _SLOTS if s not in taken), _SLOTS[0])
+        slot = beacon if own else next((s for s in range(len(_SLOTS)) if s not in taken), 0)
         last = max(at, last)
         if slot in taken:
             last, taken = last + _APART, set()
         taken.add(slot)
-        times[i] = last
-        slots.append(slot)
+        times[i], slots[i] = last, slot
     return times, slots
 
 
-def _receptions(data: RangeData, slots: list[str]) -> tuple[Floats, dict[str, Floats]]:
-    """Times of receptions, shape (m,), [s], and their arrays: what was heard at one time is one."""
-    time, row = np.unique(data.range_time, return_inverse=True)
+def _channels(data: RangeData) -> Iterator[Channel]:
+    """Own motion, receptions and true path."""
+    times, slot = _slots(data)
+    end, speed, heading = replace(data, range_time=times).legs()
+    # the first ends a step that begins at rest, so that the next one begins at the start
+    motion = {"speed": np.append(0.0, speed), "heading": np.append(heading[0], heading)}
+    yield _channel(OWN_MOTION, np.append(data.time[0], end), motion | {"depth": np.zeros(end.size + 1)})
+
+    # what was heard at one time is one reception
+    time, row = np.unique(times, return_inverse=True)
     message = np.zeros((time.size, len(LeaderMessage._fields)))
     message[:, 0] = time
     message[:, 1:3] = data.places.mean(axis=0)
     message[:, LeaderMessage._fields.index("pitch") :] = np.nan
     ranges, transmitters = np.full((time.size, len(_SLOTS)), np.nan), np.full((time.size, *PLACES.shape), np.nan)
-    slot = np.array([_SLOTS.index(name) for name in slots])
     ranges[row, slot] = data.ranges
     transmitters[row, slot, :2] = data.places[data.range_beacon]
     transmitters[row, slot, 2] = 0.0
-    return time, {"message": message, "ranges": ranges, "transmitters": transmitters}
+    yield _channel(PLACED_RECEPTION, time, {"message": message, "ranges": ranges, "transmitters": transmitters})
+
+    at, *place = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
+    turn = np.tile([1.0, 0.0, 0.0, 0.0], (at.size, 1))
+    yield _channel(POSE, at, {"position": np.column_stack([*place, np.zeros(at.size)]), "quaternion": turn})
 
 
-def _channels(data: RangeData) -> Iterator[tuple[RecordType, Floats, dict[str, Floats]]]:
-    """Type, times [s] and arrays of each channel."""
-    times, slots = _slots(data)
-    data = replace(data, range_time=times)
-    legs = data.legs()
-    # the first ends a step that begins at rest, so that the next one begins at the start
-    time = np.append(data.time[0], legs.end)
-    motion = {"speed": np.append(0.0, legs.speed), "heading": np.append(legs.heading[0], legs.heading)}
-    yield OWN_MOTION, time, motion | {"depth": np.zeros(time.size)}
-    yield PLACED_RECEPTION, *_receptions(data, slots)
-    at, flat = data.truth[:, 0], np.zeros(len(data.truth))
-    turn = np.tile([1.0, 0.0, 0.0, 0.0], (flat.size, 1))
-    yield POSE, at, {"position": np.column_stack([data.truth[:, 1:], flat]), "quaternion": turn}
+def _channel(type_: RecordType, time: Floats, arrays: dict[str, Floats]) -> Channel:
+    return numeric(f"/{VEHICLE}", type_, np.rint(time * 1e9).astype(np.int64), arrays.__getitem__)
 
 
 def write_data_set(data: RangeData, path: Path) -> None:
@@ -138,8 +132,7 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "start_north": repr(float(data.start[1])),
         **{name: "" if (value := getattr(data, name)) is None else repr(value) for name in _STATED},
     }
-    channels = [(type_, np.rint(time * 1e9).astype(np.int64), arrays) for type_, time, arrays in _channels(data)]
-    _write(path, VEHICLE, channels, facts)
+    _write(path, list(_channels(data)), facts)
 
 
 def write_vehicle_table(table: VehicleTable, path: Path, name: str) -> None:
@@ -153,38 +146,27 @@ def write_vehicle_table(table: VehicleTable, path: Path, name: str) -> None:
     Raises:
         LogError: the file cannot be written.
     """
-
-    def arrays(type_: RecordType, rows: Bools) -> dict[str, Floats]:
-        empty = np.full(table.time_ns.size, np.nan)
-        return {
-            group.attribute: np.column_stack([table.columns.get(field, empty) for field in group.fields])[rows]
-            for group in type_.groups
-        }
-
+    empty = np.full(table.time_ns.size, np.nan)
     own = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
     ranges = [values for field, values in table.columns.items() if field.startswith("range_")]
     heard = np.any(np.isfinite(ranges), axis=0)
-    reception = PLACED_RECEPTION if set(PLACES.fields) & set(table.columns) else RECEPTION
-    channels = [
-        (type_, table.time_ns[rows], arrays(type_, rows)) for type_, rows in ((OWN_MOTION, own), (reception, heard))
-    ]
-    _write(path, name, channels, {})
+    reception = PLACED_RECEPTION if set(PLACES.names) & set(table.columns) else RECEPTION
+    channels = []
+    for type_, rows in ((OWN_MOTION, own), (reception, heard)):
+        arrays = {
+            array.attribute: np.column_stack([table.columns.get(field, empty) for field in array.names])[rows]
+            for array in type_.columns
+        }
+        channels.append(numeric(f"/{name}", type_, table.time_ns[rows], arrays.__getitem__))
+    _write(path, channels, {})
 
 
-def _write(path: Path, name: str, channels: Channels, facts: dict[str, str]) -> None:
-    """Write channels of a vehicle: type, times, shape (n,), [ns], and arrays by attribute, n rows each."""
-    messages: list[tuple[int, str, Schema, bytes]] = []
-    for type_, time_ns, arrays in channels:
-        rows = type_.rows(time_ns, arrays.__getitem__)
-        messages += zip(time_ns.tolist(), repeat(type_.topic), repeat(type_.schema), rows, strict=False)
+def _write(path: Path, channels: Sequence[Channel], facts: dict[str, str]) -> None:
+    """Write channels, and facts as metadata of a data set."""
     with faults(path), atomic_write(path) as part, log_file(part) as log:
         if facts:
             log.mcap.write_metadata(_RECORD, facts)
-        log_to: dict[str, Callable[[bytes, int], None]] = {}
-        for at, channel, schema, content in sorted(messages, key=itemgetter(0)):
-            if channel not in log_to:
-                log_to[channel] = log.channel(f"/{name}/{channel}", schema)
-            log_to[channel](content, at)
+        log.write(channels)
 
 
 def is_data_set(path: Path) -> bool:

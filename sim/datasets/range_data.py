@@ -1,28 +1,37 @@
 """What data sets of ranges have in common: odometry, beacons, ranges, and perhaps the true path."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple, Self
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints
 from laisn.failure import LaisnError
 from laisn.records import own_arrays
+from sim.files import read_text
 
+_LARGEST_BYTES = 500_000_000
+"""Larger files are refused [bytes]."""
 SLOWEST, FASTEST = 0.01, 50.0
 """Mean speeds beyond these are not believed of a vehicle [m/s]."""
 
 
-class Legs(NamedTuple):
-    """A way in pieces, each straight and of even speed."""
+def text_of(path: Path) -> str:
+    """The text of a user's file; LaisnError if it cannot be read."""
+    try:
+        return read_text(path, _LARGEST_BYTES)
+    except LaisnError as error:
+        raise LaisnError(f"{path}: cannot be read: {error}") from None
 
-    end: Floats
-    """When each ends, shape (k,), [s]."""
-    speed: Floats
-    """Shape (k,), [m/s]."""
-    heading: Floats
-    """Compass direction of the way, shape (k,), [rad]."""
+
+def numbers(words: Iterable[str], where: str) -> Floats:
+    """The numbers that words stand for, NaN where they are empty; LaisnError naming the first that is none."""
+    try:
+        return np.array([float(word) if word.strip() else np.nan for word in words])
+    except ValueError as error:
+        raise LaisnError(f"{where}: {error}") from None
 
 
 def compose(first: Floats, second: Floats) -> Floats:
@@ -32,16 +41,8 @@ def compose(first: Floats, second: Floats) -> Floats:
     return np.asarray(first + turned)
 
 
-def join_equal_times(time: Floats, odometry: Floats) -> tuple[Bools, Floats]:
-    """Leave out poses at the time of the one before; their steps join the step that follows.
-
-    Args:
-        time: of each pose, shape (n + 1,), [s].
-        odometry: steps between them as of `RangeData`, shape (n, 3).
-
-    Returns:
-        Which poses stay, shape (n + 1,), and the steps between those.
-    """
+def _join_equal_times(time: Floats, odometry: Floats) -> tuple[Bools, Floats]:
+    """Which poses are not at the time of the one before, shape (n + 1,), and the steps between those."""
     kept = np.concatenate([[True], np.diff(time) != 0.0])
     steps, way = [], np.zeros(3)
     for stays, step in zip(kept[1:].tolist(), odometry, strict=True):
@@ -107,6 +108,37 @@ class RangeData:
             raise LaisnError(f"{self.source}: holds no range between the vehicle and a beacon whose place is known")
         own_arrays(self)
 
+    @classmethod
+    def collect(
+        cls, *, time: Floats, odometry: Floats, ranges: Sequence[Sequence[float]], remarks: Sequence[str], **more: Any
+    ) -> Self:
+        """Data from poses of which some may be at one time, and ranges in any order to beacons of which some may lack.
+
+        Args:
+            time: of each pose, shape (n + 1,), [s]; poses at the time of the one before are joined to it.
+            odometry: steps between them, shape (n, 3).
+            ranges: rows of time [s], beacon and range [m]; those to beacon −1 are left out.
+            remarks: what to say besides.
+            more: other fields.
+        """
+        kept, steps = _join_equal_times(time, odometry)
+        table = np.array(ranges, dtype=np.float64).reshape(-1, 3)
+        heard = table[table[:, 1] >= 0]
+        heard = heard[np.argsort(heard[:, 0], kind="stable")]
+        counts = {
+            "ranges left out that are not to a beacon of known place": len(table) - len(heard),
+            "poses at the time of the one before, joined to it": int(np.count_nonzero(~kept)),
+        }
+        return cls(
+            time=time[kept],
+            odometry=steps,
+            range_time=heard[:, 0],
+            range_beacon=heard[:, 1].astype(np.int64),
+            ranges=heard[:, 2],
+            remarks=(*remarks, *(f"{what}: {number}" for what, number in counts.items() if number)),
+            **more,
+        )
+
     def doubtful(self) -> tuple[str, ...]:
         """A remark if the mean speed is none of a vehicle, as where milliseconds are taken for seconds."""
         way, duration = float(np.hypot(*self.odometry[:, :2].T).sum()), float(self.time[-1] - self.time[0])
@@ -139,8 +171,12 @@ class RangeData:
             ranges=self.ranges[kept],
         )
 
-    def legs(self) -> Legs:
-        """The way as odometry has it, cut where a range was measured, so that each has its own place on it."""
+    def legs(self) -> tuple[Floats, Floats, Floats]:
+        """The way as odometry has it, cut where a range was measured, so that each has its own place on it.
+
+        Returns:
+            Of each piece, straight and of even speed, its end [s], speed [m/s] and compass direction [rad], shape (k,).
+        """
         ahead, port, turn = self.odometry.T
         facing = self.start[2] - np.concatenate([[0.0], np.cumsum(turn)])[:-1]
         speed = np.hypot(ahead, port) / np.diff(self.time)
@@ -148,4 +184,4 @@ class RangeData:
         within = (self.range_time > self.time[0]) & (self.range_time <= self.time[-1])
         end = np.union1d(self.time[1:], self.range_time[within])
         step = np.searchsorted(self.time, end) - 1
-        return Legs(end, speed[step], heading[step])
+        return end, speed[step], heading[step]

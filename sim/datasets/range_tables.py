@@ -16,7 +16,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.datasets.range_data import RangeData, join_equal_times
+from sim.datasets.range_data import RangeData
 
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}
 """Columns of each table."""
@@ -95,29 +95,16 @@ def read_range_tables(path: Path) -> RangeData:
     tables = _checked(_from_matlab(path) if path.suffix == ".mat" else _from_text(path), str(path))
     begin, pose = _start(tables, str(path))
     odometry, ranges, nodes = (tables[name] for name in _NEEDED)
-    time = np.concatenate([[begin], odometry[:, 0]])
-    kept, steps = join_equal_times(time, np.column_stack([odometry[:, 1], np.zeros(len(odometry)), odometry[:, 2]]))
-    remarks = (
-        [f"poses at the time of the one before, joined to it: {np.count_nonzero(~kept)}"] if not kept.all() else []
-    )
-    names = tuple(str(int(node)) for node in nodes[:, 0])
-    ranges = ranges[np.argsort(ranges[:, 0], kind="stable")]
-    beacon = np.array([names.index(str(int(n))) if str(int(n)) in names else -1 for n in ranges[:, 2]], dtype=np.int64)
-    left_out = int(np.count_nonzero(beacon < 0))
-    return RangeData(
+    names = nodes[:, 0].astype(np.int64).tolist()
+    return RangeData.collect(
         source=str(path),
         start=np.array([pose[0], pose[1], 0.5 * np.pi - pose[2]]),
-        time=time[kept],
-        odometry=steps,
-        beacons=names,
+        time=np.concatenate([[begin], odometry[:, 0]]),
+        odometry=np.column_stack([odometry[:, 1], np.zeros(len(odometry)), odometry[:, 2]]),
+        beacons=tuple(map(str, names)),
         places=nodes[:, 1:].copy(),
-        range_time=ranges[beacon >= 0, 0],
-        range_beacon=beacon[beacon >= 0],
-        ranges=ranges[beacon >= 0, 3],
+        ranges=[(at, names.index(int(n)) if int(n) in names else -1, z) for at, _, n, z in ranges.tolist()],
         range_sigma=None,
         truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)),
-        remarks=(
-            *remarks,
-            *([f"ranges left out that are not to a node of known place: {left_out}"] if left_out else []),
-        ),
+        remarks=(),
     )

@@ -15,18 +15,16 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
-from sim.files import read_text
+from sim.datasets.range_data import numbers, text_of
 from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
 
-LARGEST_BYTES = 500_000_000
-"""Larger files are refused [bytes]."""
 _TIME = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 """Nanoseconds of each unit of time."""
 _SPEED = {"m/s": 1.0, "m_s": 1.0, "kn": 1852.0 / 3600.0, "km/h": 1.0 / 3.6}
 _ANGLE = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 _LENGTH = {"m": 1.0, "cm": 0.01, "km": 1000.0, "ft": 0.3048}
 _TIME_NAMES = ("time", "timestamp", "t", "datetime")
-_FIELDS = (*OWN_MOTION.fields, *RECEPTION.fields, *PLACES.fields)
+_FIELDS = (*OWN_MOTION.fields, *RECEPTION.fields, *PLACES.names)
 _NEEDED = (*OWN_MOTION.fields, "leader_east", "leader_north", "leader_heading", "leader_speed", "leader_depth")
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """A time beyond these is counted from 1970 in this unit."""
@@ -66,22 +64,21 @@ def _named(head: str) -> tuple[str, str]:
 def _times(words: list[str], unit: str, where: str) -> tuple[Ints, str]:
     """Times [ns], and the format that was found."""
     try:
-        numbers = np.array([float(word) for word in words])
-    except ValueError:
+        times = numbers(words, where)
+    except LaisnError as error:
         try:
             dates = [datetime.fromisoformat(word.strip()) for word in words]
-        except ValueError as error:
-            raise LaisnError(f"{where}: {error}; expected numbers or dates such as 2026-05-01T12:00:00.25Z") from None
-        start = datetime(1970, 1, 1, tzinfo=UTC)
-        since = [(d if d.tzinfo else d.replace(tzinfo=UTC)) - start for d in dates]
+        except ValueError:
+            raise LaisnError(f"{error}; expected numbers or dates such as 2026-05-01T12:00:00.25Z") from None
+        since = [d.replace(tzinfo=d.tzinfo or UTC) - datetime(1970, 1, 1, tzinfo=UTC) for d in dates]
         return np.array([round(s.total_seconds() * 1e6) * 1000 for s in since], dtype=np.int64), "dates (UTC)"
-    if not np.all(np.isfinite(numbers)):
+    if not np.all(np.isfinite(times)):
         raise LaisnError(f"{where}: a time is not finite")
     if not unit:
-        unit = next((name for least, name in _EPOCHS if numbers.max() > least), "s")
+        unit = next((name for least, name in _EPOCHS if times.max() > least), "s")
         # own measurements less often than every 5 s would be rare
-        unit = "ms" if unit == "s" and np.median(np.diff(np.unique(numbers))) > 5.0 else unit
-    return np.rint(numbers * _TIME[unit]).astype(np.int64), unit
+        unit = "ms" if unit == "s" and np.median(np.diff(np.unique(times))) > 5.0 else unit
+    return np.rint(times * _TIME[unit]).astype(np.int64), unit
 
 
 def read_vehicle_table(path: Path) -> VehicleTable:
@@ -90,17 +87,13 @@ def read_vehicle_table(path: Path) -> VehicleTable:
     Raises:
         LaisnError: it cannot be read, lacks a column, or a cell is no number; the text names the line.
     """
-    try:
-        text = read_text(path, LARGEST_BYTES)
-    except LaisnError as error:
-        raise LaisnError(f"{path}: {error}") from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    lines = [line for line in text_of(path).splitlines() if line.strip() and not line.startswith("#")]
     if len(lines) < 3:
         raise LaisnError(f"{path}: {len(lines)} lines; a header and two rows are needed at least")
     delimiter = max(",;\t", key=lines[0].count)
     heads, *rows = csv.reader(lines, delimiter=delimiter)
-    found = {i: named for i, head in enumerate(heads) if (named := _named(head))[0]}
-    by_field = {field: (i, unit) for i, (field, unit) in found.items()}
+    named = [_named(head) for head in heads]
+    by_field = {field: (i, unit) for i, (field, unit) in enumerate(named) if field}
     times = [field for field in _TIME_NAMES if field in by_field]
     missing = [name for name in _NEEDED if name not in by_field] + ([] if times else ["time"])
     missing += [] if any(field.startswith("range_") for field in by_field) else ["range_rear"]
@@ -118,20 +111,16 @@ def read_vehicle_table(path: Path) -> VehicleTable:
     for field, (i, given) in by_field.items():
         if field in _TIME_NAMES:
             continue
-        try:
-            # a decimal comma is only possible beside another delimiter
-            cells = [row[i].replace(",", ".") if delimiter != "," else row[i] for row in rows]
-            values = np.array([float(cell) if cell.strip() else math.nan for cell in cells])
-        except ValueError as error:
-            raise LaisnError(f"{path}, column {heads[i]}: {error}") from None
-        units = _units(field)
+        # a decimal comma is only possible beside another delimiter
+        cells = (row[i].replace(",", ".") if delimiter != "," else row[i] for row in rows)
+        values, units = numbers(cells, f"{path}, column {heads[i]}"), _units(field)
         known = given or next(iter(units))
         # no angle in radians is that large
         if not given and units is _ANGLE and np.nanmax(np.abs(values), initial=0.0) > 4.0 * math.pi:
             known = "deg"
         columns[field] = values * units[known]
         remarks.append(f"{heads[i]}: {field} in {known}")
-    unused = [head for i, head in enumerate(heads) if i not in found]
+    unused = [head for head, (field, _) in zip(heads, named, strict=True) if not field]
     remarks += [f"not used: {', '.join(unused)}"] if unused else []
     order = np.argsort(time_ns, kind="stable")
     columns.setdefault("leader_timestamp", time_ns / 1e9)

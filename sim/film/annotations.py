@@ -1,6 +1,5 @@
 """Colours of a film, and what a study adds: other estimates beside the follower's own, errors that colour its rays."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,15 +83,9 @@ class Annotations:
     others: tuple[OtherEstimate, ...] = ()
     rays: RayErrors | None = None
 
-    def check(self, steps: int, messages: int) -> None:
-        """ValueError unless the arrays fit a flight of n filter steps and m messages."""
-        wanted: Sequence[tuple[str, tuple[int, ...], tuple[int, ...]]] = [
-            *((f"estimate {o.label!r}", o.position.shape, (steps, 2)) for o in self.others),
-            *([("ray errors", self.rays.value.shape, (messages, 3))] if self.rays else []),
-        ]
-        for name, given, expected in wanted:
-            if given != expected:
-                raise ValueError(f"annotations: {name} of shape {given}, expected {expected} for this flight")
+    def ray_colours(self, message: int) -> tuple[RGB, ...]:
+        """Colours of the filmed follower's rays, rear, front and middle; message -1 stands for none."""
+        return self.rays.colours(message) if self.rays else TRANSMITTER_COLOURS
 
 
 NOTHING = Annotations()

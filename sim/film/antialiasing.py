@@ -1,7 +1,4 @@
-"""Smooth edges without multisampling, in the manner of FXAA 3 (T. Lottes, NVIDIA, 2011).
-
-For renderers on the processor: there four samples a pixel cost as much again as the whole frame, this a hundredth.
-"""
+"""Smooth edges without multisampling, in the manner of FXAA 3 (T. Lottes, NVIDIA, 2011)."""
 
 import numpy as np
 
@@ -10,8 +7,8 @@ from laisn.compiled import compiled, inlined
 
 _CONTRAST = 20
 """Smallest difference of brightness, of 255, that counts as an edge: hulls against water do, sand and sheen do not."""
-_REACH = 16
-"""How far along an edge its ends are looked for, at most [px]."""
+_EDGE_PX = 16
+"""How far along an edge its ends are looked for, at most."""
 
 
 @inlined
@@ -25,7 +22,7 @@ def _end(source: Bytes, row: int, column: int, along: tuple[int, int], over: tup
     """Steps to where an edge ends, and by how much the brightness astride of it then differs from `mean`."""
     height, width = source.shape[0], source.shape[1]
     difference = 0.0
-    for n in range(1, _REACH + 1):
+    for n in range(1, _EDGE_PX + 1):
         i, j = row + n * along[0], column + n * along[1]
         if not (0 <= i < height and 0 <= j < width):
             return n, 0.0
@@ -33,12 +30,14 @@ def _end(source: Bytes, row: int, column: int, along: tuple[int, int], over: tup
         difference = (here + there) / 2.0 - mean
         if abs(difference) >= limit:
             return n, difference
-    return _REACH, difference
+    return _EDGE_PX, difference
 
 
 @compiled
 def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height: int) -> None:
     """Write the smoothed edges of a part of a picture.
+
+    On a processor four samples a pixel cost as much again as the whole frame, this a hundredth.
 
     Args:
         source: pixels, shape (rows, columns, 3).

@@ -55,6 +55,10 @@ class View:
         right = right / np.linalg.norm(right)
         return np.stack([right, np.cross(right, forward), forward])
 
+    def focal(self, height: int) -> float:
+        """Focal length in a frame of so many rows [px]."""
+        return float(height / 2 / np.tan(np.radians(self.fovy_deg) / 2))
+
     def project(self, points: Floats, width: int, height: int) -> tuple[Floats, Floats]:
         """Project points of shape (n, 3): pixels from the top left, shape (n, 2), and distance ahead, shape (n,), [m].
 
@@ -62,8 +66,7 @@ class View:
         """
         local = (np.atleast_2d(points) - self.position) @ self.axes.T
         ahead = local[:, 2]
-        focal = height / 2 / np.tan(np.radians(self.fovy_deg) / 2)
-        scale = focal / np.maximum(ahead, 1e-9)
+        scale = self.focal(height) / np.maximum(ahead, 1e-9)
         return np.stack([width / 2 + scale * local[:, 0], height / 2 - scale * local[:, 1]], axis=1), ahead
 
     def line(self, points: Floats, width: int, height: int) -> list[tuple[Floats, Floats]]:
@@ -107,12 +110,11 @@ class CameraRig:
 
     Args:
         data: what is filmed.
-        follower: index of the follower that cameras keep to.
         aspect: width by height of the frame.
     """
 
-    def __init__(self, data: FilmData, follower: int, aspect: float) -> None:
-        self._aspect = aspect
+    def __init__(self, data: FilmData, aspect: float) -> None:
+        self._aspect, follower = aspect, data.follower
         self._vehicle = follower + 1
         truth = data.flight.trajectory
         self._floor = -data.flight.scenario.ocean.floor_depth_m
@@ -138,21 +140,18 @@ class CameraRig:
         ahead = np.stack([np.sin(heading[:, 0]), np.cos(heading[:, 0])], axis=1)
         starboard = ahead[:, 1] * self._separation[:, 0] - ahead[:, 0] * self._separation[:, 1] < 0
         self._side = 1.0 if starboard.mean() >= 0.5 else -1.0
-        error = np.nan_to_num(data.position_error[follower])
-        steps = data.start + data.flight.measurements[0].dt * np.arange(1, error.size + 1)
-        self._error = smooth(np.interp(self._time, steps, error))
         # how far the estimate lies to the right of the follower, seen towards the leader
         away = data.flight.estimates[follower].state[:, :2] - data.flight.hydrophone(follower)[:, :2]
-        east, north = (np.interp(self._time, steps, np.nan_to_num(along)) for along in away.T)
+        values = np.nan_to_num(np.column_stack([data.position_error[follower], away]))
+        error, east, north = data.interpolated(values, self._time).T
+        self._error = smooth(error)
         towards = self._separation[:, :2] / np.maximum(np.hypot(*self._separation[:, :2].T), 1e-6)[:, None]
         self._aside = smooth(east * towards[:, 1] - north * towards[:, 0])
 
     def _now(self, values: Floats, time: float) -> Floats:
-        place = np.interp(time, self._time, np.arange(self._time.size))
-        i = min(int(place), self._time.size - 2) if self._time.size > 1 else 0
-        j = min(i + 1, self._time.size - 1)
-        u = place - i
-        return np.asarray((1 - u) * values[i] + u * values[j])
+        place = float(np.interp(time, self._time, np.arange(self._time.size)))
+        i, u = int(place), place % 1.0
+        return np.asarray((1 - u) * values[i] + u * values[min(i + 1, self._time.size - 1)])
 
     def _in_water(self, position: Floats) -> Floats:
         """The camera, kept between surface and floor."""

@@ -17,16 +17,7 @@ from matplotlib.transforms import IdentityTransform
 
 from laisn.arrays import Bytes, Floats
 from laisn.estimates import FIX_WORDS
-from sim.film.annotations import (
-    ESTIMATE,
-    LEADER,
-    STATION,
-    TRANSMITTER_COLOURS,
-    TRUTH,
-    Annotations,
-    RayErrors,
-    diverging,
-)
+from sim.film.annotations import ESTIMATE, LEADER, STATION, TRUTH, RayErrors, diverging
 from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
 from sim.film.film_data import FilmData, FrameState
 
@@ -76,19 +67,16 @@ class Dashboard:
 
     Args:
         data: what is filmed.
-        follower: index of the follower whose numbers are shown.
         canvas: of the frames.
-        annotations: what a study adds.
         show_pitch: whether the film is about the leader's pitch, whose curve then replaces that of the bearing error.
     """
 
-    def __init__(self, data: FilmData, follower: int, canvas: Canvas, annotations: Annotations,
-                 show_pitch: bool = False) -> None:  # fmt: skip
-        self._data, self._follower, self._added = data, follower, annotations
+    def __init__(self, data: FilmData, canvas: Canvas, show_pitch: bool = False) -> None:
+        self._data, self._follower, self._added = data, data.follower, data.annotations
         s, t = canvas.scale, canvas.text_scale
         self._s, self._t, self._size, self._short = s, t, (canvas.width, canvas.height), canvas.height < _SHORT
         left, top, width, gap, side = 16 * s, 16 * s, 292 * s, 6 * s, 232 * s
-        rows = self._rows(data.at(data.start), TRANSMITTER_COLOURS)
+        rows = self._rows(data.at(data.start))
         self._numbers: Place = (left, top, width, (9 + sum(height for height, _ in rows)) * t)
         first, height = top + self._numbers[3] + gap, 92 * t
         curves: list[Place] = [(left, first + n * (height + gap), width, height) for n in range(2 - self._short)]
@@ -99,8 +87,8 @@ class Dashboard:
         caption: Place = (beside, top, corner - gap - beside, 60 * s)
         self.scale: Place = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
-        lefts, rights = [self._numbers, *curves], [self._map, *([bar] if annotations.rays else [])]
-        words = [caption] if annotations.caption else []
+        lefts, rights = [self._numbers, *curves], [self._map, *([bar] if self._added.rays else [])]
+        words = [caption] if self._added.caption else []
         self.places: list[Place] = [*lefts, *rights, *words]
         """Places of all panels."""
         lower_left, lower_right = (max(y + h for _, y, _, h in column) for column in (lefts, rights))
@@ -124,9 +112,9 @@ class Dashboard:
             for place, (label, values) in zip(curves, quantities, strict=False)
         ]
         self._add_map()
-        if annotations.rays:
-            self._add_colour_bar(bar, annotations.rays)
-        if annotations.caption:
+        if self._added.rays:
+            self._add_colour_bar(bar, self._added.rays)
+        if self._added.caption:
             self._add_caption(caption)
         self._layers = self._drawn()
 
@@ -145,16 +133,8 @@ class Dashboard:
 
     def _write(self, at: tuple[float, float], words: str, colour: Colour, size: float, ha: str, va: str) -> None:
         """Static text at an anchor, with matplotlib's names of alignments; bold if size < 0."""
-        self.figure.text(
-            at[0] / self._size[0],
-            1 - at[1] / self._size[1],
-            words,
-            color=colour,
-            fontsize=abs(size) * self._t,
-            fontweight="bold" if size < 0 else "normal",
-            ha=ha,
-            va=va,
-        )
+        x, y, weight = at[0] / self._size[0], 1 - at[1] / self._size[1], "bold" if size < 0 else "normal"
+        self.figure.text(x, y, words, color=colour, fontsize=abs(size) * self._t, fontweight=weight, ha=ha, va=va)
 
     def _axes(self, place: Place) -> Axes:
         """Axes without a frame at a place."""
@@ -262,27 +242,20 @@ class Dashboard:
 
     # what changes
 
-    def draw(self, canvas: Canvas, state: FrameState, rays: Sequence[Colour], trails: Sequence[Trail]) -> None:
-        """Draw all panels.
-
-        Args:
-            canvas: the frame.
-            state: what it shows.
-            rays: colours of the follower's rays.
-            trails: recent tracks of vehicles and estimates.
-        """
+    def draw(self, canvas: Canvas, state: FrameState, trails: Sequence[Trail]) -> None:
+        """Draw all panels on a frame, with recent tracks of vehicles and estimates."""
         for column, row, layer in self._layers:
             canvas.image(layer, column, row)
         self._draw_cursors(canvas, state.time)
         self._draw_map(canvas, state, trails)
         left, baseline, width, _ = self._numbers
-        for height, texts in self._rows(state, rays):
+        for height, texts in self._rows(state):
             baseline += height * self._t
             for x, words, colour, size in texts:
                 at = left + x * self._t + (0.0 if x > 0 else width)
                 canvas.text((at, baseline), words, colour, size, "ls" if x > 0 else "rs")
 
-    def _rows(self, state: FrameState, rays: Sequence[Colour]) -> list[tuple[float, list[Text]]]:
+    def _rows(self, state: FrameState) -> list[tuple[float, list[Text]]]:
         """Lines of the panel of numbers: distance from the line above, and texts."""
         f, data = self._follower, self._data
         kind, position, bearing = state.fix_kind[f], state.position_error[f], state.bearing_error[f]
@@ -314,6 +287,7 @@ class Dashboard:
         heads = zip(_COLUMNS, vehicles, (LEADER, TRUTH), strict=True)
         transmitters = range(data.flight.scenario.navigation.transmitters)
         # names in the colours of the rays, as their legend
+        rays = self._added.ray_colours(state.message[f])
         right = [-12.0 - 65.0 * (len(transmitters) - 1 - i) for i in transmitters]
         ranges = ["–" if np.isnan(state.ranges[f, i]) else f"{state.ranges[f, i]:.2f}" for i in transmitters]
         return [

@@ -9,6 +9,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
+from sim.film.annotations import NOTHING, Annotations
 from sim.flight import Flight
 from sim.geometry import attitude
 from sim.station_keeping import true_stations
@@ -17,6 +18,8 @@ TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 
 _AFTERGLOW_S = 0.45
 """Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
+_TRAIL_S = 5.0
+"""Length of a trail, in seconds of film."""
 _TRAIL_POINT_S = 0.04
 """Spacing of the points of a trail, in seconds of film."""
 _LEAST_WEIGHT = 0.01
@@ -86,29 +89,18 @@ class FilmData:
         flight: the mission.
         errors: position error [m] and bearing error [rad] of each follower at steps k = 1 … n, each of shape (n,).
         speed_up: seconds of mission in a second of film.
-        follower: index of the follower that other estimates are of.
-        others: other estimates of its position at steps k = 1 … n, each of shape (n, 2), [m].
-
-    Raises:
-        ValueError: the errors do not fit the flight.
+        follower: index of the follower that is filmed.
+        annotations: what a study adds.
     """
 
     def __init__(self, flight: Flight, errors: Sequence[tuple[Floats, Floats]], speed_up: float, follower: int = 0,
-                 others: Sequence[Floats] = ()) -> None:  # fmt: skip
-        n = flight.measurements[0].speed.size
-        if len(errors) != len(flight.measurements) or any(e.shape != (n,) for pair in errors for e in pair):
-            raise ValueError(
-                f"a film of {len(flight.measurements)} followers and {n} steps needs a pair of errors for each "
-                f"follower, of shape ({n},); got shapes {[tuple(e.shape for e in pair) for pair in errors]}"
-            )
-        self.flight = flight
-        self.speed_up = speed_up
-        self.position_error = np.stack([e for e, _ in errors])
-        self.bearing_error = np.stack([e for _, e in errors])
+                 annotations: Annotations = NOTHING) -> None:  # fmt: skip
+        self.flight, self.speed_up, self.follower, self.annotations = flight, speed_up, follower, annotations
+        self.position_error, self.bearing_error = (np.stack(kind) for kind in zip(*errors, strict=True))
         truth = flight.trajectory
         self.start, self.end = float(truth.time[0]), float(truth.time[-1])
         self.dt = flight.measurements[0].dt
-        self.steps = self.start + self.dt * np.arange(1, n + 1)
+        self.steps = self.start + self.dt * np.arange(1, self.position_error.shape[1] + 1)
         """Times of the filter steps, shape (n,), [s]."""
         names = truth.names
         self._transmitters = [truth.site(f"{names[0]}/{t}") for t in TRANSMITTERS]
@@ -120,9 +112,10 @@ class FilmData:
             self._stations[..., :2] = true_stations(flight.scenario, truth)[..., :2]
             self._stations[..., 2] = [-one.station.depth_m if one.station else np.nan for one in followers]
             self._stations[:, [one.station is None for one in followers]] = np.nan
-        self._trail_every = max(1, round(_TRAIL_POINT_S * speed_up / truth.dt))
-        self._estimates = [(f, estimates.state[:, :2]) for f, estimates in enumerate(flight.estimates)]
-        self._others = [(follower, positions) for positions in others]
+        self._estimates = [
+            *((f, estimates.state[:, :2]) for f, estimates in enumerate(flight.estimates)),
+            *((follower, other.position) for other in annotations.others),
+        ]
 
     def step(self, time: float) -> int:
         """Number k of the last filter step before a mission time [s]; 0 before the first."""
@@ -142,12 +135,10 @@ class FilmData:
         i = min(round(place), truth.time.size - 1)
         j, u = min(int(place), truth.time.size - 1), place % 1.0
         k = self.step(time)
-        followers = range(len(self._hydrophones))
         hydrophone = sites[self._hydrophones]
-        estimate, others = (
-            np.array([[*self._interpolated(p, np.array([time]))[0], hydrophone[f, 2]] for f, p in kind]).reshape(-1, 3)
-            for kind in (self._estimates, self._others)
-        )
+        followers = range(len(hydrophone))
+        estimates = np.array([[*self.interpolated(p, [time])[0], hydrophone[f, 2]] for f, p in self._estimates])
+        estimate, others = estimates[: len(hydrophone)], estimates[len(hydrophone) :]
         ray, ranges, message, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
         before = k == 0
         return FrameState(
@@ -180,32 +171,28 @@ class FilmData:
         off = self.flight.hydrophone(follower) - self._stations[self.flight.step_index(), follower]
         return np.asarray(np.hypot(off[:, 0], off[:, 1]))
 
-    def _interpolated(self, positions: Floats, times: Floats) -> Floats:
-        """Positions at filter steps, shape (n, 2), at other times, shape (p, 2), [m]; constant beyond the ends."""
-        return np.column_stack([np.interp(times, self.steps, along) for along in positions.T])
+    def interpolated(self, values: Floats, times: Floats | Sequence[float]) -> Floats:
+        """Values at filter steps, shape (n, c), at p other times, shape (p, c); constant beyond the ends."""
+        return np.column_stack([np.interp(times, self.steps, column) for column in values.T])
 
     def _hypotheses(self, follower: int, k: int, now: Floats) -> tuple[Hypothesis, ...]:
         """Hypotheses after the last message before step k, moved as the estimate has moved since, to `now`."""
         estimates = self.flight.estimates[follower]
-        single = (Hypothesis(1.0, now, estimates.covariance[k - 1, :2, :2]),)
         last = int(np.searchsorted(estimates.fix_step, k, side="right")) - 1
-        if last < 0:
-            return single
-        weight, position, covariance = (values[last] for values in estimates.hypotheses)
-        shown = np.flatnonzero(weight > _LEAST_WEIGHT)
-        if shown.size < 2:
-            return single
-        moved = now[:2] - estimates.fix_position[last]
-        centre = [np.array([*(position[h] + moved), now[2]]) for h in shown]
-        return tuple(Hypothesis(float(weight[h]), c, covariance[h]) for h, c in zip(shown, centre, strict=True))
+        if last >= 0:
+            weight, position, covariance = (values[last] for values in estimates.hypotheses)
+            centre = position + now[:2] - estimates.fix_position[last]
+            shown = np.flatnonzero(weight > _LEAST_WEIGHT)
+            if shown.size > 1:
+                return tuple(Hypothesis(float(weight[h]), np.array([*centre[h], now[2]]), covariance[h]) for h in shown)
+        return (Hypothesis(1.0, now, estimates.covariance[k - 1, :2, :2]),)
 
     def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, int, FixKind | None]:
         measured = self.flight.measurements[follower]
         last = int(np.searchsorted(measured.message_step, k, side="right")) - 1
         if last < 0:
             return np.zeros(3), np.full(3, np.nan), -1, None
-        step = int(measured.message_step[last])
-        age = (time - self.start - step * self.dt) / self.speed_up
+        age = (time - self.start - measured.message_step[last] * self.dt) / self.speed_up
         ranges = measured.ranges[last]
         fixes = self.flight.estimates[follower]
         made = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
@@ -214,26 +201,21 @@ class FilmData:
 
     @cached_property
     def _trails(self) -> tuple[Floats, Floats]:
-        """Instants, shape (g,), [s], and points, shape (v + f + o, g, 3), [m], of all trails; see `trail`."""
+        """Instants, shape (g,), [s], and points, shape (v + f + o, g, 3), [m], of all trails; see `trails`."""
         truth = self.flight.trajectory
-        grid = truth.time[:: self._trail_every]
+        grid = truth.time[:: max(1, round(_TRAIL_POINT_S * self.speed_up / truth.dt))]
         hydrophones = [truth.site_at(f"{name}/hydrophone", grid) for name in truth.names[1:]]
-        estimates = [np.column_stack([self._interpolated(positions, grid), hydrophones[f][:, 2]])
-                     for f, positions in (*self._estimates, *self._others)]  # fmt: skip
+        estimates = [np.column_stack([self.interpolated(positions, grid), hydrophones[f][:, 2]])
+                     for f, positions in self._estimates]  # fmt: skip
         return grid, np.stack([truth.at(grid)[0][:, 0], *hydrophones, *estimates])
 
-    def trail(self, number: int, state: FrameState, film_seconds: float) -> Floats:
-        """Positions in the last `film_seconds` of film, oldest first, shape (p, 3), [m].
+    def trails(self, state: FrameState) -> Floats:
+        """Recent positions, oldest first, shape (v + f + o, p, 3), [m].
 
-        Points lie on a grid that stays in place while time goes on, or the trail would seem to crawl.
-
-        Args:
-            number: 0 for the leader's body origin, then the hydrophones of the followers, their estimates, and the
-                other estimates.
-            state: of the frame.
-            film_seconds: length of the trail.
+        The leader's body origin, the followers' hydrophones, their estimates, the other estimates. Points lie on a grid
+        that stays in place while time goes on, or the trails would seem to crawl.
         """
         grid, points = self._trails
-        shown = (grid <= state.time) & (grid >= state.time - film_seconds * self.speed_up)
-        now = np.vstack([state.position[:1], state.hydrophone, state.estimate, state.others])[number]
-        return np.vstack([points[number, shown], now])
+        shown = (grid <= state.time) & (grid >= state.time - _TRAIL_S * self.speed_up)
+        now = np.vstack([state.position[:1], state.hydrophone, state.estimate, state.others])
+        return np.concatenate([points[:, shown], now[:, None]], axis=1)

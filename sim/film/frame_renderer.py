@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Bytes, Floats
-from sim.assembly import models_of, ocean_of
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.cameras import CameraRig
 from sim.film.film_data import FilmData
@@ -70,10 +69,10 @@ class FrameRenderer:
     """
 
     def __init__(self, job: Job, scene: GlScene) -> None:
-        video, others = job.video, [other.position for other in job.annotations.others]
-        self._data = FilmData(job.flight, job.errors, video.speed_up, job.follower, others)
-        self._cameras = CameraRig(self._data, job.follower, video.width_px / video.height_px)
-        self._overlay = Overlay(self._data, job.follower, video, job.annotations)
+        video = job.video
+        self._data = FilmData(job.flight, job.errors, video.speed_up, job.follower, job.annotations)
+        self._cameras = CameraRig(self._data, video.width_px / video.height_px)
+        self._overlay = Overlay(self._data, video)
         self._scene, self._camera = scene, video.camera
 
     def frame(self, time: float) -> Bytes:
@@ -83,12 +82,6 @@ class FrameRenderer:
         self._overlay.canvas.load(self._scene.picture(state, shot, self._overlay.inset_boxes(shot)))
         self._overlay.draw(state, shot)
         return self._overlay.canvas.pixels
-
-
-def open_scene(job: Job) -> closing[GlScene]:
-    """The scene for a job, in this process, as a context manager."""
-    size, scenario = (job.video.width_px, job.video.height_px), job.flight.scenario
-    return closing(GlScene(job.flight.trajectory.names, models_of(scenario), ocean_of(scenario), size))
 
 
 def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
@@ -129,7 +122,7 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
 def main(worker: int, workers: int) -> None:
     """Render and encode the groups worker, worker + workers … of the job; results are (group, access units)."""
     job, send = _connect()
-    with open_scene(job) as scene:
+    with closing(GlScene(job.flight, job.video)) as scene:
         renderer = FrameRenderer(job, scene)
         for group in range(worker, job.groups, workers):
             frames = (renderer.frame(float(time)) for time in job.times[group * GROUP : (group + 1) * GROUP])
@@ -139,7 +132,7 @@ def main(worker: int, workers: int) -> None:
 def main_still(time: float) -> None:
     """Render one frame of the job; the result is its pixels, shape (height, width, 4)."""
     job, send = _connect()
-    with open_scene(job) as scene:
+    with closing(GlScene(job.flight, job.video)) as scene:
         send(FrameRenderer(job, scene).frame(time))
 
 

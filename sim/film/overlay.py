@@ -1,21 +1,19 @@
 """What lies over the picture: rays, trails, markers and labels in place, and the dashboard beside it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Floats
-from sim.film import labels
-from sim.film.annotations import ESTIMATE, LEADER, STATION, TRANSMITTER_COLOURS, TRUTH, Annotations
+from sim.film.annotations import ESTIMATE, LEADER, STATION, TRANSMITTER_COLOURS, TRUTH
 from sim.film.cameras import Shot, View
-from sim.film.canvas import PALE, Canvas, Colour, Shape, Stroke, corners
+from sim.film.canvas import PALE, Canvas, Colour, Place, Shape, Stroke, corners
 from sim.film.dashboard import SIGMAS, Dashboard, Trail, round_length
 from sim.film.film_data import FilmData, FrameState
-from sim.film.labels import Label
 from sim.film.scene import Box
 from sim.scenario.settings import Video
 
-_TRAIL_FILM_S = 5.0
 _TRAIL_PIECES = 12
 _HULL_CLEAR_M = 0.45
 _ELLIPSE_PX = 9.0
@@ -27,6 +25,28 @@ _SMALL = (640, 360)
 """Frames below this size go without panels [px]."""
 _DARK: Colour = (0.0, 0.05, 0.08, 0.9)
 _WHITE: Colour = (1.0, 1.0, 1.0, 0.75)
+_LABEL_SIZE = 13
+_LABEL_GAP = 3.0
+_MARKER = 8.0
+"""Half the side of the square that a marker keeps free, at 720 rows [px]."""
+_LABEL_STEP = 22.0
+"""Distance from one row of places for labels to the next, at 720 rows [px]."""
+_LABEL_ROWS = 5
+_LABEL_ASIDE = (16.0, 70.0)
+_LABEL_GROUND: Colour = (0.0, 0.05, 0.08, 0.55)
+_FOOT = 24.0
+"""Height of the strip at the lower edge that belongs to the footer, at 720 rows [px]."""
+
+
+class Label(NamedTuple):
+    """Words for a point of the frame."""
+
+    at: Floats
+    """Place of the label on the frame, shape (2,), [px]."""
+    words: str
+    colour: Colour
+    rise: float
+    """Length of the line to the words [px]; above the point if negative, below it if positive."""
 
 
 class Overlay:
@@ -34,13 +54,11 @@ class Overlay:
 
     Args:
         data: what is filmed.
-        follower: index of the follower whose numbers are shown.
         video: camera and size of the frames.
-        annotations: what a study adds.
     """
 
-    def __init__(self, data: FilmData, follower: int, video: Video, annotations: Annotations) -> None:
-        self._data, self._added, self._follower = data, annotations, follower
+    def __init__(self, data: FilmData, video: Video) -> None:
+        self._data, self._added, self._follower = data, data.annotations, data.follower
         self.canvas = Canvas(video.width_px, video.height_px)
         self._box: Box = (0, 0, video.width_px, video.height_px)
         self._transmitters = range(data.flight.scenario.navigation.transmitters)
@@ -48,7 +66,7 @@ class Overlay:
         self._level_axis = video.camera == "profile"
         self._dashboard = None
         if video.width_px >= _SMALL[0] and video.height_px >= _SMALL[1]:
-            self._dashboard = Dashboard(data, follower, self.canvas, annotations, self._level_axis)
+            self._dashboard = Dashboard(data, self.canvas, self._level_axis)
 
     def inset_boxes(self, shot: Shot) -> tuple[Box, ...]:
         """Places of a shot's insets along the lower edge, from one side on: left, top, width, height [px]."""
@@ -77,13 +95,13 @@ class Overlay:
             edge = corners(box)
             c.strokes([Stroke(np.vstack([edge, edge[:1]]), (0.7, 0.9, 1.0, 0.8), 1.5)])
             words = self._data.flight.trajectory.names[vehicle] + (", from above" if view.plane_m else "")
-            labels.plates(c, [(words, TRUTH if vehicle else LEADER, left + 5 * c.scale, top + 4 * c.scale)])
+            draw_plates(c, [(words, TRUTH if vehicle else LEADER, left + 5 * c.scale, top + 4 * c.scale)])
             self._scale_bar(view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35)
         if board:
-            board.draw(c, state, self._ray_colours(state, self._follower), trails)
+            board.draw(c, state, trails)
             words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
             self._scale_bar(shot.view, self._box, board.scale[:2], 0.12, words)
-        labels.draw(self._labels(state, shot.view), [*boxes, *covered, *([board.scale] if board else [])], c)
+        draw_labels(self._labels(state, shot.view), [*boxes, *covered, *([board.scale] if board else [])], c)
         self._draw_footer()
 
     # what stands in the water
@@ -112,20 +130,18 @@ class Overlay:
     def _rays(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
         for f, i in np.argwhere(state.ray > 0.03):
             if i in self._transmitters:
-                red, green, blue, *_ = self._ray_colours(state, int(f))[i]
-                clear = float(state.ray[f, i]) * (0.7 if f == self._follower else 0.3)
+                filmed = f == self._follower
+                colours = self._added.ray_colours(state.message[f]) if filmed else TRANSMITTER_COLOURS
+                clear = float(state.ray[f, i]) * (0.7 if filmed else 0.3)
                 for pixels, _ in self._lines(view, box, np.array([state.transmitter[i], state.hydrophone[f]])):
-                    yield Stroke(pixels, (red, green, blue, 0.16 * clear), 7.0)
-                    yield Stroke(pixels, (red, green, blue, 0.85 * clear), 1.8)
+                    yield Stroke(pixels, (*colours[i], 0.16 * clear), 7.0)
+                    yield Stroke(pixels, (*colours[i], 0.85 * clear), 1.8)
 
     def _trails(self, state: FrameState) -> list[Trail]:
         """Trails of all vehicles, of the other estimates and of the filmed follower's own, which lies on top."""
-        vehicles = len(state.position)
-        own = vehicles + self._follower
-        first_other = vehicles + len(state.estimate)
-        colours = [(v, TRUTH if v else LEADER) for v in range(vehicles)]
-        colours += [(first_other + i, other.colour) for i, other in enumerate(self._added.others)]
-        return [(self._data.trail(i, state, _TRAIL_FILM_S), colour) for i, colour in (*colours, (own, ESTIMATE))]
+        trails, f = self._data.trails(state), len(state.estimate)
+        colours = [LEADER, *[TRUTH] * f, *(other.colour for other in self._added.others), ESTIMATE]
+        return list(zip([*trails[: f + 1], *trails[2 * f + 1 :], trails[f + 1 + self._follower]], colours, strict=True))
 
     def _ellipses(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
         """The filters' uncertainty about their estimates, where it is large enough to be seen."""
@@ -146,37 +162,30 @@ class Overlay:
         c, shapes = self.canvas, list[Shape]()
         links = [level_axis(state)] if self._level_axis else []
         links += [nearest(state.position)] if self._data.on_stations else []
-        colours = self._ray_colours(state, self._follower)
-        others = [(self._follower, o, other.colour)
-                  for o, other in zip(state.others, self._added.others, strict=True)]  # fmt: skip
-        for i in self._transmitters:
-            at = self._pixel(view, box, state.transmitter[i])
-            shapes += [c.disc(at, 2.6, colours[i], _DARK)] if at is not None else []
-        for station, hydrophone in zip(state.station, state.hydrophone, strict=True):
-            at = self._pixel(view, box, station) if np.isfinite(station).all() else None
+        colours = self._added.ray_colours(state.message[self._follower])
+        own, there = state.hydrophone[self._follower], state.hydrophone
+        others = [(own, o, other.colour) for o, other in zip(state.others, self._added.others, strict=True)]
+        others += [(hydrophone, e, ESTIMATE) for hydrophone, e in zip(there, state.estimate, strict=True)]
+        marks: list[tuple[Any, Floats, float, Colour, Colour, list[Floats]]] = [
+            *((c.disc, state.transmitter[i], 2.6, colours[i], _DARK, []) for i in self._transmitters),
+            *((c.disc, s, 9.0, (*STATION, 0.15), STATION, [s, h]) for s, h in zip(state.station, there, strict=True)),
+            *((c.diamond, estimate, 6.0, colour, _DARK, [h, estimate]) for h, estimate, colour in others),
+            *((c.disc, hydrophone, 4.5, TRUTH, _DARK, []) for hydrophone in there),
+        ]
+        for make, point, radius, fill, outline, link in marks:
+            at = self._pixel(view, box, point)
             if at is not None:
-                shapes.append(c.disc(at, 9.0, (*STATION, 0.15), STATION))
-                links.append(np.array([station, hydrophone]))
-        for f, estimate, colour in [*others, *((f, e, ESTIMATE) for f, e in enumerate(state.estimate))]:
-            at = self._pixel(view, box, estimate)
-            if at is not None:
-                shapes.append(c.diamond(at, 6.0, colour, _DARK))
-                links.append(np.array([state.hydrophone[f], estimate]))
-        there = [self._pixel(view, box, hydrophone) for hydrophone in state.hydrophone]
-        shapes += [c.disc(at, 4.5, TRUTH, _DARK) for at in there if at is not None]
+                shapes.append(make(at, radius, fill, outline))
+                links += [np.array(link)] if link else []
         lines = [line for ends in links for line in self._lines(view, box, ends)]
         return [Stroke(pixels, _WHITE, 1.3, dashed=True) for pixels, _ in lines], shapes
 
     def _pixel(self, view: View, box: Box, point: Floats) -> Floats | None:
-        """Where a point appears inside a box, shape (2,), or None."""
+        """Where a point appears inside a box, shape (2,), or None; None for a point of NaN."""
         left, top, width, height = box
         (pixel,), (ahead,) = view.project(point, width, height)
         inside = ahead > 0.15 and 0 <= pixel[0] < width and 0 <= pixel[1] < height
         return np.add(pixel, (left, top)) if inside else None
-
-    def _ray_colours(self, state: FrameState, follower: int) -> tuple[Colour, ...]:
-        rays = self._added.rays
-        return rays.colours(state.message[follower]) if rays and follower == self._follower else TRANSMITTER_COLOURS
 
     # what is written
 
@@ -195,9 +204,8 @@ class Overlay:
             (leader, f"{names[0]}{pitch}, {apart:.0f} m away", LEADER, -1),
             (truth, names[f + 1], TRUTH, -1),
             (state.estimate[f], off(self._added.label, state.estimate[f]), ESTIMATE, 1),
+            (state.station[f], off("station", state.station[f]), STATION, 1),
         ]
-        if np.isfinite(state.station[f]).all():
-            wanted.append((state.station[f], off("station", state.station[f]), STATION, 1))
         if self._data.on_stations:
             pair = nearest(state.position)
             distance = f"{float(np.linalg.norm(pair[1] - pair[0])):.1f} m apart, the nearest"
@@ -221,7 +229,7 @@ class Overlay:
         """A bar of a round length, at most a share of the box's width, where one scale holds."""
         if view.plane_m:
             (x, y), s = at, self.canvas.scale
-            pixels_per_m = box[3] / 2 / np.tan(np.radians(view.fovy_deg) / 2) / view.plane_m
+            pixels_per_m = view.focal(box[3]) / view.plane_m
             length = round_length(share * box[2] / pixels_per_m)
             across = length * pixels_per_m
             bar = np.array([[x, y - 4 * s], [x, y], [x + across, y], [x + across, y - 4 * s]])
@@ -254,4 +262,73 @@ def nearest(positions: Floats) -> Floats:
 def metres_per_pixel(view: View, point: Floats) -> float:
     """Scale at a point of shape (3,) in a frame of 720 rows [m]."""
     _, (ahead,) = view.project(point, 1, 1)
-    return float(max(ahead, 0.15) * np.tan(np.radians(view.fovy_deg) / 2) / 360)
+    return float(max(ahead, 0.15)) / view.focal(720)
+
+
+def _overlap(a: Place, b: Place) -> bool:
+    return a[0] < b[0] + b[2] and b[0] < a[0] + a[2] and a[1] < b[1] + b[3] and b[1] < a[1] + a[3]
+
+
+def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Place, Floats]]:
+    """Places for the words, the most wanted first, with the end of the line that leads there."""
+    found = []
+    rows = [
+        side * label.rise + np.sign(side * label.rise) * _LABEL_STEP * scale * n
+        for side in (1, -1)
+        for n in range(_LABEL_ROWS)
+    ]
+    for aside in _LABEL_ASIDE:
+        for rise in rows:
+            for way in (1.0, -1.0):
+                end = label.at + np.array([aside * scale * way, rise])
+                left = end[0] + 2 * scale if way > 0 else end[0] - 2 * scale - width
+                found.append(((float(left), float(end[1] - height / 2), width, height), end))
+    return found
+
+
+def place_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> list[tuple[Label, Place, Floats]]:
+    """Place labels by a pure function of one frame, so that frames may be drawn in any order.
+
+    Args:
+        labels: the most important first.
+        taken: areas that labels must keep clear of.
+        canvas: measures the words.
+
+    Returns:
+        Each label with its area and the end of its line, shape (2,), [px]; labels without room are left out.
+    """
+    s = canvas.scale
+    labels, full = list(labels), list(taken)
+    full.append((0.0, canvas.height - _FOOT * s, float(canvas.width), _FOOT * s))
+    half = _MARKER * s
+    markers = [(float(m.at[0]) - half, float(m.at[1]) - half, 2 * half, 2 * half) for m in labels]
+    placed = []
+    for label in labels:
+        width, height = canvas.extent(label.words, -_LABEL_SIZE)
+        width, height = width + 2 * _LABEL_GAP * s, height + 2 * _LABEL_GAP * s
+        for area, end in _places(label, width, height, s):
+            left, top = area[:2]
+            inside = left >= 0 and top >= 0 and left + width <= canvas.width and top + height <= canvas.height
+            if inside and not any(_overlap(area, other) for other in (*full, *markers)):
+                full.append(area)
+                placed.append((label, area, end))
+                break
+    return placed
+
+
+def draw_plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]]) -> None:
+    """Draw texts, each with its colour and the left and upper edge [px] of its dark ground."""
+    gap, extents = _LABEL_GAP * canvas.scale, [canvas.extent(words, -_LABEL_SIZE) for words, *_ in texts]
+    canvas.shapes([Shape(corners((left, top, width + 2 * gap, height + 2 * gap)), _LABEL_GROUND)
+                   for (_, _, left, top), (width, height) in zip(texts, extents, strict=True)])  # fmt: skip
+    for (words, colour, left, top), (_, height) in zip(texts, extents, strict=True):
+        canvas.text((left + gap, top + gap + height / 2), words, colour, -_LABEL_SIZE, "lm")
+
+
+def draw_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> None:
+    """Put labels on the canvas, each at the end of a line from its point."""
+    placed = place_labels(labels, taken, canvas)
+    starts = [label.at + canvas.scale * np.array([4.0, 7.5]) * np.sign(end - label.at) for label, _, end in placed]
+    canvas.strokes([Stroke(np.array([start, end]), (*label.colour[:3], 0.8), 1.2)
+                    for start, (label, _, end) in zip(starts, placed, strict=True)])  # fmt: skip
+    draw_plates(canvas, [(label.words, label.colour, area[0], area[1]) for label, area, _ in placed])

@@ -40,16 +40,6 @@ class RendererDiedError(RuntimeError):
     """A process that renders ended before its work was done; the text says how, and then its last words."""
 
 
-def _job(flight: Flight, errors: Errors, video: Video | None, follower: int, annotations: Annotations) -> Job:
-    followers = flight.trajectory.names[1:]
-    if not 0 <= follower < len(followers):
-        raise RenderError(f"follower {follower} does not exist; available: 0 … {len(followers) - 1}")
-    measured = flight.measurements[follower]
-    annotations.check(measured.speed.size, measured.message_step.size)
-    video = video or flight.scenario.video
-    return Job(flight=flight, errors=errors, video=video, follower=follower, annotations=annotations)
-
-
 def _check_file(path: Path, suffix: str) -> None:
     if path.suffix.lower() != suffix:
         raise RenderError(f"{path} should end in {suffix}")
@@ -60,11 +50,7 @@ def _check_file(path: Path, suffix: str) -> None:
 
 
 def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
-    """What children that run these programs send, in the order of arrival; none outlives the generator.
-
-    Raises:
-        RendererDiedError: a child died.
-    """
+    """Results of child processes as they arrive; none outlives the generator. RendererDiedError: one died."""
     backend = graphics.working()
     if backend is None:
         raise RenderError(graphics.MISSING)
@@ -120,7 +106,7 @@ def render(
     path: Path,
     *,
     errors: Errors,
-    video: Video | None = None,
+    video: Video,
     follower: int = 0,
     workers: int = 2,
     progress: Progress | None = None,
@@ -134,7 +120,7 @@ def render(
         flight: the mission.
         path: of the film, ending in .mp4; overwritten.
         errors: position error [m] and bearing error [rad] of each follower at steps k = 1 … n, each of shape (n,).
-        video: camera, size and speed; the scenario's if None.
+        video: camera, size and speed.
         follower: index of the follower that the film keeps to.
         workers: processes that render.
         progress: called with the share done, in [0, 1].
@@ -147,11 +133,8 @@ def render(
     Raises:
         RenderError: a setting is impossible, or nothing renders here.
         RendererDiedError: a child died.
-        ValueError: the annotations do not fit the flight.
     """
-    job = _job(flight, errors, video, follower, annotations)
-    if workers < 1:
-        raise RenderError(f"workers = {workers} must be at least 1")
+    job = Job(flight=flight, errors=errors, video=video, follower=follower, annotations=annotations)
     _check_file(path, ".mp4")
     workers = min(workers, job.groups)
     groups: dict[int, list[bytes]] = {}
@@ -194,7 +177,7 @@ def still(
     path: Path,
     *,
     errors: Errors,
-    video: Video | None = None,
+    video: Video,
     follower: int = 0,
     annotations: Annotations = NOTHING,
 ) -> None:
@@ -205,16 +188,15 @@ def still(
         time_s: mission time of the frame.
         path: of the picture, ending in .png; overwritten.
         errors: as of `render`.
-        video: camera and size; the scenario's if None.
+        video: camera and size.
         follower: index of the follower that the picture keeps to.
         annotations: as of `render`.
 
     Raises:
         RenderError: a setting is impossible, the time outside the mission, or nothing renders here.
         RendererDiedError: the child died.
-        ValueError: the annotations do not fit the flight.
     """
-    job = _job(flight, errors, video, follower, annotations)
+    job = Job(flight=flight, errors=errors, video=video, follower=follower, annotations=annotations)
     _check_file(path, ".png")
     start, end = float(flight.trajectory.time[0]), float(flight.trajectory.time[-1])
     if not start <= time_s <= end:

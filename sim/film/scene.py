@@ -1,4 +1,4 @@
-"""The three-dimensional part of a frame: sea, hulls and ghosts of estimates."""
+"""The three-dimensional part of a frame: sea, hulls with smoothed edges, and ghosts of estimates."""
 
 from typing import Any
 
@@ -6,12 +6,15 @@ import mujoco
 import numpy as np
 
 from laisn.arrays import Bytes, Floats
-from sim.film import antialiasing, seascape
+from sim.assembly import ocean_of
+from sim.film import seascape
 from sim.film.annotations import ESTIMATE
+from sim.film.antialiasing import smooth
 from sim.film.cameras import Shot, View
 from sim.film.film_data import FrameState
+from sim.flight import Flight
+from sim.scenario.settings import Video
 from sim.vehicle.mjcf import resolve
-from sim.water.ocean import Ocean
 
 Box = tuple[int, int, int, int]
 
@@ -30,20 +33,18 @@ class GlScene:
     """Owns the model, the graphics context and the frame buffer, until it is closed.
 
     Args:
-        names: of the vehicles, the leader first.
-        hulls: their models, as `sim.assembly.models_of` gives them.
-        ocean: the sea to show.
-        size: width and height of the frames [px].
+        flight: whose vehicles and sea are shown.
+        video: size of the frames.
 
     Raises:
         RuntimeError: no graphics context can be made here.
     """
 
-    def __init__(self, names: tuple[str, ...], hulls: tuple[str, ...], ocean: Ocean, size: tuple[int, int]) -> None:
-        self.width, self.height = size
-        self._model = seascape.build(names, hulls, ocean.floor_depth_m, *size)
+    def __init__(self, flight: Flight, video: Video) -> None:
+        self.width, self.height = size = video.width_px, video.height_px
+        self._model = seascape.build(flight, *size)
         self._data = mujoco.MjData(self._model)
-        self._vehicles = [resolve(self._model, name) for name in names]
+        self._vehicles = [resolve(self._model, name) for name in flight.trajectory.names]
         parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
         self._inside = {g for g, part in enumerate(parts) if part.startswith(_INSIDE)}
         self._gl = mujoco.GLContext(*size)
@@ -56,7 +57,7 @@ class GlScene:
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # see `_add_backdrop`
         self._sight = 0.0
         self._options = mujoco.MjvOption()
-        self._sea = seascape.Sea(self._model, ocean)
+        self._sea = seascape.Sea(self._model, ocean_of(flight.scenario))
         self._pixels = np.zeros((self.height, self.width, 3), np.uint8)
         self._smooth = np.zeros_like(self._pixels)
 
@@ -101,18 +102,17 @@ class GlScene:
         """Smooth the edges of what is seen near a vehicle; all else is water, without edges."""
         left, top, width, height = box
         pixels, ahead = view.project(state.position, width, height)
-        focal = height / 2 / np.tan(np.radians(view.fovy_deg) / 2)
         for (x, y), distance in zip(pixels, ahead, strict=True):
             if distance < -_HULL_REACH_M:
                 continue
             # a hull about the lens may be anywhere in the frame
             near = distance < 1.2 * _HULL_REACH_M
-            reach = np.inf if near else focal * _HULL_REACH_M / (distance - _HULL_REACH_M)
+            reach = np.inf if near else view.focal(height) * _HULL_REACH_M / (distance - _HULL_REACH_M)
             x0, x1 = (int(np.clip(v, 0, width)) for v in (x - reach, x + reach))
             y0, y1 = (int(np.clip(v, 0, height)) for v in (y - reach, y + reach))
             # rows of a picture that was read from OpenGL count from below
             first = self.height - (top + y1)
-            antialiasing.smooth(self._pixels, self._smooth, left + x0, first, x1 - x0, y1 - y0)
+            smooth(self._pixels, self._smooth, left + x0, first, x1 - x0, y1 - y0)
 
     def _fog(self, start: float, end: float) -> None:
         # loads the graphics library, which a process that only imports this file may not have

@@ -3,13 +3,14 @@
 Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.ocean.Ocean.elevation`).
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from laisn.arrays import Floats
+from sim.assembly import models_of
+from sim.flight import Flight
 from sim.vehicle.mjcf import VehicleSetup, compose
 from sim.water.ocean import Ocean
 
@@ -38,22 +39,11 @@ def _network(wavelength: float, seed: int) -> Floats:
     return np.asarray(np.exp(-4.0 * np.abs(_tile(_TEXELS, wavelength, seed))))
 
 
-def build(names: Sequence[str], hulls: Sequence[str], floor_depth_m: float, width_px: int, height_px: int) -> Any:
-    """A model to look at: vehicles (the leader first), sea floor and surface.
-
-    Args:
-        names: of the vehicles, the leader first.
-        hulls: their models, as `sim.assembly.models_of` gives them.
-        floor_depth_m: depth of the sea floor.
-        width_px: of the frames, at most.
-        height_px: of the frames, at most.
-
-    Returns:
-        The compiled MjModel.
-    """
-    spec = compose(
-        [VehicleSetup(name=n, model=h, position_m=(0, 0, -5)) for n, h in zip(names, hulls, strict=True)], floor_depth_m
-    )
+def build(flight: Flight, width_px: int, height_px: int) -> Any:
+    """The compiled MjModel of vehicles (the leader first), sea floor and surface, for frames up to a size."""
+    hulls = zip(flight.trajectory.names, models_of(flight.scenario), strict=True)
+    depth = flight.scenario.ocean.floor_depth_m
+    spec = compose([VehicleSetup(name=name, model=hull, position_m=(0, 0, -5)) for name, hull in hulls], depth)
     for flat in ("floor", "surface"):
         spec.delete(spec.geom(flat))
     sand = 0.5 + 0.10 * _tile(_TEXELS, 0.03, 1) + 0.10 * _tile(_TEXELS, 0.22, 2) + 0.35 * (_network(0.13, 3) - 0.3)
@@ -74,7 +64,7 @@ def build(names: Sequence[str], hulls: Sequence[str], floor_depth_m: float, widt
     looks_only = {"contype": 0, "conaffinity": 0}
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     spec.worldbody.add_geom(
-        name="seabed", type=plane, size=[200, 200, 20], pos=[0, 0, -floor_depth_m], material="seabed_look", **looks_only
+        name="seabed", type=plane, size=[200, 200, 20], pos=[0, 0, -depth], material="seabed_look", **looks_only
     )
     spec.add_hfield(
         name="sea", nrow=_CELLS, ncol=_CELLS, size=[200, 200, _CREST_M, 0.001], userdata=np.zeros(_CELLS**2)

@@ -5,48 +5,72 @@ arrays as long as a flight it takes two to seven times as long, and importing it
 """
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled
+from laisn.compiled import compiled, elementwise
 
 
-def _parts(quaternion: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    return quaternion[..., 0], quaternion[..., 1], quaternion[..., 2], quaternion[..., 3]
+def _parts(array: Floats) -> tuple[Floats, ...]:
+    """Components along the last axis, which functions of one attitude take for those of many."""
+    return tuple(array[..., i] for i in range(array.shape[-1]))
+
+
+@elementwise
+def rotated(quaternion: Any, vector: Any) -> Any:
+    """A body vector in the world; four and three components, numbers or arrays."""
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    a, b, c = vector[0], vector[1], vector[2]
+    # v + w t + axis × t with t = 2 axis × v
+    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * p + (y * r - z * q), b + w * q + (z * p - x * r), c + w * r + (x * q - y * p)
 
 
 def rotate(quaternion: Floats, vector: Floats) -> Floats:
     """Turn body vectors into the world; shapes (…, 4) and (…, 3) broadcast."""
-    w, x, y, z = _parts(quaternion)
-    a, b, c = vector[..., 0], vector[..., 1], vector[..., 2]
-    # v + w t + axis × t with t = 2 axis × v, by components: on long arrays, np.cross costs several times as much
-    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    out = np.empty((*np.shape(p), 3))
-    out[..., 0] = a + w * p + (y * r - z * q)
-    out[..., 1] = b + w * q + (z * p - x * r)
-    out[..., 2] = c + w * r + (x * q - y * p)
-    return out
+    return np.stack(rotated(_parts(quaternion), _parts(vector)), axis=-1)
 
 
-def axes(quaternion: Floats) -> Floats:
-    """The hull's axes (forward, port, up) in the world: shape (3, 3, …), axis first, then its east, north and up."""
-    w, x, y, z = (np.ascontiguousarray(part) for part in _parts(quaternion))
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
-    return np.array(
-        [
-            [1.0 - 2.0 * (yy + zz), 2.0 * (xy + wz), 2.0 * (xz - wy)],
-            [2.0 * (xy - wz), 1.0 - 2.0 * (xx + zz), 2.0 * (yz + wx)],
-            [2.0 * (xz + wy), 2.0 * (yz - wx), 1.0 - 2.0 * (xx + yy)],
-        ]
-    )
+@elementwise
+def forward_of(quaternion: Any) -> Any:
+    """East, north and up of the forward axis; four components, numbers or arrays."""
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
 
 
 def forward(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
-    """East, north and up of the forward axis alone, each of shape (…,)."""
-    w, x, y, z = _parts(quaternion)
-    return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+    """East, north and up of the forward axis, each of shape (…,)."""
+    return forward_of(_parts(quaternion))  # type: ignore[no-any-return]
+
+
+@elementwise
+def carried(pose: Any, offset: Floats) -> Any:
+    """East, north and up of a point of a hull [m].
+
+    Args:
+        pose: position and quaternion of the hull, seven numbers or arrays.
+        offset: of the point in the body frame, shape (3,), [m].
+    """
+    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    east, north, up = pose[0], pose[1], pose[2]
+    # most points lie on an axis or two of their hull; what adds nothing is not computed
+    if offset[0] != 0.0:
+        east = east + offset[0] * (1.0 - 2.0 * (yy + zz))
+        north = north + offset[0] * (2.0 * (xy + wz))
+        up = up + offset[0] * (2.0 * (xz - wy))
+    if offset[1] != 0.0:
+        east = east + offset[1] * (2.0 * (xy - wz))
+        north = north + offset[1] * (1.0 - 2.0 * (xx + zz))
+        up = up + offset[1] * (2.0 * (yz + wx))
+    if offset[2] != 0.0:
+        east = east + offset[2] * (2.0 * (xz + wy))
+        north = north + offset[2] * (2.0 * (yz - wx))
+        up = up + offset[2] * (1.0 - 2.0 * (xx + yy))
+    return east, north, up
 
 
 def from_euler(heading: npt.ArrayLike, pitch: npt.ArrayLike = 0.0, roll: npt.ArrayLike = 0.0) -> Floats:
@@ -126,38 +150,29 @@ def roll(quaternion: Floats) -> Floats:
     return _angle(quaternion, 2)
 
 
-def slerp(start: Floats, end: Floats, fraction: Floats) -> Floats:
-    """Spherical interpolation; quaternions of shape (…, 4), fraction in [0, 1] of shape (…,)."""
-    cosine = np.einsum("...i,...i->...", start, end)
-    end = np.where(cosine[..., None] < 0, -end, end)
-    angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
-    # sin(u a) / sin(a) → u for small a; sinc avoids the division by zero
-    scale = np.sinc(angle / np.pi)
-    a = (1 - fraction) * np.sinc((1 - fraction) * angle / np.pi) / scale
-    b = fraction * np.sinc(fraction * angle / np.pi) / scale
-    mixed = a[..., None] * start + b[..., None] * end
-    return np.asarray(mixed / np.linalg.norm(mixed, axis=-1, keepdims=True))
+@elementwise
+def _share(fraction: Any, angle: Any) -> Any:
+    """sin(fraction angle) / sin(angle), which becomes the fraction where the angle is zero."""
+    zero = angle == 0.0
+    return np.sin(fraction * angle) / (np.sin(angle) + zero) + fraction * zero
 
 
-@compiled
-def _share(fraction: float, angle: float) -> float:
-    """sin(fraction angle) / sin(angle), which becomes the fraction where the angle is small."""
-    return math.sin(fraction * angle) / math.sin(angle) if angle > 0.0 else fraction
-
-
-@compiled
-def between(start: Floats, end: Floats, fraction: float) -> tuple[float, float, float, float]:
-    """Spherical interpolation of two attitudes, shape (4,), as `slerp`; fraction in [0, 1]."""
+@elementwise
+def between(start: Any, end: Any, fraction: Any) -> Any:
+    """Spherical interpolation of attitudes of four components, numbers or arrays; fraction in [0, 1]."""
     cosine = start[0] * end[0] + start[1] * end[1] + start[2] * end[2] + start[3] * end[3]
-    angle = math.acos(min(abs(cosine), 1.0))
-    a, b = _share(1.0 - fraction, angle), _share(fraction, angle)
-    if cosine < 0.0:
-        b = -b
+    angle = np.arccos(np.minimum(np.abs(cosine), 1.0))
+    a, b = _share(1.0 - fraction, angle), np.copysign(_share(fraction, angle), cosine)
     w, x, y, z = (
         a * start[0] + b * end[0],
         a * start[1] + b * end[1],
         a * start[2] + b * end[2],
         a * start[3] + b * end[3],
     )
-    size = math.sqrt(w * w + x * x + y * y + z * z)
+    size = np.sqrt(w * w + x * x + y * y + z * z)
     return w / size, x / size, y / size, z / size
+
+
+def slerp(start: Floats, end: Floats, fraction: Floats) -> Floats:
+    """Spherical interpolation; quaternions of shape (…, 4), fraction in [0, 1] of shape (…,)."""
+    return np.stack(between(_parts(start), _parts(end), fraction), axis=-1)

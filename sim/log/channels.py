@@ -1,32 +1,54 @@
 """A flight as channels of timed messages, serialised on demand."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from foxglove import Schema
-from foxglove.messages import (
-    FrameTransform,
-    FrameTransforms,
-    LocationFix,
-    LocationFixPositionCovarianceType,
-    Log,
-    LogLevel,
-    SceneUpdate,
-)
+from foxglove.messages import LocationFix, LocationFixPositionCovarianceType, Log, LogLevel, SceneUpdate
 
 from laisn.arrays import Floats, Ints
-from sim.flight import Flight
+from laisn.estimates import FixKind
+from sim.flight import Flight, Outcome
 from sim.geometry import attitude
 from sim.geometry.geodesy import geodetic
 from sim.log import schema
-from sim.log.clock import Clock, timestamp
-from sim.log.events import Event, log_events
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
+from sim.log.schema import Clock, RecordType, timestamp
 from sim.scenario.settings import CONTROL_STEP_S
 
 Errors = tuple[Floats, Floats]
 """E_P [m] and E_B [rad] of a follower at filter steps k = 1 … n, shapes (n,)."""
+Level = Literal["debug", "info", "warning", "error"]
+
+FIX_LINES: dict[FixKind, tuple[Level, str]] = {
+    FixKind.TWO_POINTS: ("debug", "fix: the nearer of two intersections"),
+    FixKind.TANGENT: ("debug", "fix: one intersection"),
+    FixKind.FUSED: ("debug", "fix: weighted mean of pairs"),
+    FixKind.ASTERN: ("info", "fix: no two clear intersections, snapped onto the leader's axis"),
+    FixKind.SINGULAR: ("info", "fix skipped: the filter was already exact"),
+    FixKind.GATED: ("warning", "fix rejected as a gross error"),
+    FixKind.ONE_RANGE: ("info", "fix: one range alone, the estimate moved along its line of sight"),
+    FixKind.LOST: ("warning", "no fix: ranges are missing"),
+    FixKind.RANGES: ("debug", "ranges used as they are"),
+    FixKind.PARTLY: ("info", "ranges used but for those that looked like echoes"),
+}
+"""Level and text of the lines of `/log` for every kind of fix."""
+_OUTCOME_LEVELS: dict[Outcome, Level] = {Outcome.COMPLETED: "info", Outcome.CONTACT: "warning"}
+"""Levels of outcomes that are no errors."""
+
+
+class Event(NamedTuple):
+    """A line of `/log` that does not follow from the flight itself, such as a mirror capture."""
+
+    time_s: float
+    """Time since the start of the mission [s]."""
+    level: Level
+    text: str
+    source: str = "laisn"
+    """Name that the line stands under, such as a vehicle."""
 
 
 @dataclass(frozen=True)
@@ -42,61 +64,30 @@ class Channel:
     """Serialised messages from one index up to another."""
 
 
-def _numeric(name: str, type_: schema.RecordType, time_ns: Ints, arrays: Callable[[str], schema.Array]) -> Channel:
-    """Messages of one vehicle from arrays by attribute, n rows each."""
+def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Callable[[str], schema.Array]) -> Channel:
+    """A channel of numbers: messages at times, shape (n,), [ns], from arrays by attribute, n rows each."""
 
     def rows(start: int, stop: int) -> list[bytes]:
         return type_.rows(time_ns[start:stop], lambda attribute: arrays(attribute)[start:stop])
 
-    return Channel(f"/{name}/{type_.topic}", type_.schema, time_ns, rows)
+    return Channel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
 
 
-def _single(topic: str, type_: Schema, time_ns: Ints, encode: Callable[[int, int], bytes]) -> Channel:
-    """Messages that are serialised one by one, from their index and their time [ns]."""
+def _single(topic: str, type_: Any, time_ns: Ints, encode: Callable[[int, int], bytes]) -> Channel:
+    """Messages of a type of Foxglove's that are serialised one by one, from their index and their time [ns]."""
 
     def rows(start: int, stop: int) -> list[bytes]:
         return [encode(i, int(time_ns[i])) for i in range(start, stop)]
 
-    return Channel(topic, type_, time_ns, rows)
+    return Channel(topic, type_.get_schema(), time_ns, rows)
 
 
-def _transforms(flight: Flight, clock: Clock) -> Channel:
-    """World to vehicles, and vehicles to transmitters and hydrophones."""
-    t = flight.trajectory
-    sites = [i for i, n in enumerate(t.site_names) if n.rpartition("/")[2].startswith(("tx_", "hydrophone"))]
-    frames = [("world", name, (0.0, 0.0, 0.0)) for name in t.names]
-    frames += [(t.names[t.site_vehicle[i]], t.site_names[i], tuple(t.site_offset[i].tolist())) for i in sites]
-    message = FrameTransforms(
-        transforms=[
-            FrameTransform(
-                timestamp=schema.STAMP,
-                parent_frame_id=parent,
-                child_frame_id=child,
-                translation=schema.vector(offset),
-                rotation=schema.rotation(),
-            )
-            for parent, child, offset in frames
-        ]
-    )
-    layout = schema.FixedLayout(schema.message_class_of(FrameTransforms.get_schema()).FromString(message.encode()))
-    fields = {f"translation.{a}": (t.position, k) for k, a in enumerate("xyz")}
-    fields |= {f"rotation.{a}": (t.quaternion, k) for k, a in enumerate("wxyz")}
-    time_ns = clock.ns(t.time)
-
-    def rows(start: int, stop: int) -> list[bytes]:
-        columns = {
-            f"transforms.{v}.{field}": array[start:stop, v, k]
-            for v in range(len(t.names))
-            for field, (array, k) in fields.items()
-        }
-        return layout.rows(time_ns[start:stop], columns)
-
-    return Channel("/tf", FrameTransforms.get_schema(), time_ns, rows)
-
-
-def _locations(topic: str, time_ns: Ints, place: Floats, covariance: Floats | None = None) -> Channel:
-    """Latitude, longitude and height, shape (n, 3); horizontal covariances, shape (n, 2, 2), make it an estimate."""
-    kinds = LocationFixPositionCovarianceType
+def _locations(
+    flight: Flight, topic: str, time_ns: Ints, position: Floats, covariance: Floats | None = None
+) -> Channel:
+    """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make them estimates."""
+    kinds, origin = LocationFixPositionCovarianceType, flight.scenario
+    place = geodetic(position, origin.origin_latitude_deg, origin.origin_longitude_deg)
     whole = np.zeros((time_ns.size, 3, 3))
     if covariance is not None:
         whole[:, :2, :2] = covariance
@@ -116,80 +107,80 @@ def _locations(topic: str, time_ns: Ints, place: Floats, covariance: Floats | No
         )
         return fix.encode()
 
-    return _single(topic, LocationFix.get_schema(), time_ns, encode)
+    return _single(topic, LocationFix, time_ns, encode)
 
 
-def _vehicle(flight: Flight, clock: Clock, v: int) -> list[Channel]:
-    t, scenario = flight.trajectory, flight.scenario
-    name, time_ns, second = t.names[v], clock.ns(t.time), round(1.0 / CONTROL_STEP_S)
-    effectors = t.effector_names[v] if t.effector_names else ()
-    place = geodetic(t.position[::second, v], scenario.origin_latitude_deg, scenario.origin_longitude_deg)
-
-    def arrays(attribute: str) -> schema.Array:
-        if attribute == "thrust":
-            return t.thrust[:, v, : len(effectors)]
-        array: schema.Array = getattr(t, attribute)
-        return array if attribute == "time" else array[:, v]
-
-    return [
-        _numeric(name, schema.POSE, time_ns, arrays),
-        _numeric(name, schema.vehicle_state(effectors), time_ns, arrays),
-        _locations(f"/{name}/fix", time_ns[::second], place),
+def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
+    """Transforms, poses, states and map positions of all vehicles."""
+    t = flight.trajectory
+    time_ns, second = clock.ns(t.time), round(1.0 / CONTROL_STEP_S)
+    sites = [
+        (t.names[vehicle], name, offset)
+        for name, vehicle, offset in zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True)
+        if name.rpartition("/")[2].startswith(("tx_", "hydrophone"))
     ]
+    yield numeric("", schema.transforms(t.names, sites), time_ns, partial(getattr, t))
+    for v, name in enumerate(t.names):
+        effectors = t.effector_names[v] if t.effector_names else ()
+
+        def arrays(attribute: str, v: int = v, m: int = len(effectors)) -> schema.Array:
+            array: schema.Array = getattr(t, attribute)
+            return array if attribute == "time" else array[:, v, :m] if attribute == "thrust" else array[:, v]
+
+        for type_ in (schema.POSE, schema.vehicle_state(effectors)):
+            yield numeric(f"/{name}", type_, time_ns, arrays)
+        yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
 
-def _follower(flight: Flight, clock: Clock, f: int) -> list[Channel]:
-    m, e, scenario = flight.measurements[f], flight.estimates[f], flight.scenario
-    name, n = flight.trajectory.names[f + 1], m.speed.size
-    time_ns = clock.ns(m.dt * np.arange(1, n + 1))
+def _follower(flight: Flight, clock: Clock, f: int) -> Iterator[Channel]:
+    """What a follower measured and estimated."""
+    m, e, name = flight.measurements[f], flight.estimates[f], flight.trajectory.names[f + 1]
+    time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
+    for record, types in ((m, schema.MEASURED), (e, schema.estimated(type(e)))):
+        for type_ in types:
+            at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
+            yield numeric(f"/{name}", type_, at, partial(getattr, record))
+    position = np.column_stack([e.state[:, :2], -m.depth])
+    pose = {"position": position, "quaternion": attitude.from_euler(m.heading)}
+    yield numeric(f"/{name}", schema.ESTIMATE, time_ns, pose.__getitem__)
     second = max(1, round(1.0 / m.dt))
-    estimated = {
-        "position": np.column_stack([e.state[:, :2], -m.depth]),
-        "quaternion": attitude.from_euler(m.heading),
-    }
     each = slice(second - 1, None, second)
-    place = geodetic(estimated["position"][each], scenario.origin_latitude_deg, scenario.origin_longitude_deg)
-    measured, found = (lambda attribute: getattr(m, attribute)), (lambda attribute: getattr(e, attribute))
-    fixes = [schema.FIX, *(type_ for kind, type_ in schema.DETAILS.values() if type(e) is kind)]
-    return [
-        _numeric(name, schema.OWN_MOTION, time_ns, measured),
-        _numeric(name, schema.RECEPTION, time_ns[m.message_step - 1], measured),
-        _numeric(name, schema.FILTER_STATE, time_ns, found),
-        *(_numeric(name, type_, time_ns[e.fix_step - 1], found) for type_ in fixes),
-        _numeric(name, schema.ESTIMATE, time_ns, estimated.__getitem__),
-        _locations(f"/{name}/estimate/fix", time_ns[each], place, e.covariance[each, :2, :2]),
-    ]
+    yield _locations(flight, f"/{name}/estimate/fix", time_ns[each], position[each], e.covariance[each, :2, :2])
 
 
-def _error(flight: Flight, clock: Clock, f: int, errors: Errors) -> Channel:
-    m, name = flight.measurements[f], flight.trajectory.names[f + 1]
-    n = m.speed.size
-    if any(error.shape != (n,) for error in errors):
-        raise ValueError(f"errors of {name} have shapes {[e.shape for e in errors]}, expected ({n},) twice")
-    arrays = dict(zip(schema.ERROR.fields, errors, strict=True))
-    return _numeric(name, schema.ERROR, clock.ns(m.dt * np.arange(1, n + 1)), arrays.__getitem__)
+def _errors(flight: Flight, clock: Clock, errors: Sequence[Errors]) -> Iterator[Channel]:
+    for name, m, histories in zip(flight.trajectory.names[1:], flight.measurements, errors, strict=True):
+        n = m.speed.size
+        if any(error.shape != (n,) for error in histories):
+            raise ValueError(f"errors of {name} have shapes {[e.shape for e in histories]}, expected ({n},) twice")
+        arrays = dict(zip(schema.ERROR.fields, histories, strict=True))
+        yield numeric(f"/{name}", schema.ERROR, clock.ns(m.dt * np.arange(1, n + 1)), arrays.__getitem__)
 
 
 def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
-    lines = log_events(flight, events)
+    """Lines of `/log`: the kind of every fix, the events, and last the outcome."""
+    lines = list(events)
+    for name, m, e in zip(flight.trajectory.names[1:], flight.measurements, flight.estimates, strict=True):
+        for step, kind in zip(e.fix_step.tolist(), e.fix_kind.tolist(), strict=True):
+            lines.append(Event(step * m.dt, *FIX_LINES[FixKind(kind)], name))
+    level = _OUTCOME_LEVELS.get(flight.outcome, "error")
+    lines.append(Event(float(flight.trajectory.time[-1]), level, flight.outcome.value))
+    lines.sort(key=lambda line: line.time_s)
 
     def encode(i: int, at: int) -> bytes:
-        line = lines[i]
-        level = getattr(LogLevel, line.level.capitalize())
-        return Log(timestamp=timestamp(at), level=level, message=line.text, name=line.source).encode()
+        level = getattr(LogLevel, lines[i].level.capitalize())
+        return Log(timestamp=timestamp(at), level=level, message=lines[i].text, name=lines[i].source).encode()
 
-    return _single("/log", Log.get_schema(), clock.ns([line.time_s for line in lines]), encode)
+    return _single("/log", Log, clock.ns([line.time_s for line in lines]), encode)
 
 
-def _scene(flight: Flight, clock: Clock) -> list[Channel]:
-    t, type_ = flight.trajectory, SceneUpdate.get_schema()
+def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
+    t = flight.trajectory
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
     acoustic_ns = clock.ns(received * flight.measurements[0].dt)
-    return [
-        _single("/scene/vehicles", type_, clock.ns(t.time[seconds]), draw_vehicles(flight, seconds)),
-        _single("/scene/acoustics", type_, acoustic_ns, draw_acoustics(flight, received)),
-    ]
+    yield _single("/scene/vehicles", SceneUpdate, clock.ns(t.time[seconds]), draw_vehicles(flight, seconds))
+    yield _single("/scene/acoustics", SceneUpdate, acoustic_ns, draw_acoustics(flight, received))
 
 
 def channels(flight: Flight, errors: Sequence[Errors], events: Iterable[Event]) -> list[Channel]:
@@ -202,14 +193,13 @@ def channels(flight: Flight, errors: Sequence[Errors], events: Iterable[Event]) 
     Raises:
         ValueError: errors of another length than the estimates, or an epoch before 1970.
     """
-    clock = Clock(flight.scenario.epoch)
-    followers = range(len(flight.measurements))
+    clock, followers = Clock(flight.scenario.epoch), range(len(flight.measurements))
     if errors and len(errors) != len(followers):
         raise ValueError(f"errors of {len(errors)} followers given, the flight has {len(followers)}")
-    result = [_transforms(flight, clock)]
-    for v in range(len(flight.trajectory.names)):
-        result += _vehicle(flight, clock, v)
-    for f in followers:
-        result += _follower(flight, clock, f)
-    result += [_error(flight, clock, f, histories) for f, histories in enumerate(errors)]
-    return [*result, *_scene(flight, clock), _events(flight, clock, events)]
+    return [
+        *_truth(flight, clock),
+        *(channel for f in followers for channel in _follower(flight, clock, f)),
+        *(_errors(flight, clock, errors) if errors else ()),
+        *_scene(flight, clock),
+        _events(flight, clock, events),
+    ]

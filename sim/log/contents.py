@@ -1,168 +1,248 @@
-"""What is in a log: its attachments, metadata, and the messages of its channels as columns of numbers."""
+"""What is in a log: one pass over its records verifies every checksum and gives the messages as columns of numbers."""
 
+import os
 import struct
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
-from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
+import lz4.frame
 import numpy as np
 import numpy.typing as npt
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, DataEnd, Metadata, Schema
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.exceptions import EndOfFile, InvalidMagic
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
-from numpy.lib.stride_tricks import sliding_window_view
 
 from laisn.arrays import Floats, Ints
-from sim.log.clock import Clock
-from sim.log.file import SCENARIO, LogError, faults, records
-from sim.log.schema import FixedLayout, RecordType, message_class_of
+from laisn.failure import LaisnError
+from sim.log.schema import Clock, FixedLayout, message_class_of
 from sim.scenario import file as scenario_file
 
+SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
+"""Attachments of a log."""
+FLIGHT = "laisn"
+"""Metadata record by which the log of a flight is known."""
+_ALLOWANCE, _RATIO = 8 << 20, 16
+"""A file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n."""
 Values = npt.NDArray[Any] | list[Any]
-Getter = Callable[[Any], Any]
 
-_HEAD = np.dtype(
-    [("opcode", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time_ns", "<i8"), ("publish", "<i8")]
-)
-"""What a message begins with."""
-_RECORD_HEAD = 9
-"""Length of opcode and size of any record [bytes]; the size does not count them."""
+
+class LogError(LaisnError):
+    """A log that cannot be written or read; the text says which file, what is wrong and what helps."""
+
+
+class DamagedError(LogError):
+    """A record is broken; the text says which, and where."""
+
+    def __init__(self, path: Path, problem: str) -> None:
+        self.problem = problem
+        super().__init__(f"{path}: {problem}; laisn log recover keeps what is intact")
+
+
+def partial_path(path: Path) -> Path:
+    """The name that a log grows under until it is complete."""
+    return path.with_name(f"{path.name}.partial")
+
+
+@contextmanager
+def faults(path: Path) -> Iterator[None]:
+    """Whatever goes wrong with the file inside becomes a LogError that names it."""
+    try:
+        yield
+    except LogError:
+        raise
+    except OSError as error:
+        raise LogError(f"{path}: {error.strerror or error}") from error
+    except Exception as error:
+        # foreign bytes make decompressors, decoders and arrays fail in many ways; to the user they are one
+        raise LogError(f"{path}: damaged, or written by something else ({type(error).__name__}: {error})") from error
+
+
+def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
+    """Whether the checksum of an attachment that was just read matches; the library skips it. 0 stands for none."""
+    stream.seek(-4, os.SEEK_CUR)
+    stored, builder = stream.read(4), RecordBuilder()
+    attachment.write(builder)
+    return stored in (bytes(4), builder.end()[-4:])  # type: ignore[no-untyped-call]  # the library leaves it bare
+
+
+def _decompressed(chunk: Chunk, most: int) -> Chunk:
+    """A chunk decompressed as a stream: at once, any size that it states would be allocated."""
+    size, data = chunk.uncompressed_size, chunk.data
+    if size > most:
+        raise ValueError(f"a chunk of {len(data)} bytes would decompress to {size}, too many")
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+    elif chunk.compression == "lz4":
+        data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    elif chunk.compression:
+        raise ValueError(f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing")
+    if len(data) != size:
+        raise ValueError("the size of a chunk does not match")
+    return replace(chunk, compression="", data=data)
+
+
+def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
+    """The data section of an MCAP file in order, each record after its checksum was verified.
+
+    Metadata have no checksum but that of the section as a whole, at its end.
+
+    Args:
+        path: the file.
+        on_damaged: is called for a damaged attachment, which is left out; None: it raises.
+
+    Yields:
+        The records; each chunk is followed by those in it.
+
+    Raises:
+        DamagedError: the first record that is broken, or the missing end of the file.
+        LogError: the file cannot be read, or is no MCAP file.
+    """
+    with faults(path), path.open("rb") as stream:
+        size, at, ended = path.stat().st_size, 0, False
+        left = _ALLOWANCE + _RATIO * size
+        # no record is longer than its file
+        reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+        try:
+            for record in reader.records:
+                if isinstance(record, Chunk):
+                    left -= record.uncompressed_size
+                    inner = breakup_chunk(_decompressed(record, left + record.uncompressed_size), validate_crc=True)
+                    yield record
+                    yield from inner
+                elif isinstance(record, Attachment) and not _intact(stream, record):
+                    if on_damaged is None:
+                        raise ValueError(f"the checksum of attachment {record.name!r} does not match")
+                    on_damaged(f"attachment {record.name!r} is damaged and is left out")
+                elif isinstance(record, Footer) and not ended:
+                    raise ValueError("the data section has no end")
+                elif not ended:
+                    yield record
+                ended, at = ended or isinstance(record, DataEnd), stream.tell()
+            if stream.read(1):
+                raise ValueError("bytes follow the end of the log")
+        except OSError:
+            raise
+        except Exception as error:
+            # the library fails in many ways on bytes that are no record
+            if size < MAGIC_SIZE or (isinstance(error, InvalidMagic) and at == 0):
+                raise LogError(f"{path}: no MCAP file") from error
+            reason = str(error)
+            if isinstance(error, CRCValidationError):
+                where = "a chunk" if isinstance(error.record, Chunk) else "the data section"
+                reason = f"the checksum of {where} does not match"
+            elif isinstance(error, (EndOfFile, struct.error)):
+                reason = "the file ends within a record"
+            raise DamagedError(path, f"damaged or cut off at byte {at}: {reason}") from error
+
+
+def _value(message: Any, name: str) -> Any:
+    """A single value of a message, None if it or what holds it is not set."""
+    for part in name.split("."):
+        if message.DESCRIPTOR.fields_by_name[part].has_presence and not message.HasField(part):
+            return None
+        message = getattr(message, part)
+    return message
 
 
 class Messages:
-    """The messages of a topic in order of log time: their bytes one behind the other."""
+    """The messages of a topic.
 
-    def __init__(self, schema: Any, encoding: str) -> None:
-        self.schema, self.encoding = schema, encoding
-        self.kept, self.count, self._parts = True, 0, list[tuple[Ints, Ints]]()
-        self.data = bytearray()
+    Args:
+        schema: of the messages; None: unknown.
+        encoding: of the messages, such as "protobuf".
+    """
 
-    def add(self, time_ns: Ints, sizes: Ints, parts: Iterable[bytes]) -> None:
-        """Append messages, or count them if they are not kept."""
-        self.count += time_ns.size
+    def __init__(self, schema: Any, encoding: str = MessageEncoding.Protobuf) -> None:
+        self.schema, self.encoding, self.kept = schema, encoding, True
+        self._times, self.data = array("q"), list[bytes]()
+
+    def add(self, message: Message) -> None:
+        """Append a message; only its time if messages are not kept."""
+        self._times.append(message.log_time)
         if self.kept:
-            self._parts.append((time_ns, sizes))
-            self.data += b"".join(parts)
+            self.data.append(message.data)
 
     def sort(self) -> None:
         """Bring the messages into the order of their log time; those of equal time stay as they came."""
-        if np.any(self.time_ns[1:] < self.time_ns[:-1]):
-            order, each = np.argsort(self.time_ns, kind="stable"), list(self.each())
-            self.data = bytearray().join(each[i] for i in order.tolist())
-            self.time_ns, self.sizes = self.time_ns[order], self.sizes[order]
+        if self.kept and np.any(self.time_ns[1:] < self.time_ns[:-1]):
+            order = np.argsort(self.time_ns, kind="stable")
+            self._times = array("q", self.time_ns[order].tobytes())
+            self.data = [self.data[i] for i in order.tolist()]
 
-    @cached_property
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self._times)
+
+    @property
     def time_ns(self) -> Ints:
         """Log times since 1970, shape (n,), [ns]."""
-        return np.concatenate([np.empty(0, dtype=np.int64), *(time_ns for time_ns, _ in self._parts)])
+        return np.asarray(self._times)
 
-    @cached_property
-    def sizes(self) -> Ints:
-        """Of each message, shape (n,), [bytes]."""
-        return np.concatenate([np.empty(0, dtype=np.int64), *(sizes for _, sizes in self._parts)])
-
-    def each(self) -> Iterator[bytes]:
-        """The bytes of one message after the other."""
-        ends = np.cumsum(self.sizes)
-        for start, end in zip((ends - self.sizes).tolist(), ends.tolist(), strict=True):
-            yield bytes(self.data[start:end])
+    @property
+    def is_protobuf(self) -> bool:
+        """Whether they are encoded as protobuf, by a schema that the log holds."""
+        return self.schema is not None and self.encoding == MessageEncoding.Protobuf
 
     @cached_property
     def message_class(self) -> Any:
-        """The protobuf class of the messages, by the schema in the file.
-
-        Raises ValueError if they are encoded in another way.
-        """
-        if self.schema is None or self.encoding != MessageEncoding.Protobuf:
-            raise ValueError(f"messages are encoded as {self.encoding or 'nothing known'}, expected protobuf")
+        """The protobuf class of the messages, by the schema in the file; for messages that `is_protobuf`."""
         return message_class_of(self.schema)
 
-    def has(self, name: str) -> bool:
-        """Whether the messages have the field "name" or "name.of.a.nested.one"."""
-        descriptor = self.message_class.DESCRIPTOR
+    def field(self, name: str) -> Any:
+        """The descriptor of the field "name" or "name.of.a.nested.one" of the messages; None if there is none."""
+        descriptor, field = self.message_class.DESCRIPTOR, None
         for part in name.split("."):
-            inner = descriptor.fields_by_name.get(part) if descriptor is not None else None
-            if inner is None:
-                return False
-            descriptor = inner.message_type
-        return True
+            field = descriptor.fields_by_name.get(part) if descriptor is not None else None
+            descriptor = field.message_type if field is not None else None
+        return field
 
     def columns(self, names: Sequence[str]) -> list[Values]:
         """Values by the names of their fields ("pose.position.x"), n each; enumerations are numbers.
 
-        A field that has presence and is not set gives None; of numbers, `table` makes it NaN.
+        Messages that differ in numbers of eight bytes alone, as all of a flight's channel do, are read as arrays. A
+        field that has presence and is not set gives None; of numbers, `table` makes it NaN.
 
-        Raises ValueError if a message is malformed, or a field is a list or holds no value.
+        Raises ValueError if a message is malformed, or a field holds no single value.
         """
-        getters = [_getter(self.message_class.DESCRIPTOR, name) for name in names]
-        # messages of one length mostly differ in numbers alone; of a log of a flight, all those of a channel do
-        order = np.argsort(self.sizes, kind="stable")
-        groups = np.split(order, 1 + np.flatnonzero(np.diff(self.sizes[order])))
-        if len(groups) == 1:
-            return self._decoded(self.data, self.sizes.size, names, getters)
-        whole, begins = np.frombuffer(self.data, dtype=np.uint8), np.cumsum(self.sizes) - self.sizes
-        columns = [np.empty(order.size, dtype=object) for _ in names]
-        for rows in groups:
-            size = int(self.sizes[rows[0]])
-            data = sliding_window_view(whole, size)[begins[rows]].tobytes() if size else b""
-            for column, values in zip(columns, self._decoded(data, rows.size, names, getters), strict=True):
-                column[rows] = values
-        return list(columns)
-
-    def _decoded(
-        self, data: bytes | bytearray, n: int, names: Sequence[str], getters: Sequence[Getter]
-    ) -> list[Values]:
-        """Values of n messages of one length: as arrays if they differ in numbers alone, otherwise one by one."""
-        size, parse = len(data) // max(n, 1), self.message_class.FromString
-        if n > 1:
-            first = parse(bytes(data[:size]))
+        for name in names:
+            if self.field(name).is_repeated or self.field(name).message_type is not None:
+                raise ValueError(f"field {name} holds no single value")
+        parse = self.message_class.FromString
+        sizes = {len(data) for data in self.data}
+        if len(sizes) == 1 and any(sizes):
+            first = parse(self.data[0])
             layout = FixedLayout(first)
-            if layout.dtype.itemsize == size and layout.fits(data):
-                block: Any = np.frombuffer(data, layout.dtype) if size else np.empty(n)
+            block = layout.read(bytearray().join(self.data)) if layout.dtype.itemsize in sizes else None
+            if block is not None:
                 return [
-                    block[name].copy() if name in layout.names else np.broadcast_to(np.array(get(first), object), n)
-                    for name, get in zip(names, getters, strict=True)
+                    block[name].copy()
+                    if name in layout.names
+                    else np.broadcast_to(np.array(_value(first, name), object), block.size)
+                    for name in names
                 ]
         found: list[list[Any]] = [[] for _ in names]
-        for start in range(0, n * size, size) if size else [0] * n:
-            message = parse(bytes(data[start : start + size]))
-            for values, get in zip(found, getters, strict=True):
-                values.append(get(message))
+        for data in self.data:
+            message = parse(data)
+            for values, name in zip(found, names, strict=True):
+                values.append(_value(message, name))
         return list(found)
 
     def table(self, names: Sequence[str]) -> Floats:
         """Numbers by the names of their fields, NaN for what is absent, not to be written, shape (n, len(names))."""
-        result = np.empty((self.sizes.size, len(names)))
+        result = np.empty((len(self.data), len(names)))
         for k, values in enumerate(self.columns(names)):
             result[:, k] = values
         result.flags.writeable = False
         return result
-
-
-def _getter(descriptor: Any, name: str) -> Getter:
-    """A function that takes a single value from a message, None if it or what holds it is not set."""
-    path = []
-    for part in name.split("."):
-        field_ = descriptor.fields_by_name[part]
-        if field_.is_repeated:
-            raise ValueError(f"field {part} is a list, expected one value")
-        path.append((part, field_.has_presence))
-        descriptor = field_.message_type
-    if descriptor is not None:
-        raise ValueError(f"field {name} holds no single value")
-
-    def get(message: Any) -> Any:
-        for part, optional in path:
-            if optional and not message.HasField(part):
-                return None
-            message = getattr(message, part)
-        return message
-
-    return get
 
 
 Choice = Callable[[str, Messages], bool]
@@ -174,7 +254,7 @@ class Contents:
 
     Args:
         path: the log.
-        wanted: of other channels, the messages are counted only.
+        wanted: of other channels, only the times of the messages are kept.
 
     Raises:
         LogError: it cannot be read, is no MCAP file or is damaged, decompresses to more than is plausible, or a channel
@@ -185,96 +265,67 @@ class Contents:
         self.path = path
         self.attachments, self.topics = dict[str, bytes](), dict[str, Messages]()
         self.metadata = dict[str, dict[str, str]]()
-        self.span_ns: tuple[int, int] | None = None
-        """Log times of the first and the last message [ns]."""
         self.unverified: tuple[str, ...] = ()
         """Parts that no checksum covers, so that damage to them cannot be noticed."""
-        self._wanted, self._schemas, self._channels = wanted, dict[int, Schema](), dict[int, Messages]()
+        schemas, channels = dict[int, Schema](), dict[int, Messages]()
         chunks = bare = 0
         with faults(path):
             for record in records(path):
-                if isinstance(record, Chunk):
-                    chunks, bare = chunks + 1, bare + (not record.uncompressed_crc)
-                    self._add(record.data)
+                if isinstance(record, Message):
+                    channels[record.channel_id].add(record)
+                elif isinstance(record, Schema):
+                    schemas.setdefault(record.id, record)
+                elif isinstance(record, Channel) and record.id not in channels:
+                    new = Messages(schemas.get(record.schema_id), record.message_encoding)
+                    known = channels[record.id] = self.topics.setdefault(record.topic, new)
+                    if known is new:
+                        new.kept = wanted(record.topic, new)
+                    mine, others = ((m.encoding, m.schema and (m.schema.name, m.schema.data)) for m in (known, new))
+                    if mine != others:
+                        raise LogError(f"{path}: channel {record.topic} has messages of two types; it may have one")
                 elif isinstance(record, Attachment):
                     self.attachments[record.name] = record.data
                 elif isinstance(record, Metadata):
                     self.metadata[record.name] = record.metadata
+                elif isinstance(record, Chunk):
+                    chunks, bare = chunks + 1, bare + (not record.uncompressed_crc)
                 elif isinstance(record, DataEnd) and not record.data_section_crc:
                     self.unverified = ("metadata", *([f"{bare} of {chunks} chunks"] if bare else []))
             for messages in self.topics.values():
                 messages.sort()
 
-    def _add(self, data: bytes) -> None:
-        """Take the records of a chunk.
-
-        `mcap.stream_reader.breakup_chunk` makes an object of each message, which takes several times as long and ten
-        times the memory. Here a loop finds the records, and their heads are read as arrays.
-        """
-        starts, at, unpack = array("q"), 0, struct.Struct("<Q").unpack_from
-        while at < len(data):
-            starts.append(at)
-            at += _RECORD_HEAD + unpack(data, at + 1)[0]
-        places, block = np.frombuffer(starts, dtype=np.int64), np.frombuffer(data, dtype=np.uint8)
-        opcodes = block[places]
-        for place in places[(opcodes == Opcode.SCHEMA) | (opcodes == Opcode.CHANNEL)].tolist():
-            self._define(data, place)
-        places = places[opcodes == Opcode.MESSAGE]
-        if at > len(data) or (places.size and places[-1] + _HEAD.itemsize > len(data)):
-            raise ValueError("a chunk holds a broken record")
-        if not places.size:
-            return
-        heads = np.ascontiguousarray(sliding_window_view(block, _HEAD.itemsize)[places]).view(_HEAD)[:, 0]
-        sizes = heads["size"].astype(np.int64) - (_HEAD.itemsize - _RECORD_HEAD)
-        if np.any(sizes < 0):
-            raise ValueError("a chunk holds a broken message")
-        for channel in np.unique(heads["channel"]).tolist():
-            mine = heads["channel"] == channel
-            begins = places[mine] + _HEAD.itemsize
-            ends = (begins + sizes[mine]).tolist()
-            parts = (data[begin:end] for begin, end in zip(begins.tolist(), ends, strict=True))
-            self._channels[channel].add(heads["time_ns"][mine], sizes[mine], parts)
-        known, span = self.span_ns or (2**63 - 1, 0), (int(heads["time_ns"].min()), int(heads["time_ns"].max()))
-        self.span_ns = min(known[0], span[0]), max(known[1], span[1])
-
-    def _define(self, data: bytes, place: int) -> None:
-        """Take a schema or a channel, unless it is repeated."""
-        body, number = place + _RECORD_HEAD, int.from_bytes(data[place + 9 : place + 11], "little")
-        if number in (self._schemas if data[place] == Opcode.SCHEMA else self._channels):
-            return
-        stream = ReadDataStream(BytesIO(data[body:]))
-        if data[place] == Opcode.SCHEMA:
-            self._schemas[number] = Schema.read(stream)
-        else:
-            channel = Channel.read(stream)
-            new = Messages(self._schemas.get(channel.schema_id), channel.message_encoding)
-            known = self._channels[number] = self.topics.setdefault(channel.topic, new)
-            if known is new:
-                new.kept = self._wanted(channel.topic, new)
-            mine, others = ((m.encoding, m.schema and (m.schema.name, m.schema.data)) for m in (known, new))
-            if mine != others:
-                raise LogError(f"{self.path}: channel {channel.topic} has messages of two types; it may have one")
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Log times of the first and the last message [ns]; 0 without messages."""
+        times = [messages.time_ns for messages in self.topics.values() if messages.count]
+        return min((int(t.min()) for t in times), default=0), max((int(t.max()) for t in times), default=0)
 
     def start_ns(self) -> int:
         """When the mission began: the epoch of its scenario, or in other logs the first message kept [ns]."""
         if SCENARIO in self.attachments:
             return Clock(scenario_file.parse(self.attachments[SCENARIO].decode(), SCENARIO)["epoch"]).epoch_ns
-        return min((int(m.time_ns[0]) for m in self.topics.values() if m.time_ns.size), default=0)
+        return min((int(m.time_ns[0]) for m in self.topics.values() if m.data), default=0)
 
-    def add_empty(self, topic: str, type_: RecordType) -> None:
-        """Add a channel of a flight that is not in its file, as it has no message."""
-        self.topics.setdefault(topic, Messages(type_.schema, MessageEncoding.Protobuf))
+    def require(self, topic: str, names: Sequence[str], empty: Any = None) -> Messages:
+        """The messages of a topic.
 
-    def require(self, topic: str, names: Sequence[str]) -> Messages:
-        """The messages of a topic with all the named fields; LogError naming the topics or fields that there are."""
-        messages = self.topics.get(topic)
+        Args:
+            topic: of the channel.
+            names: fields that its messages must have.
+            empty: schema of a channel that is not in the file if it has no message; None: it must be there.
+
+        Raises:
+            LogError: there is no such channel or field; the text names the topics or fields that there are. A schema
+                that is malformed raises what protobuf raises, for `faults` to name the file.
+        """
+        messages = self.topics.get(topic, empty and Messages(empty))
         if messages is None:
             raise LogError(f"{self.path}: lacks channel {topic}; available: {', '.join(sorted(self.topics)) or 'none'}")
-        with faults(self.path):
-            if messages.encoding != MessageEncoding.Protobuf:
-                raise LogError(f"{self.path}: channel {topic} is encoded as {messages.encoding!r}, expected protobuf")
-            missing = [name for name in names if not messages.has(name)]
-            if missing:
-                known = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
-                raise LogError(f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
+        if not messages.is_protobuf:
+            found = f"{messages.encoding!r}{'' if messages.schema else ' without a schema'}"
+            raise LogError(f"{self.path}: channel {topic} is encoded as {found}, expected protobuf and its schema")
+        missing = [name for name in names if messages.field(name) is None]
+        if missing:
+            known = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
+            raise LogError(f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
         return messages

@@ -1,20 +1,20 @@
-"""Channels of a log as tables: a Parquet or CSV file for each."""
+"""Logs for other programs: a Parquet or CSV file for each channel, or a recording that Rerun draws."""
 
-import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from itertools import count
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 from urllib.parse import quote
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 from google.protobuf.descriptor import FieldDescriptor
-from mcap.well_known import MessageEncoding
 
 from sim.files import atomic_write
-from sim.log.contents import Contents, Messages
-from sim.log.file import LogError, faults
+from sim.log.contents import Contents, LogError, Messages, faults
+from sim.log.schema import ERROR, POSE
 
 Format = Literal["parquet", "csv"]
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
@@ -28,6 +28,11 @@ _KINDS = {
     FieldDescriptor.CPPTYPE_BOOL: pa.bool_(),
     FieldDescriptor.CPPTYPE_STRING: pa.string(),
 }
+_TIMELINE = "mission"
+"""Name of the time in a recording."""
+_LINE_M = 0.03
+"""Radius of lines in a recording [m]."""
+_SCENES = ("/scene/vehicles", "/scene/acoustics")
 
 
 def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -42,13 +47,14 @@ def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield from _leaves(field.message_type, f"{name}.")
 
 
-def _table(messages: Messages, leaves: Sequence[tuple[str, Any]], start_ns: int) -> Any:
+def _table(messages: Messages, start_ns: int) -> Any:
     """All messages of a channel: the times, then the leaves, enumerations by their names where these are known."""
+    leaves = dict(_leaves(messages.message_class.DESCRIPTOR))
     columns = {
         "time_s": pa.array((messages.time_ns - start_ns) / 1e9, pa.float64()),
         "log_time_ns": pa.array(messages.time_ns, pa.int64()),
     }
-    for (name, leaf), values in zip(leaves, messages.columns([name for name, _ in leaves]), strict=True):
+    for (name, leaf), values in zip(leaves.items(), messages.columns(list(leaves)), strict=True):
         if leaf.enum_type is not None:
             names = {None: None} | {number: value.name for number, value in leaf.enum_type.values_by_number.items()}
             column = pa.array([names.get(number, str(number)) for number in values], pa.string())
@@ -56,21 +62,6 @@ def _table(messages: Messages, leaves: Sequence[tuple[str, Any]], start_ns: int)
             column = pa.array(values, _KINDS[leaf.cpp_type])
         columns[f"{name}~2" if name in ("time_s", "log_time_ns") else name] = column
     return pa.table(columns)
-
-
-def _file_names(topics: Iterable[str]) -> dict[str, str]:
-    """A name for the table of each topic, without suffix: no two the same, also where case does not count."""
-    names: dict[str, str] = {}
-    taken: set[str] = set()
-    for topic in topics:
-        # "/" separates, what is no letter, digit, ".", "_", "-" or "~" is written as %XX
-        stem = quote(topic.strip("/").replace("/", "_"), safe="") or "channel"
-        stem = next(
-            n for n in itertools.chain([stem], (f"{stem}~{k}" for k in itertools.count(2))) if n.lower() not in taken
-        )
-        taken.add(stem.lower())
-        names[topic] = stem
-    return names
 
 
 def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path]:
@@ -91,34 +82,120 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
     Raises:
         LogError: the log is damaged or has nothing to export, the format is unknown, or the folder cannot be written.
     """
-    if table_format not in get_args(Format):
-        raise LogError(f"unknown format {table_format!r}; available: {', '.join(get_args(Format))}")
-    tables: dict[str, list[tuple[str, Any]]] = {}
+    if table_format not in _WRITERS:
+        raise LogError(f"unknown format {table_format!r}; available: {', '.join(_WRITERS)}")
 
-    def has_table(topic: str, messages: Messages) -> bool:
-        readable = messages.encoding == MessageEncoding.Protobuf
-        tables[topic] = list(_leaves(messages.message_class.DESCRIPTOR)) if readable else []
-        return bool(tables[topic])
+    def has_table(_: str, messages: Messages) -> bool:
+        return messages.is_protobuf and any(_leaves(messages.message_class.DESCRIPTOR))
 
-    log, files = Contents(path, has_table), []
-    names = _file_names(sorted(tables))
+    log, files, taken = Contents(path, has_table), list[Path](), set[str]()
+    topics = sorted(log.topics)
     with faults(path):
         start_ns = log.start_ns()
-    for topic, name in names.items():
-        messages, leaves = log.topics.pop(topic), tables[topic]
-        if not leaves or not messages.count:
+    for topic in topics:
+        messages = log.topics.pop(topic)
+        if not messages.data:
             continue
+        # "/" separates, what is no letter, digit, ".", "_", "-" or "~" is written as %XX; some disks ignore case
+        name = quote(topic.strip("/").replace("/", "_"), safe="") or "channel"
+        name = next(n for k in count(1) if (n := f"{name}~{k}" if k > 1 else name).lower() not in taken)
+        taken.add(name.lower())
         file = out / f"{name}.{table_format}"
         try:
             out.mkdir(parents=True, exist_ok=True)
             with faults(path):
-                table = _table(messages, leaves, start_ns)
+                table = _table(messages, start_ns)
             with atomic_write(file) as part, _WRITERS[table_format](part, table.schema) as writer:
                 writer.write_table(table)
         except OSError as error:
             raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
         files.append(file)
     if not files:
-        channels = ", ".join(names) or "none"
-        raise LogError(f"{path}: lacks protobuf channels with numbers or texts to export; available: {channels}")
+        available = ", ".join(topics) or "none"
+        raise LogError(f"{path}: lacks protobuf channels with numbers or texts to export; available: {available}")
     return files
+
+
+def _xyz(vectors: Iterable[Any]) -> list[tuple[float, float, float]]:
+    return [(v.x, v.y, v.z) for v in vectors]
+
+
+def _rgba(primitives: Any) -> list[list[int]]:
+    return [[round(255 * c) for c in (p.color.r, p.color.g, p.color.b, p.color.a)] for p in primitives]
+
+
+def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
+    """What Rerun draws of an entity of a scene; what it has none of replaces that of the instant before."""
+
+    def solids(primitives: Any, **sizes: Any) -> dict[str, Any]:
+        turns = [(q.x, q.y, q.z, q.w) for q in (p.pose.orientation for p in primitives)]
+        centers, colors = _xyz(p.pose.position for p in primitives), _rgba(primitives)
+        return {"centers": centers, "quaternions": turns, "colors": colors, "fill_mode": "solid", **sizes}
+
+    def half(primitives: Any) -> Any:
+        return np.array(_xyz(p.size for p in primitives)).reshape(-1, 3) / 2
+
+    length, radius = 2 * half(entity.cylinders)[:, 2], half(entity.cylinders)[:, 0]
+    yield "cylinders", rr.Cylinders3D(**solids(entity.cylinders, lengths=length, radii=radius))
+    yield "spheres", rr.Ellipsoids3D(**solids(entity.spheres, half_sizes=half(entity.spheres)))
+    yield "boxes", rr.Boxes3D(**solids(entity.cubes, half_sizes=half(entity.cubes)))
+    strips = list[Any]()
+    for line in entity.lines:
+        points = _xyz(line.points)
+        pairs = line.type == line.LINE_LIST
+        strips += [points[i : i + 2] for i in range(0, len(points), 2)] if pairs else [points]
+    yield "lines", rr.LineStrips3D(strips, colors=_rgba(entity.lines)[:1], radii=[_LINE_M])
+    for i, (mesh, color) in enumerate(zip(entity.triangles, _rgba(entity.triangles), strict=True)):
+        placed = solids([mesh])
+        yield f"mesh{i}", rr.Transform3D(translation=placed["centers"][0], quaternion=placed["quaternions"][0])
+        faces = np.reshape(mesh.indices, (-1, 3))
+        yield f"mesh{i}", rr.Mesh3D(vertex_positions=_xyz(mesh.points), triangle_indices=faces, albedo_factor=color)
+
+
+def write_recording(log_path: Path, path: Path) -> Path:
+    """Write scenes, moving vehicles and position errors of a flight as one `.rrd` file for Rerun.
+
+    Rerun opens the MCAP log as well, but shows its scenes there as messages only.
+
+    Raises:
+        LogError: the log cannot be read, or Rerun's package is not installed.
+    """
+    try:
+        import rerun as rr
+    except ImportError:
+        raise LogError("a recording needs Rerun's package; install it with: pip install rerun-sdk") from None
+    log = Contents(log_path, lambda topic, _: topic in _SCENES or topic.endswith(("/pose", "/error")))
+    with faults(log_path), atomic_write(path) as part:
+        start_ns = log.start_ns()
+        # a fixed name: the same log gives the same recording
+        stream = rr.RecordingStream("laisn-sim", recording_id=log_path.stem)
+        stream.save(part)
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        hulls = set[str]()
+        for scene in _SCENES:
+            messages = log.require(scene, ["entities"])
+            for at, data in zip(messages.time_ns.tolist(), messages.data, strict=True):
+                stream.set_time(_TIMELINE, duration=(at - start_ns) / 1e9)
+                for entity in messages.message_class.FromString(data).entities:
+                    fixed = entity.frame_locked
+                    # what moves with a vehicle stands below its transform, and is logged once
+                    root = f"world/{entity.id}" if fixed else f"world/scene/{entity.id}"
+                    for name, archetype in _entities(rr, entity) if entity.id not in hulls else ():
+                        stream.log(f"{root}/{name}", archetype, static=fixed)
+                    hulls |= {entity.id} if fixed else set()
+        for topic, messages in log.topics.items():
+            if not messages.kept or topic in _SCENES:
+                continue
+            name, type_ = topic.split("/")[1], POSE if topic.endswith("/pose") else ERROR
+            arrays = type_.arrays(log.require(topic, type_.fields).table)
+            index = [rr.TimeColumn(_TIMELINE, duration=(messages.time_ns - start_ns) / 1e9)]
+            if type_ is POSE:
+                turn = arrays["quaternion"][:, [1, 2, 3, 0]]
+                columns = rr.Transform3D.columns(translation=arrays["position"], quaternion=turn)
+                rr.send_columns(f"world/{name}", indexes=index, columns=columns, recording=stream)
+            else:
+                columns = rr.Scalars.columns(scalars=arrays["position_error"])
+                rr.send_columns(f"errors/{name}/E_P", indexes=index, columns=columns, recording=stream)
+        stream.flush()
+        stream.disconnect()
+    return path

@@ -1,6 +1,7 @@
 """A layout for Foxglove: what to draw of a log, and where on the screen, for the log's own vehicles."""
 
 from collections.abc import Iterable, Sequence
+from typing import Literal
 
 from foxglove import layouts as fl
 
@@ -33,10 +34,6 @@ def _scene(leader: str, followers: Sequence[str]) -> fl.ThreeDeePanel:
     return fl.ThreeDeePanel(title="Scene", config=config)
 
 
-def _camera() -> fl.ImagePanel:
-    return fl.ImagePanel(title="Camera", config=fl.ImageConfig(image_mode=fl.ImageModeConfig(image_topic="/camera")))
-
-
 def _map(leader: str, followers: Sequence[str]) -> fl.MapPanel:
     colours = {f"/{leader}/fix": LEADER} | {f"/{name}/fix": FOLLOWER for name in followers}
     colours |= {f"/{name}/estimate/fix": ESTIMATE for name in followers}
@@ -55,10 +52,10 @@ def _plot(title: str, paths: Iterable[tuple[str, str]]) -> fl.PlotPanel:
     return fl.PlotPanel(title=title, config=config)
 
 
-def _split(direction: str, *parts: tuple[float, fl.Content]) -> fl.SplitContainer:
+def _split(direction: Literal["row", "column"], *parts: tuple[float, fl.Content]) -> fl.SplitContainer:
     """Parts beside ("row") or above one another ("column"), each with its share in percent."""
     items = [fl.SplitItem(proportion=share, content=content) for share, content in parts]
-    return fl.SplitContainer(direction="row" if direction == "row" else "column", items=items)
+    return fl.SplitContainer(direction=direction, items=items)
 
 
 def layout(names: Sequence[str]) -> str:
@@ -77,7 +74,8 @@ def layout(names: Sequence[str]) -> str:
     bearing = _plot("Bearing error E_B [deg]", ((f"/{name}/error.bearing_error.@rad2deg", name) for name in followers))
     pitch = _plot("Pitch [deg]", ((f"/{name}/state.pitch.@rad2deg", name) for name in names))
     lines = fl.LogPanel(title="Log", config=fl.LogConfig(min_log_level=2, topic_to_render="/log"))
-    views = _split("row", (50, _camera()), (50, _map(leader, followers)))
+    camera = fl.ImageConfig(image_mode=fl.ImageModeConfig(image_topic="/camera"))
+    views = _split("row", (50, fl.ImagePanel(title="Camera", config=camera)), (50, _map(leader, followers)))
     pictures = _split("column", (60, _scene(leader, followers)), (40, views))
     curves = _split(
         "column", (25, distance), (25, bearing), (20, _plot("Ranges [m]", ranges)), (13.5, pitch), (16.5, lines)

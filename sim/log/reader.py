@@ -1,124 +1,104 @@
 """Logs read back: the flight to the bit, or the measurements alone, of the simulator or of a real vehicle."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Ints
+from laisn.arrays import Bools, Floats, Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from sim.flight import Flight, Outcome
-from sim.log.clock import Clock
-from sim.log.contents import Contents
-from sim.log.file import FLIGHT, SCENARIO, VEHICLES, LogError, faults
-from sim.log.schema import (
-    DERIVED,
-    DETAILS,
-    FILTER_STATE,
-    FIX,
-    OWN_MOTION,
-    POSE,
-    RECEPTION,
-    RecordType,
-    vehicle_state,
-)
-from sim.log.vehicle_log import LONGEST_GAP_S, Recording, recording
+from sim.log.contents import FLIGHT, SCENARIO, VEHICLES, Contents, LogError, Messages, faults
+from sim.log.schema import DETAILS, MEASURED, PLACES, POSE, Clock, RecordType, estimated, vehicle_state
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
-CORE = (POSE, vehicle_state(()), OWN_MOTION, RECEPTION, FILTER_STATE, FIX)
-"""Channels that make up a flight, with the details of its navigator; all others are drawn from them."""
-_DETAIL_TYPES = tuple(type_ for _, type_ in DETAILS.values())
+TRUTH = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
+"""Arrays of every vehicle; what else its channels hold follows from them."""
+CORE = (POSE, vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
+"""Types of the channels that make up a flight; all other channels are derived from them."""
+_OWN, _RECEIVED = MEASURED
+LONGEST_GAP_S = 10.0
+"""Longer gaps between own measurements are not bridged unless the user says so [s]."""
+_GAP = 2.0
+"""From so many filter steps on, the time between own measurements is called a gap."""
+_SHORTEST_NS, _LONGEST_NS = 10**5, 10**11
+"""Filter steps beyond these are not believed of a vehicle [ns]."""
+_NAMED = 5
+"""Most gaps that are named."""
+_OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
+"""Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
+_POSE = slice(0, 6)
+"""Columns of a message that a navigator cannot do without."""
 
 
-def _read(log: Contents, name: str, type_: RecordType) -> tuple[Ints, dict[str, Any]]:
-    """Times of a vehicle's messages, shape (n,), [ns], and arrays; channels without messages are not in a file."""
-    topic = f"/{name}/{type_.topic}"
-    if type_ in (RECEPTION, FIX, *_DETAIL_TYPES):
-        log.add_empty(topic, type_)
-    messages = log.require(topic, type_.fields)
-    return messages.time_ns, type_.arrays(messages.table)
+class Recording(NamedTuple):
+    """Measurements of a follower, and what was not as expected."""
+
+    measurements: Measurements
+    remarks: tuple[str, ...]
+    """A sentence each."""
 
 
-def _steps(path: Path, topic: str, time_ns: Ints, steps_ns: Ints) -> Ints:
-    """Filter step at which each message is available: the first at or after its time."""
-    step = np.searchsorted(steps_ns, time_ns).astype(np.int64) + 1
-    if step.size and step[-1] > steps_ns.size:
-        raise LogError(f"{path}: {topic} goes on after the last filter step")
-    return step
+def _record(log: Contents, name: str, types: Sequence[RecordType], steps_ns: Ints | None) -> tuple[Ints, Any]:
+    """Times of steps, shape (n,), [ns], and arrays by attribute, of some channels of a vehicle in a flight.
+
+    Without times, the steps are those of the first channel. A message is available at the first step at or after it.
+    """
+    found, times = dict[str, Any](), dict[str, Ints]() if steps_ns is None else {"": steps_ns}
+    for type_ in types:
+        topic = f"/{name}/{type_.topic}"
+        # a channel without a message is not in the file
+        messages = log.require(topic, type_.fields, type_.schema if type_.steps else None)
+        found |= type_.arrays(messages.table)
+        if not np.array_equal(times.setdefault(type_.steps, messages.time_ns), messages.time_ns):
+            raise LogError(f"{log.path}: the times of {topic} are not those of the flight's other channels")
+        # hours of messages would fill the memory beside their numbers
+        log.topics.pop(topic, None)
+    for steps in filter(None, times):
+        found[steps] = np.searchsorted(times[""], times[steps]).astype(np.int64) + 1
+        if np.any(found[steps] > times[""].size):
+            raise LogError(f"{log.path}: channels of {name} go on after the last filter step")
+    return times[""], found
 
 
-def _own_and_received(path: Path, log: Contents, name: str, dt: float) -> tuple[Measurements, Ints]:
-    """Measurements of a follower in a flight, and the times of its filter steps, shape (n,), [ns]."""
-    steps_ns, motion = _read(log, name, OWN_MOTION)
-    heard_ns, received = _read(log, name, RECEPTION)
-    step = _steps(path, f"/{name}/reception", heard_ns, steps_ns)
-    return Measurements(dt=dt, message_step=step, **motion, **received), steps_ns
-
-
-def _estimates(path: Path, log: Contents, name: str, steps_ns: Ints, facts: dict[str, str]) -> Estimates:
-    filter_ns, filtered = _read(log, name, FILTER_STATE)
-    fix_ns, fixes = _read(log, name, FIX)
-    if not np.array_equal(filter_ns, steps_ns):
-        raise LogError(f"{path}: /{name}/filter and /{name}/motion are not at the same times")
-    found = {**filtered, **fixes, "fix_step": _steps(path, f"/{name}/innovation", fix_ns, steps_ns)}
-    for topic, (kind, type_) in DETAILS.items():
-        if facts.get(topic) == "True":
-            details_ns, details = _read(log, name, type_)
-            if not np.array_equal(details_ns, fix_ns):
-                raise LogError(f"{path}: /{name}/{topic} is not at the times of the fixes")
-            return kind(**found, **details)
-    return Estimates(**found)
-
-
-def _trajectory(path: Path, log: Contents) -> tuple[Trajectory, Ints]:
+def _trajectory(log: Contents) -> tuple[Trajectory, Ints]:
     """The truth and its times, shape (n,), [ns]."""
     table = json.loads(log.attachments[VEHICLES])
-    names, sites, effectors = tuple(table["names"]), table["sites"], table["effectors"] or [[] for _ in table["names"]]
+    names, sites = tuple(table["names"]), table["sites"]
+    effectors = table["effectors"] or [[] for _ in names]
     most = max(len(own) for own in effectors)
-    found, grid = dict[str, list[Any]](), np.empty(0, dtype=np.int64)
-    force = np.zeros((len(names), most, 3))
+    found, grids, force = list[Any](), list[Ints](), np.zeros((len(names), most, 3))
     for v, (name, own) in enumerate(zip(names, effectors, strict=True)):
         force[v, : len(own)] = np.reshape([effector["force"] for effector in own], (-1, 3))
-        pose_ns, arrays = _read(log, name, POSE)
-        state_ns, state = _read(log, name, vehicle_state(tuple(effector["name"] for effector in own)))
-        grid = grid if v else pose_ns
-        if not (np.array_equal(pose_ns, grid) and np.array_equal(state_ns, grid)):
-            raise LogError(f"{path}: the channels of {name} are not at the times of the leader's")
-        state["thrust"] = np.pad(state["thrust"], ((0, 0), (0, most - len(own))))
-        for attribute, array in (arrays | state).items():
-            found.setdefault(attribute, []).append(array)
-    for group in DERIVED:
-        del found[group.attribute]
+        types = POSE, vehicle_state(tuple(effector["name"] for effector in own))
+        grid, arrays = _record(log, name, types, grids[0] if v else None)
+        grids.append(grid)
+        found.append(arrays | {"thrust": np.pad(arrays["thrust"], ((0, 0), (0, most - len(own))))})
     truth = Trajectory(
         names=names,
-        time=found.pop("time")[0],
+        time=found[0]["time"],
         site_names=tuple(site["name"] for site in sites),
         site_vehicle=np.array([site["vehicle"] for site in sites], dtype=np.int64),
         site_offset=np.array([site["offset"] for site in sites], dtype=np.float64).reshape(-1, 3),
         effector_names=tuple(tuple(effector["name"] for effector in own) for own in table["effectors"]),
         effector_force=force,
-        **{attribute: np.stack(arrays, axis=1) for attribute, arrays in found.items()},
+        **{attribute: np.stack([arrays[attribute] for arrays in found], axis=1) for attribute in TRUTH},
     )
-    return truth, grid
+    return truth, grids[0]
 
 
-def _check(path: Path, flight: Flight, facts: Mapping[str, str], truth_ns: Ints, steps_ns: Sequence[Ints]) -> None:
-    """LogError unless metadata, scenario and channels belong together, and the flight has neither gap nor other end."""
+def _check(log: Contents, flight: Flight, truth_ns: Ints, steps_ns: Sequence[Ints]) -> None:
+    """LogError unless scenario and channels belong together, and the flight has neither gap nor other end."""
     scenario, truth = flight.scenario, flight.trajectory
     clock, points = Clock(scenario.epoch), truth.time.size
     grid, n = clock.ns(CONTROL_STEP_S * np.arange(points)), (points - 1) // flight.stride
     vehicles = ("leader", *(follower.name for follower in scenario.followers))
-    expected = {"filter_step_s": scenario.timing.filter_step_s, "seed": scenario.seed, "run": scenario.run}
     checks = [
-        (facts.get(name) == repr(value), f"metadata laisn says {name} = {facts.get(name)}, its scenario {value}")
-        for name, value in expected.items()
-    ]
-    checks += [
         (truth.names == vehicles, f"it holds {', '.join(truth.names)}; its scenario has {', '.join(vehicles)}"),
         (
             np.array_equal(truth_ns, grid) and np.array_equal(clock.ns(truth.time), grid),
@@ -137,7 +117,7 @@ def _check(path: Path, flight: Flight, facts: Mapping[str, str], truth_ns: Ints,
         checks.append((fixed, f"{name} has receptions without a fix, or fixes without a reception"))
     for correct, text in checks:
         if not correct:
-            raise LogError(f"{path}: {text}")
+            raise LogError(f"{log.path}: {text}")
 
 
 def read(path: Path | str) -> Flight:
@@ -147,8 +127,7 @@ def read(path: Path | str) -> Flight:
         LogError: the log is damaged, or was not written by the simulator; the text names what is missing.
     """
     path = Path(path)
-    suffixes = tuple(f"/{type_.topic}" for type_ in CORE)
-    log = Contents(path, lambda topic, _: topic.endswith((*suffixes, *(f"/{topic}" for topic in DETAILS))))
+    log = Contents(path, lambda topic, _: topic.endswith(tuple(f"/{type_.topic}" for type_ in CORE)))
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
     missing += [] if FLIGHT in log.metadata else [f"metadata {FLIGHT}"]
     if missing:
@@ -158,47 +137,146 @@ def read(path: Path | str) -> Flight:
             "/FOLLOWER/reception: laisn replay LOG --scenario FILE"
         )
     with faults(path):
-        facts = log.metadata[FLIGHT]
-        scenario = scenario_file.validate(
-            scenario_file.parse(log.attachments[SCENARIO].decode(), SCENARIO), f"{path}, {SCENARIO}"
-        )
-        trajectory, truth_ns = _trajectory(path, log)
-        followers = trajectory.names[1:]
-        measured = [_own_and_received(path, log, name, float(facts["filter_step_s"])) for name in followers]
-        steps_ns = [at for _, at in measured]
-        estimates = [_estimates(path, log, name, at, facts) for name, at in zip(followers, steps_ns, strict=True)]
+        facts, text = log.metadata[FLIGHT], log.attachments[SCENARIO].decode()
+        scenario = scenario_file.validate(scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}")
+        trajectory, truth_ns = _trajectory(log)
+        kind = next((kind for kind, type_ in DETAILS.items() if facts.get(type_.topic) == "True"), Estimates)
+        measurements, estimates, steps_ns = list[Measurements](), list[Estimates](), list[Ints]()
+        for name in trajectory.names[1:]:
+            times, measured = _record(log, name, MEASURED, None)
+            _, found = _record(log, name, estimated(kind), times)
+            steps_ns.append(times)
+            measurements.append(Measurements(dt=scenario.timing.filter_step_s, **measured))
+            estimates.append(kind(**found))
         flight = Flight(
             scenario=scenario,
             trajectory=trajectory,
-            measurements=tuple(measurements for measurements, _ in measured),
+            measurements=tuple(measurements),
             estimates=tuple(estimates),
             outcome=Outcome[facts["outcome"]],
         )
-        _check(path, flight, facts, truth_ns, steps_ns)
+        _check(log, flight, truth_ns, steps_ns)
         return flight
 
 
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _optional(messages: Messages, names: Sequence[str]) -> Floats:
+    """Numbers by the names of their fields, NaN for those that are not in a message, shape (n, len(names)).
+
+    Where a type cannot tell zero from a number that is not there (protobuf 3 without `optional`), zero in a range, or
+    in a quantity that need not be broadcast, stands for one that is not there.
+    """
+    there = [name for name in names if messages.field(name) is not None]
+    values = np.full((len(messages.data), len(names)), np.nan)
+    values[:, [names.index(name) for name in there]] = messages.table(there)
+    for name in {*_OPTIONAL, *_RECEIVED.columns[1].names} & set(there):
+        if not messages.field(name).has_presence:
+            column = values[:, names.index(name)]
+            column[column == 0.0] = np.nan
+    return values
+
+
+def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: float) -> list[str]:
+    """What to say of gaps; LogError if one is too long."""
+    longest_step = _GAP * float(np.median(spacing))
+    found = np.flatnonzero(spacing > longest_step)
+    named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
+    begin = time_ns[named] - time_ns[0]
+    places = ", ".join(f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True))
+    more = f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
+    if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
+        raise LogError(
+            f"{path}: {topic} has {_count(found.size, 'gap')} ({places}{more}); gaps of up to {longest_gap_s:g} s are "
+            "bridged. Cut the log there, or allow longer ones: --longest-gap SECONDS"
+        )
+    return [f"{_count(found.size, 'gap')} in {topic} bridged: {places}{more}"] if found.size else []
+
+
+def _last_of_equals(values: Ints) -> Bools:
+    """Which elements of an ordered array are the last of their value, shape (n,)."""
+    return np.append(np.diff(values) > 0, True)[: values.size]
+
+
 def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: float = LONGEST_GAP_S) -> Recording:
-    """What one follower received and sensed, from any log with the channels `/NAME/motion` and `/NAME/reception`.
+    """What one follower received and sensed, each filter step as long as it took.
+
+    The log may be of a flight or of a real vehicle; it needs the channels `/NAME/motion` and `/NAME/reception`. Own
+    measurements are the filter steps, Δt is the median of their spacing, and the first is taken to end a step of Δt. A
+    reception belongs to the first step at or after it. Left out are own measurements and leader messages that are not
+    finite numbers; of several in one step, all but the last; and receptions before the first step or after the last
+    one. Ranges that are infinite, zero or negative count as not received.
 
     Args:
-        path: the log, of a flight or of a real vehicle.
+        path: the log.
         follower: its name.
         longest_gap_s: between own measurements [s].
 
     Returns:
-        Measurements as of `sim.log.vehicle_log.recording`, and remarks on what was left out or bridged, or could not be
-        checked.
+        Measurements, and remarks on what was left out or bridged, or could not be checked.
 
     Raises:
-        LogError: the log is damaged, lacks a channel or a field, or has too long a gap.
+        LogError: the log is damaged, lacks a channel or a field, has fewer than two own measurements, or too long a
+            gap.
     """
-    log = Contents(Path(path), lambda topic, _: topic in (f"/{follower}/motion", f"/{follower}/reception"))
-    if FLIGHT in log.metadata:
-        log.add_empty(f"/{follower}/reception", RECEPTION)
-    return recording(log, follower, longest_gap_s)
-
-
-def read_measurements(path: Path | str, follower: str = "follower") -> Measurements:
-    """The measurements that `read_recording` finds, without its remarks."""
-    return read_recording(path, follower).measurements
+    topic, heard = f"/{follower}/motion", f"/{follower}/reception"
+    log = Contents(Path(path), lambda channel, _: channel in (topic, heard))
+    with faults(log.path):
+        motion = log.require(topic, _OWN.fields)
+        needed = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
+        reception = log.require(heard, needed, _RECEIVED.schema if FLIGHT in log.metadata else None)
+        time_ns, own, heard_ns = motion.time_ns, motion.table(_OWN.fields).T, reception.time_ns
+        message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
+        places = _optional(reception, PLACES.names).reshape(-1, *PLACES.shape)
+    absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
+    ranges[absurd] = np.nan
+    places[~np.all(np.isfinite(places), axis=2)] = np.nan
+    # hours of messages would fill the memory beside their numbers
+    log.topics.clear()
+    del motion, reception
+    finite = np.all(np.isfinite(own), axis=0)
+    last = _last_of_equals(time_ns[finite])
+    time_ns, own = time_ns[finite][last], own[:, finite][:, last]
+    if time_ns.size < 2:
+        raise LogError(
+            f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to know the "
+            "filter step"
+        )
+    spacing = np.diff(time_ns)
+    dt_ns = round(float(np.median(spacing)))
+    remarks = _gaps(log.path, topic, time_ns, spacing, longest_gap_s)
+    if not _SHORTEST_NS < dt_ns < _LONGEST_NS:
+        remarks.append(f"{topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?")
+    durations = None if np.all(spacing == dt_ns) else np.append(float(dt_ns), spacing) / 1e9
+    step = np.searchsorted(time_ns, heard_ns).astype(np.int64) + 1
+    within = (heard_ns > time_ns[0] - dt_ns) & (step <= time_ns.size)
+    heeded = within & np.all(np.isfinite(message[:, _POSE]), axis=1)
+    kept = np.flatnonzero(heeded)
+    kept = kept[_last_of_equals(step[kept])]
+    left_out = (
+        (~finite, topic, "not finite"),
+        (~last, topic, "at the very time of another"),
+        (~within, heard, "before the first or after the last filter step"),
+        (within & ~heeded, heard, "without a finite pose of the leader"),
+        (~_last_of_equals(step[heeded]), heard, "followed by another in the same filter step"),
+    )
+    for which, where, why in left_out:
+        number = int(np.count_nonzero(which))
+        remarks += [f"{_count(number, 'message')} of {where} left out: {why}"] if number else []
+    if absurd.any():
+        remarks.append(f"{_count(int(absurd.sum()), 'range')} of {heard} taken as not received: no positive number")
+    remarks += [f"{what}: no checksum, damage cannot be noticed" for what in log.unverified if "chunks" in what]
+    measurements = Measurements(
+        dt=dt_ns / 1e9,
+        speed=own[0],
+        heading=own[1],
+        depth=own[2],
+        message_step=step[kept],
+        message=message[kept],
+        ranges=ranges[kept],
+        durations=durations,
+        transmitters=None if np.all(np.isnan(places)) else places[kept],
+    )
+    return Recording(measurements, tuple(remarks))

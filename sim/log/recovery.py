@@ -2,19 +2,16 @@
 
 import os
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
-from io import BytesIO
 from pathlib import Path
-from typing import IO
 
-from mcap.exceptions import EndOfFile
-from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
+import numpy as np
+from mcap.records import Attachment, Channel, DataEnd, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from sim.files import atomic_write
-from sim.log.file import FLIGHT, DamagedError, LogError, records
+from sim.log.contents import FLIGHT, DamagedError, LogError, records
 
 _INTERRUPTED = "INTERRUPTED"
 """Name of the outcome of a flight whose log was cut off."""
@@ -23,92 +20,63 @@ _INTERRUPTED = "INTERRUPTED"
 def holds_messages(path: Path) -> bool:
     """Whether a partial log holds an intact block of messages."""
     try:
-        return any(isinstance(record, Chunk) for record in records(path))
+        return any(isinstance(record, Message) for record in records(path))
     except LogError:
         return False
 
 
-def _contained(record: McapRecord) -> Iterator[McapRecord]:
-    """The record, or what is in a chunk one by one: a list of all takes ten times the memory of their bytes."""
-    if isinstance(record, Chunk):
-        with suppress(EndOfFile):
-            yield from StreamReader(BytesIO(record.data), skip_magic=True).records
-    else:
-        yield record
+class _Survey:
+    """What is intact of a log: before its first broken record, and of a flight before the last instant."""
 
-
-class _Copy:
-    """Writes records as a finished log, by the library's own writer, which keeps all that a record holds."""
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        self.writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self.writer.start()
-        self.schemas, self.channels = {0: 0}, dict[int, int]()
-        self.attachments, self.metadata, self.times_ns = list[str](), dict[str, dict[str, str]](), array("q")
-        self.last = list[Message]()
-        """Messages of the last instant, which are not written yet."""
-
-    def write_last(self) -> None:
-        """Write the messages of the last instant."""
-        for m in self.last:
-            self.writer.add_message(self.channels[m.channel_id], m.log_time, m.data, m.publish_time, m.sequence)
-            self.times_ns.append(m.log_time)
-        self.last.clear()
-
-    def add(self, record: McapRecord) -> None:
-        """Take a record; a schema or channel that a chunk repeats counts once."""
-        if isinstance(record, Message):
-            if self.last and record.log_time != self.last[0].log_time:
-                self.write_last()
-            self.last.append(record)
-        elif isinstance(record, Schema) and record.id not in self.schemas:
-            self.schemas[record.id] = self.writer.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, Channel) and record.id not in self.channels:
-            self.channels[record.id] = self.writer.register_channel(
-                record.topic, record.message_encoding, self.schemas[record.schema_id], record.metadata
-            )
-        elif isinstance(record, Attachment):
-            self.attachments.append(record.name)
-            self.writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-        elif isinstance(record, Metadata):
-            self.metadata[record.name] = record.metadata
-            # corrected at the end if the flight is complete; a log that is cut again holds this one
-            cut = {"outcome": _INTERRUPTED} if record.name == FLIGHT else {}
-            self.writer.add_metadata(record.name, record.metadata | cut)
-
-
-def _finish(path: Path, target: Path, say: Callable[[str], None]) -> bool:
-    """Write everything before the first broken record as a finished log; False if nothing is broken."""
-    remarks, problem, whole = list[str](), "", False
-    with target.open("wb") as stream:
-        copy = _Copy(stream)
+    def __init__(self, path: Path) -> None:
+        self.remarks, self.problem, whole = list[str](), "", False
+        times_ns, attachments, metadata = array("q"), 0, list[str]()
         try:
-            for record in records(path, remarks.append):
+            for record in records(path, self.remarks.append):
                 whole = isinstance(record, DataEnd)
-                for inner in _contained(record):
-                    copy.add(inner)
+                if isinstance(record, Message):
+                    times_ns.append(record.log_time)
+                elif isinstance(record, Metadata):
+                    metadata.append(record.name)
+                attachments += isinstance(record, Attachment)
         except DamagedError as error:
-            problem = error.problem
-        if not problem:
-            return False
-        if not whole and FLIGHT in copy.metadata:
-            # the last instant of a flight that was cut off may lack some of its messages
-            copy.last.clear()
-        elif FLIGHT in copy.metadata:
-            copy.writer.add_metadata(FLIGHT, copy.metadata[FLIGHT])
-        copy.write_last()
-        if not copy.times_ns:
-            raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
-        if copy.metadata and not whole:
-            remarks.append(f"metadata {', '.join(copy.metadata)}: no checksum, damage cannot be noticed")
-        if remarks:
-            copy.writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
-        copy.writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
-    span_s = (max(copy.times_ns) - min(copy.times_ns)) / 1e9
-    kept = f"kept {len(copy.times_ns)} messages of {span_s:g} s and {len(copy.attachments)} attachments"
-    for text in (*remarks, kept, f"left out: {problem}"):
-        say(text)
-    return True
+            self.problem = error.problem
+        self.interrupted = FLIGHT in metadata and not whole
+        # the last instant of a flight that was cut off may lack some of its messages
+        self.end_ns = times_ns[-1] if times_ns and self.interrupted else 2**63 - 1
+        kept = np.asarray(times_ns)
+        kept = kept[kept < self.end_ns]
+        if self.problem and not kept.size:
+            raise LogError(f"{path}: holds no intact message ({self.problem}); there is nothing to recover")
+        if metadata and not whole:
+            self.remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be noticed")
+        span_s = np.ptp(kept) / 1e9 if kept.size else 0.0
+        self.kept = f"kept {kept.size} messages of {span_s:g} s and {attachments} attachments"
+
+
+def _copy(path: Path, target: Path, intact: _Survey) -> None:
+    """Write what is intact as a finished log, by the library's own writer, which keeps all that a record holds."""
+    schemas, channels = {0: 0}, dict[int, int]()
+    with target.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        writer.start()
+        with suppress(DamagedError):
+            for r in records(path, lambda _: None):
+                if isinstance(r, Message) and r.log_time < intact.end_ns:
+                    writer.add_message(channels[r.channel_id], r.log_time, r.data, r.publish_time, r.sequence)
+                elif isinstance(r, Schema) and r.id not in schemas:
+                    schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
+                elif isinstance(r, Channel) and r.id not in channels:
+                    type_ = schemas[r.schema_id]
+                    channels[r.id] = writer.register_channel(r.topic, r.message_encoding, type_, r.metadata)
+                elif isinstance(r, Attachment):
+                    writer.add_attachment(r.create_time, r.log_time, r.name, r.media_type, r.data)
+                elif isinstance(r, Metadata):
+                    cut = {"outcome": _INTERRUPTED} if r.name == FLIGHT and intact.interrupted else {}
+                    writer.add_metadata(r.name, r.metadata | cut)
+        if intact.remarks:
+            writer.add_metadata("recovery", {str(i): text for i, text in enumerate(intact.remarks)})
+        writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
 def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Path:
@@ -133,11 +101,17 @@ def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Pat
         raise LogError(f"{path}: no such file")
     try:
         with atomic_write(target) as work:
-            if not _finish(path, work, say):
-                if not unfinished:
-                    raise LogError(f"{path}: is complete; there is nothing to recover")
+            intact = _Survey(path)
+            if intact.problem:
+                _copy(path, work, intact)
+            elif unfinished:
                 os.replace(path, work)
+            else:
+                raise LogError(f"{path}: is complete; there is nothing to recover")
     except OSError as error:
         raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
-    path.unlink(missing_ok=True) if unfinished else None
+    if unfinished:
+        path.unlink(missing_ok=True)
+    for text in (*intact.remarks, intact.kept, f"left out: {intact.problem}") if intact.problem else ():
+        say(text)
     return target

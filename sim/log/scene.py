@@ -25,8 +25,7 @@ from laisn.estimates import Estimates, FixKind
 from laisn.messages import Ranges
 from sim.assembly import models_of
 from sim.flight import Flight
-from sim.log.clock import timestamp
-from sim.log.schema import pose, vector
+from sim.log.schema import pose, timestamp, vector
 from sim.vehicle.mjcf import spec_of
 
 Draw = Callable[[int, int], bytes]

@@ -2,28 +2,27 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
+from io import BufferedWriter, FileIO
 from itertools import repeat
 from operator import itemgetter
 from pathlib import Path
-from typing import IO
+from typing import Any
 
 import foxglove
 import numpy as np
-from foxglove import Context, Schema
+from foxglove import Context
 from foxglove.mcap import MCAPWriteOptions
 from foxglove.messages import CompressedVideo
 from mcap.well_known import MessageEncoding
 
 from sim.flight import Flight
-from sim.log.channels import Channel, Errors, channels
-from sim.log.clock import Clock, timestamp
-from sim.log.events import Event
-from sim.log.file import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
+from sim.log.channels import Channel, Errors, Event, channels
+from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
 from sim.log.recovery import holds_messages
-from sim.log.schema import DETAILS
+from sim.log.schema import DETAILS, Clock, timestamp
 
 _BLOCK_NS = 10 * 10**9
 """Time after which what was logged is in the file [ns]."""
@@ -43,62 +42,73 @@ CONVENTIONS = {
 }
 
 
-class _Output:
-    """Writes to a file and keeps the first error: the SDK logs errors of its output, and continues without them."""
+class _Output(BufferedWriter):
+    """A file that keeps its first error: the SDK logs errors of its output, and continues without them."""
 
-    def __init__(self, stream: IO[bytes]) -> None:
-        self.stream, self._position = stream, 0
-        self.error: BaseException | None = None
+    error: BaseException | None = None
 
-    def write(self, data: bytes | bytearray) -> int:
+    def write(self, data: Any) -> int:
         """Write bytes; after an error they are discarded."""
-        if self.error is None:
-            try:
-                self.stream.write(data)
-            except BaseException as error:
-                self.error = error
-        self._position += len(data)
-        return len(data)
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Give the position; the SDK does not move it."""
-        return self._position
-
-    def flush(self) -> None:
-        """Do nothing: `check` flushes the file."""
+        try:
+            return super().write(data) if self.error is None else len(data)
+        except BaseException as error:
+            self.error = error
+            return len(data)
 
     def check(self) -> None:
         """Flush the file, or raise the first error of writing."""
         if self.error is not None:
             raise self.error
-        self.stream.flush()
+        self.flush()
 
 
 class LogFile:
     """Writes an MCAP file; the same calls give the same bytes.
 
     Args:
-        stream: an empty file.
+        path: the file.
     """
 
-    def __init__(self, stream: IO[bytes]) -> None:
-        self.output, self._context = _Output(stream), Context()
+    def __init__(self, path: Path) -> None:
+        self.output, self._context = _Output(FileIO(path, "wb")), Context()
         options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
         self.mcap = foxglove.open_mcap(self.output, context=self._context, writer_options=options)
 
-    def channel(self, topic: str, schema: Schema) -> Callable[[bytes, int], None]:
-        """Open a channel for protobuf messages of one type; it is in the file with its first message.
+    def write(self, channels: Sequence[Channel], frames: Iterable[tuple[int, bytes]] = ()) -> None:
+        """Write all messages in order of time, in blocks of time that are in the file before the next ones begin.
 
-        Returns:
-            A function that logs a serialised message at a time since 1970 [ns].
+        Args:
+            channels: all but the video; one without messages is not in the file.
+            frames: serialised messages of the video with their times [ns], in order.
         """
-        encoding = MessageEncoding.Protobuf
-        return foxglove.Channel(topic, schema=schema, message_encoding=encoding, context=self._context).base.log
-
-    def flush(self) -> None:
-        """Write everything so far to the file; raises the first error of writing."""
-        self.mcap.flush()
-        self.output.check()
+        types = [(c.topic, c.schema) for c in channels] + [("/camera", CompressedVideo.get_schema())]
+        log_to = [
+            foxglove.Channel(
+                topic, schema=schema, message_encoding=MessageEncoding.Protobuf, context=self._context
+            ).base.log
+            for topic, schema in types
+        ]
+        frames = iter(frames)
+        written, frame = [0] * len(channels), next(frames, None)
+        while True:
+            left = [int(c.time_ns[i]) for c, i in zip(channels, written, strict=True) if i < c.time_ns.size]
+            left += [frame[0]] if frame else []
+            if not left:
+                return
+            end, messages = min(left) + _BLOCK_NS, list[tuple[int, int, bytes]]()
+            for k, (channel, first) in enumerate(zip(channels, written, strict=True)):
+                written[k] = stop = int(np.searchsorted(channel.time_ns, end))
+                if stop > first:
+                    messages += zip(channel.time_ns[first:stop].tolist(), repeat(k), channel.rows(first, stop))
+            while frame is not None and frame[0] < end:
+                messages.append((frame[0], len(channels), frame[1]))
+                frame = next(frames, None)
+            # stable, so that equal times keep the order of channels and of messages within one
+            messages.sort(key=itemgetter(0))
+            for at, k, data in messages:
+                log_to[k](data, at)
+            self.mcap.flush()
+            self.output.check()
 
 
 @contextmanager
@@ -108,16 +118,16 @@ def log_file(path: Path) -> Iterator[LogFile]:
     Raises:
         OSError: it cannot be written.
     """
-    with path.open("wb") as stream:
-        log = LogFile(stream)
+    log = LogFile(path)
+    with log.output as output:
         try:
             yield log
             log.mcap.close()
-            log.output.check()
-            os.fsync(stream.fileno())
+            output.check()
+            os.fsync(output.fileno())
         except BaseException as error:
             # what the SDK still holds is discarded
-            log.output.error = log.output.error or error
+            output.error = output.error or error
             log.mcap.close()
             raise
 
@@ -165,34 +175,8 @@ def _describe(log: LogFile, flight: Flight, summary: str) -> None:
         "filter_step_s": repr(flight.measurements[0].dt),
         "seed": str(flight.scenario.seed),
         "run": str(flight.scenario.run),
-    } | {name: str(type(flight.estimates[0]) is kind) for name, (kind, _) in DETAILS.items()}
+    } | {type_.topic: str(type(flight.estimates[0]) is kind) for kind, type_ in DETAILS.items()}
     log.mcap.write_metadata(FLIGHT, facts)
-
-
-def _write_messages(log: LogFile, all_channels: Sequence[Channel], frames: Iterator[tuple[int, bytes]]) -> None:
-    """Write all messages in order of time, in blocks of time that are in the file before the next ones begin."""
-    log_to = [log.channel(channel.topic, channel.schema) for channel in all_channels]
-    log_to.append(log.channel("/camera", CompressedVideo.get_schema()))
-    filled = [(k, channel) for k, channel in enumerate(all_channels) if channel.time_ns.size]
-    begin = min(int(channel.time_ns[0]) for _, channel in filled)
-    last = max(int(channel.time_ns[-1]) for _, channel in filled)
-    frame = next(frames, None)
-    while begin <= last or frame is not None:
-        end, messages = begin + _BLOCK_NS, list[tuple[int, int, bytes]]()
-        for k, channel in filled:
-            first, stop = np.searchsorted(channel.time_ns, [begin, end]).tolist()
-            if stop > first:
-                rows = channel.rows(first, stop)
-                messages += zip(channel.time_ns[first:stop].tolist(), repeat(k), rows, strict=False)
-        while frame is not None and frame[0] < end:
-            messages.append((frame[0], len(all_channels), frame[1]))
-            frame = next(frames, None)
-        # stable, so that equal times keep the order of channels and of messages within one
-        messages.sort(key=itemgetter(0))
-        for at, k, data in messages:
-            log_to[k](data, at)
-        log.flush()
-        begin = end
 
 
 def write(
@@ -223,26 +207,20 @@ def write(
     """
     if flight.trajectory.time[0] != 0:
         raise LogError(f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} s of it")
-    all_channels = channels(flight, errors, events)
+    filled = channels(flight, errors, events)
     frames = _frames(video, Clock(flight.scenario.epoch))
     partial = partial_path(path)
     try:
         with log_file(partial) as log:
             _describe(log, flight, summary)
-            _write_messages(log, all_channels, frames)
+            log.write(filled, frames)
         os.replace(partial, path)
-    except OSError as error:
-        kept = f"; what was written is kept: laisn log recover {partial}" if _keep(partial) else ""
-        raise LogError(f"{path}: cannot be written: {error.strerror or error}{kept}") from error
-    except BaseException:
-        _keep(partial)
-        raise
-
-
-def _keep(partial: Path) -> bool:
-    """Whether a partial log can be rescued; it is removed otherwise."""
-    kept = holds_messages(partial)
-    if not kept:
-        with suppress(OSError):
-            partial.unlink()
-    return kept
+    except BaseException as error:
+        kept = holds_messages(partial)
+        if not kept:
+            with suppress(OSError):
+                partial.unlink()
+        if not isinstance(error, OSError):
+            raise
+        hint = f"; what was written is kept: laisn log recover {partial}" if kept else ""
+        raise LogError(f"{path}: cannot be written: {error.strerror or error}{hint}") from error

@@ -4,7 +4,7 @@ import copy
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,9 @@ from pydantic import ValidationError
 
 from laisn.failure import LaisnError
 from sim.files import read_text
-from sim.scenario import own_hull
 from sim.scenario.settings import KEYS_ALONE, Scenario
 from sim.scenario.validation_errors import lines_of
+from sim.scenario.vehicles import LONGEST_MODEL
 from sim.screen import plain, screenful, shortened
 
 LARGEST_BYTES = 16_000_000
@@ -25,6 +25,9 @@ _ENDLESS = re.compile(r"\d[\d_]{4000,}")
 """What may have more digits than Python reads."""
 _WIDEST_BITS = 1024
 """Most bits of an integer; more is beyond every number of a scenario, and costly to write down."""
+MODEL = "model"
+"""Key of a vehicle's hull: in a file the name of its MJCF, in a `Scenario` its text, which needs no file."""
+_MODEL_KEY = re.compile(rf"(leader|followers\.\d+)\.{MODEL}")
 _INDEX = re.compile("0|[1-9][0-9]{0,8}")
 """An index of a list within a dotted key."""
 
@@ -38,7 +41,7 @@ def _no_checks(scenario: Scenario) -> Iterable[str]:
 
 
 def _json_ready(value: object, depth: int = 0) -> object:
-    """TOML has dates and knows NaN; JSON does not. Both become text that validation refuses with its key.
+    """TOML has dates and NaN, JSON has not. Both become text that validation refuses with its key.
 
     Raises:
         RecursionError: tables or lists nest deeper than those of any scenario.
@@ -56,7 +59,7 @@ def _json_ready(value: object, depth: int = 0) -> object:
     if isinstance(value, int) and value.bit_length() > _WIDEST_BITS:
         return f"an integer of {value.bit_length()} bits"
     if isinstance(value, str):
-        # a lone surrogate, of which JSON knows nothing, comes from a command line that is no UTF-8
+        # a lone surrogate, which JSON cannot hold, comes from a command line that is no UTF-8
         return value.encode(errors="backslashreplace").decode()
     if isinstance(value, int | float) or value is None:
         return value
@@ -71,6 +74,61 @@ def plain_values(table: Mapping[str, Any], source: str) -> Any:
         raise ScenarioError(f"{source}: lists or tables nest more than {_DEEPEST} deep, a scenario's five") from None
 
 
+def is_mjcf(model: object) -> bool:
+    """Whether this is the text of a hull, and not the name of its file."""
+    return isinstance(model, str) and model.lstrip().startswith("<")
+
+
+def is_model_key(key: str) -> bool:
+    """Whether a dotted key of a scenario is that of a hull."""
+    return _MODEL_KEY.fullmatch(key) is not None
+
+
+def beside(model: Any, folder: Path) -> Any:
+    """The name of a hull's file as seen from here, for one that is named as seen from a folder."""
+    return str(folder / model) if isinstance(model, str) and not is_mjcf(model) else model
+
+
+def _vehicles(table: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The vehicles of a scenario's table that name a hull, with their keys."""
+    followers = table.get("followers")
+    listed = followers if isinstance(followers, list) else []
+    for key, vehicle in [("leader", table.get("leader")), *((f"followers[{i}]", f) for i, f in enumerate(listed))]:
+        if isinstance(vehicle, dict) and isinstance(vehicle.get(MODEL), str):
+            yield f"{key}.{MODEL}", vehicle
+
+
+def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The table of a scenario file in a folder; changed in place: the hulls that it names lie beside the file."""
+    for _, vehicle in _vehicles(table):
+        vehicle[MODEL] = beside(vehicle[MODEL], folder)
+    return table
+
+
+def embed(table: dict[str, Any]) -> list[str]:
+    """Put texts of hulls into a table, in the places of the names of their files; changed in place.
+
+    Returns:
+        A line for each file that cannot be read; the vehicle then has no hull of its own.
+    """
+    lines = []
+    for key, vehicle in _vehicles(table):
+        name = vehicle[MODEL]
+        if is_mjcf(name):
+            continue
+        try:
+            text = read_text(Path(name), LONGEST_MODEL)
+            reason = "" if is_mjcf(text) else "it is no XML"
+        except LaisnError as error:
+            text, reason = "", str(error)
+        if reason:
+            lines.append(f"  {key}: {shortened(plain(name), 200)}: cannot be read: {reason}")
+            del vehicle[MODEL]
+        else:
+            vehicle[MODEL] = text
+    return lines
+
+
 def examined(
     table: dict[str, Any], further: Callable[[Scenario], Iterable[str]] = _no_checks
 ) -> tuple[Scenario | None, list[str]]:
@@ -79,7 +137,7 @@ def examined(
     All keys are validated first; then what they say together.
     """
     table = copy.deepcopy(table)
-    lines = own_hull.embed(table)
+    lines = embed(table)
     try:
         scenario = Scenario.model_validate_json(json.dumps(table), context=KEYS_ALONE)
     except ValidationError as error:

@@ -1,7 +1,7 @@
 """Formation: shapes, stations in the leader's trail, how followers keep them, and how they give way to each other."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -161,26 +161,31 @@ class Formation(Section):
     silent_speed_m_s: Speed = Field(0.5, description="speed through the water to which it then slows down")
     silence_s: Positive = Field(600.0, description="without messages for so long, it does what when_silent says")
     when_silent: Literal["go-on", "circle", "surface"] = Field(
-        "circle", description="what a follower does that hears nothing for long"
+        "circle", description="what a follower does after a long time without messages"
     )
+
+
+def _pairs(stations: list[tuple[str, Station]]) -> Iterator[tuple[str, float, float]]:
+    """Keys of each pair of stations, and their distances across and in depth [m]."""
+    for i, (key, a) in enumerate(stations):
+        for other, b in stations[:i]:
+            apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
+            yield f"{key}.station and {other}.station", apart, abs(a.depth_m - b.depth_m)
 
 
 def station_conflicts(stations: list[tuple[str, Station]]) -> list[str]:
     """Pairs of stations, or of a station and the leader, that leave no room for two hulls."""
     found: list[str] = []
-    for i, (key, a) in enumerate(stations):
+    for key, a in stations:
         if math.hypot(a.behind_m, a.port_m) < LEAST_APART_M:
             text = f"{key}.station is {math.hypot(a.behind_m, a.port_m):.3g} m from the leader's place"
             found.append(f"{text}; stations are at least {LEAST_APART_M:g} m from it")
-        for other, b in stations[:i]:
-            apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
-            layers = abs(a.depth_m - b.depth_m)
-            if apart < LEAST_APART_M and layers < LEAST_LAYER_M:
-                found.append(
-                    f"{key}.station and {other}.station are {apart:.3g} m apart in layers {layers:.3g} m apart; "
-                    f"at least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
-                )
-    return found
+    needed = f"at least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
+    return found + [
+        f"{keys} are {apart:.3g} m apart in layers {layers:.3g} m apart; {needed}"
+        for keys, apart, layers in _pairs(stations)
+        if apart < LEAST_APART_M and layers < LEAST_LAYER_M
+    ]
 
 
 def proximity_inconsistencies(proximity: Proximity | None, stations: list[tuple[str, Station]]) -> list[str]:
@@ -195,12 +200,9 @@ def proximity_inconsistencies(proximity: Proximity | None, stations: list[tuple[
         found.append(f"{key}.full_m = {proximity.full_m:g} is not less than {key}.range_m = {proximity.range_m:g}")
     if not is_multiple(proximity.period_s, CONTROL_STEP_S):
         found.append(f"{key}.period_s = {proximity.period_s:g} is no multiple of {CONTROL_STEP_S:g}")
-    for i, (one, a) in enumerate(stations):
-        for other, b in stations[:i]:
-            apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
-            if apart < proximity.range_m and abs(a.depth_m - b.depth_m) < LEAST_LAYER_M:
-                found.append(
-                    f"{one}.station and {other}.station are {apart:.3g} m apart in one layer, within {key}.range_m = "
-                    f"{proximity.range_m:g}: their followers would push each other away for ever"
-                )
-    return found
+    return found + [
+        f"{keys} are {apart:.3g} m apart in one layer, within {key}.range_m = {proximity.range_m:g}: their followers "
+        "would push each other away for ever"
+        for keys, apart, layers in _pairs(stations)
+        if apart < proximity.range_m and layers < LEAST_LAYER_M
+    ]

@@ -1,8 +1,8 @@
 """Follower routes drawn at random, in the classes by which the paper chose its own (Section 3)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,39 +18,25 @@ _CHECK_INTERVAL = 1.0
 """Distances to the leader are checked at this interval [s]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RouteClass:
-    """What the routes of a class have in common. Raises LaisnError if a bound is not possible.
+class RouteClass(NamedTuple):
+    """What the routes of a class have in common.
 
-    Waypoints are drawn in polar coordinates about the leader: its distance evenly, and its bearing evenly within one
-    of the sectors, which are equally likely.
+    Waypoints are drawn in polar coordinates about the leader: its distance evenly, and its bearing evenly astern.
     """
 
-    distance_max: float = 50.0
+    distance_max: float
     """Largest distance to the leader, at all times [m]."""
-    distance_min: float = 5.0
-    leg_time: tuple[float, float] = (40.0, 80.0)
+    leg_time: tuple[float, float]
     """Time from waypoint to waypoint, drawn evenly between [s]."""
-    heading_difference_max: float = float(np.deg2rad(30.0))
+    heading_difference_max: float
     """Largest angle of a leg to the leader's course at one of its ends, whichever is closer to the leg [rad]."""
-    sectors: tuple[tuple[float, float], ...] = ((float(np.deg2rad(100.0)), float(np.deg2rad(260.0))),)
-    """Relative bearings from the leader, clockwise from its bow: (from, to), [rad]."""
+    distance_min: float = 5.0
+    bearings: tuple[float, float] = (float(np.deg2rad(100.0)), float(np.deg2rad(260.0)))
+    """Relative bearings from the leader, clockwise from its bow [rad]."""
     speed_min: float = 0.3
     """Least mean speed of a leg [m/s]."""
     speed_max: float = 3.0
     """Largest speed of the vehicle, at all times [m/s]."""
-
-    def __post_init__(self) -> None:
-        ranges = {
-            "distance_min, distance_max": (self.distance_min, self.distance_max),
-            "leg_time": self.leg_time,
-            "speed_min, speed_max": (self.speed_min, self.speed_max),
-        } | {f"sectors[{i}]": sector for i, sector in enumerate(self.sectors)}
-        for name, (low, high) in ranges.items():
-            if not 0 <= low < high < np.inf:
-                raise LaisnError(f"{name}: expected 0 ≤ low < high, got {low:g} and {high:g}")
-        if not self.sectors or not self.leg_time[0] > 0 or not self.heading_difference_max > 0:
-            raise LaisnError("a route class needs a sector, legs that take time and a heading difference above 0")
 
 
 CLASSES: dict[str, RouteClass] = {
@@ -67,14 +53,13 @@ drastically different: "50-near-alike" … "100-far-drastic"."""
 
 def _about(leader: Motion, i: int, rng: np.random.Generator, route_class: RouteClass) -> tuple[float, float]:
     """A point near the leader as it is at instant i: east and north [m]."""
-    low, high = route_class.sectors[rng.integers(len(route_class.sectors))]
-    bearing = leader.course[i] + rng.uniform(low, high)
+    bearing = leader.course[i] + rng.uniform(*route_class.bearings)
     distance = rng.uniform(route_class.distance_min, route_class.distance_max)
     return float(leader.east[i] + distance * np.sin(bearing)), float(leader.north[i] + distance * np.cos(bearing))
 
 
 def _acceptable(
-    points: list[tuple[float, float, float]], route_class: RouteClass, limits: Limits, time: Floats, leader: Motion
+    points: list[tuple[float, float, float]], route_class: RouteClass, time: Floats, leader: Motion
 ) -> bool:
     """Whether the route through all points so far can be flown and keeps to its class."""
     route = Route.timed("random", points, FOLLOWER_DEPTH, start_heading=float(leader.course[0]))
@@ -86,7 +71,7 @@ def _acceptable(
     if off.min() > route_class.heading_difference_max:
         return False
     try:
-        motion = plan(route, limits).at(time[: ends[1] + 1])
+        motion = plan(route, Limits(speed_max=route_class.speed_max)).at(time[: ends[1] + 1])
     except LaisnError:
         return False
     n = motion.east.size
@@ -94,29 +79,19 @@ def _acceptable(
     return bool(distance.min() >= route_class.distance_min and distance.max() <= route_class.distance_max)
 
 
-def random_route(
-    rng: np.random.Generator,
-    route_class: RouteClass,
-    duration: float = 1000.0,
-    *,
-    leader: Route | None = None,
-    limits: Limits | None = None,
-) -> Route:
-    """A follower's route that the vehicle can fly; what it cannot fly is drawn again.
+def random_route(rng: np.random.Generator, route_class: RouteClass, duration: float = 1000.0) -> Route:
+    """A follower's route about the leader's L that the vehicle can fly; what it cannot fly is drawn again.
 
     Args:
         rng: source of randomness; the route is a function of its state.
         route_class: what the route keeps to, from its start to `duration`.
         duration: time of the last waypoint [s].
-        leader: its route; None: the leader's L.
-        limits: of the follower; None: the paper's, with the top speed of the class.
 
     Raises:
         LaisnError: no route of the class was found.
     """
-    limits = limits or Limits(speed_max=route_class.speed_max)
     time = np.arange(0.0, duration + _CHECK_INTERVAL, _CHECK_INTERVAL)
-    moving = plan(leader or library_route("L")).at(time)
+    moving = plan(library_route("L")).at(time)
     start = (0.0, *_about(moving, 0, rng, route_class))
     points, failed = [start], 0
     for _ in range(_TRIES):
@@ -124,7 +99,7 @@ def random_route(
         # whole seconds lie on the grid of the check; what would leave a short last leg goes to the end
         due = duration if due > duration - route_class.leg_time[0] else float(round(due))
         candidate = (due, *_about(moving, int(np.searchsorted(time, due - 1e-9)), rng, route_class))
-        if _acceptable([*points, candidate], route_class, limits, time, moving):
+        if _acceptable([*points, candidate], route_class, time, moving):
             points.append(candidate)
             failed = 0
         else:

@@ -37,10 +37,6 @@ class DepthProfile:
     """The profile repeats after this time [s]; None: it does not."""
 
     def __post_init__(self) -> None:
-        if self.time.ndim != 1 or self.time.size < 1 or self.time.shape != self.depth.shape:
-            raise LaisnError(
-                f"a depth profile needs as many times as depths, got {self.time.shape} and {self.depth.shape}"
-            )
         if self.time[0] != 0 or np.any(np.diff(self.time) <= 0):
             raise LaisnError(f"times of a depth profile must increase from 0, got {self.time.tolist()} s")
         if not (np.all(np.isfinite(self.depth)) and self.depth.min() >= 0):
@@ -55,16 +51,12 @@ class DepthProfile:
     @classmethod
     def through(cls, points: npt.ArrayLike) -> Self:
         """Points [[time, depth], …], shape (n, 2), [s] and [m]."""
-        table = np.array(points, dtype=np.float64)
-        if table.ndim != 2 or table.shape[1] != 2:
-            raise LaisnError(f"a depth profile needs points of shape (n, 2), got {table.shape}")
+        table = _table(points, 2, "a depth profile")
         return cls(time=table[:, 0].copy(), depth=table[:, 1].copy())
 
     @classmethod
     def saw_tooth(cls, mean: float, amplitude: float, period: float) -> Self:
         """A depth profile: from the mean down by `amplitude`, up by twice that and back, repeatedly; [m], [m], [s]."""
-        if not period > 0:
-            raise LaisnError(f"the period of a saw-tooth must be positive, got {period} s")
         return cls(
             time=np.array([0.0, 0.25, 0.75, 1.0]) * period,
             depth=mean + amplitude * np.array([0.0, 1.0, -1.0, 0.0]),
@@ -82,6 +74,18 @@ class DepthProfile:
         """Depth [m] and its rate [m/s], positive down, at instants of shape (n,), [s]."""
         slope = np.concatenate([[0.0], np.diff(self.depth) / np.diff(self.time), [0.0]])
         return self.depth_at(time), slope[np.searchsorted(self.time, self._within(time), side="right")]
+
+
+def _table(points: npt.ArrayLike, columns: int, what: str) -> Floats:
+    """Points of shape (n, columns)."""
+    table = np.array(points, dtype=np.float64)
+    if table.ndim != 2 or table.shape[1] != columns:
+        raise LaisnError(f"{what}: expected points of shape (n, {columns}), got {table.shape}")
+    return table
+
+
+def _profile(depth: float | DepthProfile) -> DepthProfile:
+    return depth if isinstance(depth, DepthProfile) else DepthProfile.constant(depth)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,12 +109,8 @@ class Route:
     """Speed at the first waypoint [m/s]; nothing where the route begins with a stop."""
 
     def __post_init__(self) -> None:
-        n = self.time.size
-        if n < 2 or self.time.shape != (n,) or self.waypoint.shape != (n, 2):
-            raise LaisnError(
-                f"route {self.name!r}: expected times (n,) and waypoints (n, 2) with n ≥ 2, "
-                f"got {self.time.shape} and {self.waypoint.shape}"
-            )
+        if self.time.size < 2:
+            raise LaisnError(f"route {self.name!r}: expected at least two waypoints, got {self.time.size}")
         if not (np.all(np.isfinite(self.time)) and np.all(np.isfinite(self.waypoint))):
             raise LaisnError(f"route {self.name!r}: a time or a coordinate is not finite")
         if self.time[0] != 0:
@@ -132,15 +132,12 @@ class Route:
         cls, name: str, points: npt.ArrayLike, depth: float | DepthProfile, start_heading: float | None = None
     ) -> Self:
         """Waypoints [[time, east, north], …], shape (n, 3), [s], [m], [m]."""
-        table = np.array(points, dtype=np.float64)
-        if table.ndim != 2 or table.shape[1] != 3:
-            raise LaisnError(f"route {name!r}: timed waypoints have shape (n, 3), got {table.shape}")
-        profile = depth if isinstance(depth, DepthProfile) else DepthProfile.constant(depth)
+        table = _table(points, 3, f"route {name!r}")
         return cls(
             name=name,
             time=table[:, 0].copy(),
             waypoint=table[:, 1:].copy(),
-            depth=profile,
+            depth=_profile(depth),
             start_heading=start_heading,
             start_speed=0.0 if np.array_equal(table[0, 1:], table[1:2, 1:].ravel()) else START_SPEED,
         )
@@ -151,15 +148,11 @@ class Route:
 
         Corners are cut, so that the vehicle moves slightly slower than `speed`: by 0.25 % on the leader's L.
         """
-        table = np.array(points, dtype=np.float64)
-        if table.ndim != 2 or table.shape[1] != 2:
-            raise LaisnError(f"route {name!r}: waypoints without times have shape (n, 2), got {table.shape}")
         if not speed > 0:
             raise LaisnError(f"route {name!r}: speed is {speed}, expected a positive speed")
-        length = np.hypot(*np.diff(table, axis=0).T)
-        profile = depth if isinstance(depth, DepthProfile) else DepthProfile.constant(depth)
-        time = np.concatenate([[0.0], np.cumsum(length)]) / speed
-        return cls(name=name, time=time, waypoint=table, depth=profile, start_speed=speed)
+        table = _table(points, 2, f"route {name!r}")
+        time = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table, axis=0).T))]) / speed
+        return cls(name=name, time=time, waypoint=table, depth=_profile(depth), start_speed=speed)
 
     @property
     def leg_length(self) -> Floats:
@@ -194,7 +187,7 @@ def _followers() -> dict[str, list[list[float]]]:
 
 
 def names() -> tuple[str, ...]:
-    """All routes that `route` knows."""
+    """All routes of the library."""
     return (*_followers(), "L")
 
 

@@ -1,11 +1,17 @@
 """What tables of a scenario file are made of: their common rules, the ranges of their numbers, and time steps."""
 
-from collections.abc import Iterator, Sequence
+import ast
+import inspect
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import fields
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self, cast, get_args, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, Strict, create_model, model_validator
 
+from laisn.arrays import Record
 from sim.screen import shortened
 
 Positive = Annotated[float, Field(gt=0, le=1e6)]
@@ -22,6 +28,35 @@ CONTROL_STEP_S = 0.1
 """Interval of the autopilot and of the recorded truth [s]."""
 MOST_POINTS = 100_000
 """Most points of a route or a profile: one a second for more than a day."""
+
+
+_DEGREE = np.pi / 180.0
+UNITS = {
+    "_deg_sqrt_h": ("°/√h", _DEGREE / 60.0), "_deg_sqrt_s": ("°/√s", _DEGREE), "_deg_s": ("°/s", _DEGREE),
+    "_deg": ("°", _DEGREE), "_m_sqrt_s": ("m/√s", 1.0), "_m_s2": ("m/s²", 1.0), "_m_s": ("m/s", 1.0),
+    "_kg_m3": ("kg/m³", 1.0), "_per_s": ("1/s", 1.0), "_m2": ("m²", 1.0), "_m": ("m", 1.0), "_s": ("s", 1.0),
+    "_n": ("N", 1.0), "_px": ("px", 1.0), "_hz": ("Hz", 1.0), "_ppm": ("10⁻⁶", 1e-6),
+}  # fmt: skip
+"""Units by the endings of keys, longer ones before those that they end in: how they are written, and in SI units."""
+
+
+def split_unit(key: str) -> tuple[str, str, float]:
+    """Name of a key without its unit, how the unit is written, and what it is in SI units and radians."""
+    ending = next((ending for ending in UNITS if key.endswith(ending)), "")
+    return (key.removesuffix(ending), *UNITS.get(ending, ("", 1.0)))
+
+
+def in_si(table: Mapping[str, Any], fields: Collection[str] = ()) -> dict[str, Any]:
+    """Values in SI units and radians by the keys without their units.
+
+    A key among `fields` stays as it is; a value of None is left out.
+    """
+    found = {}
+    for key, value in table.items():
+        name, _, scale = (key, "", 1.0) if key in fields else split_unit(key)
+        if value is not None:
+            found[name] = value if scale == 1.0 else value * scale
+    return found
 
 
 def require_increasing(points: Sequence[tuple[float, ...]], what: str, unit: str, begins_at_zero: bool = True) -> None:
@@ -49,12 +84,81 @@ class Section(BaseModel):
                 raise ValueError(f"{low} = {getattr(self, low):g} is more than {high} = {getattr(self, high):g}")
         return self
 
+    def record(self) -> Record:
+        """Numbers and choices as compiled code takes them, by names without units, in SI units and radians.
+
+        A choice is its index among the options.
+        """
+        values: dict[str, Any] = {}
+        for key, field in type(self).model_fields.items():
+            value = getattr(self, key)
+            if isinstance(value, str):
+                value = get_args(field.annotation).index(value)
+            if isinstance(value, bool | int | float):
+                values |= in_si({key: value})
+        row = np.array([tuple(values.values())], [(name, type(value)) for name, value in values.items()])
+        return row.view(np.recarray)[0]
+
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """What differs from the defaults; all else would fill screens."""
         for name, field in type(self).model_fields.items():
             value = getattr(self, name)
             if value != field.get_default(call_default_factory=True):
                 yield name, shortened(value, 80) if isinstance(value, str) else value
+
+
+def _docstrings(kind: type) -> dict[str, str]:
+    """The docstring below each field of a dataclass, on one line."""
+    body = cast(ast.ClassDef, ast.parse(inspect.getsource(kind)).body[0]).body
+    return {
+        field.target.id: " ".join(text.value.value.split())
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    }
+
+
+def completed(
+    base: type[Section],
+    kind: Any,
+    *,
+    positive: Collection[str] = (),
+    without: Collection[str] = (),
+    optional: bool = False,
+) -> Any:
+    """A section with a key for each field of a navigator's settings, a dataclass, which declares them.
+
+    A key is the field's name with the unit that ends its docstring, degrees in place of radians; the other text of the
+    docstring is its description. Fields without docstring, and those that the section has itself, are left out.
+
+    Args:
+        base: the section; it takes the place of fields by keys of its own.
+        kind: the dataclass; its numbers are not negative, and those of its POSITIVE not zero.
+        positive: further fields that must not be zero.
+        without: fields that no key sets.
+        optional: whether all defaults are None.
+    """
+    endings = {unit.replace("°", "rad"): ending for ending, (unit, _) in UNITS.items()}
+    own = {split_unit(key)[0] for key in base.model_fields}
+    types, texts = get_type_hints(kind), _docstrings(kind)
+    keys: dict[str, Any] = {}
+    for field in fields(kind):
+        text = texts.get(field.name, "")
+        if not text or field.name in {*own, *without}:
+            continue
+        unit = re.search(r" \[([^\]]+)\]", text)
+        ending, value, kept = endings[unit[1]] if unit else "", field.default, types[field.name]
+        if kept is float:
+            kept = Positive if field.name in {*kind.POSITIVE, *positive} else NonNegative
+        if ending.startswith("_deg"):
+            # the same angle to the bit once it is made radians again
+            value = round(float(np.rad2deg(cast(float, value))), 9)
+        text = text.replace(unit[0], "") if unit else text
+        text = (text if text[:2].isupper() or text[1] in ":_" else text[0].lower() + text[1:]).removesuffix(".")
+        described = Field(None if optional else value, description=text)
+        keys[field.name + ending] = (kept | None if optional else kept, described)
+    name = base.__name__.removeprefix("_")
+    return create_model(name, __base__=base, __module__=base.__module__, __doc__=base.__doc__, **keys)
 
 
 def is_multiple(whole: float, part: float) -> bool:

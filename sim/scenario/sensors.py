@@ -1,8 +1,8 @@
-"""What a user may set of sensors and of sound: their true errors, which the filter does not know."""
+"""What a user may set of sensors and of sound: their true errors, no inputs of the navigator."""
 
 from typing import TYPE_CHECKING, Annotated, Self
 
-from pydantic import Field, create_model, field_validator, model_validator
+from pydantic import ConfigDict, Field, create_model, field_validator, model_validator
 
 from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, Positive, Section, require_increasing
 
@@ -43,8 +43,20 @@ class OwnSensors(Section):
     tilt_sigma_deg: NonNegative = Field(0.5, description="σ of each reading of its inclinometer, likewise")
 
 
+class OwnSensor(Section):
+    """A sensor of your own; other keys are fields of its class, units may be added."""
+
+    model_config = ConfigDict(extra="allow")
+
+    __pydantic_extra__: dict[str, bool | int | float | str]
+
+    sensor: str = Field(description="its class, as module:Class", pattern=r"^[\w.]+:[\w.]+$")
+
+
 class Sensors(OwnSensors):
     """True errors of the sensors of followers and leader; no navigator has access to them."""
+
+    own: Annotated[tuple[OwnSensor, ...], LISTED] = Field((), description="sensors of your own, of each follower")
 
     leader_speed_bias_m_s: SpeedBias = Field(0.0, description="bias of the speed that the leader broadcasts")
     leader_heading_bias_deg: HeadingBias = 0.0
@@ -100,9 +112,9 @@ class Acoustics(Section):
     ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
         0.0, description="rear, front and middle transmitter ping this long after each other; 0: at once"
     )
-    sound_speed_m_s: SoundSpeed = Field(1500.0, description="speed of sound, and what the follower believes of it")
+    sound_speed_m_s: SoundSpeed = Field(1500.0, description="speed of sound, true and as the navigator assumes it")
     sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(
-        0.0, description="what the follower believes in addition"
+        0.0, description="what the navigator's assumption adds to it"
     )
     sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED] = Field(
         (),
@@ -124,7 +136,7 @@ class Acoustics(Section):
     burst_chance: Chance = Field(0.0, description="chance that a burst of loss begins at a message")
     burst_mean_messages: Annotated[float, Field(ge=1, le=10000)] = Field(5.0, description="mean length of a burst")
     burst_loss_chance: Chance = Field(1.0, description="chance that a message within a burst is lost")
-    max_range_m: NonNegative = Field(0.0, description="pings from farther away are not heard; 0: no limit")
+    max_range_m: NonNegative = Field(0.0, description="pings from farther away are not received; 0: no limit")
 
     @field_validator("sound_speed_profile")
     @classmethod

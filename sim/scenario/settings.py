@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 import tomli_w
-from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from laisn.settings import VARIANTS
 from sim.files import atomic_write
 from sim.scenario.formation import Formation, Shape, Station, followers_of, proximity_inconsistencies, station_conflicts
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
-from sim.scenario.section import CONTROL_STEP_S, LISTED, Name, Section, Timing, is_multiple
+from sim.scenario.section import CONTROL_STEP_S, LISTED, Name, Positive, Section, Timing, is_multiple
 from sim.scenario.sensors import Acoustics, OwnSensors, Sensors
 from sim.scenario.vehicles import Follower, Leader, Vehicle
-from sim.scenario.video import Video
 
 __all__ = [
+    "CAMERAS",
     "CONTROL_STEP_S",
     "KEYS_ALONE",
     "Acoustics",
@@ -39,6 +39,39 @@ __all__ = [
     "Video",
     "Waves",
 ]
+
+
+CAMERAS = {
+    "chase": "behind the follower, looking towards the leader; inset: the leader close by",
+    "pip": "from above, both vehicles in one picture; insets: leader and follower close by",
+    "top": "from above, all vehicles in one picture, north up",
+    "side": "from the side at their depth, between surface and floor; inset: the follower close by",
+    "follower": "what the follower would see, along its hull; inset: the leader close by",
+    "leader": "the leader close by; inset: the follower close by",
+    "profile": "the leader in profile, the follower beyond; inset: follower and estimate from above",
+    "orbit": "around all vehicles, once in forty seconds of film",
+}
+"""Names of the cameras and what they show."""
+_NAMES = list(CAMERAS)
+
+
+def _known(name: str) -> str:
+    if name not in CAMERAS:
+        raise ValueError(f"unknown camera {name!r}; available: {', '.join(CAMERAS)}")
+    return name
+
+
+class Video(Section):
+    """The film of the mission."""
+
+    camera: Annotated[Name, AfterValidator(_known)] = Field(
+        "chase", description=f"{', '.join(_NAMES[:-1])} or {_NAMES[-1]}"
+    )
+    width_px: Annotated[int, Field(ge=160, le=3840, multiple_of=2)] = 1280
+    height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
+    frame_rate_hz: Annotated[int, Field(ge=1, le=60)] = 30
+    speed_up: Positive = Field(30.0, description="seconds of mission in a second of film")
+    in_log: bool = Field(True, description="a rendered film also goes into the log, as channel /camera")
 
 
 KEYS_ALONE = {"inconsistencies": "ignored"}
@@ -104,15 +137,15 @@ class Scenario(Section):
     @model_validator(mode="before")
     @classmethod
     def _followers_of_a_shape(cls, data: Any) -> Any:
-        """Followers in place of the shape that makes them; what is wrong with a shape is told with its key."""
+        """Followers in place of the shape that makes them; errors of a shape are reported with its key."""
         formation = data.get("formation") if isinstance(data, dict) else None
-        told = formation.get("shape") if isinstance(formation, dict) else None
-        if not isinstance(told, dict) or not isinstance(formation, dict) or data.get("followers"):
+        given = formation.get("shape") if isinstance(formation, dict) else None
+        if not isinstance(given, dict) or not isinstance(formation, dict) or data.get("followers"):
             return data
         try:
-            followers = followers_of(Shape.model_validate(told, strict=False))
+            followers = followers_of(Shape.model_validate(given, strict=False))
         except ValidationError:
-            # the shape is told; that it has made no followers is no other fault
+            # the shape is reported; that it has made no followers is no further error
             return {**data, "followers": [_STAND_IN]}
         return {**data, "followers": followers, "formation": {**formation, "shape": None}}
 
@@ -177,7 +210,7 @@ class Scenario(Section):
                 continue
             if follower.station:
                 found.append(f"{key}.station needs motion = 'physics'")
-            elif follower.believes:
+            elif follower.steers_by_estimate:
                 found.append(
                     f"{key}.steers_by = 'estimate' needs motion = 'physics'; the paper's point motion keeps to its "
                     "route whatever the follower estimates"
@@ -203,7 +236,7 @@ class Scenario(Section):
             "navigation.use_single_range": navigation.use_single_range and navigation.variant in VARIANTS,
             "navigation.transmitters_m": bool(navigation.transmitters_m),
         }
-        if stations or any(follower.believes for follower in self.followers):
+        if stations or any(follower.steers_by_estimate for follower in self.followers):
             where = "must keep its default where followers are on stations or steer by their estimates"
             found += [f"{key} {where}" for key, is_set in changed.items() if is_set]
         return found

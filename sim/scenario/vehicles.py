@@ -5,7 +5,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from sim.scenario.formation import Station
-from sim.scenario.own_hull import LONGEST
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
 from sim.scenario.section import (
     LISTED,
@@ -20,6 +19,8 @@ from sim.scenario.section import (
 )
 from sim.scenario.sensors import FollowerSensors
 
+LONGEST_MODEL = 1_000_000
+"""Length of the text of a hull, and size of its file [bytes]."""
 TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
 TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
 
@@ -34,7 +35,7 @@ class Vehicle(Section):
         description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0; at a place that is given "
         "twice in succession the vehicle stops until the second time",
     )
-    model: Annotated[str, Field(max_length=LONGEST)] | None = Field(
+    model: Annotated[str, Field(max_length=LONGEST_MODEL)] | None = Field(
         None,
         description="MJCF file of a hull of your own, named as seen from this file; its text once it is flown. "
         "Without it the project's leader or follower",
@@ -131,7 +132,7 @@ class Follower(Vehicle):
     steers_by: Literal["truth", "estimate"] | None = Field(
         None,
         description="position by which it keeps to its route or station: the true one (the default on a route), or "
-        "what it believes itself (the default on a station)",
+        "its own estimate (the default on a station)",
     )
 
     sensors: FollowerSensors = Field(
@@ -139,7 +140,7 @@ class Follower(Vehicle):
     )
 
     @property
-    def believes(self) -> bool:
+    def steers_by_estimate(self) -> bool:
         """Whether it steers by its own estimate."""
         return self.steers_by == "estimate" or (self.steers_by is None and self.station is not None)
 

@@ -4,23 +4,31 @@ A ping leaves its transmitter at t_e, where that site then is, and arrives at t_
 
     t_a − t_e = |H(t_a) − P(t_e)| s,    s = mean of 1/c along the path,
 
-solved for t_a itself, whatever the time step. The follower knows t_e from the message, reads t_a on its own clock and
-believes in a constant speed of sound c_b: R = c_b (t_a + clock error − t_e). Echoes do the same from the transmitter's
-mirror image (`sim.sensing.echo`). All of this is the same in every run; random errors, echoes and losses come on top.
+solved for t_a itself, whatever the time step. The follower gets t_e from the message, reads t_a on its own clock and
+assumes a constant speed of sound c_b: R = c_b (t_a + clock error − t_e).
+
+A flat, level boundary sends an echo that seems to come from the mirror image of its source (Medwin & Clay, Fundamentals
+of Acoustical Oceanography, 1998). The echo's path is longer than the direct one; a receiver that misses the direct
+arrival and takes the echo for it measures a range that is too long: the gross error of paper Section 2.4.
+
+All of this is the same in every run; random errors, echoes and losses come on top.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from laisn.arrays import Floats, Ints
+from laisn.compiled import elementwise, select
 from laisn.records import own_arrays
-from sim.scenario.settings import CONTROL_STEP_S
-from sim.sensing.echo import Path, image, mean_slowness
-from sim.sensing.hearing import Hearing
-from sim.trajectory import Trajectory
-from sim.water.sound import SoundSpeed
+from sim.geometry.attitude import carried
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.drift import BiasDrift, position_drift
+from sim.sensing.own_sensors import OwnSensor, own_sensors
+from sim.trajectory import Trajectory, Truth, pose_between
+from sim.water.sound import SoundProfile, mean_slowness, speed_at
 
 TRANSMITTERS = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")
 """Sites of P1, P2 and P3."""
@@ -29,32 +37,251 @@ _ITERATIONS = 6
 """Iterations for the arrival time: each gains a factor of c / speed of the hydrophone, some 500; six leave nothing."""
 
 
+class Path(IntEnum):
+    """How the sound came; index into arrays over paths."""
+
+    DIRECT = 0
+    SURFACE = 1
+    BOTTOM = 2
+
+
+# compiled code holds numbers, not the members of an enum
+_DIRECT, _SURFACE = int(Path.DIRECT), int(Path.SURFACE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AcousticConfig:
+    """All of a scenario that reaches `observe` and `propagate`; fields of a scenario's name mean the same.
+
+    These functions are given no scenario. Two missions of equal motion and equal configuration therefore share one
+    truth, and a setting that they come to need must be added here before they can read it.
+    """
+
+    filter_step_s: float
+    message_every: int
+    """Filter steps from one message to the next."""
+    transmitters: int
+    """Number of transmitters that the follower receives, rear and front first: it waits for no others."""
+    broadcast_attitude: bool
+    leader_attitude_feels_acceleration: bool
+    leader_gyro_time_constant_s: float
+    floor_depth_m: float
+    paths: tuple[bool, bool, bool]
+    """Whether each `Path` has a chance to be taken."""
+    travel_time: bool
+    ping_slot_s: float
+    sound_speed_m_s: float
+    sound_speed_bias_m_s: float
+    sound_speed_profile: tuple[tuple[float, float], ...]
+    clock_offset_s: float
+    clock_drift_ppm: float
+    max_range_m: float
+    bias_drift: BiasDrift
+    """Of the follower's log and compass."""
+    leader_drift: tuple[float, float]
+    """Of `position_drift`, [m/s]."""
+    own_sensors: tuple[OwnSensor, ...]
+
+    @classmethod
+    def of(cls, scenario: Scenario, follower: int = 0) -> Self:
+        """That of a follower, by its index."""
+        sensors, acoustics = scenario.sensors, scenario.acoustics
+        return cls(
+            filter_step_s=scenario.timing.filter_step_s,
+            message_every=scenario.message_every,
+            transmitters=scenario.navigation.transmitters,
+            broadcast_attitude=scenario.leader.broadcast_attitude,
+            leader_attitude_feels_acceleration=sensors.leader_attitude_feels_acceleration,
+            leader_gyro_time_constant_s=sensors.leader_gyro_time_constant_s,
+            floor_depth_m=scenario.ocean.floor_depth_m,
+            paths=(True, acoustics.surface_echo_chance > 0.0, acoustics.bottom_echo_chance > 0.0),
+            travel_time=acoustics.travel_time,
+            ping_slot_s=acoustics.ping_slot_s,
+            sound_speed_m_s=acoustics.sound_speed_m_s,
+            sound_speed_bias_m_s=acoustics.sound_speed_bias_m_s,
+            sound_speed_profile=acoustics.sound_speed_profile,
+            clock_offset_s=acoustics.clock_offset_s,
+            clock_drift_ppm=acoustics.clock_drift_ppm,
+            max_range_m=acoustics.max_range_m,
+            bias_drift=BiasDrift.of(scenario.sensors_of(follower), follower),
+            leader_drift=position_drift(sensors),
+            own_sensors=own_sensors(scenario),
+        )
+
+    @property
+    def sound(self) -> "Sound":
+        """The part of it that `arrival_of` needs, for compiled code too."""
+        assumed = self.sound_speed_m_s + self.sound_speed_bias_m_s
+        return Sound(
+            on_grid=not self.travel_time and self.ping_slot_s == 0.0,
+            travels=self.travel_time,
+            slot=float(self.ping_slot_s),
+            paths=self.paths,
+            floor=float(self.floor_depth_m),
+            max_range=float(self.max_range_m or np.inf),
+            profile=SoundProfile.through(self.sound_speed_profile or ((0.0, self.sound_speed_m_s),)),
+            varies=bool(self.sound_speed_profile),
+            ratio=assumed / self.sound_speed_m_s,
+            assumed_speed=assumed,
+            clock_offset=float(self.clock_offset_s),
+            clock_drift=1e-6 * self.clock_drift_ppm,
+        )
+
+
+class Sound(NamedTuple):
+    """What decides how sound gets to a follower; names as in `AcousticConfig`."""
+
+    on_grid: bool
+    """All pings leave and arrive at an instant that is recorded."""
+    travels: bool
+    slot: float
+    """From one ping of a message to the next [s]."""
+    paths: tuple[bool, bool, bool]
+    floor: float
+    """Depth [m]."""
+    max_range: float
+    """[m]."""
+    profile: SoundProfile
+    varies: bool
+    """Sound has another speed at another depth."""
+    ratio: float
+    """Range that the follower computes for a metre of path, where it has not."""
+    assumed_speed: float
+    """Speed of sound that the follower assumes, c_b [m/s]."""
+    clock_offset: float
+    """[s]."""
+    clock_drift: float
+    """[s/s]."""
+
+
+class Motion(NamedTuple):
+    """Motion of vehicles as far as it is known."""
+
+    truth: Truth
+    begin: float
+    """Time of its first instant [s]."""
+    last: int
+    """Index of the last instant that is known; at least 1."""
+
+
+class Arrival(NamedTuple):
+    """How a ping arrives by one path; numbers or arrays over messages."""
+
+    time: Any
+    """[s]."""
+    length: Any
+    """Of the path [m]."""
+    ratio: Any
+    """Range that the follower computes for a metre of path, c_b s."""
+    clock_range: Any
+    """What the clocks add to a range [m]."""
+
+
+@elementwise
+def site_at(s: Sound, known: Motion, vehicle: int, offset: Floats, time: Any) -> Any:
+    """East, north and up of a site at a time that is known; at a later one, where it is last known [m]."""
+    place = np.minimum(np.maximum((time - known.begin) / CONTROL_STEP_S, 0.0), known.last)
+    pose, twist = known.truth.pose, known.truth.twist
+    if s.on_grid:
+        return carried(pose[np.int64(np.rint(place)), vehicle].T, offset)
+    i = np.minimum(np.int64(place), known.last - 1)
+    ends = pose[i, vehicle].T, pose[i + 1, vehicle].T
+    velocity = twist[i, vehicle].T, twist[i + 1, vehicle].T
+    return carried(pose_between(place - i, CONTROL_STEP_S, ends, velocity), offset)
+
+
+@elementwise
+def _distance(a: Any, b: Any) -> Any:
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@elementwise
+def image(source: Any, path: int, floor_depth: float) -> Any:
+    """Place from which sound seems to come that takes a path [m]."""
+    up = source[2]
+    if path != _DIRECT:
+        up = -up if path == _SURFACE else -2.0 * floor_depth - up
+    return source[0], source[1], up
+
+
+@elementwise
+def path_slowness(profile: SoundProfile, path: int, source: Any, receiver: Any, floor_depth: float) -> Any:
+    """Mean of 1/c along a path that is straight but for its reflection, between two heights [s/m]."""
+    if path == _DIRECT:
+        return mean_slowness(profile, -source, -receiver)
+    turn = 0.0 if path == _SURFACE else floor_depth
+    # Both legs have the same slope, so that they share the path in proportion to the depths they cross.
+    first, second = np.abs(-source - turn), np.abs(-receiver - turn)
+    level = first + second == 0.0
+    legs = first * mean_slowness(profile, -source, turn) + second * mean_slowness(profile, -receiver, turn)
+    return select(level, 1.0 / speed_at(profile, turn), legs / (first + second + level))
+
+
+@elementwise
+def arrival_of(s: Sound, known: Motion, vehicle: int, hydrophone: Floats, path: int, leaves: Any, source: Any) -> Any:
+    """Follow a ping by one path to a vehicle, as far as the motion is known.
+
+    Args:
+        s: how sound travels.
+        known: the motion.
+        vehicle: index of the receiver's.
+        hydrophone: its offset, shape (3,), [m].
+        path: `Path`.
+        leaves: when the ping leaves [s].
+        source: its transmitter then: east, north and up [m].
+
+    Returns:
+        Its `Arrival`; right as soon as that is not later than what is known.
+    """
+    there, apparent = site_at(s, known, vehicle, hydrophone, leaves), image(source, path, s.floor)
+    time, ratio = leaves, s.ratio
+    if s.travels:
+        for _ in range(_ITERATIONS):
+            time = leaves + _distance(apparent, there) * path_slowness(s.profile, path, source[2], there[2], s.floor)
+            there = site_at(s, known, vehicle, hydrophone, time)
+    if s.varies:
+        ratio = s.assumed_speed * path_slowness(s.profile, path, source[2], there[2], s.floor)
+    clock = s.assumed_speed * (s.clock_offset + s.clock_drift * time)
+    return Arrival(time, _distance(apparent, there), ratio, clock)
+
+
+@elementwise
+def range_of(s: Sound, direct: Any, arrival: Arrival) -> Any:
+    """Slant range before random errors [m]; NaN for a ping from out of range, by the length of its direct path."""
+    return select(direct <= s.max_range, arrival.length * arrival.ratio + arrival.clock_range, np.nan)
+
+
+@elementwise
+def is_in_time(arrival_time: Any, step: Any, dt: float) -> Any:
+    """Whether a ping is in by the filter step at which the follower takes its message up."""
+    return arrival_time <= (step + 1e-6) * dt
+
+
+@elementwise
+def reception_step(complete: Any, dt: float) -> Any:
+    """First filter step at which a message is in whose last ping arrives at a time [s]."""
+    return np.int64(np.ceil(complete / dt - 1e-6))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Propagation:
     """Sound of m messages on its three paths; arrays over transmitters hold rear, front, middle.
 
-    Arrays over paths are ordered as `sim.sensing.echo.Path`; paths without a chance to be taken hold NaN.
+    Arrays over paths are ordered as `Path`; paths without a chance to be taken hold NaN.
     """
 
     emission_step: Ints
     """Filter step at which a message is sent, shape (m,)."""
     message_step: Ints
-    """First filter step by which all pings that the follower listens to are in, echoes that may be taken for them
+    """First filter step by which all pings that the follower receives are in, echoes that may be taken for them
     included, shape (m,)."""
     emission_time: Floats
     """Time at which each ping leaves, shape (m, 3), [s]."""
-    arrival_time: Floats
-    """Time at which each ping arrives by each path, shape (m, 3 transmitters, 3 paths), [s]."""
     transmitter: Floats
     """Where each ping left, shape (m, 3, 3), the last axis in the world, [m]."""
-    hydrophone: Floats
-    """Where the direct sound of each ping arrived, shape (m, 3, 3), the last axis in the world, [m]."""
-    length: Floats
-    """Length of each path, shape (m, 3 transmitters, 3 paths), [m]."""
-    slowness_ratio: Floats
-    """Range that the follower believes for a metre of path, c_b s, shape (m, 3 transmitters, 3 paths)."""
-    clock_range: Floats
-    """What the clocks add to a range, shape (m, 3 transmitters, 3 paths), [m]."""
+    arrival: Arrival
+    """How each ping arrives by each path; arrays of shape (m, 3 transmitters, 3 paths)."""
 
     def __post_init__(self) -> None:
         own_arrays(self)
@@ -62,51 +289,19 @@ class Propagation:
     @property
     def range(self) -> Floats:
         """Slant range before random errors, shape (m, 3 transmitters, 3 paths), [m]; not cut off at any distance."""
-        return self.length * self.slowness_ratio + self.clock_range
+        return np.asarray(self.arrival.length * self.arrival.ratio + self.arrival.clock_range)
 
 
-def sound_speed(hearing: Hearing) -> SoundSpeed:
-    """The true speed of sound."""
-    if hearing.sound_speed_profile:
-        return SoundSpeed.through(hearing.sound_speed_profile)
-    return SoundSpeed.constant(hearing.sound_speed_m_s)
+def motion_of(trajectory: Trajectory, follower: int) -> Motion:
+    """Motion of the leader and of one follower, which are vehicles 0 and 1 of it."""
+    t, pair = trajectory, [0, follower + 1]
+    pose = np.concatenate([t.position[:, pair], t.quaternion[:, pair]], axis=2)
+    twist = np.concatenate([t.velocity[:, pair], t.angular_velocity[:, pair]], axis=2)
+    truth = Truth(pose, twist, t.water_velocity[:, pair], t.thrust[:, pair])
+    return Motion(truth, float(t.time[0]), t.time.size - 1)
 
 
-def _ratio(hearing: Hearing, source: Floats, receiver: Floats, path: Path) -> Floats:
-    """c_b s of a path; exactly 1 where the follower believes the true constant, so that nothing is rounded."""
-    believed = hearing.sound_speed_m_s + hearing.sound_speed_bias_m_s
-    if not hearing.sound_speed_profile:
-        return np.full(source.shape[:-1], believed / hearing.sound_speed_m_s)
-    return believed * mean_slowness(sound_speed(hearing), source, receiver, path, hearing.floor_depth_m)
-
-
-def _reader(trajectory: Trajectory, site: str, *, on_grid: bool) -> Callable[[Floats], Floats]:
-    """Position of a site over time, shape (m,) to (m, 3): recorded points where the instants are such, else between."""
-    if not on_grid:
-        return lambda time: trajectory.site_at(site, np.minimum(time, trajectory.time[-1]))
-    recorded = trajectory.site_path(site)
-    return lambda time: recorded[np.rint((time - trajectory.time[0]) / trajectory.dt).astype(np.int64)]
-
-
-def _arrivals(
-    source: Floats, sent: Floats, hydrophone: Callable[[Floats], Floats], slowness: Callable[[Floats], Floats]
-) -> tuple[Floats, Floats]:
-    """Arrival times, shape (m,), [s], and where the hydrophone then is, shape (m, 3), [m].
-
-    Args:
-        source: where the sound seems to come from, shape (m, 3), [m].
-        sent: when, shape (m,), [s].
-        hydrophone: its position over time.
-        slowness: mean of 1/c along the path, given the hydrophone's position, [s/m].
-    """
-    arrival = sent
-    for _ in range(_ITERATIONS):
-        receiver = hydrophone(arrival)
-        arrival = sent + np.linalg.norm(receiver - source, axis=1) * slowness(receiver)
-    return arrival, hydrophone(arrival)
-
-
-def propagate(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Propagation:
+def propagate(trajectory: Trajectory, config: AcousticConfig, follower: int = 0) -> Propagation:
     """Follow the sound of all messages of a mission to one follower.
 
     Messages that are not in by the last filter step are left out.
@@ -114,55 +309,34 @@ def propagate(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Pr
     Args:
         trajectory: of a mission, or a stretch of it that begins at a filter step; messages sent after that are
             followed.
-        hearing: of its scenario.
+        config: of its scenario.
         follower: its index, 0 for the first.
     """
-    floor, dt, every = hearing.floor_depth_m, hearing.filter_step_s, hearing.message_every
-    first = round(float(trajectory.time[0]) / dt)
-    last = first + (trajectory.time.size - 1) // round(dt / CONTROL_STEP_S)
-    moving = hearing.travel_time
-    on_grid = not moving and hearing.ping_slot_s == 0
+    dt, every, s, known = config.filter_step_s, config.message_every, config.sound, motion_of(trajectory, follower)
+    first = round(known.begin / dt)
+    last = first + known.last // round(dt / CONTROL_STEP_S)
     # integers count messages: an accumulated time would drop some
     steps = np.arange(first // every + 1, last // every + 1) * every
-    hydrophone = _reader(trajectory, f"{trajectory.names[follower + 1]}/hydrophone", on_grid=on_grid)
-    sound = sound_speed(hearing)
-
-    m, paths, ping = steps.size, len(Path), len(TRANSMITTERS)
-    sent = steps[:, None] * dt + hearing.ping_slot_s * np.arange(ping)
-    transmitter, receiver = np.empty((m, ping, 3)), np.empty((m, ping, 3))
-    arrival, length, ratio = (np.full((m, ping, paths), np.nan) for _ in range(3))
-    for i, site in enumerate(TRANSMITTERS):
-        transmitter[:, i] = _reader(trajectory, site, on_grid=on_grid)(sent[:, i])
-        for path in hearing.paths:
-            source = image(transmitter[:, i], path, floor)
-            at = hydrophone(sent[:, i])
-            if moving:
-
-                def slowness(there: Floats, i: int = i, path: Path = path) -> Floats:
-                    return mean_slowness(sound, transmitter[:, i], there, path, floor)
-
-                arrival[:, i, path], at = _arrivals(source, sent[:, i], hydrophone, slowness)
-            else:
-                arrival[:, i, path] = sent[:, i]
-            length[:, i, path] = np.linalg.norm(source - at, axis=1)
-            ratio[:, i, path] = _ratio(hearing, transmitter[:, i], at, path)
-            if path is Path.DIRECT:
-                receiver[:, i] = at
-
-    complete = np.nanmax(arrival[:, : hearing.transmitters], axis=(1, 2))
-    message_step = np.ceil(complete / dt - 1e-6).astype(np.int64)
+    sent = steps[:, None] * dt + s.slot * np.arange(len(TRANSMITTERS))
+    offsets = [trajectory.site_offset[trajectory.site(name)] for name in TRANSMITTERS]
+    hydrophone = trajectory.site_offset[trajectory.site(f"{trajectory.names[follower + 1]}/hydrophone")]
+    transmitter = np.empty((steps.size, 3, 3))
+    by_path = np.full((len(Arrival._fields), steps.size, 3, len(Path)), np.nan)
+    for i, offset in enumerate(offsets):
+        source = site_at(s, known, 0, offset, sent[:, i])
+        transmitter[:, i] = np.column_stack(source)
+        for path in np.flatnonzero(s.paths).tolist():
+            arrival = arrival_of(s, known, 1, hydrophone, path, sent[:, i], source)
+            for values, value in zip(by_path, arrival, strict=True):
+                values[:, i, path] = value
+    complete = np.nanmax(by_path[0, :, : config.transmitters], axis=(1, 2))
+    message_step = reception_step(complete, dt)
     # Two messages within one filter step: the follower keeps the first.
-    heard = (message_step <= last) & (np.diff(message_step, prepend=0) > 0)
-    believed = hearing.sound_speed_m_s + hearing.sound_speed_bias_m_s
-    clock = hearing.clock_offset_s + 1e-6 * hearing.clock_drift_ppm * arrival
+    kept = (message_step <= last) & (np.diff(message_step, prepend=0) > 0)
     return Propagation(
-        emission_step=steps[heard],
-        message_step=message_step[heard],
-        emission_time=sent[heard],
-        arrival_time=arrival[heard],
-        transmitter=transmitter[heard],
-        hydrophone=receiver[heard],
-        length=length[heard],
-        slowness_ratio=ratio[heard],
-        clock_range=believed * clock[heard],
+        emission_step=steps[kept],
+        message_step=message_step[kept],
+        emission_time=sent[kept],
+        transmitter=transmitter[kept],
+        arrival=Arrival(*by_path[:, kept]),
     )

@@ -8,18 +8,21 @@ the angle w by which the gyros walk off in a step:
     e_k = (1 − γ)(e_{k−1} + w_k) + γ i_k,    γ = 1 − exp(−Δt / τ).
 
 Accelerations are the same in every run, and go through the filter here; the random part is a Gauss–Markov process with
-correlation time τ, of which `sim.sensing.sensor_errors` takes the values that are broadcast.
+correlation time τ, of which `sim.sensing.sensors` takes the values that are broadcast.
 """
 
-from typing import NamedTuple, Protocol
+from functools import partial
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled
+from laisn.compiled import compiled, elementwise, formula
 from laisn.geometry import signed_angle
-from sim.geometry import attitude
+from sim.geometry.attitude import pitch_of, roll_of, rotated
 from sim.scenario.settings import CONTROL_STEP_S, Sensors
+from sim.sensing.acoustics import AcousticConfig
 from sim.trajectory import Trajectory
 from sim.water.waves import GRAVITY
 
@@ -35,19 +38,7 @@ class RandomError(NamedTuple):
     """Correlation time; 0: each reading has its own [s]."""
 
 
-class Ahrs(Protocol):
-    """What of the leader's AHRS is the same in every run; the sensors of a scenario have it."""
-
-    @property
-    def leader_attitude_feels_acceleration(self) -> bool:
-        """Whether the inclinometer takes accelerations for tilt."""
-
-    @property
-    def leader_gyro_time_constant_s(self) -> float:
-        """τ of the filter; 0: no gyros."""
-
-
-def gain(sensors: Ahrs) -> float:
+def gain(sensors: Sensors | AcousticConfig) -> float:
     """γ: share of the inclinometer in each step of the filter; 1 without gyros."""
     if sensors.leader_gyro_time_constant_s == 0.0:
         return 1.0
@@ -66,39 +57,44 @@ def random_error(sensors: Sensors) -> RandomError:
     return RandomError(float(np.sqrt(variance)), sensors.leader_gyro_time_constant_s)
 
 
-def apparent_tilt(trajectory: Trajectory, vehicle: int = 0) -> Floats:
-    """Pitch and roll that specific force seems to show at a vehicle's origin, shape (n, 2), [rad].
+@elementwise
+def _shown(quaternion: Any, change: Any) -> Any:
+    """Pitch and roll that specific force seems to show, from attitude and change of velocity in a control step."""
+    force = change[0] / CONTROL_STEP_S, change[1] / CONTROL_STEP_S, change[2] / CONTROL_STEP_S + GRAVITY
+    to_body = quaternion[0], -quaternion[1], -quaternion[2], -quaternion[3]
+    forward, port, up = rotated(to_body, force)
+    return np.arctan2(forward, np.hypot(port, up)), np.arctan2(port, up)
 
-    Accelerations are means over the interval that ends at an instant, as the sensor knows them then; the first instant
+
+@formula
+def _filtered(last: float, error: float, share: float) -> float:
+    """e_k = (1 − γ) e_{k−1} + γ i_k."""
+    return last + share * (error - last)
+
+
+def apparent_tilt(trajectory: Trajectory) -> Floats:
+    """Pitch and roll that specific force seems to show at the leader's origin, shape (n, 2), [rad].
+
+    Accelerations are means over the interval that ends at an instant, as the sensor has them then; the first instant
     has those of the second.
     """
-    acceleration = np.diff(trajectory.velocity[:, vehicle], axis=0) / trajectory.dt
-    acceleration = np.concatenate([acceleration[:1], acceleration])
-    force = acceleration + np.array([0.0, 0.0, GRAVITY])
-    to_body = trajectory.quaternion[:, vehicle] * np.array([1.0, -1.0, -1.0, -1.0])
-    forward, port, up = attitude.rotate(to_body, force).T
-    return np.column_stack([np.arctan2(forward, np.hypot(port, up)), np.arctan2(port, up)])
+    change = np.diff(trajectory.velocity[:, 0], axis=0)
+    change = np.concatenate([change[:1], change])
+    return np.column_stack(_shown(trajectory.quaternion[:, 0].T, change.T))
 
 
-@compiled
-def _low_pass(error: Floats, share: float) -> Floats:
-    """e_k = (1 − γ) e_{k−1} + γ i_k, column by column; importing scipy.signal for it would take a second."""
-    passed = np.empty_like(error)
-    for j in range(error.shape[1]):
-        last = 0.0
-        for k in range(error.shape[0]):
-            last += share * (error[k, j] - last)
-            passed[k, j] = last
-    return passed
+def measured_attitude(trajectory: Trajectory, sensors: Sensors | AcousticConfig) -> Floats:
+    """Pitch and roll as the leader measures them, but for random errors, shape (n, 2), [rad].
 
-
-@compiled
-def _turned(quaternion: Floats, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """A vector of the world in the hull's axes, rounded as `attitude.rotate` does."""
-    w, x, y, z = quaternion[0], -quaternion[1], -quaternion[2], -quaternion[3]
-    a, b, c = vector
-    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return a + w * p + (y * r - z * q), b + w * q + (z * p - x * r), c + w * r + (x * q - y * p)
+    The filter starts without error.
+    """
+    true = np.column_stack([trajectory.pitch[:, 0], trajectory.roll[:, 0]])
+    if not sensors.leader_attitude_feels_acceleration:
+        return true
+    share, error = gain(sensors), signed_angle(apparent_tilt(trajectory) - true)
+    step = partial(_filtered, share=share)
+    filtered = [list(accumulate([0.0, *column], step))[1:] for column in error.T.tolist()]
+    return true + np.array(filtered).T
 
 
 @compiled
@@ -114,22 +110,7 @@ def follow_tilt(share: float, quaternion: Floats, change: Floats, last: Floats, 
         last: error at the instant before, shape (2,), [rad].
         error: out: at this one, shape (2,), [rad].
     """
-    force = change[0] / CONTROL_STEP_S, change[1] / CONTROL_STEP_S, change[2] / CONTROL_STEP_S + GRAVITY
-    forward, port, up = _turned(quaternion, force)
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    pitch = signed_angle(np.arctan2(forward, np.hypot(port, up)) - attitude.pitch_of(w, x, y, z))
-    roll = signed_angle(np.arctan2(port, up) - attitude.roll_of(w, x, y, z))
-    error[0] = last[0] + share * (pitch - last[0])
-    error[1] = last[1] + share * (roll - last[1])
-
-
-def measured_attitude(trajectory: Trajectory, sensors: Ahrs, vehicle: int = 0) -> Floats:
-    """Pitch and roll as the leader measures them, but for random errors, shape (n, 2), [rad].
-
-    The filter starts without error.
-    """
-    true = np.column_stack([trajectory.pitch[:, vehicle], trajectory.roll[:, vehicle]])
-    if not sensors.leader_attitude_feels_acceleration:
-        return true
-    error = signed_angle(apparent_tilt(trajectory, vehicle) - true)
-    return true + _low_pass(error, gain(sensors))
+    pitch, roll = _shown((w, x, y, z), (change[0], change[1], change[2]))
+    error[0] = _filtered(last[0], signed_angle(pitch - pitch_of(w, x, y, z)), share)
+    error[1] = _filtered(last[1], signed_angle(roll - roll_of(w, x, y, z)), share)

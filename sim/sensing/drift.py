@@ -1,16 +1,21 @@
-"""Deterministic slow errors: sinusoidal drift of the biases of log and compass, and drift of the leader's position.
+"""Errors that change slowly: sinusoidal drift of biases, drift of the leader's position, Gauss–Markov processes.
 
 The biases of log and compass swing as sines about their means, those of each follower at another phase; the leader's
-inertial navigation walks off at a constant rate. They are functions of time alone, so that what is sensed under way and
-what is measured on the finished mission are the same.
+inertial navigation drifts at a constant rate. Both are functions of time alone. A first-order Gauss–Markov process of
+unit variance is random,
+
+    x(t_i) = a_i x(t_{i−1}) + √(1 − a_i²) n_i,    a_i = exp(−(t_i − t_{i−1}) / τ),
+
+exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974).
 """
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
-from laisn.compiled import compiled
+from laisn.arrays import Floats, Ints
+from laisn.compiled import elementwise, formula
 from sim.scenario.sensors import OwnSensors, Sensors
 
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
@@ -49,8 +54,8 @@ def position_drift(sensors: Sensors) -> tuple[float, float]:
     return float(speed * np.sin(towards)), float(speed * np.cos(towards))
 
 
-@compiled
-def biased(w: BiasDrift, time: float, speed: float, heading: float) -> tuple[float, float]:
+@elementwise
+def biased(w: BiasDrift, time: Any, speed: Any, heading: Any) -> Any:
     """Speed [m/s] and heading [rad] with the drift at a time [s]; `w`: also a record with these fields."""
     if w.speed == 0.0 and w.heading == 0.0:
         return speed, heading
@@ -58,8 +63,32 @@ def biased(w: BiasDrift, time: float, speed: float, heading: float) -> tuple[flo
     return speed + w.speed * np.sin(turned + w.speed_phase), heading + w.heading * np.sin(turned + w.heading_phase)
 
 
-@compiled
-def apply_bias_drift(w: BiasDrift, time: Floats, own: Floats) -> None:
-    """Add the drift to columns speed and heading of a follower's own motion, shape (n, 2) or wider, in place."""
-    for i in range(time.size):
-        own[i, 0], own[i, 1] = biased(w, time[i], own[i, 0], own[i, 1])
+def weights(step: Ints, dt: float, time: float) -> Floats:
+    """Weights of the last value of a Gauss–Markov process and of the fresh normal, a_i and √(1 − a_i²), shape (m, 2).
+
+    The first value is all fresh: the process has run for long.
+
+    Args:
+        step: at which the process is read, shape (m,), increasing.
+        dt: length of a step [s].
+        time: correlation time τ [s]; 0 for independent values.
+    """
+    kept = np.zeros(step.size)
+    if time > 0.0:
+        # not `np.exp`, which rounds otherwise for arrays than for numbers
+        kept[1:] = [math.exp(-steps * (dt / time)) for steps in np.diff(step).tolist()]
+    return np.column_stack([kept, np.sqrt(1.0 - kept**2)])
+
+
+@formula
+def advanced(last: Any, kept: float, fresh: float, normal: Any) -> Any:
+    """Next value of the process."""
+    return kept * last + fresh * normal
+
+
+def gauss_markov(normals: Floats, step: Ints, dt: float, time: float) -> Floats:
+    """Values of processes, one for each column of normals, shape (m, …); other arguments as of `weights`."""
+    values, last = np.empty_like(normals), np.zeros(normals.shape[1:])
+    for i, (kept, fresh) in enumerate(weights(step, dt, time).tolist()):
+        last = values[i] = advanced(last, kept, fresh, normals[i])
+    return values

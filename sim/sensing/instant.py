@@ -1,71 +1,76 @@
-"""What followers' own sensors read at one instant, in compiled code: for followers that steer by it.
+"""What followers read and receive at one instant, in compiled code: for followers that steer by it.
 
-Formulas and noise are those of `observation` and `sensor_errors`, which make the measurements of a finished mission;
-both give the same bits. `listening` does the same for what followers hear.
+Formulas and noise are those of `observe` and `measure`, which make the measurements of a finished mission.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints, Record
 from laisn.compiled import compiled, inlined
-from sim.geometry.attitude import heading_of, pitch_of
+from sim.geometry.attitude import carried, heading_of, pitch_of, roll_of
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import ahrs
-from sim.sensing.drift import BiasDrift, biased
-from sim.sensing.hearing import Hearing
-from sim.sensing.loss import Channel
+from sim.sensing.acoustics import (
+    AcousticConfig,
+    Motion,
+    Sound,
+    arrival_of,
+    is_in_time,
+    range_of,
+    reception_step,
+    site_at,
+)
+from sim.sensing.channel import is_bad, is_lost, loses, path_taken
+from sim.sensing.drift import BiasDrift, advanced, biased
 from sim.sensing.noise import STREAMS, Stream, two_normals, two_units, uniform, words
-from sim.sensing.observation import errors_of
-from sim.sensing.pings import Sound, site, sound_of
-from sim.sensing.sensor_errors import heading_reading, plain_reading, speed_reading
+from sim.sensing.sensors import (
+    SensorErrors,
+    errors_of,
+    heading_reading,
+    plain_reading,
+    range_readings,
+    speed_reading,
+)
+from sim.trajectory import speed_through_water
 
 _U = np.uint64
 # compiled code holds numbers, not the members of an enum
 _OWN_MOTION, _DEPTH, _GYRO, _TILT = (int(s) for s in (Stream.OWN_MOTION, Stream.DEPTH, Stream.GYRO, Stream.TILT))
-
-
-_OWN_ERRORS = (
-    "speed_bias",
-    "speed_sigma",
-    "heading_bias",
-    "heading_sigma",
-    "depth_sigma",
-    "gyro_sigma",
-    "tilt_sigma",
+_RANGE_UNIFORM, _RANGE_SCALE, _ECHO, _LOSS = (
+    int(s) for s in (Stream.RANGE_UNIFORM, Stream.RANGE_SCALE, Stream.ECHO, Stream.LOSS)
 )
-OWN_ERRORS = np.dtype([(name, np.float64) for name in (*_OWN_ERRORS, *BiasDrift._fields)])
-"""Errors of one follower's own sensors: those of `SensorErrors`, of a rate of turn [rad/s], of the inclinometer [rad],
-and `BiasDrift`."""
+_LEADER_MOTION, _LEADER_DEPTH, _LEADER_ATTITUDE = (
+    int(s) for s in (Stream.LEADER_MOTION, Stream.LEADER_DEPTH, Stream.LEADER_ATTITUDE)
+)
+_OWN = tuple(name for name in SensorErrors._fields if not name.startswith(("leader", "range", "echo", "comm", "chan")))
+OWN_ERRORS = np.dtype([(name, np.float64) for name in (*_OWN, *BiasDrift._fields)])
+"""Errors of one follower's own sensors: those of `SensorErrors`, and `BiasDrift`."""
+MESSAGE = 8
+"""Columns of a message: those of `LeaderMessage` from timestamp to roll."""
+
+NO_MESSAGE, NO_RANGES, RECEIVED = range(3)
+"""Outcome of a filter step: no message is in; one is, of which no ping was received; one with ranges is."""
+
+Body = tuple[Floats, Floats, Floats]
+"""Pose, twist and water velocity of a vehicle, shapes (7,), (6,) and (3,)."""
 
 
-class Senses(NamedTuple):
-    """Errors and hearing of a mission as compiled code takes them; names as in `SensorErrors` and `Hearing`."""
+class SensorModel(NamedTuple):
+    """Sensors and acoustics of a mission as compiled code takes them; names as in `AcousticConfig`."""
 
     seed: np.uint64
     run: np.uint64
     own: Any
     """Records of OWN_ERRORS, shape (f,)."""
-    leader_speed: tuple[float, float]
-    leader_heading: tuple[float, float]
-    leader_depth_sigma: float
-    leader_attitude: tuple[float, float, float]
-    """Offset, pitch and roll [rad]."""
-    leader_attitude_time: float
-    """Correlation time of pitch and roll [s]."""
+    errors: SensorErrors
+    """Of the leader and of the ranges."""
     broadcast_attitude: bool
     feels_acceleration: bool
     """The leader takes accelerations for tilt."""
     tilt_share: float
     """`ahrs.gain` of the leader."""
-    range_tau: tuple[float, float, float]
-    range_centre: float
-    range_scale: tuple[float, float]
-    echo_chance: tuple[float, float]
-    common_echoes: bool
-    channel: Channel
-    loses: bool
     transmitters: int
     dt: float
     stride: int
@@ -77,96 +82,246 @@ class Senses(NamedTuple):
     """Rate at which the broadcast position departs from the true one, east and north [m/s]."""
 
 
-def senses_of(scenario: Scenario) -> Senses:
-    """Errors and hearing of a scenario as compiled code takes them."""
-    errors, hearing, f = errors_of(scenario), Hearing.of(scenario), len(scenario.followers)
-    own = np.zeros(f, dtype=OWN_ERRORS)
-    for i in range(f):
-        sensors, its = scenario.sensors_of(i), errors_of(scenario, i)
-        gyro, tilt = np.deg2rad(sensors.gyro_sigma_deg_s), np.deg2rad(sensors.tilt_sigma_deg)
-        own[i] = (*(getattr(its, name) for name in _OWN_ERRORS[:5]), gyro, tilt, *BiasDrift.of(sensors, i))
-    return Senses(
+def sensor_model_of(scenario: Scenario) -> SensorModel:
+    """Sensors and acoustics of a scenario as compiled code takes them."""
+    config, own = AcousticConfig.of(scenario), np.zeros(len(scenario.followers), dtype=OWN_ERRORS)
+    for i in range(own.size):
+        errors = errors_of(scenario, i)
+        own[i] = (*(getattr(errors, name) for name in _OWN), *BiasDrift.of(scenario.sensors_of(i), i))
+    return SensorModel(
         seed=_U(scenario.seed),
         run=_U(scenario.run),
         own=own.view(np.recarray),
-        leader_speed=(errors.leader_speed_bias, errors.leader_speed_sigma),
-        leader_heading=(float(errors.leader_heading_bias), float(errors.leader_heading_sigma)),
-        leader_depth_sigma=errors.leader_depth_sigma,
-        leader_attitude=(
-            float(errors.leader_attitude_offset_sigma),
-            float(errors.leader_pitch_sigma),
-            float(errors.leader_roll_sigma),
-        ),
-        leader_attitude_time=errors.leader_attitude_time,
-        broadcast_attitude=hearing.broadcast_attitude,
-        feels_acceleration=hearing.broadcast_attitude and hearing.leader_attitude_feels_acceleration,
-        tilt_share=ahrs.gain(hearing),
-        range_tau=errors.range_tau,
-        range_centre=errors.range_centre,
-        range_scale=(errors.range_scale_mean, errors.range_scale_sigma),
-        echo_chance=errors.echo_chance,
-        common_echoes=errors.common_echoes,
-        channel=errors.channel,
-        loses=errors.channel.loses,
-        transmitters=hearing.transmitters,
-        dt=hearing.filter_step_s,
-        stride=round(hearing.filter_step_s / CONTROL_STEP_S),
-        message_every=hearing.message_every,
-        sound=sound_of(hearing),
-        leader_drift=hearing.leader_drift,
+        errors=errors_of(scenario),
+        broadcast_attitude=config.broadcast_attitude,
+        feels_acceleration=config.broadcast_attitude and config.leader_attitude_feels_acceleration,
+        tilt_share=ahrs.gain(config),
+        transmitters=config.transmitters,
+        dt=config.filter_step_s,
+        stride=round(config.filter_step_s / CONTROL_STEP_S),
+        message_every=config.message_every,
+        sound=config.sound,
+        leader_drift=config.leader_drift,
     )
 
 
 @inlined
-def drawn_normals(s: Senses, stream: int, k: int) -> tuple[float, float]:
-    """Two normals of a stream at filter step k. Compiled code only."""
+def _normals(s: SensorModel, stream: int, k: int) -> tuple[float, float]:
+    """Two normals of a stream at filter step k."""
     w0, w1, w2, w3 = words(s.seed, s.run, _U(stream), _U(k))
     first, second = two_units(w0, w1, w2, w3)
     return two_normals(first, second)
 
 
 @inlined
-def drawn_uniforms(s: Senses, stream: int, k: int) -> tuple[float, float, float]:
-    """Three uniforms of a stream at filter step k. Compiled code only."""
+def _uniforms(s: SensorModel, stream: int, k: int) -> tuple[float, float, float]:
+    """Three uniforms of a stream at filter step k."""
     w0, w1, w2, _ = words(s.seed, s.run, _U(stream), _U(k))
     return uniform(w0), uniform(w1), uniform(w2)
 
 
 @compiled
-def forward_speed(pose: Floats, twist: Floats, water: Floats) -> float:
-    """Speed through the water along the hull [m/s], rounded as `Trajectory.forward_speed` does."""
-    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    east, north, up = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
-    along = east * (twist[0] - water[0])
-    return float(along + north * (twist[1] - water[1]) + up * (twist[2] - water[2]))
-
-
-@compiled
-def read_own(
-    s: Senses, k: int, follower: int, body: tuple[Floats, Floats, Floats], depth_sensor: Floats, reading: Floats
-) -> None:
+def read_own(s: SensorModel, k: int, follower: int, body: Body, depth_sensor: Floats, reading: Record) -> None:
     """Read a follower's own sensors at filter step k.
 
     Args:
-        s: errors.
+        s: sensors.
         k: step, from 1.
         follower: index.
-        body: pose, twist and water velocity, shapes (7,), (6,) and (3,).
+        body: of the follower.
         depth_sensor: its offset, shape (3,), [m].
-        reading: out: log, compass, pressure, pitch, rates of turn about the up and the port axis.
+        reading: out: record of `laisn.swarm.READING`, those of `sensors.OWN`.
     """
     pose, twist, water = body
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    streams, errors = STREAMS * follower, s.own[follower]
-    first, second = drawn_normals(s, streams + _OWN_MOTION, k)
-    speed, heading = forward_speed(pose, twist, water), heading_of(w, x, y, z)
-    speed, heading = biased(errors, k * s.dt, speed, heading)
-    reading[0] = speed_reading(speed, errors.speed_bias, errors.speed_sigma, first)
-    reading[1] = heading_reading(heading, errors.heading_bias, errors.heading_sigma, second)
-    third = drawn_normals(s, streams + _DEPTH, k)[0] if errors.depth_sigma > 0.0 else 0.0
-    reading[2] = plain_reading(-site(pose, depth_sensor)[2], errors.depth_sigma, third)
-    tilt, _ = drawn_normals(s, streams + _TILT, k)
-    reading[3] = plain_reading(pitch_of(w, x, y, z), errors.tilt_sigma, tilt)
-    turning, pitching = drawn_normals(s, streams + _GYRO, k)
-    reading[4] = plain_reading(twist[5], errors.gyro_sigma, turning)
-    reading[5] = plain_reading(twist[4], errors.gyro_sigma, pitching)
+    streams, e = STREAMS * follower, s.own[follower]
+    speed, heading = biased(e, k * s.dt, speed_through_water(pose, twist, water), heading_of(w, x, y, z))
+    first, second = _normals(s, streams + _OWN_MOTION, k)
+    reading.speed = speed_reading(speed, e.speed_bias, e.speed_sigma, first)
+    reading.heading = heading_reading(heading, e.heading_bias, e.heading_sigma, second)
+    reading.depth = plain_reading(-carried(pose, depth_sensor)[2], e.depth_sigma, _normals(s, streams + _DEPTH, k)[0])
+    reading.pitch = plain_reading(pitch_of(w, x, y, z), e.tilt_sigma, _normals(s, streams + _TILT, k)[0])
+    turning, pitching = _normals(s, streams + _GYRO, k)
+    reading.turning = plain_reading(twist[5], e.gyro_sigma, turning)
+    reading.pitching = plain_reading(twist[4], e.gyro_sigma, pitching)
+
+
+class Inbox(NamedTuple):
+    """What f followers have received from the leader; brought forward by `receive`."""
+
+    message: Floats
+    """Last message of each, shape (f, MESSAGE)."""
+    ranges: Floats
+    """Its ranges to rear, front and middle transmitter, shape (f, 3), [m]; NaN where nothing was received."""
+    over: Ints
+    """How many messages each no longer waits for, shape (f,)."""
+    last_sent: Ints
+    """Filter step at which the last message was sent, shape (f,); 0: there is none."""
+    bad: Floats
+    """Whether each channel is in its bad state, shape (f,)."""
+    fluctuation: Floats
+    """Gauss–Markov errors of pitch and roll in the last message, of unit variance, shape (f, 2)."""
+    outcome: Ints
+    """NO_MESSAGE, NO_RANGES or RECEIVED at this filter step, shape (f,)."""
+
+
+def new_inbox(followers: int) -> Inbox:
+    """Nothing received yet."""
+    f = followers
+    counts = (np.zeros(f, dtype=np.int64) for _ in range(3))
+    return Inbox(np.zeros((f, MESSAGE)), np.full((f, 3), np.nan), next(counts), next(counts), np.zeros(f),
+                 np.zeros((f, 2)), next(counts))  # fmt: skip
+
+
+@compiled
+def broadcast(s: SensorModel, k: int, body: Body, tilt: Floats, fluctuation: Floats, message: Floats) -> None:
+    """Make the message that the leader sends at filter step k.
+
+    Args:
+        s: sensors.
+        k: step, from 1.
+        body: of the leader.
+        tilt: what accelerations add to measured pitch and roll, shape (2,), [rad].
+        fluctuation: Gauss–Markov errors of pitch and roll, of unit variance, shape (2,).
+        message: out: columns of `LeaderMessage` from timestamp to roll, shape (MESSAGE,).
+    """
+    pose, twist, water = body
+    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
+    e = s.errors
+    first, second = _normals(s, _LEADER_MOTION, k)
+    message[0] = k * s.dt
+    message[1] = pose[0] + s.leader_drift[0] * message[0]
+    message[2] = pose[1] + s.leader_drift[1] * message[0]
+    message[3] = heading_reading(heading_of(w, x, y, z), e.leader_heading_bias, e.leader_heading_sigma, second)
+    speed = speed_through_water(pose, twist, water)
+    message[4] = speed_reading(speed, e.leader_speed_bias, e.leader_speed_sigma, first)
+    message[5] = plain_reading(-pose[2], e.leader_depth_sigma, _normals(s, _LEADER_DEPTH, k)[0])
+    message[6] = message[7] = np.nan
+    if s.broadcast_attitude:
+        offset, sigma = _normals(s, _LEADER_ATTITUDE, 0), e.leader_attitude_offset_sigma
+        pitch = plain_reading(pitch_of(w, x, y, z) + tilt[0], sigma, offset[0])
+        roll = plain_reading(roll_of(w, x, y, z) + tilt[1], sigma, offset[1])
+        message[6] = plain_reading(pitch, e.leader_pitch_sigma, fluctuation[0])
+        message[7] = plain_reading(roll, e.leader_roll_sigma, fluctuation[1])
+
+
+@compiled
+def _fluctuate(s: SensorModel, k: int, since: int, fluctuation: Floats) -> None:
+    """Bring errors of pitch and roll forward to filter step k from the message before, so many steps ago (0: none)."""
+    kept, time = 0.0, s.errors.leader_attitude_time
+    if since > 0 and time > 0.0:
+        kept = np.exp(-since * (s.dt / time))
+    fresh, drawn = np.sqrt(1.0 - kept * kept), _normals(s, _LEADER_ATTITUDE, k)
+    fluctuation[0] = advanced(fluctuation[0], kept, fresh, drawn[0])
+    fluctuation[1] = advanced(fluctuation[1], kept, fresh, drawn[1])
+
+
+@compiled
+def read_ranges(s: SensorModel, k: int, sent: int, follower: int, true: Floats, inbox: Inbox) -> int:
+    """Read the ranges of a message that is in.
+
+    Args:
+        s: sensors.
+        k: filter step.
+        sent: filter step at which it was sent.
+        follower: index.
+        true: range of each ping by each path, shape (3, 3), [m]; NaN for pings that are not received.
+        inbox: ranges and state of the channel are brought forward.
+
+    Returns:
+        NO_RANGES or RECEIVED.
+    """
+    streams, ranges, e = STREAMS * follower, inbox.ranges[follower], s.errors
+    taken = _uniforms(s, streams + _ECHO, sent)
+    for i in range(3):
+        ranges[i] = true[i, path_taken(taken[0 if e.common_echoes else i], e.echo_chance[0], e.echo_chance[1])]
+    drawn, normal = _uniforms(s, streams + _RANGE_UNIFORM, k), _normals(s, streams + _RANGE_SCALE, k)[0]
+    ranges[0], ranges[1], ranges[2] = range_readings(
+        e, s.transmitters, (ranges[0], ranges[1], ranges[2]), drawn, normal
+    )
+    if loses(e.channel):
+        fate = _uniforms(s, streams + _LOSS, sent)
+        in_burst = is_bad(inbox.bad[follower] > 0.0, fate[0], e.channel)
+        inbox.bad[follower] = 1.0 if in_burst else 0.0
+        if is_lost(in_burst, fate[1], e.channel):
+            ranges[:] = np.nan
+    return RECEIVED if ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2] else NO_RANGES
+
+
+@compiled
+def _follow(s: SensorModel, known: Motion, sites: tuple[Floats, Floats], follower: int, sent: int, true: Floats) -> int:
+    """Follow the sound of a message to one follower, as far as the motion is known.
+
+    Args:
+        s: how sound travels.
+        known: the motion.
+        sites: as of `receive`.
+        follower: index; its vehicle is the one after.
+        sent: filter step at which it was sent.
+        true: out: range of each ping by each path before random errors, shape (3, 3), [m]; NaN for pings that are not
+            received.
+
+    Returns:
+        The filter step by which all pings that are waited for are in; right as soon as it is not later than what is
+        known.
+    """
+    sound, hydrophone = s.sound, sites[1][follower]
+    complete, direct, arrivals = sent * s.dt, np.empty(3), np.empty((3, 3))
+    for i in range(3):
+        leaves = sent * s.dt + sound.slot * i
+        source = site_at(sound, known, 0, sites[0][i], leaves)
+        for path in range(3):
+            true[i, path] = np.nan
+            if not sound.paths[path]:
+                continue
+            arrival = arrival_of(sound, known, follower + 1, hydrophone, path, leaves, source)
+            if path == 0:
+                direct[i] = arrival.length
+            arrivals[i, path] = arrival.time
+            true[i, path] = range_of(sound, direct[i], arrival)
+            if i < s.transmitters:
+                complete = max(complete, arrival.time)
+    step = reception_step(complete, s.dt)
+    for i in range(3):
+        for path in range(3):
+            if sound.paths[path] and not is_in_time(arrivals[i, path], step, s.dt):
+                true[i, path] = np.nan
+    return int(step)
+
+
+@compiled
+def is_under_way(k: int, follower: int, message_every: int, inbox: Inbox) -> bool:
+    """Whether a message may come in at filter step k: one is sent that the follower still waits for."""
+    return bool((inbox.over[follower] + 1) * message_every <= k)
+
+
+@compiled
+def receive(
+    s: SensorModel, k: int, follower: int, sites: tuple[Floats, Floats], known: Motion, tilts: Floats, inbox: Inbox
+) -> None:
+    """Take up the message that is in at filter step k, if there is one.
+
+    Args:
+        s: sensors.
+        k: filter step, from 1; steps must come one by one.
+        follower: index; its vehicle is the one after.
+        sites: offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m].
+        known: the motion until now.
+        tilts: what accelerations add to the leader's measured pitch and roll at each instant, shape (n, 2), [rad].
+        inbox: brought forward.
+    """
+    inbox.outcome[follower] = NO_MESSAGE
+    true, truth = np.empty((3, 3)), known.truth
+    while is_under_way(k, follower, s.message_every, inbox):
+        sent = (inbox.over[follower] + 1) * s.message_every
+        if _follow(s, known, sites, follower, sent, true) > k:
+            return
+        inbox.over[follower] += 1
+        # of two messages within one filter step the follower keeps the first
+        if inbox.outcome[follower] == NO_MESSAGE:
+            at, before, fluctuation = sent * s.stride, inbox.last_sent[follower], inbox.fluctuation[follower]
+            _fluctuate(s, sent, sent - before if before > 0 else 0, fluctuation)
+            inbox.last_sent[follower] = sent
+            leader = truth.pose[at, 0], truth.twist[at, 0], truth.water[at, 0]
+            broadcast(s, sent, leader, tilts[at], fluctuation, inbox.message[follower])
+            inbox.outcome[follower] = read_ranges(s, k, sent, follower, true, inbox)

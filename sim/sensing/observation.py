@@ -1,62 +1,79 @@
-"""Truth as one follower's sensors meet it: what a scenario's errors are added to."""
+"""What one follower's sensors see of a mission, before errors: the seam between motion and measurement."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from laisn.arrays import Floats
-from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.acoustics import TRANSMITTERS as TRANSMITTERS
-from sim.sensing.acoustics import propagate
-from sim.sensing.ahrs import measured_attitude, random_error
-from sim.sensing.drift import apply_bias_drift
-from sim.sensing.echo import Path
-from sim.sensing.hearing import Hearing
-from sim.sensing.loss import Channel
-from sim.sensing.sensor_errors import SensorErrors
-from sim.sensing.truth import MissionTruth
+from laisn.arrays import Floats, Ints
+from laisn.records import own_arrays, require_shapes
+from sim.scenario.settings import CONTROL_STEP_S
+from sim.sensing.acoustics import AcousticConfig, Path, is_in_time, propagate, range_of
+from sim.sensing.ahrs import measured_attitude
+from sim.sensing.drift import biased
+from sim.sensing.own_sensors import FollowerState, OwnSensor
 from sim.trajectory import Trajectory
 
 SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
 """Sites of leader and follower that sensing needs."""
 
 
-def errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
-    """The true errors of a follower's and the leader's sensors in SI units."""
-    own, sensors, acoustics = scenario.sensors_of(follower), scenario.sensors, scenario.acoustics
-    attitude = random_error(sensors)
-    return SensorErrors(
-        speed_bias=own.speed_bias_m_s,
-        speed_sigma=own.speed_sigma_m_s,
-        heading_bias=np.deg2rad(own.heading_bias_deg),
-        heading_sigma=np.deg2rad(own.heading_sigma_deg),
-        depth_sigma=own.depth_sigma_m,
-        leader_speed_bias=sensors.leader_speed_bias_m_s,
-        leader_heading_bias=np.deg2rad(sensors.leader_heading_bias_deg),
-        leader_heading_sigma=np.deg2rad(sensors.leader_heading_sigma_deg),
-        leader_depth_sigma=sensors.leader_depth_sigma_m,
-        leader_pitch_sigma=attitude.sigma,
-        leader_roll_sigma=attitude.sigma,
-        leader_attitude_time=attitude.time,
-        leader_attitude_offset_sigma=np.deg2rad(sensors.leader_attitude_offset_sigma_deg),
-        range_tau=acoustics.range_tau_m,
-        range_centre=0.5 if acoustics.range_error_centred else 0.0,
-        range_scale_mean=acoustics.range_scale_mean_m,
-        range_scale_sigma=acoustics.range_scale_sigma_m,
-        echo_chance=(acoustics.surface_echo_chance, acoustics.bottom_echo_chance),
-        common_echoes=acoustics.common_echoes,
-        channel=Channel(
-            acoustics.loss_chance,
-            acoustics.burst_chance,
-            acoustics.burst_mean_messages,
-            acoustics.burst_loss_chance,
-        ),
-    )
+@dataclass(frozen=True, kw_only=True)
+class MissionTruth:
+    """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages.
 
+    Raises ValueError if shapes disagree or `message_step` is not increasing within 1 … n.
+    """
 
-def own_motion(trajectory: Trajectory, follower: int = 0) -> Floats:
-    """What a follower's own sensors see at every instant: speed, heading and depth, shape (n, 3), [m/s], [rad], [m]."""
-    v, name = follower + 1, trajectory.names[follower + 1]
-    depth = -trajectory.site_path(f"{name}/depth_sensor")[:, 2]
-    return np.column_stack([trajectory.forward_speed[:, v], trajectory.heading[:, v], depth])
+    dt: float
+    """Filter step Δt [s]."""
+    start: Floats
+    """State of the hydrophone at step 0: x, y [m] and velocity through the water [m/s], shape (4,)."""
+    speed: Floats
+    """Speed of the follower through the water, along its hull, shape (n,), [m/s]."""
+    heading: Floats
+    """Heading of the follower, shape (n,), [rad]."""
+    depth: Floats
+    """Depth of the follower's depth sensor, shape (n,), [m]."""
+    hydrophone: Floats
+    """Horizontal position that is estimated, shape (n, 2), [m]."""
+    leader_position: Floats
+    """Horizontal position of the leader's body origin, shape (n, 2), [m]."""
+    leader_heading: Floats
+    """Heading of the leader, shape (n,), [rad]."""
+    message_step: Ints
+    """Step k at which a message is available, shape (m,), increasing."""
+    emission_step: Ints
+    """Step at which the leader sent it, shape (m,): address of the leader's noise, which all followers share."""
+    timestamp: Floats
+    """Emission on the leader's clock, shape (m,), [s]."""
+    sent_position: Floats
+    """Leader's body origin at emission: east, north and depth, shape (m, 3), [m]."""
+    sent_heading: Floats
+    """Leader's heading at emission, shape (m,), [rad]."""
+    sent_speed: Floats
+    """Leader's speed at emission, shape (m,), [m/s]."""
+    sent_attitude: Floats
+    """Leader's pitch and roll at emission as measured, but for random errors, shape (m, 2), [rad]; NaN if they are not
+    broadcast."""
+    slant_range: Floats
+    """Slant range to the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
+    echo_range: Floats | None = None
+    """Slant range by way of the surface and of the bottom, shape (2, m, 3), [m]; None if echoes are not modelled."""
+    own: tuple[tuple[OwnSensor, Floats], ...] = ()
+    """Sensors of the user's own and what they would read without errors, shape (n, …)."""
+
+    def __post_init__(self) -> None:
+        n, m = self.speed.size, self.message_step.size
+        expected = {"start": (4,), "hydrophone": (n, 2), "leader_position": (n, 2), "slant_range": (m, 3)}
+        expected |= dict.fromkeys(("speed", "heading", "depth", "leader_heading"), (n,))
+        expected |= dict.fromkeys(("message_step", "emission_step", "timestamp", "sent_heading", "sent_speed"), (m,))
+        expected |= {"sent_position": (m, 3), "sent_attitude": (m, 2)}
+        if self.echo_range is not None:
+            expected["echo_range"] = (2, m, 3)
+        require_shapes(self, expected)
+        own_arrays(self)
+        if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
+            raise ValueError(f"MissionTruth.message_step must increase within 1 … {n}")
 
 
 def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
@@ -66,7 +83,7 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
     return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2] - trajectory.water_velocity[0, v, :2]])
 
 
-def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> MissionTruth:
+def observe(trajectory: Trajectory, config: AcousticConfig, follower: int = 0) -> MissionTruth:
     """What the sensors of one follower see of a trajectory, without errors.
 
     Ranges come from `sim.sensing.acoustics`: with the paper's settings they are distances between the transmitter sites
@@ -74,13 +91,13 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
 
     Args:
         trajectory: of a mission from its start, on the control grid.
-        hearing: of its scenario.
+        config: of its scenario.
         follower: its index, 0 for the first.
 
     Raises:
         ValueError: the trajectory begins later, or is too short for one filter step.
     """
-    dt = hearing.filter_step_s
+    dt, v, name = config.filter_step_s, follower + 1, trajectory.names[follower + 1]
     stride = round(dt / CONTROL_STEP_S)
     n = (trajectory.time.size - 1) // stride
     if n < 1:
@@ -89,29 +106,40 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
         raise ValueError(f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all before")
     steps = np.arange(1, n + 1)
     grid = steps * stride
-    name = trajectory.names[follower + 1]
-    hydrophone = trajectory.site_path(f"{name}/hydrophone")
-    own = own_motion(trajectory, follower)[grid]
-    apply_bias_drift(hearing.bias_drift, np.asarray(steps * dt, dtype=np.float64), own)
-    sound = propagate(trajectory, hearing, follower)
+    speed, heading = biased(
+        config.bias_drift, steps * dt, trajectory.forward_speed[grid, v], trajectory.heading[grid, v]
+    )
+    sound = propagate(trajectory, config, follower)
     sent = sound.emission_step * stride
-    limit = hearing.max_range_m or np.inf
-    # the follower takes a message up at a filter step, and hears no more of it
-    in_time = sound.arrival_time <= (sound.message_step[:, None, None] + 1e-6) * dt
-    heard = np.where((sound.length[:, :, [Path.DIRECT]] <= limit) & in_time, sound.range, np.nan)
+    direct, step = sound.arrival.length[:, :, :1], sound.message_step[:, None, None]
+    received = range_of(config.sound, direct, sound.arrival)
+    received[~is_in_time(sound.arrival.time, step, dt)] = np.nan
     attitude = np.full((sent.size, 2), np.nan)
-    if hearing.broadcast_attitude:
-        attitude = measured_attitude(trajectory, hearing)[sent]
+    if config.broadcast_attitude:
+        attitude = measured_attitude(trajectory, config)[sent]
     leader = trajectory.position[:, 0]
+    hydrophone = trajectory.site_path(f"{name}/hydrophone")[grid]
+    source = np.full((n, 3, 3), np.nan)
+    source[sound.message_step - 1] = np.where(np.isnan(received[:, :, [Path.DIRECT]]), np.nan, sound.transmitter)
+    state = FollowerState(
+        time=trajectory.time[grid],
+        position=trajectory.position[grid, v],
+        quaternion=trajectory.quaternion[grid, v],
+        velocity=trajectory.velocity[grid, v],
+        angular_velocity=trajectory.angular_velocity[grid, v],
+        water_velocity=trajectory.water_velocity[grid, v],
+        hydrophone=hydrophone,
+        source=source,
+    )
     timestamp = np.asarray(sound.emission_step * dt, dtype=np.float64)
-    drift_east, drift_north = hearing.leader_drift
+    drift_east, drift_north = config.leader_drift
     return MissionTruth(
         dt=dt,
         start=start_of(trajectory, follower),
-        speed=own[:, 0].copy(),
-        heading=own[:, 1].copy(),
-        depth=own[:, 2].copy(),
-        hydrophone=hydrophone[grid, :2],
+        speed=speed,
+        heading=heading,
+        depth=-trajectory.site_path(f"{name}/depth_sensor")[grid, 2],
+        hydrophone=hydrophone[:, :2],
         leader_position=leader[grid, :2],
         leader_heading=trajectory.heading[grid, 0],
         message_step=sound.message_step,
@@ -127,6 +155,7 @@ def observe(trajectory: Trajectory, hearing: Hearing, follower: int = 0) -> Miss
         sent_heading=trajectory.heading[sent, 0],
         sent_speed=trajectory.forward_speed[sent, 0],
         sent_attitude=attitude,
-        slant_range=heard[:, :, Path.DIRECT].copy(),
-        echo_range=np.stack([heard[:, :, path] for path in (Path.SURFACE, Path.BOTTOM)]),
+        slant_range=received[:, :, Path.DIRECT],
+        echo_range=np.stack([received[:, :, path] for path in (Path.SURFACE, Path.BOTTOM)]),
+        own=tuple((sensor, sensor.true(state)) for sensor in config.own_sensors),
     )

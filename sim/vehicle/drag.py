@@ -8,19 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from laisn.arrays import Floats
 from laisn.compiled import compiled
 from sim.geometry.vectors import Vector
 
 
 @compiled
-def _faded(fade: Floats, axis: int, speed: float, before: float) -> float:
+def _faded(fade: float, speed: float, fade_before: float, left_before: float) -> float:
     """Share of an axis's linear damping that is left: mostly all, or that of the axis before, which is known."""
-    if fade[axis] == 0.0:
+    if fade == 0.0:
         return 1.0
-    if axis > 0 and fade[axis] == fade[axis - 1]:
-        return before
-    return float(np.exp(-fade[axis] * speed))
+    if fade == fade_before:
+        return left_before
+    return float(np.exp(-fade * speed))
 
 
 @compiled
@@ -28,12 +27,12 @@ def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by axis."""
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     lin, fade, quad = c.linear_damping, c.linear_damping_fade, c.quadratic_damping
-    left_x = _faded(fade, 0, speed, 1.0)
-    left_y = _faded(fade, 1, speed, left_x)
-    left_z = _faded(fade, 2, speed, left_y)
-    left_roll = _faded(fade, 3, speed, left_z)
-    left_pitch = _faded(fade, 4, speed, left_roll)
-    left_yaw = _faded(fade, 5, speed, left_pitch)
+    left_x = _faded(fade[0], speed, np.nan, 1.0)
+    left_y = _faded(fade[1], speed, fade[0], left_x)
+    left_z = _faded(fade[2], speed, fade[1], left_y)
+    left_roll = _faded(fade[3], speed, fade[2], left_z)
+    left_pitch = _faded(fade[4], speed, fade[3], left_roll)
+    left_yaw = _faded(fade[5], speed, fade[4], left_pitch)
     force = (
         -(lin[0] * left_x + quad[0] * abs(v[0])) * v[0],
         -(lin[1] * left_y + quad[1] * abs(v[1])) * v[1],
@@ -72,7 +71,7 @@ def hull_lift(c: Any, v: Vector) -> Vector:
 def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Drag of the hull's sections across the flow, strip by strip (Fossen 2021).
 
-    With both coefficients C equal, a strip of side area A feels −½ρ A C |U| U of its own cross-flow U; unequal ones
+    With both coefficients C equal, a strip of side area A has −½ρ A C |U| U of its own cross-flow U; unequal ones
     scale each axis by the cube root of its C: C |U| U along either axis alone, and always against the motion.
     """
     root_y, root_z = c.cross_flow_root[0], c.cross_flow_root[1]
@@ -97,3 +96,15 @@ def fin_lift(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     fy = scale * c.fin_area[0] * (v[1] + x * w[2])
     fz = scale * c.fin_area[1] * (v[2] - x * w[1])
     return (0.0, fy, fz), (0.0, -x * fz, x * fy)
+
+
+@compiled
+def viscous(c: Any, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector], ...]:
+    """All viscous forces [N] and moments [N m] in the body, by the velocity relative to the water.
+
+    Args:
+        c: record of `sim.vehicle.coefficients.RECORD`.
+        v: velocity relative to the water [m/s].
+        w: rate of turn relative to the water [rad/s].
+    """
+    return damping(c, v, w), cross_flow(c, v, w), fin_lift(c, v, w), (hull_lift(c, v), (0.0, 0.0, 0.0))

@@ -18,7 +18,7 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from sim.geometry.vectors import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
-from sim.vehicle.drag import cross_flow, damping, fin_lift, hull_lift
+from sim.vehicle.drag import viscous
 from sim.water.ocean import AMPLITUDE, Water, elevation_at, flow
 
 LOST = 1e3
@@ -74,7 +74,7 @@ def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vecto
     The energy of the disturbed water, ½ (v − u)·M_A (v − u), changes with the place of the hull, since u does:
     Lagrange's equations give −(∇u)ᵀ p, p = M_A (v − u). With the rate of u along the hull's path this makes
     M_A (Du/Dt + (u − v) × curl u) of a sphere's added mass (Auton, Hunt and Prud'homme 1988). Along a slender hull,
-    strips at x have the relative velocity −x (∇u) e besides, with its own Munk moment, and an own momentum, which feels
+    strips at x have the relative velocity −x (∇u) e besides, with its own Munk moment, and an own momentum, subject to
     the force above.
 
     Args:
@@ -140,7 +140,7 @@ def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tu
 
     stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, time, water)
     v = times(to_body, minus(velocity, stream))
-    # a slender hull feels the water along it change as if it turned the other way round
+    # water that changes along a slender hull acts as if the hull turned the other way round
     axis_rate = cross(times(to_world, spin), axis)
     along = times(gradient, axis)
     turning = times(to_body, cross(axis, along))
@@ -151,9 +151,8 @@ def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tu
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
     part = convergence(gradient, axis, times(to_world, momentum), times(to_world, angular))
     force, moment = plus(force, times(to_body, part[0])), plus(moment, times(to_body, part[1]))
-    for part in (damping(c, v, w), cross_flow(c, v, w), fin_lift(c, v, w)):
+    for part in viscous(c, v, w):
         force, moment = plus(force, part[0]), plus(moment, part[1])
-    force = plus(force, hull_lift(c, v))
 
     # the solver applies added mass to the body's own acceleration; what the water brings of it is added here
     part = _inertia_times(

@@ -19,7 +19,7 @@ class VehicleSetup:
 
     name: str
     model: str
-    """A model of the project as `models.path` knows it, "leader" or "follower", or the text of an MJCF file."""
+    """A model of the project by its name for `models.path`, "leader" or "follower", or the text of an MJCF file."""
     position_m: tuple[float, float, float]
     """Position (east, north, up) of the body origin in the world, at the start."""
     heading_rad: float = 0.0
@@ -50,15 +50,6 @@ class VehicleSetup:
             raise LaisnError(f"vehicle name {self.name!r} must not be empty or contain '/'")
         if not self.model.lstrip().startswith("<"):
             models.path(self.model)
-        for name in ("heading_rad", "speed_m_s", "excess_buoyancy_n", "cg_offset_x_m", "cg_offset_z_m"):
-            if not np.isfinite(getattr(self, name)):
-                raise LaisnError(f"{self.name}: {name}={getattr(self, name)} must be finite")
-        if len(self.position_m) != 3 or not np.isfinite(self.position_m).all():
-            raise LaisnError(f"{self.name}: position_m={self.position_m} must be three finite numbers")
-        for name in ("baseline_m", "middle_offset_m", "drag_scale", "added_mass_scale", "lift_scale", "thrust_scale"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise LaisnError(f"{self.name}: {name}={value} must be positive and finite")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,12 +105,12 @@ def _pad(vehicle: mujoco.MjSpec, count: int) -> None:
 
 
 def spec_of(model: str) -> mujoco.MjSpec:
-    """A vehicle's own MJCF, loaded afresh: of a model of the project, or of the text of a file.
+    """A vehicle's own MJCF without keyframes, to be changed: of a model of the project, or of the text of a file.
 
     Raises:
         ValueError: there is no such model, or the text is not valid MJCF.
     """
-    return mujoco.MjSpec.from_string(_text_of(model))
+    return _attachable(_text_of(model), looks=True).copy()
 
 
 def _text_of(model: str) -> str:

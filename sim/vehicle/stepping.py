@@ -106,7 +106,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         n_substeps: number of physics steps.
 
     Returns:
-        What `Plant.finish_step` is to be told once compiled code is left.
+        The argument of `Plant.finish_step`, to be called from Python.
     """
     (stages, model, data), clock, body, (records, water, solver, push) = handles
     kinematics, centres, inertia, velocity, factor, finish = stages

@@ -63,9 +63,6 @@ class Ocean:
     waves: Waves = field(default_factory=Waves.none)
 
     def __post_init__(self) -> None:
-        for name in ("current_speed_m_s", "current_direction_rad", "current_shear_1_s"):
-            if not np.isfinite(getattr(self, name)):
-                raise LaisnError(f"Ocean.{name}={getattr(self, name)} must be finite")
         for name in ("density_kg_m3", "floor_depth_m"):
             if not 0 < getattr(self, name) < np.inf:
                 raise LaisnError(f"Ocean.{name}={getattr(self, name)} must be positive and finite")

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from experiments.asymmetry.added_error import paired, removed_in_all
-from experiments.asymmetry.findings import findings_of
-from experiments.asymmetry.missions import Plan, Row
-from experiments.asymmetry.remedies import STEADIED
-from experiments.asymmetry.tau import Curve, Curves, equivalents
-from tests.asymmetry.test_added_error import row
+from experiments.studies.asymmetry.comparison import Row, paired, removed_in_all
+from experiments.studies.asymmetry.conditions import AHRS, Plan
+from experiments.studies.asymmetry.findings import findings_of
+from experiments.studies.asymmetry.paper import Curve, equivalents
+from tests.asymmetry.test_comparison import row
 
 PLAN = Plan(routes=("T3", "T4"), offsets_m=(0.0, 10.0), variants=("laisn-2",))
 WOBBLE = 0.01 * np.cos(np.arange(64.0))
@@ -42,17 +41,17 @@ def rows() -> list[Row]:
     ]  # fmt: skip
 
 
-CURVES = Curves(
-    tau=tuple(
+CURVES = [
+    *(
         Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=float("nan"), value=(0.01, 0.03, 0.06),
               e_p_mean_m=(0.2, 0.4, e), excess_half_m=(0.0, 0.1, 0.2))
         for r, e in (("T3", 0.6), ("T4", 1.0), ("T5", 0.7))
     ),
-    pitch=tuple(
+    *(
         Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=10.0, value=(0.0, -5.0, -10.0),
               e_p_mean_m=(0.2, 0.7, 1.2), excess_half_m=(0.0, 0.1, 0.1)) for r in ("T3", "T4", "T5")
     ),
-)  # fmt: skip
+]  # fmt: skip
 
 
 def test_the_record_is_that_of_the_rows() -> None:
@@ -74,8 +73,8 @@ def test_the_record_is_that_of_the_rows() -> None:
     assert found["least ahrs-0.5 trim"].value == pytest.approx(0.8, abs=1e-3)
     assert found["largest ahrs-0.5 trim"].value == pytest.approx(0.9, abs=1e-3)
     # limits that hold for two routes and three causes at once leave a sixth of the chance to each (Bonferroni)
-    worst = [e for (_, route, _, _), e in paired(rows()).items() if route == "T4"]
-    together = removed_in_all(worst, STEADIED, 1.0 - 0.05 / 6)
+    worst = [e for e in paired(rows()) if e.real.route == "T4"]
+    together = removed_in_all(worst, AHRS, confidence=1.0 - 0.05 / 6)
     assert (found["least ahrs-0.5 trim"].low, found["least ahrs-0.5 trim"].high) == pytest.approx(
         together[1:], rel=1e-5
     )
@@ -84,7 +83,7 @@ def test_the_record_is_that_of_the_rows() -> None:
 
 
 def test_pitch_that_does_what_tau_does() -> None:
-    # 0.2 m more at 0.03 m, and 0.1 m a degree
-    assert equivalents(CURVES, 0.03, 10.0) == pytest.approx([2.0, 2.0, 2.0])
-    assert equivalents(CURVES, 0.06, 10.0) == pytest.approx([4.0, 8.0, 5.0])
-    assert equivalents(CURVES, 0.06, 5.0) == []
+    # 0.2 m more at 0.03 m, and 0.1 m a degree; ± 0.1 m at 0.03 m
+    assert equivalents(CURVES, 0.03, 10.0) == {r: pytest.approx((2.0, 1.0, 3.0)) for r in ("T3", "T4", "T5")}
+    assert [pitch.value for pitch in equivalents(CURVES, 0.06, 10.0).values()] == pytest.approx([4.0, 8.0, 5.0])
+    assert equivalents(CURVES, 0.06, 5.0) == {}

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from experiments.asymmetry.conditions import CONDITIONS, Condition, scenario
+from experiments.studies.asymmetry.conditions import CONDITIONS, Condition
 
 PERIODS = {0.3: 4.0, 0.5: 4.0, 1.0: 5.0}
 """Periods of young wind seas by their height: 0.5 m at 4 s, 1 m at 5 s."""
@@ -14,7 +14,7 @@ WAYS = {"head": 270.0, "beam": 0.0, "following": 90.0}
 
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.key)
 def test_a_condition_is_what_its_key_says(condition: Condition) -> None:
-    flown = scenario(condition, "T5", 2.0)
+    flown = condition.scenario("T5", 2.0)
     leader, waves = flown.leader, flown.ocean.waves
     values = [float(v) for v in re.findall(r"[\d.]+", condition.key)]
     trim, dive = (values[0] if condition.cause == cause else 0.0 for cause in ("trim", "dive"))

@@ -5,36 +5,35 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.asymmetry import gates
-from experiments.asymmetry.conditions import CALM, SEED, first_run, fleet, scenario
-from experiments.asymmetry.missions import QUICK
+from experiments.studies.asymmetry import paper
+from experiments.studies.asymmetry.conditions import CALM, QUICK, SEED
 from laisn.estimates import FixKind
 from laisn.navigator import Navigator
 from sim.flight import navigation_settings
 from sim.motion import simulate_motion
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import errors_of, observe
-from sim.sensing.sensor_errors import measure
+from sim.sensing.acoustics import AcousticConfig
+from sim.sensing.observation import observe
+from sim.sensing.sensors import errors_of, measure
 
 
 def test_the_gate_is_counted_as_the_readable_engine_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A message has an echo if rear or front range is another one than with the same noise and no echoes."""
     runs, duration, route, offset = 3, 120.0, "T5", 2.0
-    monkeypatch.setattr(gates, "_RUNS", runs)
-    monkeypatch.setattr(gates, "INTERVALS_S", (1.0,))
-    rows = gates.fly_gates(replace(QUICK, routes=(route,), duration_s=duration))
-    assert [(row.route, row.rule, row.interval_s) for row in rows] == [(route, rule, 1.0) for rule in gates.RULES]
+    monkeypatch.setattr(paper, "_GATE_RUNS", runs)
+    monkeypatch.setattr(paper, "INTERVALS_S", (1.0,))
+    rows = paper.fly_gates(replace(QUICK, routes=(route,), duration_s=duration))
+    assert [(row.route, row.rule, row.interval_s) for row in rows] == [(route, rule, 1.0) for rule in paper.RULES]
 
-    both = simulate_motion(fleet(CALM, (route,), (offset,), duration))
-    one = scenario(CALM, route, offset, duration)
+    both = simulate_motion(CALM.fleet((route,), offset, duration))
+    one = CALM.scenario(route, offset, duration)
     echoes = one.acoustics.model_copy(update={"surface_echo_chance": 0.05, "bottom_echo_chance": 0.02})
     one = one.model_copy(update={"acoustics": echoes})
-    truth, errors = observe(both, Hearing.of(one)), errors_of(one)
-    silent = replace(errors, echo_chance=(0.0, 0.0))
+    truth, errors = observe(both, AcousticConfig.of(one)), errors_of(one)
+    silent = errors._replace(echo_chance=(0.0, 0.0))
     for row in rows:
         told = replace(navigation_settings(one, both, 0), gate=row.rule)
         counts, off, off_without = np.zeros((2, 2)), [], []
-        for run in range(first_run(CALM, route, offset), first_run(CALM, route, offset) + runs):
+        for run in range(CALM.first_run(route, offset), CALM.first_run(route, offset) + runs):
             heard, quiet = (
                 measure(truth, e, seed=SEED, run=run, transmitters=told.transmitters) for e in (errors, silent)
             )

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from laisn.arrays import Floats
-from laisn.beacons.belief import (
+from laisn.beacons.estimator import (
     GYRO,
     HEADING,
     ROOM,
@@ -18,15 +18,18 @@ from laisn.beacons.belief import (
     SHARED,
     SPEED,
     Belief,
+    Ranging,
     X,
     Y,
     advance,
     new_belief,
+    predict_range,
+    prune_and_merge,
+    split,
+    update,
     with_beacon,
 )
-from laisn.beacons.estimator import prune_and_merge, split
 from laisn.beacons.navigator import BeaconNavigator
-from laisn.beacons.ranging import Ranging, learn, look
 from laisn.beacons.settings import MEDIA, BeaconSettings
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
@@ -67,7 +70,7 @@ def test_a_range_has_the_derivatives_of_finite_differences() -> None:
     made, place = belief(), (40.0, 25.0)
     n, x = made.fresh.size, made.state[0].copy()
     with_covariance(made, np.eye(n) * 1e-12)
-    look(made, 0, ranging(place, 50.0, deeper=6.0))
+    predict_range(made, 0, ranging(place, 50.0, deeper=6.0))
     rows = made.gain / 1e-12
     for j in range(n):
         step = np.zeros(n)
@@ -85,7 +88,7 @@ def test_a_range_has_the_mean_and_variance_of_many_draws() -> None:
     x = made.state[0] + RANDOM.standard_normal((400_000, made.fresh.size)) @ root.T
     off = x[:, :2] - np.array(place) - x[:, SHARED + 1 : SHARED + 3]
     drawn = (1.0 + x[:, SCALE]) * np.hypot(*off.T) + x[:, SHARED]
-    residual, variance, _ = look(made, 0, ranging(place, 0.0))
+    residual, variance, _ = predict_range(made, 0, ranging(place, 0.0))
     error = drawn.std() / math.sqrt(drawn.size)
     assert -residual == pytest.approx(drawn.mean(), abs=5.0 * error)
     first_order = -residual - expected_range(made.state[0], place, 0.0)
@@ -133,7 +136,7 @@ def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
     far = 1e7 - made.state[0, Y] + made.state[0, SHARED + 2] + made.state[0, SHARED]
     z = ranging(place, far + 0.3)
     other.update(np.array([[z.range - far]]) + row @ other.x, H=row)
-    used, _ = learn(made, 0, z)
+    used, _ = update(made, 0, z)
     assert used
     np.testing.assert_allclose(made.state[0], other.x[:, 0], atol=1e-8)
     np.testing.assert_allclose(made.covariance[0], other.P, atol=1e-9)
@@ -157,7 +160,7 @@ def test_splits_keep_mean_and_covariance_until_a_circle_is_straight() -> None:
     for old, new in zip(before, mixture_moments(made), strict=True):
         np.testing.assert_allclose(new, old, rtol=1e-9, atol=1e-9)
     for k in range(made.alive[0]):
-        assert look(made, k, z)[2] <= 0.7 * 0.5
+        assert predict_range(made, k, z)[2] <= 0.7 * 0.5
 
 
 def test_components_in_one_place_become_one_with_their_moments() -> None:

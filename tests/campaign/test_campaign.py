@@ -19,7 +19,7 @@ from experiments.campaign.plans import CellPlan
 from experiments.campaign.processes import Pool
 from experiments.campaign.store import DamagedResult
 from experiments.campaign.version import ROOT
-from experiments.reproduction.study import fly_command
+from experiments.studies.reproduction.study import fly_command
 from laisn import metrics
 from laisn.navigator import Navigator
 from sim.flight import navigate
@@ -293,7 +293,7 @@ def test_a_single_flight_has_the_noise_of_its_run(computed):
 def test_errors_at_each_step_agree_with_the_summary(tmp_path):
     plan = CellPlan(scenario=scenario(), runs=7, keep_steps=True)
     [row] = run([plan], tmp_path, workers=1, quiet=True)
-    steps = store.Store(tmp_path).arrays(plan.key)
+    steps = store.Store(tmp_path).arrays(plan.key, store.PER_STEP)
     assert steps["e_p_max_m"].max() == pytest.approx(row["e_p_max_m"], rel=1e-6)
     assert steps["e_p_mean_m"].astype(float).mean() == pytest.approx(row["e_p_mean_m"], rel=1e-6)
     assert steps["e_b_mean_deg"].astype(float).mean() == pytest.approx(row["e_b_mean_deg"], rel=1e-5)
@@ -314,7 +314,7 @@ def test_steps_that_are_asked_for_later_are_added(computed, tmp_path):
     folder = shutil.copytree(whole, tmp_path / "copy")
     wanted = [replace(plan, keep_steps=True) for plan in plans()]
     assert run(wanted, folder, workers=1, quiet=True) == rows
-    assert store.Store(folder).arrays(wanted[0].key) is not None
+    assert store.Store(folder).arrays(wanted[0].key, store.PER_STEP) is not None
 
 
 def test_the_key_holds_what_makes_a_cell_and_nothing_else():

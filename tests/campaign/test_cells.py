@@ -165,10 +165,10 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
         row = computed(moved, plan)
         for leaf in leaves(base):
             # a list of tables, what makes such a list, what needs followers on stations, of which a cell has none,
-            # a route, which waypoints replace, and settings of a navigator of the user's own
+            # a route, which waypoints replace, and settings of a navigator and of sensors of the user's own
             if leaf in {
                 ("followers",), ("formation", "shape"), ("formation", "proximity"), ("leader", "broadcast_waypoints"),
-                ("leader", "route"), ("navigation", "own"),
+                ("leader", "route"), ("navigation", "own"), ("sensors", "own"),
             }:  # fmt: skip
                 continue
             other = changed(base, leaf)
@@ -216,7 +216,7 @@ def unknown(name: str, value: str) -> NavigationSettings:
 
 @pytest.mark.parametrize("name", ["variant", "gate", "side_rule"])
 def test_a_choice_without_a_formula_is_refused_by_both_engines(name: str) -> None:
-    refusal = f"no formula knows the {name} 'laisn-9'; there are: "
+    refusal = f"no formula implements the {name} 'laisn-9'; there are: "
     with pytest.raises(NotImplementedError, match=refusal):
         lane_rows.tuning(unknown(name, "laisn-9"))
     with pytest.raises(NotImplementedError, match=refusal):
@@ -226,5 +226,5 @@ def test_a_choice_without_a_formula_is_refused_by_both_engines(name: str) -> Non
 def test_a_number_of_no_variant_is_refused_by_the_lanes() -> None:
     tuning = lane_rows.tuning(NavigationSettings())._replace(variant=5)
     block = lane_rows.new_block(np.zeros(4), tuning)
-    with pytest.raises(NotImplementedError, match="no formula knows this variant"):
+    with pytest.raises(NotImplementedError, match="no formula implements this variant"):
         lanes.position_update(block, tuning, 1)

@@ -14,8 +14,8 @@ from laisn.compiled import compiled
 from laisn.lane_rows import LANES
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
-from sim.sensing.sensor_errors import SensorErrors, measure
-from sim.sensing.truth import MissionTruth
+from sim.sensing.observation import MissionTruth
+from sim.sensing.sensors import SensorErrors, measure
 
 DT = 0.1
 
@@ -75,7 +75,7 @@ EVERYTHING = SensorErrors(
 @pytest.mark.parametrize(
     ("errors", "offset"),
     [(SensorErrors(), QUARTER), (SensorErrors(range_tau=(0.06, 0.01, 0.01), range_centre=0.5), QUARTER),
-     (EVERYTHING, QUARTER), (replace(EVERYTHING, echo_chance=(0.2, 0.1), range_centre=0.5), ABEAM),
+     (EVERYTHING, QUARTER), (EVERYTHING._replace(echo_chance=(0.2, 0.1), range_centre=0.5), ABEAM),
      (EVERYTHING, ABEAM)],
     ids=["paper", "centred", "everything", "echoes abeam", "abeam"],
 )  # fmt: skip

@@ -1,8 +1,11 @@
-"""What is told while a user waits."""
+"""Progress that a user sees while waiting."""
 
+import io
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,7 +28,7 @@ def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
     return capsys.readouterr().err.splitlines()
 
 
-def test_compiling_is_told_once_and_not_where_the_cache_has_it(tmp_path: Path) -> None:
+def test_compiling_is_reported_once_and_not_where_the_cache_has_it(tmp_path: Path) -> None:
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
     told = [
         subprocess.run([sys.executable, "-c", COMPILES], env=environment, capture_output=True, text=True, check=True)
@@ -53,6 +56,23 @@ def test_a_phase_that_compiles_says_so_in_a_log() -> None:
     assert console.export_text() == "compiling (once)\n"
 
 
+def test_a_terminal_counts_the_functions_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def compiling(report: Callable[[int], None]) -> Iterator[None]:
+        report(1)
+        report(7)
+        yield
+        report(0)
+
+    monkeypatch.setattr("laisn.compiled.compiling", compiling)
+    console = Console(file=io.StringIO(), force_terminal=True, width=80, color_system=None)
+    with progress.phases(console) as phase, phase("simulate"):
+        pass
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "compiling (once): 7 functions" in shown
+    assert shown.index("7 functions") < shown.rindex("compiling (once)")
+
+
 def test_the_first_item_is_not_in_the_time_left(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
                                                ) -> None:  # fmt: skip
     """Compiled for 60 s, then an item every 10 s: with 3 of 6 done, 30 s are left, at 0.1 a second."""
@@ -71,7 +91,7 @@ def test_the_first_item_is_not_in_the_time_left(monkeypatch: pytest.MonkeyPatch,
     ]
 
 
-def test_nothing_is_told_where_nothing_is_to_be_done(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_reported_where_nothing_is_to_be_done(capsys: pytest.CaptureFixture[str]) -> None:
     with progress.progress("cells", 0) as advance:
         advance()
     with progress.progress("cells", 3, quiet=True) as advance:

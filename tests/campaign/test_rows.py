@@ -7,7 +7,7 @@ import numpy as np
 from experiments.campaign import plans
 from experiments.campaign.plans import CellPlan
 from experiments.flight.library import load
-from tests.asymmetry.test_flying import RESULT
+from tests.asymmetry.test_missions import RESULT
 
 
 def test_a_row_has_the_figures_of_its_cell() -> None:
@@ -18,7 +18,7 @@ def test_a_row_has_the_figures_of_its_cell() -> None:
         "e_p_p90_m": 0.92,
         "e_p_p95_m": 0.953, "e_p_p99_m": 0.994, "e_b_p50_deg": 1.0, "e_b_p99_deg": 4.0, "nees": 2.0, "nis": 2.1,
         "captured_runs": 2, "worst_run": 702, "bound_rms_m": 0.1, "fixes_gated": 6, "fixes_lost": 9,
-        "e_p_mean_uncaptured_m": 0.6, "run_e_p_max_m": [5.0, 6.0, 7.0], "run_captured": [True, False, True],
+        "e_p_mean_uncaptured_m": 0.6,
     }  # fmt: skip
     assert {name: row[name] for name in expected} == expected
     assert RESULT.table is not None

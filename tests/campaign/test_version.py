@@ -47,10 +47,18 @@ def test_an_edit_of_what_computes_makes_another_version(tree: Path, unedited: st
     assert after_edits(tree, name) != unedited
 
 
+def test_a_docstring_is_no_part_of_the_version(tree: Path, unedited: str) -> None:
+    assert after_edits(tree, "sim/water/waves.py", text='\n"""Other\n\nwords."""\n') == after_edits(
+        tree, "sim/water/waves.py", text='\n"""Words."""\n'
+    )
+    assert after_edits(tree, "sim/water/waves.py", text='\nclass Tide: "words"\n') != unedited
+    assert after_edits(tree, "sim/water/waves.py", text='\nTIDE = """words"""\n') != unedited
+
+
 def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
     modules = ("film/frame_renderer", "film/render", "film/overlay", "film/scene", "log/writer", "log/scene")
     others = ("pages/page.py", "command/cli.py", "pages/flight_report.py", "pages/templates/page.css",
-              "reproduction/data/published_tables.csv")  # fmt: skip
+              "studies/reproduction/published_tables.csv")  # fmt: skip
     edited = [*(f"sim/{name}.py" for name in modules), *(f"experiments/{name}" for name in others)]
     assert after_edits(tree, *edited) == unedited
 

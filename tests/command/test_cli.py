@@ -128,7 +128,7 @@ def test_a_scenario_of_any_name_gets_a_folder_within_out(
 
 
 @pytest.mark.parametrize(
-    ("out", "told"), [("first/flight.mcap", "is the log that is read"), ("a.toml", "end in .mcap")]
+    ("out", "told"), [("first/flight.mcap", "than the one that is read"), ("a.toml", "ends in .mcap")]
 )
 def test_a_replay_replaces_no_log(flown: Path, monkeypatch: pytest.MonkeyPatch, out: str, told: str) -> None:
     monkeypatch.chdir(flown)
@@ -162,7 +162,7 @@ def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("options", "told"),
-    [(["--set", "seed=3"], "--set changes a scenario"), (["--out", "a.xlsx"], "should end in .csv or .parquet")],
+    [(["--set", "seed=3"], "--set changes a scenario"), (["--out", "a.xlsx"], "ends in .csv or .parquet")],
 )
 def test_what_cannot_be_taken_apart_is_named(flown: Path, options: list[str], told: str) -> None:
     result = CliRunner().invoke(app, ["anatomy", str(flown / "first" / "flight.mcap"), *options])

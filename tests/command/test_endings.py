@@ -9,12 +9,8 @@ import time
 from pathlib import Path
 
 import pytest
-import typer
-from typer.testing import CliRunner
 
 from experiments.campaign.version import ROOT
-from experiments.command import errors
-from experiments.command.errors import report_errors
 
 LAISN = [sys.executable, "-c", "from laisn_sim import main; main()"]
 WITHOUT_REPORT = """
@@ -144,20 +140,6 @@ def test_ctrl_c_while_modules_are_loaded_gives_no_traceback(tmp_path: Path, modu
     assert len(done.stderr.splitlines()) == 1
 
 
-PASSING = """
-class Passing:
-    def __del__(self):
-        os.kill(os.getpid(), signal.SIGINT)
-"""
-
-
-def test_ctrl_c_while_an_object_goes_as_modules_are_loaded_is_obeyed() -> None:
-    """An error in a finaliser gets no farther than there; those of import locks are many."""
-    early = PASSING + EARLY.replace("os.kill(os.getpid(), signal.SIGINT)", "Passing()")
-    done = subprocess.run([sys.executable, "-c", early, "typer", "scenarios"], cwd=ROOT, capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "laisn: interrupted\n")
-
-
 BETWEEN = """
 import os, signal, sys
 import typer
@@ -180,21 +162,6 @@ run(app)
 def test_ctrl_c_before_a_command_begins_ends_it() -> None:
     done = subprocess.run([sys.executable, "-c", BETWEEN], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
-
-
-def test_what_a_library_makes_of_a_signal_is_no_fault_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
-    app = typer.Typer()
-
-    @app.command()
-    @report_errors
-    def command() -> None:
-        raise ImportError("initialisation failed")
-
-    assert CliRunner().invoke(app).exit_code == 1
-    monkeypatch.setattr(errors, "_received", [errors.SignalInterrupt(signal.SIGTERM)])
-    result = CliRunner().invoke(app)
-    assert result.exit_code == 143
-    assert result.stderr == "laisn: interrupted; finished files are kept, none is half-written\n"
 
 
 LATE = """

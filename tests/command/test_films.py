@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -51,10 +52,30 @@ def test_the_pitch_study_says_at_once_that_there_will_be_no_film(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(graphics, "working", lambda: None)
-    monkeypatch.setattr("experiments.asymmetry.study.run", lambda folder, **_: folder / "report.html")
+    monkeypatch.setattr("experiments.studies.asymmetry.study.run", lambda folder, **_: folder / "report.html")
     asked = CliRunner().invoke(app, ["asymmetry", "--film", "--quick", "--out", str(tmp_path)])
     assert asked.stderr == f"no film: {graphics.MISSING}\n"
     assert CliRunner().invoke(app, ["asymmetry", "--quick", "--out", str(tmp_path)]).stderr == ""
+
+
+def test_a_study_with_a_design_of_its_own_runs_as_its_command_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[dict[str, Any]] = []
+    monkeypatch.setattr(
+        "experiments.studies.asymmetry.study.run",
+        lambda folder, **options: given.append({"folder": folder, **options}) or folder / "report.html",
+    )
+    options = ["--quick", "--workers", "2", "--force", "--out", str(tmp_path)]
+    first = CliRunner().invoke(app, ["asymmetry", *options])
+    second = CliRunner().invoke(app, ["study", "asymmetry", *options])
+    assert (first.exit_code, first.output) == (second.exit_code, second.output) == (0, first.output)
+    assert given[0] == given[1]
+    refused = CliRunner().invoke(app, ["study", "asymmetry", "--set", "duration_s=3"])
+    assert refused.exit_code != 0
+    assert "--set: no option of the study asymmetry" in refused.stderr
+    refused = CliRunner().invoke(app, ["study", "loss", "--quick"])
+    assert "--quick: a study file names its runs" in refused.stderr
 
 
 @pytest.mark.usefixtures("without_report")

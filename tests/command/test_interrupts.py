@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from experiments.command import errors
 from experiments.command.cli import app
 from sim.film import graphics
 from sim.log import reader
@@ -30,36 +29,6 @@ def interrupted(folder: Path, begun: str, *options: str) -> str:
     assert told.startswith("laisn: interrupted; ")
     assert len(told.splitlines()) == 1
     return told
-
-
-def _drop_and_wait(objects: list[object]) -> None:
-    objects.clear()
-    time.sleep(5)
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_that_comes_while_an_object_goes_is_obeyed(
-    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An error in a finaliser gets no farther than there, and with it the signal would be lost."""
-    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
-    monkeypatch.setattr(errors, "_received", [])
-
-    class Passing:
-        def __del__(self) -> None:
-            signal.raise_signal(number)
-
-    try:
-        for each in before:
-            signal.signal(each, signal.default_int_handler)
-        errors.handle_signals()
-        with pytest.raises(errors.SignalInterrupt, match=number.name):
-            _drop_and_wait([Passing()])
-        assert [told.code for told in errors._received] == [128 + number]
-    finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
 
 
 def test_ctrl_c_in_the_simulation_leaves_nothing(tmp_path: Path) -> None:

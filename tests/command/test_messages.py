@@ -5,6 +5,7 @@ import stat
 import tempfile
 import warnings
 from contextlib import nullcontext
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,6 @@ from typer.testing import CliRunner, Result
 
 from experiments.campaign.processes import WorkerDiedError
 from experiments.campaign.store import CampaignError, DamagedResult
-from experiments.campaign.version import code_version
 from experiments.command.cli import app
 from laisn.failure import LaisnError
 from sim.simulation import SimulationError
@@ -56,7 +56,7 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("experiments.reproduction.study.reproduce", fail)
+    monkeypatch.setattr("experiments.studies.reproduction.study.reproduce", fail)
     monkeypatch.delenv("LAISN_DEBUG", raising=False)
     return CliRunner().invoke(app, ["reproduce"])
 
@@ -105,7 +105,7 @@ def test_a_fault_of_the_program_is_one_line_that_says_where_its_traceback_is(
     written = report.read_text()
     assert "Traceback (most recent call last)" in written
     assert f"in fail\n    raise error\n{type(error).__name__}" in written
-    assert written.startswith(f"laisn {code_version()}, Python ")
+    assert written.startswith(f"laisn-sim {version('laisn-sim')}, Python ")
 
 
 def test_a_fault_whose_traceback_finds_no_place_is_told_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +116,7 @@ def test_a_fault_whose_traceback_finds_no_place_is_told_all_the_same(monkeypatch
 
 
 def test_debugging_shows_every_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("experiments.reproduction.study.reproduce", lambda *_, **__: 1 // 0)
+    monkeypatch.setattr("experiments.studies.reproduction.study.reproduce", lambda *_, **__: 1 // 0)
     monkeypatch.setenv("LAISN_DEBUG", "1")
     assert isinstance(CliRunner().invoke(app, ["reproduce"]).exception, ZeroDivisionError)
 
@@ -138,7 +138,7 @@ def test_warnings_of_libraries_are_shown_to_developers_alone(
         warnings.warn("A worker stopped while some jobs were given to the executor.", UserWarning, stacklevel=1)
         return tmp_path
 
-    monkeypatch.setattr("experiments.reproduction.study.reproduce", warn)
+    monkeypatch.setattr("experiments.studies.reproduction.study.reproduce", warn)
     monkeypatch.setenv("LAISN_DEBUG", "1" if debug else "")
     with pytest.warns(UserWarning, match="A worker stopped") if debug else nullcontext():
         result = CliRunner().invoke(app, ["reproduce"])
@@ -151,7 +151,7 @@ def test_a_damaged_result_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, t
         warnings.warn("cells/a.parquet cannot be read and is computed again: it is empty", DamagedResult, stacklevel=2)
         return tmp_path
 
-    monkeypatch.setattr("experiments.reproduction.study.reproduce", warn)
+    monkeypatch.setattr("experiments.studies.reproduction.study.reproduce", warn)
     result = CliRunner().invoke(app, ["reproduce"])
     assert result.exit_code == 0
     assert result.stderr == "laisn: cells/a.parquet cannot be read and is computed again: it is empty\n"

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from sim.control import allocation, autopilot
+from sim.control.guidance import REFERENCE
 from sim.scenario.routes import DepthProfile, Route
 from sim.simulation import SimulationError, simulate
 from sim.vehicle import effectors
@@ -295,8 +296,8 @@ def test_vehicles_feel_their_way_through_the_water_along_their_own_axes():
 def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
     """Half a degree off in heading and pitch, 5 cm off in depth; then turning away by 5 rad/s."""
     (design,) = autopilot.design(plant(), ("pitch",))
-    reference, dt = np.zeros(8), 0.1
-    reference[autopilot.DEPTH] = 10.0
+    reference, dt = record(REFERENCE), 0.1
+    reference.depth = 10.0
 
     def remembered(angle, speed, depth, rate=0.0):
         motion = autopilot.VehicleState(

@@ -6,7 +6,7 @@ import pytest
 from laisn.arrays import Floats, Record
 from sim.control import autopilot
 from sim.control.autopilot import VehicleState
-from sim.control.guidance import ACCELERATING, DEPTH, SINKING, TURNING
+from sim.control.guidance import REFERENCE
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
@@ -29,32 +29,32 @@ def law(
     omega, way, kept = d["omega"], abs(motion.surge), memory.copy()
     lag = 1.0 / (4.0 * omega)
     through = speed / max(np.cos(motion.pitch), 0.5)
-    later = through + lag * ref[ACCELERATING]
+    later = through + lag * ref.acceleration
     drag = d["drag_linear"] * np.exp(-d["drag_fade"] * later) * later + d["drag"] * later**2
     slow = through - motion.surge
-    ahead = d["surge_mass"] * (ref[ACCELERATING] + omega / 2 * slow) + memory.speed_integral + drag
+    ahead = d["surge_mass"] * (ref.acceleration + omega / 2 * slow) + memory.speed_integral + drag
     kept.speed_integral += d["surge_mass"] * (omega / 2) * (omega / 10) * slow * DT
 
     # turns of the compass are to starboard, moments to port
     off = np.arctan2(np.sin(heading - motion.heading), np.cos(heading - motion.heading))
-    soon = turn + lag * ref[TURNING]
-    wished = ref[TURNING] + omega**2 * off + 2 * omega * (turn - -motion.turning)
+    soon = turn + lag * ref.turn_acceleration
+    wished = ref.turn_acceleration + omega**2 * off + 2 * omega * (turn - -motion.turning)
     to_port = -d["yaw_inertia"] * wished - damping(d["yaw_damping"], way, soon) + memory.heading_integral
     kept.heading_integral -= d["yaw_inertia"] * omega**2 * (omega / 10) * off * DT
     side = -soon * (d["surge_mass"] * motion.surge - d["fin_side"] * way) - omega / 2 * d["sway_mass"] * motion.sway
 
     share = d["by_pitch"] * np.clip((way - 0.3) / 0.3, 0.0, 1.0)
     fast = max(way, 0.3)
-    high, lift = ref[DEPTH] - motion.depth, d["lift"] * fast**2
+    high, lift = ref.depth - motion.depth, d["lift"] * fast**2
     incidence = np.clip(share * memory.depth_integral / lift, *np.deg2rad([-12.0, 12.0]))
-    sink = ref[SINKING] + omega / 5 * high
+    sink = ref.sinking + omega / 5 * high
     steepest = fast * np.sin(np.deg2rad(20.0))
     climb = -np.arcsin(np.clip(sink, -steepest, steepest) / fast)
     turned = np.clip(share * climb + incidence - memory.pitch_command, *np.deg2rad([-5.0, 5.0]) * DT)
     kept.pitch_command += turned
     pitch, rate = kept.pitch_command, turned / DT
-    push = d["heave_mass"] * ((omega / 2) ** 2 * high + omega * (ref[SINKING] - motion.sinking))
-    push += lift / fast * ref[SINKING]
+    push = d["heave_mass"] * ((omega / 2) ** 2 * high + omega * (ref.sinking - motion.sinking))
+    push += lift / fast * ref.sinking
     upward = memory.depth_integral - incidence * lift - (1 - share) * push
     by_lift, by_thrust = lift / fast * (omega / 5) ** 2 / 4, 0.2 * d["heave_mass"] * (omega / 2) ** 3
     if share * abs(sink) < steepest:
@@ -77,8 +77,7 @@ def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: f
     records["yaw_damping"] = [1.0, 2.0, 3.0]
     records["pitch_damping"] = [1.5, 2.5, 3.5]
     (d,) = records
-    reference = np.zeros(8)
-    reference[[TURNING, ACCELERATING, DEPTH, SINKING]] = 0.02, 0.1, 10.0, 0.05
+    reference = record(REFERENCE, 0.0, 0.0, 0.0, 0.0, 0.02, 0.1, 10.0, 0.05)
     motion = VehicleState(
         surge=way, sway=0.1, heading=6.2, turning=0.03, pitch=0.06, pitching=-0.02, depth=10.0 - deeper, sinking=0.02
     )

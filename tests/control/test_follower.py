@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from laisn.arrays import Floats
-from laisn.swarm import ESTIMATE
+from laisn.arrays import Floats, records
+from laisn.swarm import ESTIMATE, READING
 from sim.control import follower
 from sim.control.follower import Steering, extend_trail, init_memory, keep_station
-from sim.control.guidance import DEPTH, SINKING
+from sim.control.guidance import REFERENCE
+from sim.control.station import STATION
 from sim.control.trail import TRAIL
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
@@ -22,23 +23,23 @@ class Deck:
     """A follower 20 m behind a leader that goes north at 1 m/s, as it hears it for half a minute."""
 
     def __init__(self, aside: float = 0.0, **formation: Any) -> None:
-        self.law, self.memory = follower.law_of(Formation(**formation)), record(follower.FOLLOWER_MEMORY)
-        self.trail, self.count = np.zeros((50, TRAIL)), np.zeros(1, dtype=np.int64)
-        self.station, self.reference = np.array([20.0, 0.0, 12.0]), np.zeros(8)
-        self.reading, self.estimate = np.zeros(follower.READINGS), record(ESTIMATE)
-        self.reading[:3], self.estimate.position = (1.0, 0.0, 12.0), (aside, 10.0)
+        self.formation, self.memory = Formation(**formation).record(), record(follower.FOLLOWER_MEMORY)
+        self.trail, self.count = records(TRAIL, 50), np.zeros(1, dtype=np.int64)
+        self.station, self.reference = record(STATION, 20.0, 0.0, 12.0), record(REFERENCE)
+        self.reading, self.estimate = record(READING), record(ESTIMATE)
+        self.reading.speed, self.reading.depth, self.estimate.position = 1.0, 12.0, (aside, 10.0)
         init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
         for second in range(1, 31):
             said = np.array([second, 0.0, second, 0.0, 1.0])
             self.extend_trail(said, second)
 
     def extend_trail(self, said: Floats, now: float) -> None:
-        extend_trail(self.law.frame, self.station, said, self.trail, self.count, (now, DT), self.memory)
+        extend_trail(self.formation, self.station, said, self.trail, self.count, (now, DT), self.memory)
 
     def tick(self, now: float = 30.0) -> Steering:
         known = self.trail, self.count[0]
         senses = self.reading, self.estimate
-        return keep_station(self.law, self.station, senses, known, (now, DT), self.memory, self.reference)
+        return keep_station(self.formation, self.station, senses, known, (now, DT), self.memory, self.reference)
 
     def ticks(self, n: int) -> Floats:
         """What it feels of surge and heading, and what it wants of heading and speed, shape (n, 4)."""
@@ -54,7 +55,7 @@ def test_a_message_that_was_long_under_way_turns_the_frame_as_far_as_one_that_wa
     frames = []
     for late in (False, True):
         deck = Deck()
-        deck.station[:2] = 2.0, 12.0
+        deck.station.behind, deck.station.port = 2.0, 12.0
         for second in range(31, 40):
             deck.extend_trail(np.array([second, second - 30.0, 30.0, np.pi / 2, 1.0]), second)
         said = np.array([40.0, 10.0, 30.0, np.pi / 2, 1.0])
@@ -74,7 +75,7 @@ def test_the_log_is_smoothed_over_a_second_and_the_compass_over_two() -> None:
     """Of a step in each, what is left after n ticks of Euler's rule is (1 − Δt / T)ⁿ."""
     deck = Deck()
     deck.tick()
-    deck.reading[0], deck.reading[1] = 1.5, 0.2
+    deck.reading.speed, deck.reading.heading = 1.5, 0.2
     motion = deck.ticks(30)
     left = np.arange(1, 31)
     np.testing.assert_allclose(motion[:, 0], 1.5 - 0.5 * (1 - DT / 1.0) ** left)
@@ -84,7 +85,7 @@ def test_the_log_is_smoothed_over_a_second_and_the_compass_over_two() -> None:
 def test_gyros_are_followed_at_once_and_biases_are_taken_off() -> None:
     deck = Deck()
     deck.tick()
-    deck.reading[4], deck.estimate.log_bias, deck.estimate.compass_bias = 0.05, 0.25, 0.1
+    deck.reading.turning, deck.estimate.log_bias, deck.estimate.compass_bias = 0.05, 0.25, 0.1
     told = deck.tick()
     # to port is the other way round than headings are counted; the compass still says 0
     turned = -0.05 * DT
@@ -95,7 +96,7 @@ def test_gyros_are_followed_at_once_and_biases_are_taken_off() -> None:
 
 def test_pitch_and_depth_are_felt_as_they_are_read() -> None:
     deck = Deck()
-    deck.reading[2], deck.reading[3], deck.reading[5] = 11.5, -0.2, 0.03
+    deck.reading.depth, deck.reading.pitch, deck.reading.pitching = 11.5, -0.2, 0.03
     motion = deck.tick().motion
     assert (motion.depth, motion.pitch, motion.pitching, motion.sway) == (11.5, -0.2, 0.03, 0.0)
     assert motion.sinking == pytest.approx(np.sin(0.2))
@@ -141,13 +142,13 @@ def test_who_may_be_at_either_of_two_places_steers_by_the_likelier() -> None:
 
 def test_a_new_depth_is_taken_up_at_a_fifth_of_a_metre_a_second() -> None:
     deck = Deck()
-    deck.station[2] = 11.0
+    deck.station.depth = 11.0
     for n in range(1, 4):
         deck.tick()
-        assert (deck.reference[DEPTH], deck.reference[SINKING]) == pytest.approx((12.0 - 0.02 * n, -0.2))
-    deck.station[2] = 12.0 - 0.07
+        assert (deck.reference.depth, deck.reference.sinking) == pytest.approx((12.0 - 0.02 * n, -0.2))
+    deck.station.depth = 12.0 - 0.07
     deck.tick()
-    assert (deck.reference[DEPTH], deck.reference[SINKING]) == pytest.approx((11.93, -0.1))
+    assert (deck.reference.depth, deck.reference.sinking) == pytest.approx((11.93, -0.1))
 
 
 def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncertain() -> None:

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.control import guidance
-from sim.control.guidance import COURSE, DEPTH, EAST, NORTH, SINKING, SPEED, TURNING
 from sim.scenario import routes
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import DepthProfile, Route
@@ -20,8 +19,8 @@ CORNER = Route.timed("corner", [[0, 0, 0], [200, 0, 200], [400, 200, 200]], 5.0)
 def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, tells=True):
     """Positions, headings and speeds of a point that turns and speeds up as commanded; it knows its water or not."""
     table = guidance.reference([route], np.arange(0, duration, DT))[:, 0]
-    position = table[0, [EAST, NORTH]] + np.array(offset)
-    velocity = table[0, SPEED] * np.array([np.sin(heading), np.cos(heading)]) - np.array(water)
+    position = np.array([table[0].east, table[0].north]) + np.array(offset)
+    velocity = table[0].speed * np.array([np.sin(heading), np.cos(heading)]) - np.array(water)
     along = float(velocity @ [np.sin(heading), np.cos(heading)])
     memory = record(guidance.GUIDANCE_MEMORY)
     guidance.begin(table[0], heading, along, water if tells else (0.0, 0.0), memory)
@@ -40,20 +39,20 @@ def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, te
 def test_a_reference_holds_motion_and_depth():
     route = Route.timed("dive", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 10]]))
     table = guidance.reference([route, routes.library_route("L")], np.array([0.0, 25.0, 80.0]))
-    assert table.shape == (3, 2, 8)
-    assert table[:, 0, NORTH] == pytest.approx([0, 25, 80])
+    assert table.shape == (3, 2)
+    assert table[:, 0].north == pytest.approx([0, 25, 80])
     # before 0 s the depth is held: half of the first interval of the mean, and a quarter of its rise
-    assert table[:, 0, DEPTH] == pytest.approx([5 + 0.1 * 6.0 / 8, 7.5, 10])
-    assert table[:, 0, SINKING] == pytest.approx([0.05, 0.1, 0])
-    assert table[:, 1, COURSE] == pytest.approx(np.pi / 2)
+    assert table[:, 0].depth == pytest.approx([5 + 0.1 * 6.0 / 8, 7.5, 10])
+    assert table[:, 0].sinking == pytest.approx([0.05, 0.1, 0])
+    assert table[:, 1].course == pytest.approx(np.pi / 2)
 
 
 def test_on_the_path_nothing_is_corrected():
     table = guidance.reference([CORNER], np.arange(0, 300, DT))[:, 0]
-    memory = record(guidance.GUIDANCE_MEMORY, table[0, COURSE], table[0, SPEED], (0.0, 0.0))
-    commands = np.array([guidance.steer(row, row[[EAST, NORTH]], DT, memory) for row in table])
-    assert commands[:, 0] == pytest.approx(table[:, COURSE], abs=1e-9)
-    assert commands[:, 2] == pytest.approx(table[:, SPEED], abs=1e-9)
+    memory = record(guidance.GUIDANCE_MEMORY, table[0].course, table[0].speed, (0.0, 0.0))
+    commands = np.array([guidance.steer(row, (row.east, row.north), DT, memory) for row in table])
+    assert commands[:, 0] == pytest.approx(table.course, abs=1e-9)
+    assert commands[:, 2] == pytest.approx(table.speed, abs=1e-9)
 
 
 def test_a_small_cross_track_error_fades_exponentially():
@@ -128,21 +127,21 @@ def test_turns_set_in_and_end_smoothly():
     time = np.arange(0, 400, DT)
     table = guidance.reference([CORNER], time)[:, 0]
     motion = plan(CORNER).at(time)
-    assert table[:, EAST] == pytest.approx(motion.east)
-    assert table[:, SPEED] == pytest.approx(motion.speed)
+    assert table.east == pytest.approx(motion.east)
+    assert table.speed == pytest.approx(motion.speed)
     turns = np.flatnonzero(motion.turn_rate)
     far = np.abs(time - time[turns[0]]) > 1, np.abs(time - time[turns[-1]]) > 1
-    assert table[far[0] & far[1], COURSE] == pytest.approx(motion.course[far[0] & far[1]], abs=1e-9)
+    assert table[far[0] & far[1]].course == pytest.approx(motion.course[far[0] & far[1]], abs=1e-9)
     # the mean over a width w of a ramp that begins is a parabola of curvature rate / w
-    assert table[:, TURNING].max() == pytest.approx(np.deg2rad(10) / 1.2, rel=1e-6)
-    rate = np.gradient(table[:, COURSE], DT)
+    assert table.turn_acceleration.max() == pytest.approx(np.deg2rad(10) / 1.2, rel=1e-6)
+    rate = np.gradient(table.course, DT)
     assert np.rad2deg(rate.max()) == pytest.approx(10, abs=1e-6)
 
 
 def test_accelerations_are_given_early():
     time = np.arange(0, 400, DT)
-    late = guidance.reference([CORNER], time)[:, 0, TURNING]
-    early = guidance.reference([CORNER], time, lead=[0.3])[:, 0, TURNING]
+    late = guidance.reference([CORNER], time)[:, 0].turn_acceleration
+    early = guidance.reference([CORNER], time, lead=[0.3])[:, 0].turn_acceleration
     assert early[:-3] == pytest.approx(late[3:], abs=1e-9)
 
 
@@ -150,6 +149,6 @@ def test_depth_is_smoothed_and_its_rate_is_that_of_the_mean():
     route = Route.timed("step", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 5], [50.01, 8]]))
     table = guidance.reference([route], np.arange(0, 100, DT))[:, 0]
     # a step's mean is a ramp as long as the width
-    assert table[:, SINKING].max() == pytest.approx(3 / 6.0)
-    assert table[-1, DEPTH] == 8
-    assert np.flatnonzero(table[:, SINKING]).size * DT == pytest.approx(6.0, abs=2 * DT)
+    assert table.sinking.max() == pytest.approx(3 / 6.0)
+    assert table[-1].depth == 8
+    assert np.flatnonzero(table.sinking).size * DT == pytest.approx(6.0, abs=2 * DT)

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from laisn.arrays import Floats, Ints
-from sim.control.follower import FOLLOWER_MEMORY, extend_silent_trail, extend_trail, init_memory, law_of
+from laisn.arrays import Floats, Ints, Records, records
+from sim.control.follower import FOLLOWER_MEMORY, extend_silent_trail, extend_trail, init_memory
+from sim.control.guidance import REFERENCE
 from sim.control.leader_plan import LeaderPlan, correct_planned, plan_of
-from sim.control.station import station_at, turn_frame
-from sim.control.trail import EAST, NORTH, TIME, TRAIL, extend
+from sim.control.station import STATION, station_at, turn_frame
+from sim.control.trail import TRAIL, extend
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
@@ -16,37 +17,37 @@ from tests.synthetic import record
 DT, END = 0.1, 900
 ROUTE = Route.timed("r", [(0, 0, 0), (40, 0, 40), (200, 160, 40)], depth=10.0)
 TIME_AT = DT * np.arange(END + 1)
-TRACK = np.column_stack(plan(ROUTE).at(TIME_AT)[:3])
+TRACK = records(REFERENCE, END + 1)
+TRACK.east, TRACK.north, TRACK.course = plan(ROUTE).at(TIME_AT)[:3]
 
 
 def said_at(k: int, off: tuple[float, float] = (0.0, 0.0)) -> Floats:
     """A message of a leader so far off its plan [m]."""
-    east, north, course = TRACK[k]
-    return np.array([k * DT, east + off[0], north + off[1], course, 1.0])
+    return np.array([k * DT, TRACK[k].east + off[0], TRACK[k].north + off[1], TRACK[k].course, 1.0])
 
 
 class Listener:
     """A follower 15 m behind and 10 m to port that hears what it is told at the seconds that it is told."""
 
     def __init__(self, plan: LeaderPlan) -> None:
-        self.plan, self.law, self.memory = plan, law_of(Formation()), record(FOLLOWER_MEMORY)
-        self.trail, self.count = np.zeros((300, TRAIL)), np.zeros(1, dtype=np.int64)
-        self.station = np.array([15.0, 10.0, 12.0])
+        self.plan, self.formation, self.memory = plan, Formation().record(), record(FOLLOWER_MEMORY)
+        self.trail, self.count = records(TRAIL, 300), np.zeros(1, dtype=np.int64)
+        self.station = record(STATION, 15.0, 10.0, 12.0)
         init_memory(said_at(0), self.trail, self.count, self.memory)
 
     def hear(self, k: int, off: tuple[float, float] = (0.0, 0.0)) -> None:
         clock = k * DT, DT
-        extend_trail(self.law.frame, self.station, said_at(k, off), self.trail, self.count, clock, self.memory)
+        extend_trail(self.formation, self.station, said_at(k, off), self.trail, self.count, clock, self.memory)
 
     def miss(self, first: int, last: int) -> None:
         """Ticks without a message, of which each turns the frame."""
         for k in range(first, last + 1):
             extend_silent_trail(self.plan, self.trail, self.count, (k, DT), self.memory)
             known = self.trail, self.count[0]
-            turn_frame(self.law.frame, self.station, known, ((k - 1) * DT, k * DT), DT, self.memory.frame)
+            turn_frame(self.formation, self.station, known, ((k - 1) * DT, k * DT), DT, self.memory.frame)
 
     def place(self, k: int) -> tuple[float, float]:
-        target = station_at(self.law.frame, self.station, (self.trail, self.count[0]), k * DT, self.memory.frame)
+        target = station_at(self.formation, self.station, (self.trail, self.count[0]), k * DT, self.memory.frame)
         return target.east, target.north
 
 
@@ -80,7 +81,9 @@ def test_the_trail_of_a_plan_is_that_of_messages() -> None:
     # the trail on which its frame turned was that of then, whose last slope the next message alters
     np.testing.assert_allclose(quiet.place(800), all_heard.place(800), rtol=0, atol=0.01)
     quiet.hear(800)
-    np.testing.assert_allclose(quiet.trail[: quiet.count[0]], all_heard.trail[: all_heard.count[0]], atol=1e-9)
+    for name in TRAIL.names or ():
+        found, expected = quiet.trail[: quiet.count[0]][name], all_heard.trail[: all_heard.count[0]][name]
+        np.testing.assert_allclose(found, expected, atol=1e-9)
     frames = quiet.memory.frame.tolist(), all_heard.memory.frame.tolist()
     np.testing.assert_allclose(*frames, rtol=0, atol=1e-9)
 
@@ -93,8 +96,8 @@ def test_without_its_waypoints_a_leader_is_taken_to_go_straight_on() -> None:
             quiet.hear(k)
         quiet.miss(201, 800)
         assert quiet.count[0] == points
-        head, speed = TRACK[10 * (points - 1), 1], TRACK[200, 1] - TRACK[190, 1]
-        assert quiet.trail[points - 1, NORTH] == pytest.approx(head)
+        head, speed = TRACK[10 * (points - 1)].north, TRACK[200].north - TRACK[190].north
+        assert quiet.trail[points - 1].north == pytest.approx(head)
         # the station is 15 m behind and 10 m to port of the leader at 80 s
         assert quiet.place(800) == pytest.approx((-10.0, head + speed * (81 - points) - 15.0))
 
@@ -109,9 +112,9 @@ def test_messages_that_come_in_time_leave_no_planned_points() -> None:
     np.testing.assert_array_equal(told.trail, heard.trail)
 
 
-def straight(points: int) -> tuple[Floats, Ints]:
+def straight(points: int) -> tuple[Records, Ints]:
     """A trail that goes north at 1 m/s, a point each second."""
-    trail, count = np.zeros((20, TRAIL)), np.zeros(1, dtype=np.int64)
+    trail, count = records(TRAIL, 20), np.zeros(1, dtype=np.int64)
     for second in range(points):
         extend(trail, count, 0.0, float(second), float(second), (1.0, 0.0))
     return trail, count
@@ -122,11 +125,11 @@ def test_planned_points_are_moved_to_where_the_leader_was() -> None:
     trail, count = straight(11)
     correct_planned(trail, count, 1, (1.0, 10.0, 10.0))
     assert count[0] == 10
-    np.testing.assert_allclose(trail[:10, EAST], 0.1 * np.arange(10))
-    np.testing.assert_allclose(trail[:10, NORTH], np.arange(10.0))
-    np.testing.assert_allclose(trail[:10, TIME], np.arange(10.0))
+    np.testing.assert_allclose(trail[:10].east, 0.1 * np.arange(10))
+    np.testing.assert_allclose(trail[:10].north, np.arange(10.0))
+    np.testing.assert_allclose(trail[:10].time, np.arange(10.0))
     # a leader that is far away has turned after the plan that was heard, and was on it until then
     trail, count = straight(8)
     correct_planned(trail, count, 1, (30.0, 10.0, 40.0))
     assert count[0] == 8
-    np.testing.assert_allclose(trail[:8, EAST], 0.0)
+    np.testing.assert_allclose(trail[:8].east, 0.0)

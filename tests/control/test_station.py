@@ -7,25 +7,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from laisn.arrays import Floats, Ints, Record
+from laisn.arrays import Floats, Ints, Record, Records, records
 from sim.control import trail as way
 from sim.control.anticipation import AGILITY, rate_limited_velocity
-from sim.control.approach import ALOS, CONSTANT_BEARING, ILOS, Approach, approach
-from sim.control.station import FRAME_STATE, Frame, Target, station_at, turn_frame
+from sim.control.approach import ALOS, CONSTANT_BEARING, ILOS, approach
+from sim.control.station import FRAME_STATE, STATION, Target, station_at, turn_frame
+from sim.scenario.formation import Formation
 from tests.synthetic import record
 
-FRAME = Frame(12.0, 4.0, 0.0, 0.02, 0.35, 0.7, 0.3, 2.0, 0.0)
+FRAME = Formation(inner_share=0.35, preview_s=0.0).record()
 
 
-def laid(points: Floats, times: Floats, headings: Floats | None = None, through: float = 1.0) -> tuple[Floats, Ints]:
-    trail, count = np.zeros((len(points) + 1, way.TRAIL)), np.zeros(1, dtype=np.int64)
+def laid(points: Floats, times: Floats, headings: Floats | None = None, through: float = 1.0) -> tuple[Records, Ints]:
+    trail, count = records(way.TRAIL, len(points) + 1), np.zeros(1, dtype=np.int64)
     for i, (point, time) in enumerate(zip(points, times, strict=True)):
         heading = 0.0 if headings is None else float(headings[i])
         way.extend(trail, count, float(point[0]), float(point[1]), float(time), (through, heading))
     return trail, count
 
 
-def straight(speed: float = 1.5, course: float = 0.3, seconds: int = 60) -> tuple[Floats, Ints, Floats]:
+def straight(speed: float = 1.5, course: float = 0.3, seconds: int = 60) -> tuple[Records, Ints, Floats]:
     ahead = np.array([np.sin(course), np.cos(course)])
     times = np.arange(seconds + 1.0)
     trail, count = laid(speed * times[:, None] * ahead, times, np.full(times.size, course))
@@ -49,7 +50,7 @@ def test_a_trail_through_few_points_of_a_circle_is_the_circle() -> None:
     angle = times / radius
     points = radius * np.column_stack([1.0 - np.cos(angle), np.sin(angle)])
     trail, count = laid(points, times, angle)
-    assert trail[count[0] - 1, way.ARC] == pytest.approx(40.0, abs=1e-9)
+    assert trail[count[0] - 1].arc == pytest.approx(40.0, abs=1e-9)
     for arc in np.linspace(6.0, 34.0, 57):
         east, north, ahead_east, ahead_north, _ = way.at(trail, count[0], arc)
         course = np.arctan2(ahead_east, ahead_north)
@@ -73,13 +74,13 @@ def test_a_leader_that_hardly_moves_leaves_no_trail_of_its_trembling() -> None:
     rng = np.random.default_rng(5)
     trail, count = laid(rng.uniform(-0.05, 0.05, (500, 2)), np.arange(500.0))
     assert count[0] <= 3
-    assert trail[count[0] - 1, way.ARC] < 0.5
+    assert trail[count[0] - 1].arc < 0.5
 
 
 def test_a_station_stands_behind_and_to_port() -> None:
     trail, count, ahead = straight()
     memory = record(FRAME_STATE, 0.3, 0.0)
-    target = station_at(FRAME, np.array([20.0, 7.0, 12.0]), (trail, count[0]), 60.0, memory)
+    target = station_at(FRAME, record(STATION, 20.0, 7.0, 12.0), (trail, count[0]), 60.0, memory)
     expected = (90.0 - 20.0) * ahead + 7.0 * np.array([-ahead[1], ahead[0]])
     assert (target.east, target.north) == pytest.approx(tuple(expected))
     assert (target.velocity_east, target.velocity_north) == pytest.approx(tuple(1.5 * ahead))
@@ -92,10 +93,10 @@ def test_stations_in_a_turn_ask_no_more_than_can_be_swum(port: float) -> None:
     course = np.pi / 2 - np.clip((times - 50.0) * np.deg2rad(10.0), 0.0, np.pi / 2)
     steps = 0.1 * np.column_stack([np.sin(course), np.cos(course)])
     points = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])[:-1]
-    trail, count = np.zeros((times.size + 1, way.TRAIL)), np.zeros(1, dtype=np.int64)
+    trail, count = records(way.TRAIL, times.size + 1), np.zeros(1, dtype=np.int64)
     memory, places, velocities, frames = record(FRAME_STATE), [], [], []
     memory.heading = np.pi / 2
-    station = np.array([15.0, port, 10.0])
+    station = record(STATION, 15.0, port, 10.0)
     for k, time in enumerate(times):
         way.extend(trail, count, points[k, 0], points[k, 1], time, (1.0, course[k]))
         if k:
@@ -122,7 +123,7 @@ def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple
     times = np.arange(0.0, 121.0)
     points = pace * np.column_stack([np.maximum(times - 40.0, 0.0), np.minimum(times, 40.0)])
     trail, count = laid(points, times, np.where(times > 40.0, np.pi / 2, 0.0))
-    station, memory = np.array([20.0 * pace, 0.0, 12.0]), record(FRAME_STATE)
+    station, memory = record(STATION, 20.0 * pace, 0.0, 12.0), record(FRAME_STATE)
     before, after = np.array([-current[0], pace - current[1]]), np.array([pace - current[0], -current[1]])
     start, end = np.arctan2(*before), np.arctan2(*after)
     for late in (-8.0, -5.0, -2.0, 2.0, 5.0, 8.0):
@@ -140,20 +141,20 @@ def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple
 def test_on_a_straight_way_nothing_is_foreseen() -> None:
     trail, count, ahead = straight()
     told = rate_limited_velocity(
-        FRAME, np.array([20.0, 7.0, 12.0]), (trail, count[0]), 60.0, (0.2, -0.1), record(FRAME_STATE, 0.3, 0.0)
+        FRAME, record(STATION, 20.0, 7.0, 12.0), (trail, count[0]), 60.0, (0.2, -0.1), record(FRAME_STATE, 0.3, 0.0)
     )
     assert told == pytest.approx(tuple(1.5 * ahead))
 
 
 def between_envelopes(
-    trail: Floats, count: int, station: Floats, time: float, current: Floats, memory: Record
+    trail: Records, count: int, station: Record, time: float, current: Floats, memory: Record
 ) -> Floats:
     """The same by McShane's envelopes in NumPy: of headings at all instants at once, over ground again at the end."""
     later = FRAME.preview + np.arange(-10.0, 11.0)
     speed = way.pace(trail, count)
-    arcs = way.arc_at(trail, count, time) - station[0] + later * speed
+    arcs = way.arc_at(trail, count, time) - station.behind + later * speed
     course = np.array([np.arctan2(*way.at(trail, count, arc)[2:4]) for arc in arcs])
-    frame, swept = memory.heading + later * memory.rate, station[1] * memory.rate
+    frame, swept = memory.heading + later * memory.rate, station.port * memory.rate
     needed = speed * np.array([np.sin(course), np.cos(course)]) + swept * np.array([np.sin(frame), np.cos(frame)])
     needed -= current[:, None]
     heading = np.unwrap(np.arctan2(*needed))
@@ -170,7 +171,7 @@ def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> Non
     trail, count = laid(points, times, course)
     n, slow, quick = int(count[0]), 0, 0
     for time in np.arange(60.25, 210.0, 0.7):
-        station, memory = np.array([25.0, 8.0, 12.0]), record(FRAME_STATE, 0.4, 0.01)
+        station, memory = record(STATION, 25.0, 8.0, 12.0), record(FRAME_STATE, 0.4, 0.01)
         for current in (np.array([0.0, 0.0]), np.array([0.3, 0.5])):
             told = rate_limited_velocity(FRAME, station, (trail, n), time, (current[0], current[1]), memory)
             expected = between_envelopes(trail, n, station, time, current, memory)
@@ -189,7 +190,7 @@ def test_a_curve_turns_no_more_than_is_told() -> None:
     said = course + 0.3
     trail, count = laid(np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0), times, said)
     for since in (-8.0, 5.0, 48.5, 80.2, 98.9):
-        arcs = np.linspace(since, trail[count[0] - 1, way.ARC], 2000)
+        arcs = np.linspace(since, trail[count[0] - 1].arc, 2000)
         ways = np.array([way.at(trail, count[0], arc)[2:4] for arc in arcs])
         turned = np.abs(np.diff(np.unwrap(np.arctan2(*ways.T)))).sum()
         told = way.turned_since(trail, count[0], since)
@@ -201,7 +202,15 @@ def test_a_curve_turns_no_more_than_is_told() -> None:
     assert way.turned_since(trail, count[0], 150.0) < 0.1
 
 
-LAW = Approach(CONSTANT_BEARING, 1.0, 5.0, 0.2, 0.2, 0.2, 2.5)
+def law(**changes: float) -> Record:
+    """Settings of the laws, some of them others."""
+    settings = Formation().record()
+    for name, value in changes.items():
+        settings[name] = value
+    return settings
+
+
+LAW = law()
 
 
 def test_at_its_station_a_vehicle_goes_as_the_station_does_less_the_current() -> None:
@@ -212,33 +221,34 @@ def test_at_its_station_a_vehicle_goes_as_the_station_does_less_the_current() ->
 
 @given(st.floats(-200, 200), st.floats(-200, 200), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
 def test_what_is_asked_can_be_swum(x: float, y: float, u: float, v: float) -> None:
-    for law in (CONSTANT_BEARING, ILOS, ALOS):
+    for kind in (CONSTANT_BEARING, ILOS, ALOS):
         target = Target(0.0, 0.0, 1.0, 0.0, 1.0, 0.0)
-        east, north, _ = approach(LAW._replace(law=law), target, (x, y), (u, v), 0.1, 0.0)
+        east, north, _ = approach(law(law=kind), target, (x, y), (u, v), 0.1, 0.0)
         assert 0.2 - 1e-9 <= np.hypot(east, north) <= 2.5 + 1e-9
         way_east, way_north = 1.0 - u, -v
         assert (east * way_east + north * way_north) / np.hypot(way_east, way_north) >= 0.2 - 1e-9
 
 
-@pytest.mark.parametrize("law", [CONSTANT_BEARING, ILOS, ALOS])
-def test_a_point_that_obeys_arrives(law: int) -> None:
+@pytest.mark.parametrize("kind", [CONSTANT_BEARING, ILOS, ALOS])
+def test_a_point_that_obeys_arrives(kind: int) -> None:
     """In a cross current that the first law is told and the others are not."""
     current, place, integral = np.array([0.0, 0.3]), np.array([-30.0, 15.0]), 0.0
+    settings = law(law=kind)
     for k in range(6000):
         target = Target(0.1 * k, 0.0, 1.0, 0.0, 1.0, 0.0)
-        told = (0.0, 0.3) if law == CONSTANT_BEARING else (0.0, 0.0)
-        east, north, integral = approach(LAW._replace(law=law), target, (place[0], place[1]), told, 0.1, integral)
+        told = (0.0, 0.3) if kind == CONSTANT_BEARING else (0.0, 0.0)
+        east, north, integral = approach(settings, target, (place[0], place[1]), told, 0.1, integral)
         place = place + 0.1 * (np.array([east, north]) + current)
     off = place - np.array([0.1 * 6000, 0.0])
     assert abs(off[1]) < 0.05
-    assert abs(off[0]) < (0.05 if law == CONSTANT_BEARING else 1.0)
+    assert abs(off[0]) < (0.05 if kind == CONSTANT_BEARING else 1.0)
 
 
 @pytest.mark.parametrize(("velocity", "asked"), [((4.0, 3.0), 2.5), ((0.04, 0.03), 0.2), ((0.8, 0.6), 1.0)])
 def test_a_station_too_fast_or_too_slow_is_followed_at_the_limit(velocity: tuple[float, float], asked: float) -> None:
     """Along the way of the station, of which nothing is lacking."""
     target = Target(0.0, 0.0, *velocity, *velocity)
-    found = approach(LAW._replace(least_way=0.0), target, (0.0, 0.0), (0.0, 0.0), 0.1, 0.0)
+    found = approach(law(least_way=0.0), target, (0.0, 0.0), (0.0, 0.0), 0.1, 0.0)
     assert found == pytest.approx((0.8 * asked, 0.6 * asked, 0.0))
 
 
@@ -255,11 +265,11 @@ def test_lines_of_sight_are_those_of_their_papers(x: float, y: float, integral: 
     ILOS: ψ = χ − arctan((e + σ ∫) / Δ) and ∫' = Δ e / (Δ² + (e + σ ∫)²).
     ALOS: ψ = χ − β − arctan(e / Δ) and β' = γ Δ e / √(Δ² + e²).
     """
-    law = LAW._replace(least_way=-99.0, slowest=0.0, fastest=99.0)
-    ahead, dt, delta, sigma = np.array([np.sin(course), np.cos(course)]), 0.1, law.lookahead, law.integral
+    free = {"least_way": -99.0, "slowest": 0.0, "fastest": 99.0}
+    ahead, dt, delta, sigma = np.array([np.sin(course), np.cos(course)]), 0.1, LAW.lookahead, LAW.integral
     target = Target(3.0, -4.0, *(1.2 * ahead), *(1.2 * ahead))
     along, e = np.array([x, y]) @ ahead, np.array([x, y]) @ np.array([ahead[1], -ahead[0]])
-    speed = 1.2 - law.speed * along / np.hypot(along, delta)
+    speed = 1.2 - LAW.approach_speed * along / np.hypot(along, delta)
     for kind, heading, rate in (
         (
             ILOS,
@@ -271,5 +281,5 @@ def test_lines_of_sight_are_those_of_their_papers(x: float, y: float, integral: 
         held = integral if kind == ILOS else 0.02 * integral
         grown = held + dt * rate
         wanted = course - grown - np.arctan(e / delta) if heading is None else heading
-        found = approach(law._replace(law=kind), target, (3.0 + x, y - 4.0), (0.0, 0.0), dt, held)
+        found = approach(law(law=kind, **free), target, (3.0 + x, y - 4.0), (0.0, 0.0), dt, held)
         assert found == pytest.approx((speed * np.sin(wanted), speed * np.cos(wanted), grown), abs=1e-9)

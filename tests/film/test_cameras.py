@@ -36,7 +36,7 @@ def test_a_camera_cannot_stand_on_its_target():
 @pytest.mark.parametrize("camera", ["chase", "top", "pip", "side", "profile", "orbit"])
 def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
     data = FilmData(flight, errors_of(flight), 20.0)
-    rig = CameraRig(data, 0, 16 / 9)
+    rig = CameraRig(data, 16 / 9)
     for t in np.linspace(0.0, 60.0, 25):
         state = data.at(t)
         shot = rig.shot(camera, state)
@@ -58,7 +58,7 @@ def test_the_chasing_camera_keeps_the_estimate_clear_of_the_panels(flight, aside
     state[:, :2] = flight.hydrophone(0)[:, :2] + aside * right
     parted = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
     data = FilmData(parted, errors_of(parted), 20.0)
-    rig = CameraRig(data, 0, 16 / 9)
+    rig = CameraRig(data, 16 / 9)
     for t in np.linspace(5.0, 55.0, 11):
         state = data.at(t)
         view = rig.shot("chase", state).view

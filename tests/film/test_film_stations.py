@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from synthetic import make_flight
 
-from sim.film import labels
-from sim.film.annotations import NOTHING
 from sim.film.cameras import CameraRig
 from sim.film.film_data import FilmData
-from sim.film.overlay import Overlay, nearest
+from sim.film.overlay import Overlay, nearest, place_labels
 from sim.flight import Flight
 from sim.scenario.formation import Station
 from sim.scenario.settings import Follower, Video
@@ -27,9 +25,9 @@ def in_formation() -> Flight:
     return dataclasses.replace(flight, scenario=scenario)
 
 
-def film_data_of(flight: Flight) -> FilmData:
+def film_data_of(flight: Flight, follower: int = 0) -> FilmData:
     n = flight.measurements[0].speed.size
-    return FilmData(flight, [(np.zeros(n), np.zeros(n))] * len(flight.estimates), 20.0)
+    return FilmData(flight, [(np.zeros(n), np.zeros(n))] * len(flight.estimates), 20.0, follower)
 
 
 def test_a_station_straight_behind_is_where_the_leader_was() -> None:
@@ -63,10 +61,10 @@ def test_the_nearest_pair_is_found() -> None:
 def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
     """On a black picture a ring is bright in the colour of stations, and the labels tell distances."""
     flight = in_formation()
-    data = film_data_of(flight)
-    overlay = Overlay(data, 1, Video(), NOTHING)
+    data = film_data_of(flight, 1)
+    overlay = Overlay(data, Video())
     state = data.at(30.0)
-    shot = CameraRig(data, 1, 16 / 9).shot("top", state)
+    shot = CameraRig(data, 16 / 9).shot("top", state)
     overlay.canvas.load(np.zeros((720, 1280, 3), dtype=np.uint8))
     overlay.draw(state, shot)
     station = state.station[1]
@@ -85,14 +83,14 @@ def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
     assert f"station, off by {off:.1f} m" in words
     # lanes of followers are 9 m apart, each a metre deeper, and the leader is farther off: √82 m, but for a wobble
     assert "9.1 m apart, the nearest" in words
-    others = [label.words for label in Overlay(data, 0, Video(), NOTHING)._labels(state, shot.view)]
+    others = [label.words for label in Overlay(film_data_of(flight), Video())._labels(state, shot.view)]
     assert not [word for word in others if word.startswith("station")]
 
 
 def test_every_follower_of_ten_has_a_label() -> None:
     """All ten stand in the picture from above, and there is room for a label of each."""
     data = film_data_of(make_flight(60.0, 10))
-    overlay, state = Overlay(data, 0, Video(), NOTHING), data.at(30.0)
-    wanted = overlay._labels(state, CameraRig(data, 0, 16 / 9).shot("top", state).view)
-    placed = {label.words for label, _, _ in labels.place(wanted, [], overlay.canvas)}
+    overlay, state = Overlay(data, Video()), data.at(30.0)
+    wanted = overlay._labels(state, CameraRig(data, 16 / 9).shot("top", state).view)
+    placed = {label.words for label, _, _ in place_labels(wanted, [], overlay.canvas)}
     assert set(data.flight.trajectory.names[1:]) <= placed

@@ -12,7 +12,6 @@ from synthetic import make_flight
 from laisn.estimates import FixKind
 from laisn.settings import Variant
 from sim.film import canvas, frame_renderer
-from sim.film.annotations import NOTHING
 from sim.film.cameras import View
 from sim.film.canvas import Canvas, Place, Shape, Stroke
 from sim.film.dashboard import Dashboard, format_half_axes, round_length
@@ -20,8 +19,6 @@ from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
 from sim.scenario.settings import Video
 from tests.film.filmed import WHITE, Notebook, errors_of, overlap
-
-RAYS = (WHITE,) * 3
 
 # text
 
@@ -141,11 +138,11 @@ def test_text_of_panels_can_be_read_and_keeps_clear_of_other_text(size: tuple[in
     navigation = flight.scenario.navigation.model_copy(update={"variant": variant})
     flight = dataclasses.replace(flight, scenario=flight.scenario.model_copy(update={"navigation": navigation}))
     data = FilmData(flight, [(np.full(600, 123.456), np.full(600, 3.0))], 20.0)
-    board, state = Dashboard(data, 0, Canvas(*size), NOTHING), data.at(60.0)
+    board, state = Dashboard(data, Canvas(*size)), data.at(60.0)
     still = static_boxes(board, size[1])
     for kind in FixKind:
         notes = Notebook(*size)
-        board.draw(notes, dataclasses.replace(state, fix_kind=(kind,)), RAYS, [])
+        board.draw(notes, dataclasses.replace(state, fix_kind=(kind,)), [])
         assert ("middle" in notes.words) == (variant == "laisn-3-2" and size[1] >= 576)
         assert len(notes.words) >= 5
         assert min(notes.sizes) >= 8
@@ -181,10 +178,10 @@ def test_a_curve_shows_the_whole_mission_and_its_cursor_the_present() -> None:
     values = np.zeros(600)
     values[199:202], values[399:402], values[500:] = 7.0, 7.0, 2.0
     data = FilmData(flight, [(values, np.zeros(600))], 20.0)
-    board = Dashboard(data, 0, Canvas(1280, 720), NOTHING)
+    board = Dashboard(data, Canvas(1280, 720))
     ours, state = Notebook(), data.at(30.1)
     ours.pixels[:] = (0, 0, 0, 255)
-    board.draw(ours, state, RAYS, [])
+    board.draw(ours, state, [])
     cursor = ours.lines[0]
     dot = ours.polygons[0].mean(axis=0)
     # the axis spans 0 to 60 s: pulses about 20.1 s and 40.1 s lie as far on either side of the cursor
@@ -206,8 +203,8 @@ def test_a_fleet_is_told_apart_on_the_map() -> None:
     far = truth.position + np.linspace(0.0, 1000.0, truth.time.size)[:, None, None] * [1.0, 0.0, 0.0]
     flight = dataclasses.replace(flight, trajectory=dataclasses.replace(truth, position=far))
     data = FilmData(flight, errors_of(flight), 20.0)
-    board, notes, state = Dashboard(data, 0, Canvas(1280, 720), NOTHING), Notebook(), data.at(30.0)
-    board.draw(notes, state, RAYS, [])
+    board, notes, state = Dashboard(data, Canvas(1280, 720)), Notebook(), data.at(30.0)
+    board.draw(notes, state, [])
     left, top, width, height = board.places[3]
     # the last polygons are the vehicles
     dots = np.array([polygon.mean(axis=0) for polygon in notes.polygons[-4:]])
@@ -225,7 +222,7 @@ def test_a_fleet_is_told_apart_on_the_map() -> None:
 @pytest.mark.parametrize("distance", [3.0, 17.0, 240.0])
 def test_a_scale_bar_is_as_long_as_the_camera_sees_its_metres(distance: float) -> None:
     flight = make_flight(5.0)
-    overlay = Overlay(FilmData(flight, errors_of(flight), 20.0), 0, Video(), NOTHING)
+    overlay = Overlay(FilmData(flight, errors_of(flight), 20.0), Video())
     notes = overlay.canvas = Notebook()
     view = View(position=np.zeros(3), target=np.array([0.0, distance, 0.0]), plane_m=distance)
     overlay._scale_bar(view, (0, 0, 1280, 720), (20.0, 600.0), 120 / 1280)

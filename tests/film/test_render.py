@@ -19,8 +19,7 @@ from sim.film.cameras import CameraRig
 from sim.film.film_data import FilmData
 from sim.film.frame_renderer import GROUP, Job
 from sim.film.seascape import WATER
-from sim.scenario.settings import Video
-from sim.scenario.video import CAMERAS
+from sim.scenario.settings import CAMERAS, Video
 from tests.film.filmed import apart, errors_of, small
 
 needs_graphics = pytest.mark.skipif(
@@ -37,8 +36,6 @@ def test_other_impossible_wishes_are_refused(flight, tmp_path):
         render.render(flight, tmp_path / "film.avi", errors=errors, video=small())
     with pytest.raises(render.RenderError, match=r"folder .* does not exist"):
         render.render(flight, tmp_path / "nowhere" / "film.mp4", errors=errors, video=small())
-    with pytest.raises(render.RenderError, match="follower 1 does not exist"):
-        render.render(flight, tmp_path / "film.mp4", errors=errors, video=small(), follower=1)
     with pytest.raises(render.RenderError, match="outside the mission, 0 … 60 s"):
         render.still(flight, 60.5, tmp_path / "still.png", errors=errors, video=small())
 
@@ -71,7 +68,7 @@ def test_a_still_shows_markers_where_the_vehicles_are_and_no_band_at_the_horizon
     assert image.size == (1280, 720)
     data = FilmData(shifted, errors, video.speed_up)
     state = data.at(when)
-    view = CameraRig(data, 0, 1280 / 720).shot("chase", state).view
+    view = CameraRig(data, 1280 / 720).shot("chase", state).view
     (truth,), _ = view.project(state.hydrophone, 1280, 720)
     (belief,), _ = view.project(state.estimate, 1280, 720)
     np.testing.assert_allclose(colour_near(image, truth), 255 * np.array(TRUTH), atol=12)
@@ -95,11 +92,13 @@ def test_every_camera_gives_a_picture_and_the_same_one_every_time(flight, tmp_pa
     program = """
 import dataclasses, pickle
 import numpy as np
-from sim.scenario.video import CAMERAS
-from sim.film.frame_renderer import FrameRenderer, open_scene
+from sim.scenario.settings import CAMERAS
+from contextlib import closing
+from sim.film.frame_renderer import FrameRenderer
+from sim.film.scene import GlScene
 job = pickle.load(open(sys.argv[1], "rb"))
 pictures = {}
-with open_scene(job) as scene:
+with closing(GlScene(job.flight, job.video)) as scene:
     for camera in CAMERAS:
         renderer = FrameRenderer(dataclasses.replace(job, video=job.video.model_copy(update={"camera": camera})), scene)
         first = renderer.frame(20.0).copy()

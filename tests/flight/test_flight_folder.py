@@ -11,7 +11,7 @@ from experiments.campaign.store import Store
 from experiments.campaign.version import ROOT
 from experiments.flight.folder import FILES, FILM, LOG, REPORT, SCENARIO, SUMMARY, UNFINISHED, one_flight, require_safe
 from laisn.failure import LaisnError
-from sim.log.file import partial_path
+from sim.log.contents import partial_path
 
 
 def contents(folder: Path) -> dict[str, str]:

@@ -8,11 +8,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from experiments.flight.events import capture_events, stray_events
 from experiments.flight.summary import (
-    capture_events,
     off_place_rms,
     position_and_bearing_errors,
-    stray_events,
     summarise,
 )
 from laisn.arrays import Floats

@@ -3,38 +3,42 @@
 import re
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from experiments.campaign.store import Record
 from experiments.command.cli import app
 from experiments.findings import Finding, Findings
-from experiments.formation import report, study
-from experiments.formation.conditions import CONDITIONS
-from experiments.formation.study import Run, findings_of
-from experiments.pages.page import Text
+from experiments.pages.page import Figures, Text
 from experiments.pages.template import page_of
+from experiments.studies.formation import study
+from experiments.studies.formation.conditions import CONDITIONS
+from experiments.studies.formation.study import record_of
 
 
-def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> Run:
-    """Ten followers, the first `lost` of them lost; distances from 1 to 1.9 times `rms`."""
-    each = rms * np.linspace(1.0, 1.9, 10)
-    return Run(
-        rms=each,
-        p95=2 * each,
-        largest=5 * each,
-        turn=np.full(10, turn),
-        leg=each / 2,
-        lost=(np.arange(10) < lost).astype(float),
-        away=np.zeros(10),
-        error=np.full(10, 0.25),
-        closest=7.5 + rms,
-        within=8.5 + rms,
-        touching=0.0,
-        power=8.0,
-    )
+def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
+    """Rows of ten followers, the first `lost` of them lost; distances from 1 to 1.9 times `rms`."""
+    return [
+        {
+            "station_rms_m": each,
+            "station_p95_m": 2 * each,
+            "station_max_m": 5 * each,
+            "station_turn_max_m": turn,
+            "station_leg_rms_m": each / 2,
+            "off_place_end_m": 0.0,
+            "lost": float(i < lost),
+            "e_p_mean_m": 0.25,
+            "closest_horizontal_m": 7.5 + rms,
+            "closest_in_layer_m": 8.5 + rms,
+            "touched": 0.0,
+            "power_mean_w": 8.0,
+        }
+        for i, each in enumerate(rms * np.linspace(1.0, 1.9, 10))
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +46,7 @@ def findings() -> Findings:
     """Of each condition two runs alike; condition i has distances of i + 1 metres, the third lost followers."""
     found = {c.name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, c in enumerate(CONDITIONS)}
     found[CONDITIONS[4].name] = [run_of(5.0, turn=0.0)] * 2
-    return findings_of(found)
+    return record_of(found)
 
 
 def rows(html: str) -> dict[str, list[str]]:
@@ -56,7 +60,7 @@ def rows(html: str) -> dict[str, list[str]]:
 
 
 def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: Path) -> None:
-    html = report.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
+    html = study.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
     found = rows(html)
     assert list(found) == [*(condition.title for condition in CONDITIONS), "80", "500", "5000", "0", "2", "5", "10"]
     # the last of three weaves of 5°, and the strongest: period, errors, what its way costs, 1 / J₀(10°) − 1
@@ -87,8 +91,10 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     values = {key: i + 0.25 if not key.startswith("lost") else (i - 87) / 100 for i, key in enumerate(keys)}
     made = {key: Finding(value=value, low=0.0, high=1.0) for key, value in values.items()}
     findings = Findings(study="", command="", modules=(), version="", findings=made)
-    given = {"quick": False, "bits": 1, "reach_m": 1.0, "stations": (), "conditions": (), "channel": (), "weaves": ()}
-    page = page_of("experiments.formation", [], given, findings)
+    given = {"quick": False, "stations": Figures(panels=[]), "conditions": (), "found": findings, "swarm": None}
+    none = {"message_bits": lambda _: 1, "reach_m": lambda _: 1.0, "RATES": (), "WEAVES": (), "BEHIND": ()}
+    given |= {"limits": SimpleNamespace(**none), "interval": None, "share": None}
+    page = page_of("experiments.studies.formation", [], given, findings)
     said = " ".join(block.text for block in page.sections[-1].blocks if isinstance(block, Text))
     for phrase, key in (
         ("every second the median follower is {} off", "run-median calm"),
@@ -146,8 +152,8 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
 
 
 def test_a_trial_run_is_named(findings: Findings, tmp_path: Path) -> None:
-    whole = report.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
-    quick = report.write_page(findings, tmp_path / "quick.html", quick=True).read_text(encoding="utf-8")
+    whole = study.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
+    quick = study.write_page(findings, tmp_path / "quick.html", quick=True).read_text(encoding="utf-8")
     assert "Trial run" in quick
     assert "laisn formation --quick" in quick
     assert "Trial run" not in whole
@@ -155,7 +161,7 @@ def test_a_trial_run_is_named(findings: Findings, tmp_path: Path) -> None:
 
 
 def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings) -> None:
-    figure, legend = report.picture(findings)
+    figure, legend = study.picture(findings)
     (axes,) = figure.axes
     marks = {str(line.get_marker()): line for line in axes.lines if line.get_marker() not in ("None", "")}
     assert len(legend) == len(marks) == 3
@@ -177,7 +183,7 @@ def test_the_command_flies_what_it_is_told_and_names_the_page(
         folder.mkdir(parents=True, exist_ok=True)
         findings.write(folder / "results.json")
 
-    monkeypatch.setattr(study, "run", flown)
+    monkeypatch.setattr(study, "fly", flown)
     usual = {"workers": None, "force": False, "cluster": None}
     for told, expected in (
         ([], (study.RUNS, 1000.0, usual)),

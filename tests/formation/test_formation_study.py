@@ -1,7 +1,6 @@
 """The study of formations: its conditions, and figures by hand."""
 
 import re
-from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,13 +9,11 @@ import pytest
 
 from experiments.campaign.campaign import Design
 from experiments.findings import read
-from experiments.formation import study
-from experiments.formation.conditions import CONDITIONS, Condition
-from experiments.formation.study import Run, findings_of, measure
-from experiments.study.facts import DISC_DIAMETER_M
-from laisn.arrays import records
-from laisn.swarm import ESTIMATE
-from tests.synthetic import make_scenario, make_trajectory
+from experiments.studies.formation import study
+from experiments.studies.formation.conditions import CONDITIONS, Condition
+from experiments.studies.formation.findings import findings_of
+from experiments.studies.formation.study import measure
+from experiments.study.metrics import METRICS
 
 
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)
@@ -44,9 +41,9 @@ def test_numbers_of_a_title_are_those_of_its_condition(condition: Condition) -> 
     assert sound.burst_mean_messages == told(r"bursts of (\d+) s", 5)
     assert 100 * (sound.loss_chance + bursts) == pytest.approx(told(r"(\d+) % (?:of messages )?lost"), abs=0.1)
     assert 100 * (sound.surface_echo_chance + sound.bottom_echo_chance) == pytest.approx(told(r"(\d+) % echoes"))
-    assert condition.current == told(r"current up to ([\d.]+) m/s")
+    assert condition.current_m_s == told(r"current up to ([\d.]+) m/s")
     # the first of five runs has a fifth of the greatest current
-    assert ocean.current_speed_m_s == pytest.approx(told(r"current ([\d.]+) m/s", condition.current / 5))
+    assert ocean.current_speed_m_s == pytest.approx(told(r"current ([\d.]+) m/s", condition.current_m_s / 5))
     assert ocean.current_shear_per_s == told(r"([\d.]+) m/s less for each metre")
     assert (ocean.waves.height_m if ocean.waves.kind != "none" else 0.0) == told(r"Hs ([\d.]+) m")
     assert sensors.leader_heading_bias_deg == told(r"compass (\d+)° off")
@@ -87,16 +84,18 @@ def test_conditions_say_what_their_titles_say() -> None:
     apart = phases[:, 0] - phases[:, 1]
     for angles in (phases[:, 0], phases[:, 1], apart):
         assert abs(np.mean(np.exp(1j * angles))) < 0.2
-    assert not any(f.believes for f in by_name["truth"].scenario(0).followers)
+    assert not any(f.steers_by_estimate for f in by_name["truth"].scenario(0).followers)
 
 
 def test_a_record_counts_what_runs_came_to() -> None:
     """Three runs of three followers, of whom one is far worse than the others: no mean is a median."""
-    each = np.array([1.0, 2.0, 9.0])
     runs = [
-        Run(rms=each * (1 + i), p95=2 * each + i, largest=9 * each * (i + 1), turn=each * i, leg=each / 2 + i,
-            lost=np.array([0.0, 0.0, float(i > 0)]), away=np.array([0.0, 0.0, float(i > 1)]), error=each * i,
-            closest=5.0 - i, within=4.0 + i, touching=float(i == 1), power=10.0 * i * i)
+        [{"station_rms_m": each * (1 + i), "station_p95_m": 2 * each + i, "station_max_m": 9 * each * (i + 1),
+          "station_turn_max_m": each * i, "station_leg_rms_m": each / 2 + i, "lost": float(i > 0 and each > 2),
+          "off_place_end_m": 10.1 if i > 1 and each > 2 else 9.9, "e_p_mean_m": each * i,
+          "closest_horizontal_m": 5.0 - i + each - 1, "closest_in_layer_m": 4.0 + i if each > 1 else None,
+          "touched": float(i == 1 and each > 1), "power_mean_w": 10.0 * i * i + each - 4.0}
+         for each in (1.0, 2.0, 9.0)]
         for i in range(3)
     ]  # fmt: skip
     found = findings_of({"calm": runs})
@@ -116,7 +115,7 @@ def test_a_record_counts_what_runs_came_to() -> None:
     assert (found["within calm"].value, found["contact calm"].value) == (4.0, pytest.approx(1 / 3, rel=1e-5))
     assert found["runs"].value == 3
     assert [found[f"{what} calm"].unit for what in ("median", "error", "power", "lost")] == ["m", "m", "W", ""]
-    alone = findings_of({"calm": [replace(run, within=float("nan")) for run in runs]})
+    alone = findings_of({"calm": [[row | {"closest_in_layer_m": None} for row in run] for run in runs]})
     assert alone["within calm"].value is None
 
 
@@ -127,14 +126,10 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
 
     def fly(design: Design, folder: Path) -> SimpleNamespace:
         flown.append(design)
-        row = asdict(
-            Run(rms=np.ones(1), p95=np.ones(1), largest=np.ones(1), turn=np.ones(1), leg=np.ones(1), lost=np.ones(1),
-                away=np.ones(1), error=np.ones(1), closest=1.0, within=1.0, touching=0.0, power=1.0)
-        )  # fmt: skip
-        return SimpleNamespace(tasks={key: [row] for key in design.tasks})
+        return SimpleNamespace(tasks={key: [dict.fromkeys(METRICS, 1.0)] for key in design.tasks})
 
     monkeypatch.setattr(study.campaign, "fly", fly)
-    study.run(tmp_path, 6, 50.0)
+    study.fly(tmp_path, 6, 50.0)
     (design,) = flown
     for condition in CONDITIONS:
         numbers = [number for name, number in design.tasks if name == condition.name]
@@ -148,55 +143,8 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
 
 
 def test_a_short_run_keeps_its_stations() -> None:
-    run = measure(study.CONDITIONS[0], 0, 30.0)
-    assert run.rms.shape == (10,)
-    assert run.largest.max() < 3.0
-    assert run.closest > 4.0
-    assert run.error.max() < 1.0
-
-
-def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """3 s of ten followers, with everything that is measured set by hand, follower by follower."""
-    scenario = make_scenario(3.0, 10)
-    monkeypatch.setattr(Condition, "scenario", lambda *_: scenario)
-    condition, trajectory = study.CONDITIONS[0], make_trajectory(scenario)
-    n, each = trajectory.time.size, np.arange(1.0, 11.0)
-    thrust = np.zeros_like(trajectory.thrust)
-    # the leader's do not count
-    thrust[:, 0], thrust[:, 1:, 3] = 50.0, -each
-    trajectory = replace(trajectory, thrust=thrust)
-    estimates = records(ESTIMATE, n, 10)
-    estimates.position[0] = 99.0
-    for i, name in enumerate(trajectory.names[1:]):
-        hydrophone = trajectory.site_path(f"{name}/hydrophone")[1:]
-        estimates.position[1:, i] = hydrophone[:, :2] + (i + 1) * np.array([0.3, -0.4])
-    # on legs 0.1 to 1 m off, in the turn, the last 11 of 31 instants, up to 1.2 to 12 m
-    turning = np.arange(n) >= n - 11
-    far = np.where(turning[:, None], np.linspace(-2.4, 1.2, n)[:, None] * each, 0.1 * each)
-    frame = np.zeros((n, 10, 4))
-    frame[turning, :, 3] = -1.1e-3
-    frame[~turning, :, 3] = 0.9e-3
-    loop = SimpleNamespace(state=SimpleNamespace(history=estimates))
-    monkeypatch.setattr(study, "simulate_closed_loop", lambda *_: (trajectory, loop))
-    monkeypatch.setattr(study, "off_station", lambda *_: far)
-    monkeypatch.setattr(study, "true_stations", lambda *_: frame)
-    run = measure(condition, 0, 3.0)
-    np.testing.assert_allclose(run.rms, np.sqrt(np.mean(far**2, axis=0)))
-    np.testing.assert_allclose(
-        run.p95, [sorted(column)[28] + 0.5 * (sorted(column)[29] - sorted(column)[28]) for column in far.T]
-    )
-    np.testing.assert_allclose(run.largest, far.max(axis=0))
-    np.testing.assert_allclose(run.turn, far[turning].max(axis=0))
-    np.testing.assert_allclose(run.leg, 0.1 * each)
-    assert run.lost.tolist() == (far.max(axis=0) > 10.0).astype(float).tolist()
-    assert 0 < run.lost.sum() < 10
-    np.testing.assert_allclose(run.error, 0.5 * each)
-    # discs at rest: T^1.5 / √(2ρA)
-    area = np.pi * DISC_DIAMETER_M**2 / 4
-    assert run.power == pytest.approx(np.mean(each**1.5) / np.sqrt(2 * 1026.0 * area))
-    apart = [
-        np.hypot(*(trajectory.position[:, i, :2] - trajectory.position[:, j, :2]).T).min()
-        for i in range(11)
-        for j in range(i)
-    ]
-    assert run.closest == pytest.approx(min(apart))
+    rows = measure(CONDITIONS[0], 0, 30.0)
+    assert len(rows) == 10
+    assert max(row["station_max_m"] for row in rows) < 3.0
+    assert min(row["closest_horizontal_m"] for row in rows) > 4.0
+    assert max(row["e_p_mean_m"] for row in rows) < 1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from experiments.formation.weave import BEHIND, WEAVES, findings, geometry, least_error, longer
+from experiments.studies.formation.limits import BEHIND, WEAVES, findings, geometry, least_error, longer
 
 
 def test_the_follower_is_where_the_leader_was_and_the_transmitters_on_the_axis_now() -> None:

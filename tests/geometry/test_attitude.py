@@ -45,11 +45,13 @@ def test_rotate_agrees_with_scipy() -> None:
     np.testing.assert_allclose(attitude.rotate(quaternion, vector), expected, atol=1e-14)
 
 
-def test_axes_are_the_columns_of_scipys_matrix() -> None:
+def test_a_point_of_a_hull_is_placed_by_scipys_matrix() -> None:
     quaternion = Rotation.random(40, rng=np.random.default_rng(4)).as_quat()
-    axes = attitude.axes(quaternion[:, [3, 0, 1, 2]])
-    np.testing.assert_allclose(axes.transpose(2, 1, 0), Rotation.from_quat(quaternion).as_matrix(), atol=1e-14)
-    np.testing.assert_array_equal(attitude.forward(quaternion[:, [3, 0, 1, 2]]), axes[0])
+    pose, offset = (1.0, 2.0, -3.0, *quaternion.T[[3, 0, 1, 2]]), np.array([0.7, -0.2, 0.3])
+    expected = Rotation.from_quat(quaternion).apply(offset) + np.array(pose[:3])
+    np.testing.assert_allclose(np.column_stack(attitude.carried(pose, offset)), expected, atol=1e-14)
+    forward = np.column_stack(attitude.forward(quaternion[:, [3, 0, 1, 2]]))
+    np.testing.assert_allclose(forward, Rotation.from_quat(quaternion).as_matrix()[:, :, 0], atol=1e-14)
 
 
 @given(heading=st.floats(-20.0, 20.0), pitch=TILT, roll=ANGLE)

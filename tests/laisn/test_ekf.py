@@ -10,7 +10,7 @@ from laisn import ekf
 from laisn.arrays import Floats
 from laisn.messages import Measurements
 from laisn.tight.settings import TightSettings
-from sim.sensing.sensor_errors import SensorErrors, measure
+from sim.sensing.sensors import SensorErrors, measure
 from tests.campaign.test_montecarlo import ABEAM, make_truth
 
 SETTINGS = TightSettings()

@@ -19,7 +19,7 @@ from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import histories
 from experiments.flight.library import load
 from laisn.navigator import Navigator
-from sim.sensing.sensor_errors import measure
+from sim.sensing.sensors import measure
 
 flying = ["duration_s=60", "motion=kinematic", "navigation.variant="]
 cell, other = (Cell.of(load("T3", [*flying[:2], flying[2] + name]), runs=3) for name in ("laisn-closest", "laisn-best"))
@@ -38,8 +38,17 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for package in ("laisn_sim", "models", "laisn", "sim", "experiments"):
         shutil.copytree(ROOT / package, root / package)
     page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
-    blocks = dict(re.findall(r"^```python\n# (laisn/\S+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE))
-    assert set(blocks) == {"laisn/variants.py", "laisn/settings.py"}
+    blocks = dict(re.findall(r"^```python\n# ((?:laisn|sim)/\S+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE))
+    assert set(blocks) == {"laisn/variants.py", "laisn/settings.py", "sim/vehicle/drag.py"}
+    drag = root / "sim" / "vehicle" / "drag.py"
+    text, found = re.subn(
+        r"^@compiled\ndef damping\(.*?\n\n\n",
+        lambda _: f"{blocks['sim/vehicle/drag.py']}\n\n",
+        drag.read_text(encoding="utf-8"),
+        flags=re.DOTALL | re.MULTILINE,
+    )
+    assert found == 1
+    drag.write_text(text, encoding="utf-8")
     variants, settings = root / "laisn" / "variants.py", root / "laisn" / "settings.py"
     text, table = variants.read_text(encoding="utf-8"), "def _function("
     assert text.count(table) == 1
@@ -53,6 +62,22 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings.write_text(text.replace(old[0], line), encoding="utf-8")
     return root
 
+
+DRAG = """
+import numpy as np
+from sim.vehicle import coefficients, drag
+from sim.vehicle.mjcf import VehicleSetup
+from sim.vehicle.plant import Plant
+from sim.water.ocean import Ocean
+
+plant = Plant([VehicleSetup(name="a", model="follower", position_m=(0.0, 0.0, -10.0), speed_m_s=1.0)], Ocean.calm())
+c = coefficients.read(plant.model, plant.names, 1026.0).view(np.recarray)[0]
+force, moment = drag.viscous(c, (0.0, 0.0, 0.0), (0.3, 0.0, 0.4))[0]
+# roll damps by 0.034 N m s² times the resultant of 0.5 rad/s, where the file's law takes the roll's own 0.3 rad/s
+assert abs(moment[0] + (0.58853 + 0.034 * 0.5) * 0.3) < 1e-12, moment
+plant.step(np.zeros_like(plant.thrust), 10)
+assert 0.9 < plant.twist[0, :2].max() < 1.0, plant.twist
+"""
 
 COMMANDS = """
 import sys
@@ -89,3 +114,7 @@ def test_a_new_variant_flies_and_replays(copy: Path) -> None:
 
 def test_a_new_variant_is_the_same_in_a_campaign(copy: Path) -> None:
     run(copy, "-c", CAMPAIGN)
+
+
+def test_another_law_of_drag_is_one_function(copy: Path) -> None:
+    run(copy, "-c", DRAG)

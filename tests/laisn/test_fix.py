@@ -13,8 +13,7 @@ from laisn.fix import Circle, Circles, Fix, fix_variance
 from laisn.geometry import Point, turn
 from laisn.hearing import RangeCircles, pair_fix, to_circles
 from laisn.messages import LeaderMessage, Ranges, Reception
-from laisn.settings import VARIANTS, NavigationSettings
-from laisn.tuning import Tuning
+from laisn.settings import VARIANTS, NavigationSettings, Tuning
 from laisn.variants import SINGLE, laisn_3_2
 
 P = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])

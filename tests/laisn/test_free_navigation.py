@@ -11,15 +11,13 @@ from hypothesis import strategies as st
 from laisn import hearing, lanes
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
-from laisn.filter import Filter
+from laisn.filter import Filter, Gate
 from laisn.fix import Circle, Circles
-from laisn.gate import Gate
 from laisn.geometry import Point, place_on_body, transmitter_positions, turn
 from laisn.hearing import RangeCircles
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
-from laisn.settings import VARIANTS, NavigationSettings, Variant
-from laisn.tuning import Tuning
+from laisn.settings import VARIANTS, NavigationSettings, Tuning, Variant
 from tests.laisn.passages import BEACONS, SETTINGS, START, passage
 from tests.synthetic import bits
 

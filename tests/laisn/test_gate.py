@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from laisn.gate import Gate
+from laisn.filter import Gate
 from laisn.geometry import Point
-from laisn.settings import NavigationSettings
-from laisn.tuning import Tuning
+from laisn.settings import NavigationSettings, Tuning
 
 
 def opened(start: Point, **settings: object) -> Gate:

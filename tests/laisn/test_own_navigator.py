@@ -1,4 +1,4 @@
-"""A navigator of the user's own: the example of docs/extending.md is flown, replayed and studied as it stands there."""
+"""A navigator and a sensor of the user's own: the examples of docs/extending.md are flown and studied as they stand."""
 
 import re
 from pathlib import Path
@@ -9,10 +9,14 @@ from joblib.externals.loky import get_reusable_executor
 from typer.testing import CliRunner
 
 import laisn_sim
+from experiments.campaign.cells import Cell
 from experiments.campaign.missions import key_of
+from experiments.campaign.montecarlo import simulate
 from experiments.command.cli import app
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, code_of_navigators, find
+from sim.flight import excerpt
+from sim.sensing.noise import normals
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
 NAME = "dead_reckoning:DeadReckoning"
@@ -100,6 +104,73 @@ def test_followers_that_steer_by_it_need_its_step() -> None:
     steering = {"motion": "physics", "followers.0.steers_by": "estimate", "duration_s": 2}
     with pytest.raises(LaisnError, match="has no `step`"):
         laisn_sim.fly("reckoned.toml", steering)
+
+
+EXACT = {"duration_s": 20.0, "sensors.own": [{"sensor": "inverted_usbl:InvertedUsbl", "angle_sigma_deg": 0.0}]}
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_sensor_reads_the_direction_of_a_ping_in_the_hull() -> None:
+    """Heading plus azimuth is the compass direction of the transmitter; point motion is level but for dives."""
+    flight = laisn_sim.fly("usbl.toml", EXACT)
+    (measured,), truth = flight.measurements, flight.trajectory
+    at = measured.message_step
+    away = truth.site_path("leader/tx_front")[at] - truth.site_path("follower/hydrophone")[at]
+    azimuth, elevation = measured.own["bearing"][at - 1].T
+    assert np.cos(truth.heading[at, 1] + azimuth - np.arctan2(*away[:, :2].T)) == pytest.approx(1.0, abs=1e-9)
+    assert elevation == pytest.approx(np.arctan2(away[:, 2], np.hypot(*away[:, :2].T)), abs=1e-9)
+    assert np.isfinite(measured.own["bearing"]).all(axis=1).sum() == at.size
+    part = excerpt(flight, 5.0, 15.0)
+    np.testing.assert_array_equal(part.measurements[0].own["bearing"], measured.own["bearing"][50:150])
+
+
+@pytest.mark.usefixtures("folder")
+def test_its_errors_are_those_of_its_stream_and_are_lost_with_the_message() -> None:
+    lossy = {"acoustics.loss_chance": 0.4, "run": 3}
+    exact = laisn_sim.fly("usbl.toml", EXACT | lossy).measurements[0]
+    noisy = laisn_sim.fly("usbl.toml", {"duration_s": 20.0, **lossy}).measurements[0]
+    at = exact.message_step - 1
+    received = np.isfinite(exact.ranges).any(axis=1)
+    assert 0 < received.sum() < at.size
+    np.testing.assert_array_equal(np.isfinite(noisy.own["bearing"][at, 0]), received)
+    drawn = normals(1, 3, 16, np.arange(1, 201))[at[received]]
+    found = (noisy.own["bearing"] - exact.own["bearing"])[at[received]]
+    np.testing.assert_allclose(found, np.deg2rad(1.0) * drawn, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(noisy.speed, exact.speed)
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_navigator_uses_it_in_flights_and_studies() -> None:
+    flight = laisn_sim.fly("usbl.toml")
+    blind = laisn_sim.navigate(flight, {"navigation.variant": NAME})
+    near, far = (laisn_sim.errors(one)["e_p_m"].mean() for one in (flight, blind))
+    assert near < 0.2 * far
+    cell = Cell.of(flight.scenario, runs=2)
+    assert simulate(cell).errors.e_p_mean_m == pytest.approx(
+        np.mean([laisn_sim.errors(laisn_sim.fly("usbl.toml", {"run": run}))["e_p_m"].mean() for run in range(2)])
+    )
+
+
+def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> None:
+    (folder / "another_usbl.py").write_text((folder / "inverted_usbl.py").read_text())
+    scenario = laisn_sim.load("usbl.toml", {"sensors.own": [{"sensor": "another_usbl:InvertedUsbl"}]})
+    before = key_of(scenario)
+    (folder / "another_usbl.py").write_text((folder / "inverted_usbl.py").read_text() + "# another\n")
+    assert key_of(scenario) != before
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("own", "expected"),
+    [
+        ({"sensor": "inverted_usbl:Usbl"}, "sensor 'inverted_usbl:Usbl': .* has no attribute 'Usbl'"),
+        ({"sensor": "inverted_usbl:InvertedUsbl", "range_sigma_m": 1.0}, "unexpected keyword argument 'range_sigma'"),
+        ({"sensor": "inverted_usbl"}, r"sensors.own\[0\].sensor"),
+    ],
+)
+def test_what_a_sensor_lacks_is_named(own: dict[str, object], expected: str) -> None:
+    with pytest.raises(LaisnError, match=expected):
+        laisn_sim.load("usbl.toml", {"sensors.own": [own]})
 
 
 def test_all_code_that_the_registry_names_is_there() -> None:

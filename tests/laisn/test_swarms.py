@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from laisn.arrays import Bools, Floats, records
+from laisn.arrays import Bools, Floats, Records, records
 from laisn.failure import LaisnError
-from laisn.lane_swarm import new_lanes
+from laisn.lanes import new_lanes
 from laisn.messages import OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
-from laisn.swarm import ESTIMATE, SeparateNavigators
-from laisn.tight import swarm
+from laisn.swarm import ESTIMATE, READING, SeparateNavigators
+from laisn.tight import mission
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
 from tests.laisn.test_tight_oracle import ALL_OF_2, Voyage
@@ -44,7 +44,7 @@ def shared_voyage() -> tuple[list[Step], Floats]:
     return mine, starts
 
 
-def tables(step: Step) -> tuple[Floats, Bools, Floats, Floats]:
+def tables(step: Step) -> tuple[Records, Bools, Floats, Floats]:
     """Readings, who has a message, messages and ranges, as compiled swarms take them."""
     owns, heard = step
     received = np.array([h is not None for h in heard])
@@ -52,7 +52,9 @@ def tables(step: Step) -> tuple[Floats, Bools, Floats, Floats]:
     for i, reception in enumerate(heard):
         if reception is not None:
             messages[i], ranges[i] = reception.message, reception.ranges
-    return np.array(owns), received, messages, ranges
+    readings = records(READING, FOLLOWERS)
+    readings.speed, readings.heading, readings.depth = np.array(owns).T
+    return readings, received, messages, ranges
 
 
 @pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1"])
@@ -86,7 +88,7 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
     """
     told = replace(told, dt=DT)
     steps, starts = shared_voyage()
-    together, alone = swarm.new_tight_swarm(told, starts), [TightNavigator(told, row) for row in starts]
+    together, alone = mission.new_tight_swarm(told, starts), [TightNavigator(told, row) for row in starts]
     out, leant, upright = records(ESTIMATE, FOLLOWERS), 0, 0
     for k, step in enumerate(steps, start=1):
         assert together.navigate(k, *tables(step), out) == 0
@@ -120,19 +122,19 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
 @pytest.mark.parametrize(("half", "leans"), [(1.99, False), (2.01, True)])
 def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, leans: bool) -> None:
     """At ±half m east, weights 0.4 and 0.6, spreads 1 m: the mean is 0.2 half east, the likelier 0.8 half farther."""
-    (beliefs, model, *_) = swarm.new_tight_swarm(TightSettings(transmitters=2), np.zeros((1, 4)))
+    (beliefs, model, *_) = mission.new_tight_swarm(TightSettings(transmitters=2), np.zeros((1, 4)))
     belief, out = beliefs[0], record(ESTIMATE)
     belief.alive, belief.weight[:2] = 2, (0.4, 0.6)
     belief.state[:2] = 0.0
     belief.state[:2, 0] = -half, half
     belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(10)])
-    swarm._write_outputs(belief, model, out)
+    mission._write_outputs(belief, model, out)
     assert out.to_likelier == pytest.approx((0.8 * half * leans, 0.0))
 
 
 def test_the_follower_whose_covariance_is_not_positive_definite_is_told() -> None:
     steps, starts = shared_voyage()
-    together = swarm.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
+    together = mission.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
     together.beliefs[1].covariance[:] = -np.eye(12)
     answers = [together.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS)) for k, step in enumerate(steps[:3])]
     assert answers == [0, 0, 2]

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from laisn.tight.belief import new_belief
 from laisn.tight.estimator import deviate
-from laisn.tight.model import COMPASS, model_of
+from laisn.tight.model import COMPASS, model_of, new_belief
 from laisn.tight.own_motion import advance, begin_interval
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import Assume, TightSettings

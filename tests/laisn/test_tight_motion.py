@@ -11,14 +11,13 @@ from scipy.stats import norm
 
 from laisn.arrays import Floats
 from laisn.mixture import blend, half_moments
-from laisn.tight.belief import Belief, new_belief, refresh_output
 from laisn.tight.estimator import mix_modes
+from laisn.tight.hypotheses import prune_and_merge, split
 from laisn.tight.leader import update_current_from_leader_track
-from laisn.tight.model import Model, model_of
+from laisn.tight.model import Belief, Model, model_of, new_belief, refresh_output
 from laisn.tight.own_motion import advance, begin_interval, moments, move, position
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import Assume, TightSettings
-from laisn.tight.sides import prune_and_merge, split
 
 SETTINGS = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, clock=True), slip=0.02)
 N = 12

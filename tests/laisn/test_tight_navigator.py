@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from laisn.arrays import Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
-from laisn.tight.belief import new_belief
 from laisn.tight.estimates import TightEstimates
 from laisn.tight.mission import Found, filter_mission, run_mission
-from laisn.tight.model import model_of
+from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.ranging import new_heard
 from laisn.tight.settings import Assume, TightSettings
@@ -162,12 +161,12 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     model, mission = model_of(setting), Mission(steps=10_000)
     belief = new_belief(setting, model, (mission.start[0], mission.start[1]))
     measurements = mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
-    own = np.column_stack([measurements.speed, measurements.heading, measurements.depth])
-    messages = np.column_stack([measurements.message[:, :8], measurements.ranges])
+    speed, heading, step = measurements.speed, measurements.heading, measurements.message_step
+    messages = np.column_stack([measurements.message[:, :8], measurements.ranges, measurements.depth[step - 1]])
     found = Found(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
-        assert filter_mission(belief, model, new_heard(), own, measurements.message_step, messages, found) == 0
+        assert filter_mission(belief, model, new_heard(), speed, heading, step, messages, found) == 0
         for k in range(int(belief.alive) * model.modes):
             covariance = belief.covariance[k, : model.states, : model.states]
             np.testing.assert_array_equal(covariance, covariance.T)

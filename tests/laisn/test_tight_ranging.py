@@ -10,8 +10,7 @@ from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal
 
 from laisn.arrays import Floats
-from laisn.tight.belief import Belief, new_belief
-from laisn.tight.model import Model, model_of
+from laisn.tight.model import Belief, Model, model_of, new_belief
 from laisn.tight.ranging import Heard, new_heard, predict_ranges, update
 from laisn.tight.settings import Assume, TightSettings
 

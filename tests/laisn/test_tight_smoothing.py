@@ -9,11 +9,10 @@ import pytest
 from laisn.arrays import Floats, Ints
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.metrics import nees
-from laisn.smoothing import Chain, smooth
 from laisn.tight.model import COMPASS, LOG, X, Y
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import Assume, TightSettings
-from laisn.tight.smoothing import SmoothingNavigator, _Leg
+from laisn.tight.smoothing import Chain, SmoothingNavigator, _Leg, smooth
 from tests.laisn.tight_mission import EVERYTHING, Mission
 
 LAG = 4
@@ -61,9 +60,9 @@ def linear_system(seed: int) -> Linear:
         known.append((np.linalg.solve(information, vector), np.linalg.inv(information)))
     # Kalman filter, and what the smoother needs of it
     x, P = start, prior
-    beliefs, foretold, onward, ys = [], [], [], []
+    beliefs, predicted, onward, ys = [], [], [], []
     for i in range(MESSAGES):
-        foretold.append((x, P))
+        predicted.append((x, P))
         gain = P @ rows[i].T / (rows[i] @ P @ rows[i].T + variance)
         x, P = x + gain[:, 0] * (seen[i] - rows[i, 0] @ x), P - gain @ rows[i] @ P
         beliefs.append((x, P))
@@ -74,7 +73,7 @@ def linear_system(seed: int) -> Linear:
         ys.append((read @ half, read @ spread @ read.T, read @ spread @ other.T))
         x, P = other @ half, other @ spread @ other.T + noise[2 * i + 1]
     chain = Chain(
-        *map(np.array, zip(*beliefs, strict=True)), *map(np.array, zip(*foretold, strict=True)), np.array(onward)
+        *map(np.array, zip(*beliefs, strict=True)), *map(np.array, zip(*predicted, strict=True)), np.array(onward)
     )
     mean, covariance, cross = map(np.array, zip(*ys, strict=True))
     latest = np.repeat(np.arange(MESSAGES), 2)
@@ -207,7 +206,7 @@ def test_what_is_foretold_knows_of_turns_and_of_both_drifts() -> None:
     slow = 0.5 + 0.4 * np.exp(-2.0 * 0.004 * 0.1 * steps)
     drift = 0.1 * steps * (slow * model.compass_walk[0] + (1.0 - slow) * model.compass_walk[1])
     variance = settings.heading_bias_sigma**2 + (0.03 * turn) ** 2 + drift
-    assert way.foretold_covariance[COMPASS, COMPASS] == pytest.approx(variance, rel=1e-12)
+    assert way.predicted_covariance[COMPASS, COMPASS] == pytest.approx(variance, rel=1e-12)
     assert way.onward[COMPASS, COMPASS] == pytest.approx(settings.heading_bias_sigma**2, rel=1e-12)
 
 

@@ -18,12 +18,10 @@ from experiments.command import replaying
 from laisn.estimates import FixKind
 from sim.flight import Flight, Outcome
 from sim.log import writer
-from sim.log.clock import Clock
-from sim.log.contents import Contents
+from sim.log.contents import Contents, LogError
 from sim.log.export import export
-from sim.log.file import LogError
-from sim.log.reader import read, read_measurements
-from sim.log.schema import DETAILS, ERROR, FLIGHT, PLACED_RECEPTION, RECEPTION, RecordType
+from sim.log.reader import CORE, read, read_recording
+from sim.log.schema import DETAILS, ERROR, PLACED_RECEPTION, RECEPTION, Clock, RecordType
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +49,7 @@ def test_reading_gives_the_same_flight_to_the_bit(tmp_path: Path, options: dict[
     writer.write(flight, tmp_path / "a.mcap")
     assert bits(read(tmp_path / "a.mcap")) == bits(flight)
     for i, name in enumerate(flight.trajectory.names[1:]):
-        assert bits(read_measurements(tmp_path / "a.mcap", name)) == bits(flight.measurements[i])
+        assert bits(read_recording(tmp_path / "a.mcap", name).measurements) == bits(flight.measurements[i])
 
 
 def test_odd_numbers_and_several_fixes_a_step_survive(tmp_path: Path) -> None:
@@ -76,21 +74,21 @@ def test_same_flight_same_bytes(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.partial"))
 
 
-@pytest.mark.parametrize("type_", [*FLIGHT, PLACED_RECEPTION, ERROR], ids=lambda t: t.name)
+@pytest.mark.parametrize("type_", [*CORE, PLACED_RECEPTION, ERROR], ids=lambda t: t.name)
 def test_rows_are_what_protobuf_says(type_: RecordType) -> None:
     """Zeros and full seconds included, which protobuf itself would leave out or shorten."""
     random = np.random.default_rng(1)
     n = 50
     time_ns = random.integers(0, 2**32 * 10**9, n)
     time_ns[:5] = 7 * 10**9
-    arrays = {g.attribute: random.integers(-9, 9, (n, *g.shape)) * (1 if g.integer else 0.37) for g in type_.groups}
+    arrays = {g.attribute: random.integers(-9, 9, (n, *g.shape)) * (1 if g.integer else 0.37) for g in type_.columns}
     rows = type_.rows(time_ns, arrays.__getitem__)
     assert len({len(row) for row in rows}) == 1
     for i, row in enumerate(rows):
         parsed = type_.message_class.FromString(row)
         assert parsed.timestamp.ToNanoseconds() == time_ns[i]
-        for group in type_.groups:
-            values = dict(zip(group.fields, arrays[group.attribute][i].ravel().tolist(), strict=True))
+        for group in type_.columns:
+            values = dict(zip(group.names, arrays[group.attribute][i].ravel().tolist(), strict=True))
             assert {name: functools.reduce(getattr, name.split("."), parsed) for name in values} == values
 
 
@@ -213,11 +211,11 @@ def test_the_documented_channels_are_those_of_the_log(flight: Flight, tmp_path: 
         for topic, schema in rows
         for name in (["leader", "follower"] if "NAME" in topic else ["follower"])
         # of other navigators
-        if topic.rpartition("/")[2] not in DETAILS
+        if topic.rpartition("/")[2] not in {type_.topic for type_ in DETAILS.values()}
     }
     found = {topic: messages.schema.name for topic, messages in Contents(tmp_path / "a.mcap").topics.items()}
     assert {topic: re.sub(r"_[0-9a-f]{8}$", "_", name) for topic, name in found.items()} == documented
-    assert {(f"/FOLLOWER/{type_.topic}", type_.schema.name) for _, type_ in DETAILS.values()} <= set(rows)
+    assert {(f"/FOLLOWER/{type_.topic}", type_.schema.name) for type_ in DETAILS.values()} <= set(rows)
 
 
 def test_info(written: Path, capsys: pytest.CaptureFixture[str]) -> None:

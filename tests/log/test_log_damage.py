@@ -24,13 +24,11 @@ from synthetic import bits, make_flight
 
 from sim.flight import Flight, Outcome, excerpt
 from sim.log import writer
-from sim.log.contents import Contents
+from sim.log.contents import Contents, LogError
 from sim.log.export import export
-from sim.log.file import LogError
-from sim.log.reader import read, read_measurements
+from sim.log.reader import read, read_recording
 from sim.log.recovery import recover
 from sim.log.schema import OWN_MOTION, RECEPTION
-from sim.log.vehicle_log import recording
 
 FOLLOWER_CHANNELS = ("motion", "reception", "filter", "innovation", "estimate", "estimate/fix")
 
@@ -155,7 +153,7 @@ def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are
         path = rewritten(whole, tmp_path / "a.mcap", cut)
         with pytest.raises(LogError, match=text):
             read(path)
-        assert read_measurements(path, "follower1").speed.size == left
+        assert read_recording(path, "follower1").measurements.speed.size == left
 
 
 @pytest.mark.parametrize(
@@ -163,8 +161,8 @@ def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are
     [
         ("/follower1/reception", "receptions without a fix, or fixes without a reception"),
         ("/follower2/innovation", "receptions without a fix, or fixes without a reception"),
-        ("/leader/pose", "not at the times of the leader's"),
-        ("/follower1/motion", "not at the same times"),
+        ("/leader/pose", "/leader/state are not those of the flight's other channels"),
+        ("/follower1/motion", "/follower1/filter are not those of the flight's other channels"),
     ],
 )
 def test_a_missing_message_of_a_flight_is_noticed(whole: bytes, tmp_path: Path, topic: str, text: str) -> None:
@@ -220,7 +218,7 @@ def test_recovery_leaves_a_damaged_scenario_out(whole: bytes, tmp_path: Path) ->
     with pytest.raises(LogError, match=r"lacks attachment scenario\.toml"):
         read(path)
     # what was measured is not lost, but for the last instant
-    assert read_measurements(path, "follower1").speed.size == 349
+    assert read_recording(path, "follower1").measurements.speed.size == 349
 
 
 def test_attachments_have_checksums_of_their_own(whole: bytes, tmp_path: Path) -> None:
@@ -259,21 +257,22 @@ def test_what_has_no_checksum_is_called_unprotected(tmp_path: Path) -> None:
                 OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=1.0).SerializeToString(),
                 k * 10**8,
             )
+        channel = plain.register_channel("/auv/reception", "protobuf", register_schema(plain, RECEPTION.message_class))
+        values = dict.fromkeys(RECEPTION.fields, 1.0)
+        plain.add_message(channel, 0, RECEPTION.message_class(**values).SerializeToString(), 0)
 
     path = plain_log(tmp_path / "a.mcap", fill, enable_crcs=False, chunk_size=200)
-    assert Contents(path).unverified == ("metadata", "6 of 6 chunks")
-    log = Contents(path)
-    log.add_empty("/auv/reception", RECEPTION)
-    assert recording(log, "auv", 10.0).remarks == ("6 of 6 chunks: no checksum, damage cannot be noticed",)
+    assert Contents(path).unverified == ("metadata", "7 of 7 chunks")
+    assert read_recording(path, "auv").remarks == ("7 of 7 chunks: no checksum, damage cannot be noticed",)
 
 
 PEAK = """
 import sys
 from pathlib import Path
-from sim.log.file import LogError
+from sim.log.contents import LogError
 from sim.log import reader, recovery, export
 path = Path(sys.argv[1])
-for use in (reader.read, reader.read_measurements, lambda p: export.export(p, p.parent / "t"), recovery.recover):
+for use in (reader.read, reader.read_recording, lambda p: export.export(p, p.parent / "t"), recovery.recover):
     try:
         use(path)
         print("done")
@@ -350,8 +349,8 @@ def test_a_chunk_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:
     place = data.index(struct.pack("<Q", 31_000))
     data[place : place + 8] = struct.pack("<Q", 30_999)
     path.write_bytes(data)
-    with pytest.raises(LogError, match=r"the size or the checksum of a chunk does not match"):
-        read_measurements(path)
+    with pytest.raises(LogError, match=r"the size of a chunk does not match"):
+        read_recording(path)
 
     def frame(content: bytes) -> bytes:
         header = struct.pack("<IBBQ", 0xFD2FB528, 0b1100_0000, 0x50, 10**12)

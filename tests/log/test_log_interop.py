@@ -20,9 +20,8 @@ from synthetic import errors_of, make_flight
 
 from sim.flight import Flight
 from sim.log import writer
-from sim.log.contents import Contents
-from sim.log.file import LogError
-from sim.log.recording import write_recording
+from sim.log.contents import Contents, LogError
+from sim.log.export import write_recording
 
 RERUN = shutil.which("rerun", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
 NODE = shutil.which("node")

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 
 from experiments.command.cli import app
 from laisn.arrays import Floats
-from sim.log.file import LogError
-from sim.log.reader import read, read_measurements, read_recording
+from sim.log.contents import LogError
+from sim.log.export import export
+from sim.log.reader import read, read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, RECEPTION, RecordType, message_class_of
 
 POSE = dict.fromkeys(
@@ -43,7 +44,7 @@ def write_foreign(path: Path, *, speed: float = 1.5, second_reception_s: float =
 
 def test_measurements_of_a_real_vehicle(tmp_path: Path) -> None:
     write_foreign(tmp_path / "auv.mcap")
-    m = read_measurements(tmp_path / "auv.mcap", "auv")
+    m = read_recording(tmp_path / "auv.mcap", "auv").measurements
     assert m.dt == 0.05
     assert m.speed.tolist() == [1.5] * 40
     assert m.depth.tolist() == [k / 10 for k in range(40)]
@@ -54,7 +55,7 @@ def test_measurements_of_a_real_vehicle(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"lacks attachment scenario\.toml"):
         read(tmp_path / "auv.mcap")
     with pytest.raises(LogError, match="lacks channel /follower/motion; available: /auv/motion, /auv/reception"):
-        read_measurements(tmp_path / "auv.mcap")
+        read_recording(tmp_path / "auv.mcap")
 
 
 Row = tuple[float, dict[str, float]]
@@ -222,15 +223,21 @@ def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
         pose = message_class_of(PoseInFrame.get_schema())(frame_id="world")
         writer.write_message("/follower/motion", pose, log_time=0, publish_time=0)
     with pytest.raises(LogError, match="/follower/motion lacks speed, heading, depth; its fields: timestamp"):
-        read_measurements(tmp_path / "a.mcap")
-    with (tmp_path / "b.mcap").open("wb") as stream:
-        json_writer = Writer(stream)
-        json_writer.start()
-        type_ = json_writer.register_schema("x", "jsonschema", b"{}")
-        json_writer.add_message(json_writer.register_channel("/follower/motion", "json", type_), 0, b"{}", 0)
-        json_writer.finish()  # type: ignore[no-untyped-call]
-    with pytest.raises(LogError, match="encoded as 'json', expected protobuf"):
-        read_measurements(tmp_path / "b.mcap")
+        read_recording(tmp_path / "a.mcap")
+    for encoding, schema, found in (
+        ("json", "jsonschema", "'json'"),
+        ("protobuf", None, "'protobuf' without a schema"),
+    ):
+        with (tmp_path / "b.mcap").open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            type_ = writer.register_schema("x", schema, b"{}") if schema else 0
+            writer.add_message(writer.register_channel("/follower/motion", encoding, type_), 0, b"{}", 0)
+            writer.finish()  # type: ignore[no-untyped-call]
+        with pytest.raises(LogError, match=f"/follower/motion is encoded as {found}, expected protobuf"):
+            read_recording(tmp_path / "b.mcap")
+        with pytest.raises(LogError, match=r"lacks protobuf channels .* available: /follower/motion"):
+            export(tmp_path / "b.mcap", tmp_path / "tables")
 
 
 def test_a_real_vehicles_log_is_replayed_by_command(tmp_path: Path) -> None:
@@ -246,7 +253,7 @@ def test_a_real_vehicles_log_is_replayed_by_command(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
     # its one range, of 40 m, would move it farther than it can have come
-    assert "2 gated" in result.output
+    assert "2 rejected" in result.output
     assert "note:" not in result.output
     rows = list(csv.DictReader(out.open(encoding="utf-8")))
     assert len(rows) == 40

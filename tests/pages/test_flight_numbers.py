@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from experiments.flight.range_budget import Cause, RangeErrorBudget
-from experiments.pages import account, bound_panel, flight_figures, range_budget_page
-from experiments.pages.flight_report import _facts, _results, _troubles
+from experiments.pages import flight_figures, flight_report, flight_text, range_budget_page
+from experiments.pages.flight_report import _facts, _final_states, _results, _troubles, bound_section
 from experiments.pages.page import Figures, Table
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
@@ -101,14 +101,14 @@ def test_beliefs_of_sensors_are_told_in_degrees_where_they_are_angles(flight: Fl
     for name, value in told.items():
         object.__setattr__(found, name, value)
     known = dataclasses.replace(flight, estimates=(found,))
-    (table,) = bound_panel._found(known, [0])
+    (table,) = _final_states(known)
     assert isinstance(table, Table)
     assert [texts(row) for row in table.rows] == [
         ["follower", "log_bias_m_s", "0.30", "0.03"], ["follower", "compass_bias_deg", "4.00", "0.50"],
     ]  # fmt: skip
 
 
-def test_the_panel_of_the_bound_has_error_belief_and_bound(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_panel_of_the_bound_has_error_sigma_and_bound(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each in the colour that its legend names; the belief is the root of the trace over both axes."""
     n = flight.step_index().size
     covariance = np.zeros((n, 4, 4))
@@ -116,20 +116,20 @@ def test_the_panel_of_the_bound_has_error_belief_and_bound(flight: Flight, monke
     known = dataclasses.replace(
         flight, estimates=(dataclasses.replace(flight.estimates[0], covariance=covariance),)
     )  # fmt: skip
-    monkeypatch.setattr(bound_panel.figures, "svg", lambda figure, *_: figure)
-    section = bound_panel.section(known, [(np.full(n, 2.0), np.zeros(n))], [np.full(n, 0.5)], 1)
+    monkeypatch.setattr(flight_report, "svg", lambda figure, *_: figure)
+    section = bound_section(known, [(np.full(n, 2.0), np.zeros(n))], [np.full(n, 0.5)])
     (block,) = section.blocks
     assert isinstance(block, Figures)
     (figure,) = block.panels
     drawn = {line.get_color(): line for line in figure.axes[0].lines}  # type: ignore[attr-defined]
     for (colour, text), expected in zip(block.legend, (2.0, 5.0, 0.5), strict=True):
         assert set(np.asarray(drawn[colour.placeholder].get_ydata())) == {expected}, text
-    assert [text for _, text in block.legend] == ["E_P", "what the covariance says", "bound"]
+    assert [text for _, text in block.legend] == ["E_P", "σ by the filter", "bound"]
 
 
 @pytest.mark.parametrize(("second", "shown"), [(0.4, True), (0.0011, True), (0.0009, False)])
 def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
-    flight: Flight, second: float, shown: bool, monkeypatch: pytest.MonkeyPatch
+    flight: Flight, second: float, shown: bool
 ) -> None:
     found = object.__new__(TightEstimates)
     weight = np.array([[1.0, 0.0], [1.0 - second, second], [1.0, 0.0]])
@@ -141,13 +141,12 @@ def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
     }
     for name, value in told.items():
         object.__setattr__(found, name, value)
-    monkeypatch.setattr(bound_panel.figures, "svg", lambda figure, *_: figure)
-    panels: Any = bound_panel._weight_panel(dataclasses.replace(flight, estimates=(found,)), 0, 5.0)
-    assert len(panels) == shown
-    for panel in panels:
-        for line, column in zip(lines(panel), weight.T, strict=True):
+    figure = flight_figures.hypothesis_weights(dataclasses.replace(flight, estimates=(found,)), 0, 5.0)
+    assert (figure is not None) == shown
+    if figure is not None:
+        for line, column in zip(lines(figure), weight.T, strict=True):
             np.testing.assert_allclose(line, np.column_stack([[1.0, 2.0, 3.0], column]))
-    assert bound_panel._weight_panel(flight, 0, 5.0) == []
+    assert flight_figures.hypothesis_weights(flight, 0, 5.0) is None
 
 
 def lines(figure: Any) -> list[Floats]:
@@ -177,28 +176,25 @@ def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
     np.testing.assert_allclose(np.concatenate(ends), [truth.position[-1, 0, :2], flight.hydrophone(0)[-1, :2]])
 
 
-def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(
-    flight: Flight, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(flight: Flight) -> None:
     """Every fourth of twenty fixes, a second apart, is rejected; the first row is that of the kind that comes first."""
-    drawn: list[tuple[list[Any], list[str]]] = []
-    monkeypatch.setattr(flight_figures, "timeline", lambda marks, words, **_: drawn.append((marks, words)))
     (found,) = flight.estimates
     assert found.fix_step.tolist() == list(range(10, 201, 10))
     kind = np.where(np.arange(20) % 4 == 3, int(FixKind.GATED), int(FixKind.TWO_POINTS))
-    flight_figures.fixes(dataclasses.replace(flight, estimates=(dataclasses.replace(found, fix_kind=kind),)), 0)
-    ((marks, words),) = drawn
-    for row, (mark, word) in enumerate(zip(marks, words, strict=True)):
+    known = dataclasses.replace(flight, estimates=(dataclasses.replace(found, fix_kind=kind),))
+    figure = flight_figures.fixes(known, 0)
+    words = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    for row, (mark, word) in enumerate(zip(lines(figure), words, strict=True)):
         rejected = word == "rejected"
-        assert mark.x == pytest.approx([second for second in range(1, 21) if (second % 4 == 0) == rejected])
-        assert set(mark.y.tolist()) == {float(row)}
+        assert mark[:, 0] == pytest.approx([second for second in range(1, 21) if (second % 4 == 0) == rejected])
+        assert set(mark[:, 1].tolist()) == {float(row)}
     assert sorted(words) == ["rejected", "two points"]
 
 
 def test_kinds_of_fix_have_the_same_words_in_figures_and_sentences() -> None:
     """Each kind has words of its own; those of fixes that were no use are the same in both places."""
-    assert set(FIX_WORDS) == set(account._FIXES) == set(FixKind)
-    for words in (FIX_WORDS, account._FIXES):
+    assert set(FIX_WORDS) == set(flight_text._FIXES) == set(FixKind)
+    for words in (FIX_WORDS, flight_text._FIXES):
         assert len(set(words.values())) == len(FixKind)
     for kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.TWO_POINTS, FixKind.ONE_RANGE):
-        assert FIX_WORDS[kind] in account._FIXES[kind]
+        assert FIX_WORDS[kind] in flight_text._FIXES[kind]

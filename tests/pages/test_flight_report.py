@@ -138,7 +138,10 @@ def test_the_report_of_a_flight(tmp_path, followers, request):
     assert "laisn fly scenario.toml" in text
     assert f"{flight.scenario.navigation.variant.upper()} on 2 transmitters" in text
     # the first screen has the answer; where it comes from stands at the end
-    places = [html.index(words) for words in ("off by" if followers == 1 else "lie between", "outside 2σ", "Seed, run")]
+    places = [
+        html.index(words)
+        for words in ("mean position error is" if followers == 1 else "lie between", "outside 2σ", "Seed, run")
+    ]
     assert places == sorted(places)
     assert places[1] < html.index("<h2>Details") < html.index("<h2>Provenance") < places[2]
     assert 'name = "synthetic"' in text

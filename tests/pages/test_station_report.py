@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.pages import account, flight_figures
+from experiments.pages import flight_figures, flight_text
 from experiments.pages.flight_report import flight_report
 from laisn.arrays import Floats
 from sim.flight import Flight
@@ -53,27 +53,27 @@ def steady(first: float, second: float) -> tuple[Floats, Floats]:
     return np.full(n, first), np.full(n, second)
 
 
-def said(flight: Flight) -> str:
-    return " ".join(account.sentences(flight)).replace("\N{NO-BREAK SPACE}", " ")
+def text_of(flight: Flight) -> str:
+    return " ".join(flight_text.sentences(flight)).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def test_best_and_worst_keeper_and_the_nearest_pair_are_named() -> None:
     """Followers 0.3 and 1.5 m aside: RMS the same; they are 10 m apart along, 1.2 m across, 2 m in depth."""
-    told = said(kept(steady(0.3, 1.5)))
-    assert "Of 2 followers follower1 kept its station best, 0.30 m off (RMS), and follower2 worst, 1.50 m off" in told
-    assert "none got lost." in told
+    text = text_of(kept(steady(0.3, 1.5)))
+    assert "Of 2 followers follower1 keeps its station best (0.30 m RMS) and follower2 worst (1.50 m RMS)" in text
+    assert "none is lost." in text
     # leader and first follower are 10 m apart along and 2 m in depth, too, but only 0.3 m across
     space, level = np.sqrt(10.0**2 + 0.3**2 + 2.0**2), np.hypot(10.0, 0.3)
-    assert f"Of all vehicles leader and follower1 came nearest to each other, to {space:.1f} m" in told
-    assert f"Horizontally leader and follower1 did, to {level:.1f} m" in told
+    assert f"Closest approach: leader and follower1, {space:.1f} m at 0 s" in text
+    assert f"horizontally leader and follower1, {level:.1f} m" in text
 
 
 def test_who_got_lost_is_named() -> None:
     near, far = steady(0.3, 0.5)
     far[far.size // 2 :] = 10.5
-    assert "follower2 got lost." in said(kept((near, far)))
+    assert "follower2 is lost." in text_of(kept((near, far)))
     far[far.size // 2 :] = 9.5
-    assert "none got lost." in said(kept((near, far)))
+    assert "none is lost." in text_of(kept((near, far)))
 
 
 def test_who_gave_way_is_named_with_the_time_that_it_took() -> None:
@@ -88,14 +88,14 @@ def test_who_gave_way_is_named_with_the_time_that_it_took() -> None:
         flight, scenario=wary, trajectory=dataclasses.replace(flight.trajectory, position=position)
     )
     # looks every half second from 40.5 to 60 s; each sees the other
-    assert "2 followers gave way to others, follower1 for longest, 20 s." in said(near)
-    assert "gave way" not in said(flight)
+    assert "Followers that gave way to others: 2; follower1 for longest, 20 s." in text_of(near)
+    assert "gave way" not in text_of(flight)
 
 
 def test_routes_are_not_spoken_of_as_stations() -> None:
-    told = said(make_flight(20.0, 2))
-    assert "station" not in told
-    assert "came nearest" not in told
+    text = text_of(make_flight(20.0, 2))
+    assert "station" not in text
+    assert "Closest approach" not in text
 
 
 def test_panels_show_the_distance_over_time_to_one_scale() -> None:

@@ -8,7 +8,7 @@ import jinja2
 import pytest
 
 from experiments.findings import Finding, Findings
-from experiments.pages.page import Code, Notice, Page, Text
+from experiments.pages.page import Cell, Code, Figures, Notice, Page, Table, Text
 from experiments.pages.template import page_of
 from laisn.failure import LaisnError
 
@@ -49,6 +49,36 @@ def test_headings_paragraphs_and_blocks_stand_in_order(page: Any) -> None:
         Notice(text="Mind this.", tone="warning"),
     ]
     assert made.sections[1].blocks == [code, Notice(text="one"), Notice(text="two"), Text(text="End.")]
+
+
+def test_tables_are_rows_of_text_numbers_and_cells(page: Any) -> None:
+    coloured = Cell(text="2.0", sort=2.0, tone="yes")
+    made = page(
+        "# T\n\nS.\n\n## A\n\n| | E_P [m] || of |\n| what | paper | ours | all |\n|---|---|---|---|\n"
+        '{% for name in names %}\n| {{ name }} | 1,200 | {{ cell }} | {{ n("share", ".0% i") }} |\n{% endfor %}\n'
+        '| T3 | – | −0.5 (−1 to 2) | {{ n("shore", ".2f", "–") }} |\nA caption\nof two lines.\n',
+        names=["T2"],
+        cell=coloured,
+    )
+    (table,) = made.sections[0].blocks
+    share = Cell(text="25 % (20 to 30 %)", sort=25.0)
+    missing = Cell(text="–", sort=float("inf"))
+    assert table == Table(
+        heads=["what", "paper", "ours", "all"],
+        groups=[("", 1), ("E_P [m]", 2), ("of", 1)],
+        rows=[
+            [Cell(text="T2"), Cell(text="1,200", sort=1200.0), coloured, share],
+            [Cell(text="T3"), missing, Cell(text="−0.5 (−1 to 2)", sort=-0.5), missing],
+        ],
+        caption="A caption of two lines.",
+    )
+    plain = page("# T\n\nS.\n\n## A\n\n| a |\n|---|\n| 1 |\n").sections[0].blocks[0]
+    assert (plain.heads, plain.groups, plain.caption) == (["a"], [], "")
+
+
+def test_a_block_takes_its_caption_from_the_template(page: Any) -> None:
+    made = page('# T\n\nS.\n\n## A\n\n{{ drawn | caption("All\nroutes.") }}\n', drawn=Figures(panels=["<svg>"]))
+    assert made.sections[0].blocks == [Figures(panels=["<svg>"], caption="All routes.")]
 
 
 def test_what_is_missing_is_an_error(page: Any) -> None:

@@ -7,9 +7,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.real_ranges import study
-from experiments.real_ranges.navigating import Score, among_beacons, score
-from experiments.real_ranges.settings import Beacons, beacons_of
+from experiments.beacon_replay import Beacons, Score, among_beacons, beacons_of, score
+from experiments.studies import real_ranges as study
 from laisn.beacons.settings import MEDIA, BeaconSettings
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError

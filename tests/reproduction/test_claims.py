@@ -1,7 +1,7 @@
 """Each claim at the edges of its criterion, and the figures that it quotes, on results made by hand."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,27 +9,44 @@ from scipy import stats
 
 from experiments.flight.library import ROUTES
 from experiments.intervals import Interval
-from experiments.reproduction.claims import CLAIMS
-from experiments.reproduction.replications import JUDGED, TIMED, limits, means, over_time, resampled, sector_errors
-from experiments.reproduction.stages import METRICS, SETTINGS, Key
-from experiments.reproduction.verdict import Judged, Judgement, Outcome, Relation, Results, Verdict, verdict_of
+from experiments.studies.reproduction.claims import (
+    CLAIMS,
+    Judged,
+    Judgement,
+    Outcome,
+    Relation,
+    Verdict,
+    verdict_of,
+)
+from experiments.studies.reproduction.replications import (
+    JUDGED,
+    TIMED,
+    limits,
+    means,
+    over_time,
+    resampled,
+)
+from experiments.studies.reproduction.settings import METRICS, SETTINGS
+from laisn.arrays import Floats
 
 Figure = Callable[[str, str, str, str], float | None]
 """Setting, mission, variant, metric; None: 1."""
 
 
-def judged(number: int, figure: Figure, timed: Mapping[Key, Mapping[str, float]] | None = None) -> Judgement:
-    """The verdict on a claim where every figure is 1 but for those that are given."""
-    rows: dict[Key, dict[str, float]] = {
-        (s.name, m, v): {x: figure(s.name, m, v, x) or 1.0 for x in (*METRICS, "distance_m")}
-        for s in SETTINGS
-        for m in ROUTES
-        for v in s.variants
+CELLS = [(s.name, v) for s in SETTINGS for v in s.variants]
+
+
+def judged(number: int, figure: Figure, timed: Mapping[str, Mapping[str, float]] | None = None) -> Judgement:
+    """The verdict on a claim where every figure is 1 but for those that are given; `timed` by mission."""
+    figures = {
+        (f"{s} {v}", x): np.array([figure(s, m, v, x) or 1.0 for m in ROUTES])
+        for s, v in CELLS
+        for x in (*METRICS, "distance_m")
     }
-    claim = next(claim for claim in CLAIMS if claim.number == number)
-    for key, figures in (timed or {}).items():
-        rows[key] |= figures
-    return claim.judge(Results(rows=rows, missions=ROUTES))
+    for name in TIMED if timed else ():
+        values = [(timed or {}).get(m, {}).get(name, np.nan) for m in ROUTES]
+        figures["base laisn-2", name] = np.array(values)
+    return CLAIMS[number - 1].judge(figures)
 
 
 def on_routes(setting: str, variants: tuple[str, ...], *values: float) -> Figure:
@@ -103,10 +120,11 @@ def test_ratios_are_told_with_their_median_and_the_missions_at_both_ends(
     assert found.figures == said.format("median 1.70, from 0.50 (T3) to 3.00 (T2)")
 
 
-def steps(bearing: list[float], error: list[float], **others: list[float]) -> dict[str, Any]:
-    """Three hundred steps of each value."""
-    given = {"bearing_deg": bearing, "e_p_mean_m": error, **others}
-    return {name: np.repeat(values, 300) for name, values in given.items()}
+def steps(bearing: list[float], error: list[float]) -> dict[str, float]:
+    """Figures over time of three hundred steps of each value."""
+    given = {"bearing_deg": bearing, "e_p_mean_m": error, "e_b_max_deg": error, "speed_m_s": error}
+    kept = {name: np.repeat(values, 300).astype(np.float32) for name, values in given.items()}
+    return over_time(kept | {"time_s": np.arange(300.0 * len(error), dtype=np.float32)})
 
 
 def test_followers_abeam_are_held_against_the_others() -> None:
@@ -118,17 +136,13 @@ def test_followers_abeam_are_held_against_the_others() -> None:
     assert judged(1, top(1.5, 0.5)).verdict == "does not hold"
     assert judged(1, top(0.9, 0.5)).figures == "E_P max of T3, T4: 0.50 … 0.90 m; of the others 1.00 … 1.00 m"
     abeam, astern = steps([80.0, 175.0], [1.0, 3.0]), steps([-100.0, 190.0], [2.0, 1.0])
-    never = steps([20.0, 160.0], [1.0, 1.0])
-    kept: dict[Key, dict[str, float]] = {
-        ("base", m, "laisn-2"): dict(zip(("e_p_abeam_m", "e_p_astern_m"), sector_errors(s), strict=True))
-        for m, s in (("T2", abeam), ("T5", astern), ("T6", abeam), ("T7", never))
-    }
+    kept = {"T2": abeam, "T5": astern, "T6": abeam, "T7": steps([20.0, 160.0], [1.0, 1.0])}
     found = judged(1, top(0.9, 0.5), kept)
     assert found.verdict == "holds"
     assert found.figures.endswith(
         "mean E_P astern over abeam within a mission: median 3.00, from 0.50 (T5) to 3.00 (T2), abeam better on 2 of 3"
     )
-    del kept["base", "T6", "laisn-2"]
+    del kept["T6"]
     assert judged(1, top(0.9, 0.5), kept).verdict == "depends"
 
 
@@ -163,13 +177,13 @@ def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
     def bearing(t8: float, t2: float = 1.0) -> Figure:
         return lambda s, m, v, x: {"T8": t8, "T2": t2}.get(m) if x == "e_b_max_deg" else None
 
-    def peak(lag: float) -> dict[Key, dict[str, float]]:
+    def peak(lag: float) -> dict[str, dict[str, float]]:
         """The follower is at 95 % of its top speed or more from 100 to 110 s, and furthest off `lag` later."""
         time = np.arange(0.0, 300.0)
         speed = np.where((time >= 100) & (time <= 110), 1.91, 1.0)
         speed[105], error = 2.0, np.where(time == 110 + lag, 9.0, 1.0)
         kept = {"time_s": time, "speed_m_s": speed, "e_b_max_deg": error, "e_p_mean_m": error, "bearing_deg": error}
-        return {("base", "T8", "laisn-2"): over_time(kept)}
+        return {"T8": over_time({name: values.astype(np.float32) for name, values in kept.items()})}
 
     assert judged(10, bearing(2.0)).verdict == "holds"
     assert judged(10, bearing(2.0, 3.0)).verdict == "depends"
@@ -181,44 +195,27 @@ def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
     assert judged(10, bearing(2.0), peak(31.0)).verdict == "depends"
 
 
-@pytest.mark.parametrize(
-    ("number", "group", "setting", "metric", "values", "verdict"),
-    [
-        # LAISN-3(2) over LAISN-2 of three astern: median 0.5, mean 0.9; at 0.8 or less on two of three
-        (7, "astern", "asymmetric", "e_p_mean_m", (0.5, 0.5, 1.7), "depends"),
-        # E_B max of three bursts: median 0.9, mean 1.6; of all the largest
-        (10, "burst", "base", "e_b_max_deg", (0.9, 0.9, 3.0), "depends"),
-        (10, "burst", "base", "e_b_max_deg", (1.1, 1.1, 3.0), "holds"),
-    ],
-)  # fmt: skip
-def test_groups_of_missions_are_judged_by_their_median(
-    number: int, group: str, setting: str, metric: str, values: tuple[float, ...], verdict: str
-) -> None:
-    chosen = dict(zip(("T2", "T5", "T8"), values, strict=True))
-    rows = {
-        (s, m, v): dict.fromkeys((*METRICS, "distance_m"), 1.0)
-        for s in ("base", "asymmetric") for m in ROUTES for v in ("laisn-2", "laisn-3-2")
-    }  # fmt: skip
-    for m, value in chosen.items():
-        rows[setting, m, "laisn-3-2" if number == 7 else "laisn-2"][metric] = value
-    results = Results(rows=rows, missions=ROUTES, **{group: tuple(chosen)})  # type: ignore[arg-type]
-    assert CLAIMS[number - 1].judge(results).verdict == verdict
+def test_missions_are_judged_by_their_median() -> None:
+    """LAISN-3(2) over LAISN-2 of three missions: median 0.5, mean 0.9; at 0.8 or less on two of three."""
+    figures = {(f"{s} {v}", x): np.ones(8) for s, v in CELLS for x in METRICS}
+    figures["asymmetric laisn-3-2", "e_p_mean_m"] = np.array([0.5, 1.0, 1.0, 0.5, 1.0, 1.0, 1.7, 1.0])
+    ratio = {**CLAIMS[6].ratios[0], "missions": ["T2", "T5", "T8"]}
+    assert replace(CLAIMS[6], ratios=[ratio]).judge(figures).verdict == "depends"
 
 
 def test_every_judged_figure_decides_a_criterion() -> None:
     """Every claim has data from the cells that replications fly, and from nothing else."""
-    rows = {
-        (setting, m, v): dict.fromkeys((*METRICS, "distance_m", *TIMED), 1.0)
+    figures = {
+        (f"{setting} {v}", x): np.ones(8)
         for setting, variants in JUDGED.items()
         for v in variants
-        for m in ROUTES
+        for x in (*METRICS, "distance_m", *TIMED)
     }
-    assert all(claim.judge(Results(rows=rows, missions=ROUTES)).verdict != "no data" for claim in CLAIMS)
+    assert all(claim.judge(figures).verdict != "no data" for claim in CLAIMS)
     for setting, variants in JUDGED.items():
         for v in variants:
-            fewer = {key: row for key, row in rows.items() if (key[0], key[2]) != (setting, v)}
-            verdicts = [claim.judge(Results(rows=fewer, missions=ROUTES)).verdict for claim in CLAIMS]
-            assert "no data" in verdicts, (setting, v)
+            fewer = {key: values for key, values in figures.items() if key[0] != f"{setting} {v}"}
+            assert "no data" in [claim.judge(fewer).verdict for claim in CLAIMS], (setting, v)
 
 
 @pytest.mark.parametrize(
@@ -255,13 +252,11 @@ def test_a_figure_within_the_precision_of_the_papers_own_is_undecided(
 def test_an_extreme_over_missions_is_judged_by_the_share_of_replications(below: int, outcome: Outcome) -> None:
     """Of a fair coin's 20 throws 18 or more show heads once in 5000 trials, 17 or more once in 780: 0.1 % decides."""
     assert stats.binom.sf(17, 20, 0.5) < 0.001 < stats.binom.sf(16, 20, 0.5)
-    cells: dict[Key, dict[str, Any]] = {
-        ("base", m, "laisn-2"): {"e_p_max_m": np.full(20, 0.9 if m in ("T3", "T4") else 2.0)} for m in ROUTES
-    }
+    largest = np.array([0.9 if m in ("T3", "T4") else 2.0 for m in ROUTES]) * np.ones((20, 1))
     # one of the others is at times located better than those abeam, the others hardly matter
-    cells["base", "T6", "laisn-2"]["e_p_max_m"] = np.where(np.arange(20) < below, 1.0, 0.8)
-    ours = Results(rows=means(cells), missions=ROUTES, replicated=cells)
-    found = CLAIMS[0].judge(ours, Results(rows=resampled(cells), missions=ROUTES))
+    largest[:, ROUTES.index("T6")] = np.where(np.arange(20) < below, 1.0, 0.8)
+    each = {("base laisn-2", "e_p_max_m"): largest}
+    found = CLAIMS[0].judge(means(each), each, resampled(each))
     assert [found.criteria[0].outcome, found.criteria[1].outcome] == ["met", outcome]
     assert found.criteria[1].interval.value == below / 20
     exact = stats.binomtest(below, 20).proportion_ci(0.998)
@@ -287,7 +282,7 @@ def test_a_mean_over_replications_has_the_limits_of_students_t(is_share: bool) -
     """The bootstrap's standard error of a mean is s / √K, but for its own scatter, 1 / √(2 · 2000)."""
     rng = np.random.default_rng(4)
     values = rng.normal(0.5, 0.01, 10)
-    drawn = resampled({("base", "T2", "laisn-2"): {"x": values}})["base", "T2", "laisn-2"]["x"]
+    drawn = resampled({("base laisn-2", "x"): values[:, None]})["base laisn-2", "x"][:, 0]
     low, high = limits(float(values.mean()), drawn, 10, is_share=is_share)
     half = stats.t.ppf(0.999, 9) * values.std(ddof=1) / np.sqrt(10)
     assert (values.mean() - low, high - values.mean()) == pytest.approx((half, half), rel=0.1)
@@ -300,13 +295,11 @@ def test_verdicts_of_independent_studies_agree_or_are_undecided() -> None:
     claim, decided = CLAIMS[7], 0
     for seed in range(200):
         rng = np.random.default_rng(seed)
-        cells: dict[Key, dict[str, Any]] = {}
-        for m in ROUTES:
-            cells["5s", m, "laisn-2"] = {"e_p_mean_m": 1.0 + 0.05 * rng.normal(size=10)}
-            cells["muD0.3", m, "laisn-2"] = {"e_p_mean_m": 1.25 * (1.0 + 0.05 * rng.normal(size=10))}
-        found = claim.judge(
-            Results(rows=means(cells), missions=ROUTES), Results(rows=resampled(cells), missions=ROUTES), 10
-        )
+        each: dict[tuple[str, str], Floats] = {
+            ("5s laisn-2", "e_p_mean_m"): 1.0 + 0.05 * rng.normal(size=(10, 8)),
+            ("muD0.3 laisn-2", "e_p_mean_m"): 1.25 * (1.0 + 0.05 * rng.normal(size=(10, 8))),
+        }
+        found = claim.judge(means(each), each, resampled(each))
         decided += found.criteria[0].outcome != "undecided"
         assert found.criteria[1].outcome == "met"
     # less than 0.4 are expected of 200, and four or more come in a thousandth of trials

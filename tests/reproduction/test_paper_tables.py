@@ -1,15 +1,17 @@
 """The paper's tables beside ours: which figure stands in which cell."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from experiments.pages.page import Cell, Table, ratio_tone
-from experiments.reproduction import paper_tables
-from experiments.reproduction.record import Reproduction
-from experiments.reproduction.stages import METRICS, SETTINGS, Key, Setting
+from experiments.pages.page import Cell, Figures, Page, Table, Text, ratio_tone
+from experiments.pages.template import page_of
+from experiments.studies.reproduction.claims import Claim, Judgement
+from experiments.studies.reproduction.figures import page_values
+from experiments.studies.reproduction.findings import findings_of
+from experiments.studies.reproduction.settings import METRICS, SETTINGS, Key, Setting
 
 BASE, GATE, SLOW, ASYMMETRIC, TEXT = (
     replace(next(s for s in SETTINGS if s.name == name), variants=("laisn-2",))
@@ -22,23 +24,38 @@ THEIRS = {"T2": 1.0, "T3": 1.25}
 def figures(mean: float, **changes: Any) -> dict[str, Any]:
     """A row whose six figures are 1, 2, 3 … times `mean`, in the paper's order."""
     return {metric: (i + 1) * mean for i, metric in enumerate(METRICS)} | {
-        "runs": 60, "captured_runs": 0, "e_p_p50_m": 0.11, "e_p_p95_m": 0.22, "e_b_p95_deg": 0.33, "nees": 4000.0,
+        "runs": 60, "captured_runs": 0, "e_p_mean_uncaptured_m": None, "version": "v",
+        "e_p_p50_m": 0.11, "e_p_p95_m": 0.22, "e_b_p95_deg": 0.33, "nees": 4000.0,
         "nis": 2.5, "fixes_gated": 7, "worst_run": 42,
     } | changes  # fmt: skip
 
 
-def made(*given: tuple[Setting, dict[str, dict[str, Any]]]) -> Reproduction:
-    """What came of settings, mission by mission; the paper has `THEIRS` of some."""
+def page_with(
+    settings: Sequence[Setting], rows: Mapping[Key, Any], published: Mapping[Key, Mapping[str, float]],
+    judgements: Sequence[tuple[Claim, Judgement, Judgement]] = (),
+) -> Page:  # fmt: skip
+    """The page of these figures."""
+    values = page_values(settings, rows, published, judgements)
+    values |= {"motion": "", "errors": [], "routes": Figures(panels=["<svg></svg>"])}
+    record = findings_of(settings, rows, published, judgements, "kinematic")
+    return page_of("experiments.studies.reproduction", [], values, record)
+
+
+def made(*given: tuple[Setting, dict[str, dict[str, Any]]]) -> Page:
+    """The page of settings, mission by mission; the paper has `THEIRS` of some."""
     flown: dict[Key, Any] = {(s.name, mission, "laisn-2"): row for s, rows in given for mission, row in rows.items()}
     published: dict[Key, dict[str, float]] = {
-        (s.name, mission, "laisn-2"): {metric: figures(mean)[metric] for metric in METRICS}
-        for s in (BASE, SLOW, ASYMMETRIC)
+        (name, mission, "laisn-2"): {metric: figures(mean)[metric] for metric in METRICS}
+        for name in ("base", "10s", "10s-slow", "asymmetric")
         for mission, mean in THEIRS.items()
     }
-    return Reproduction(
-        motion="kinematic", runs=60, seed=1, settings=tuple(s for s, _ in given), plans={}, rows=flown, steps={},
-        published=published, judgements=[], folder=Path(),
-    )  # fmt: skip
+    return page_with([s for s, _ in given], flown, published)
+
+
+def table_of(page: Page, section: str, number: int = 0) -> Table:
+    """One of the tables of a section, by the words that its title begins with."""
+    (found,) = (s for s in page.sections if s.title.startswith(section))
+    return [block for block in found.blocks if isinstance(block, Table)][number]
 
 
 def texts(row: Any) -> list[str]:
@@ -54,7 +71,7 @@ ALL = {mission: figures(mean) for mission, mean in OURS.items()}
 
 
 def test_each_figure_stands_beside_the_papers() -> None:
-    table = paper_tables.one_setting(made((BASE, ALL)), BASE, "")
+    table = table_of(made((BASE, ALL)), "Stage 1")
     assert texts(table.rows[0])[1:] == both(3.0, 1.0, range(6))
     assert texts(table.rows[1])[1:] == both(0.8, 1.25, range(6))
     assert [name for name, _ in table.groups][1:] == [
@@ -66,22 +83,27 @@ def test_each_figure_stands_beside_the_papers() -> None:
 
 
 def test_what_the_paper_only_describes_stands_alone() -> None:
-    table = paper_tables.one_setting(made((TEXT, ALL)), TEXT, "")
+    table = table_of(made((TEXT, ALL)), "Stage 4")
     assert texts(table.rows[0])[1:] == [f"{3.0 * i:.2f}" for i in range(1, 7)]
     assert len(table.heads) == 7
 
 
 def test_two_figures_of_several_settings_stand_side_by_side() -> None:
-    found = made((BASE, ALL), (SLOW, {m: figures(2 * mean) for m, mean in OURS.items()}))
-    table = paper_tables.several_settings(found, [BASE, SLOW], METRICS[2:4], "")
+    other = replace(SLOW, name="10s-slow")
+    page = made((SLOW, ALL), (other, {m: figures(2 * mean) for m, mean in OURS.items()}))
+    table = table_of(page, "Stage 2", 1)
     assert texts(table.rows[0])[1:] == both(3.0, 1.0, range(2, 4)) + both(6.0, 1.0, range(2, 4))
+    assert table.caption == "Table 3. Mean errors."
 
 
 def test_alternatives_are_held_against_the_rows_that_they_are_like() -> None:
-    found = made((GATE, ALL))
-    (row,) = paper_tables.alternatives_table(found, [GATE]).rows
-    assert texts(row)[1:] == ["LAISN-2", *both(3.0, 1.0, range(2, 3)), *both(0.8, 1.25, range(2, 3))]
-    assert [cell.title for cell in row[3::2]] == ["3.00", "0.80"]
+    (row,) = table_of(made((BASE, ALL), (GATE, ALL)), "Stage 1", 1).rows
+    assert texts(row)[1:] == [
+        "LAISN\N{NON-BREAKING HYPHEN}2",
+        *both(3.0, 1.0, range(2, 3)),
+        *both(0.8, 1.25, range(2, 3)),
+    ]
+    assert [cell.title for cell in row[3::2]] == ["9 / 3 = 3.00", "3 / 3.75 = 0.80"]
     assert row[3].tone == "ratio-high3"
 
 
@@ -92,12 +114,12 @@ def test_rows_that_are_far_off_are_told_with_what_is_known() -> None:
         (BASE, {"T2": captured, "T3": figures(1.99 * 1.25)}),
         (SLOW, {"T2": figures(9.0), "T3": figures(1.25)}),
         (ASYMMETRIC, {"T2": figures(1.0), "T3": figures(0.5 * 1.25)}),
-        (TEXT, {"T2": figures(99.0)}),
+        (TEXT, {"T2": figures(99.0), "T3": figures(99.0)}),
     )
-    said, table = paper_tables.far_off(found)
-    assert isinstance(table, Table)
-    assert said.text.startswith("3 of 6 rows differ by more than a factor of 2 in mean E_P. 1 of them have a message")  # type: ignore[union-attr]
-    assert said.text.endswith("The other 2:")  # type: ignore[union-attr]
+    text = [block.text for block in found.sections[2].blocks if isinstance(block, Text)]
+    assert text[0].startswith("3 of 6 rows differ by more than a factor of 2 in mean E_P. 1 of them have a message")
+    assert text[0].endswith("The other 2:")
+    table = table_of(found, "Ours over", 1)
     first, second = table.rows
     assert texts(first)[:2] == ["Table 1", "Δt_D = 1 s"]
     assert texts(first)[3:] == [
@@ -106,12 +128,12 @@ def test_rows_that_are_far_off_are_told_with_what_is_known() -> None:
     ]  # fmt: skip
     assert texts(second)[3:6] == ["3.75", "1.88", "0.50"]
     assert texts(second)[6].startswith("unequal errors act most near astern")
-    (alone,) = paper_tables.far_off(made((BASE, {"T3": figures(1.0)})))
-    assert alone.text == "0 of 1 rows differ by more than a factor of 2 in mean E_P. "  # type: ignore[union-attr]
+    alone = made((BASE, {"T3": figures(1.0)})).sections[2].blocks[1]
+    assert alone == Text(text="0 of 1 rows differ by more than a factor of 2 in mean E_P.")
 
 
 def test_all_rows_have_percentiles_consistency_and_counts() -> None:
-    (row,) = paper_tables.all_rows(made((BASE, {"T2": figures(1.0, captured_runs=3)}))).rows
+    (row,) = table_of(made((BASE, {"T2": figures(1.0, captured_runs=3)})), "All rows").rows
     assert texts(row)[2:] == ["0.11", "0.22", "0.33", "4000.0", "2.5", "3", "7", "42"]
 
 

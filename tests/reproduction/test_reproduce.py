@@ -11,22 +11,21 @@ from experiments import findings
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
 from experiments.flight.library import ROUTES
-from experiments.reproduction import claims, replications, seeds, stages
-from experiments.reproduction import study as reproduce
-from experiments.reproduction.replications import sector_errors
-from experiments.reproduction.verdict import Results
-from sim.scenario.settings import Follower, Scenario
+from experiments.studies.reproduction import claims, replications, settings
+from experiments.studies.reproduction import study as reproduce
+from experiments.studies.reproduction.findings import findings_of_seeds
+from sim.scenario.settings import Scenario
 
 
 @pytest.fixture
 def short(monkeypatch):
     """Missions of 30 s instead of 1000 s."""
-    original = stages.scenario
+    original = settings.scenario
 
     def brief(*given, **named):
         return original(*given, **named).model_copy(update={"duration_s": 30.0})
 
-    monkeypatch.setattr(stages, "scenario", brief)
+    monkeypatch.setattr(settings, "scenario", brief)
 
 
 @pytest.mark.usefixtures("few_figures")
@@ -35,7 +34,7 @@ def test_a_reproduction_writes_tables_and_report(tmp_path, short):
     table = pq.read_table(tmp_path / "tables.parquet").to_pylist()
     with (tmp_path / "tables.csv").open(newline="", encoding="utf-8") as file:
         plain = list(csv.DictReader(file))
-    assert len(table) == len(plain) == 8 * sum(len(s.variants) for s in stages.settings_of([1, 2]))
+    assert len(table) == len(plain) == 8 * sum(len(s.variants) for s in settings.settings_of([1, 2]))
     row = next(r for r in table if (r["setting"], r["trajectory"], r["variant"]) == ("base", "T2", "laisn-2"))
     assert row["published_e_p_max_m"] == 5.12
     assert row["ratio_e_p_max"] == pytest.approx(row["ours_e_p_max_m"] / 5.12)
@@ -62,15 +61,14 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path):
         assert not out.exists()
 
 
-def test_replications_have_the_figures_of_their_runs(short):
+def test_replications_have_the_figures_of_their_runs(short, monkeypatch):
     """The first has those of a cell of the tables; the second those of the runs that follow."""
-    setting = stages.settings_of([1])[0]
-    followers = {"T3": Follower(route="T3")}
-    task = replications.tasks([setting], followers, motion="kinematic", runs=3, seed=2)["replications", "T3"]
+    setting = settings.settings_of([1])[0]
+    task = replications.tasks([setting], motion="kinematic", runs=3, seed=2)["T3"]
     rows = task()
     assert len(rows) == 3 * replications.REPLICATIONS
     own = [row for row in rows if row["variant"] == "laisn-2"]
-    scenario = stages.scenario(setting, followers["T3"], "T3", variant="laisn-2", motion="kinematic", seed=2)
+    scenario = settings.scenario(setting, "T3", variant="laisn-2", motion="kinematic", seed=2)
     for number in (0, 1):
         table = simulate(Cell.of(scenario, runs=range(3 * number, 3 * number + 3)), keep_runs=True).table
         assert own[number]["replication"] == number
@@ -78,16 +76,17 @@ def test_replications_have_the_figures_of_their_runs(short):
         assert own[number]["e_p_max_m"] == table.e_p_max_m.max()
         assert own[number]["e_b_max_deg"] == pytest.approx(table.e_b_max_deg.max(), rel=1e-12)
     assert own[0]["e_p_mean_m"] != own[1]["e_p_mean_m"]
-    cells = replications.by_cell(reversed(rows))
-    assert cells["base", "T3", "laisn-2"]["e_p_mean_m"].tolist() == [row["e_p_mean_m"] for row in own]
-    assert set(replications.TIMED) <= cells["base", "T3", "laisn-2"].keys()
-    assert "e_p_abeam_m" not in cells["base", "T3", "laisn-3-2"]
-    averaged = replications.means(cells)["base", "T3", "laisn-2"]["e_p_mean_m"]
+    monkeypatch.setattr(replications, "ROUTES", ("T3",))
+    each = replications.by_replication(reversed(rows))
+    assert each["base laisn-2", "e_p_mean_m"].tolist() == [[row["e_p_mean_m"]] for row in own]
+    assert {("base laisn-2", name) for name in replications.TIMED} <= each.keys()
+    assert ("base laisn-3-2", "e_p_abeam_m") not in each
+    averaged = replications.means(each)["base laisn-2", "e_p_mean_m"]
     assert averaged == pytest.approx(np.mean([row["e_p_mean_m"] for row in own]))
-    spread = replications.resampled(cells)
-    first, other = (spread["base", "T3", v]["e_p_mean_m"] for v in ("laisn-2", "laisn-3-2"))
+    spread = replications.resampled(each)
+    first, other = (spread[f"base {v}", "e_p_mean_m"][:, 0] for v in ("laisn-2", "laisn-3-2"))
     assert first.std() == pytest.approx(
-        cells["base", "T3", "laisn-2"]["e_p_mean_m"].std() / np.sqrt(replications.REPLICATIONS), rel=0.1
+        each["base laisn-2", "e_p_mean_m"].std() / np.sqrt(replications.REPLICATIONS), rel=0.1
     )
     # replications are drawn alike in all cells, so that noise that both share drops out of a ratio
     assert np.corrcoef(first, other)[0, 1] > 0.3
@@ -95,18 +94,17 @@ def test_replications_have_the_figures_of_their_runs(short):
 
 def test_seeds_are_compared_by_their_verdicts_on_all_claims():
     one, other = ["holds"] * 10, ["holds"] * 9 + ["undecided"]
-    found = seeds.findings_of({seed: other if seed == 3 else one for seed in range(20)})
+    found = findings_of_seeds({seed: other if seed == 3 else one for seed in range(20)})
     assert (found["same"].value, found["seeds"].value) == (19, 20)
     assert (found["same 1"].value, found["same 10"].value, found["verdict 10"].value) == (20, 19, "holds")
 
 
 def test_the_study_of_seeds_judges_each_of_them(tmp_path, short, monkeypatch):
     monkeypatch.setattr(replications, "REPLICATIONS", 2)
-    chosen = tuple(s for s in stages.SETTINGS if s.name in ("base", "5s"))
-    monkeypatch.setattr(stages, "SETTINGS", chosen)
-    monkeypatch.setattr(stages, "published", dict)
-    monkeypatch.setattr(seeds, "followers_of_the_paper", lambda: {r: Follower(route=r) for r in ROUTES})
-    seeds.run(tmp_path, seeds=(3, 4), runs=1, workers=1, quiet=True)
+    chosen = tuple(s for s in settings.SETTINGS if s.name in ("base", "5s"))
+    monkeypatch.setattr(settings, "SETTINGS", chosen)
+    monkeypatch.setattr(settings, "published", dict)
+    reproduce.judge_with_seeds(tmp_path, seeds=(3, 4), runs=1, workers=1, quiet=True)
     found = findings.read(tmp_path / findings.FILE)
     assert found["seeds"].value == 2
     assert found["verdict 2"].value == "no data"
@@ -114,29 +112,27 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, short, monkeypatch):
 
 
 def test_claims_on_the_published_tables():
-    published = stages.published()
     distance = dict(zip(ROUTES, (42.3, 54.7, 76.5, 74.7, 39.5, 45.6, 40.8, 76.1), strict=True))
-    rows = {key: {**row, "distance_m": distance[key[1]]} for key, row in published.items()}
-    verdicts = {c.number: c.judge(Results(rows=rows, missions=ROUTES)).verdict for c in claims.CLAIMS}
+    rows = [
+        {"setting": "base", "variant": "laisn-2", "mission": m, "replication": k, "distance_m": distance[m]}
+        for m in ROUTES
+        for k in range(2)
+    ]
+    verdicts = {c.number: theirs.verdict for c, _, theirs in claims.judge(rows, settings.published())}
     # μ_D = 0.3 has no published table; what the paper claims, its own tables bear out
     assert verdicts.pop(8) == "no data"
     assert set(verdicts.values()) == {"holds"}
 
 
-def results(figure, **changes):
-    """Every figure 1 on every mission, except what `figure(setting, mission, variant, metric)` gives."""
-    metrics = (*stages.METRICS, "distance_m")
-    rows = {
-        (s.name, m, v): {x: figure(s.name, m, v, x) or 1.0 for x in metrics}
-        for s in stages.SETTINGS
-        for m in ROUTES
-        for v in s.variants
-    }
-    return Results(rows=rows, missions=ROUTES, **changes)
-
-
 def verdict(number, figure):
-    return next(c for c in claims.CLAIMS if c.number == number).judge(results(figure)).verdict
+    """Of a claim where every figure is 1, except what `figure(setting, mission, variant, metric)` gives."""
+    figures = {
+        (f"{s.name} {v}", x): np.array([figure(s.name, m, v, x) or 1.0 for m in ROUTES])
+        for s in settings.SETTINGS
+        for v in s.variants
+        for x in (*settings.METRICS, "distance_m")
+    }
+    return claims.CLAIMS[number - 1].judge(figures).verdict
 
 
 @pytest.mark.parametrize(("five", "ten", "expected"), [
@@ -168,13 +164,16 @@ def test_the_heading_claim_needs_proportion():
     assert verdict(9, lambda s, m, v, x: None if s == "heading5" else proportional(s, m, v, x)) != "holds"
 
 
-def test_sector_errors_take_each_sector():
+def test_errors_abeam_and_astern_take_their_sector():
     bearing = np.repeat([90.0, 180.0, 0.0, 270.0], 400)
     error = np.repeat([1.0, 5.0, 99.0, 3.0], 400)
-    assert sector_errors({"bearing_deg": bearing, "e_p_mean_m": error}) == (2.0, 5.0)
-    abeam, astern = sector_errors({"bearing_deg": bearing[:400], "e_p_mean_m": error[:400]})
-    assert abeam == 1.0
-    assert np.isnan(astern)
+    steps = {"bearing_deg": bearing, "e_p_mean_m": error, "e_b_max_deg": error, "speed_m_s": error}
+    steps["time_s"] = np.arange(error.size)
+    found = replications.over_time(steps)
+    assert (found["e_p_abeam_m"], found["e_p_astern_m"]) == (2.0, 5.0)
+    found = replications.over_time({name: values[:400] for name, values in steps.items()})
+    assert found["e_p_abeam_m"] == 1.0
+    assert np.isnan(found["e_p_astern_m"])
 
 
 def test_commands_of_drawn_missions_are_not_offered():

@@ -1,21 +1,19 @@
 """Ratios, distances, claims and captures of the reproduction: on figures made by hand."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from experiments.intervals import Interval
-from experiments.reproduction import paper_tables
-from experiments.reproduction.claims import CLAIMS
-from experiments.reproduction.findings import findings_of, listed
-from experiments.reproduction.page import _claims, page_of
-from experiments.reproduction.record import Reproduction, ratios
-from experiments.reproduction.replications import mean_distance
-from experiments.reproduction.stages import METRICS, SETTINGS, Key
-from experiments.reproduction.verdict import Judged, Judgement, Verdict
+from experiments.studies.reproduction import figures as page_figures
+from experiments.studies.reproduction.claims import CLAIMS, Judged, Judgement, Verdict
+from experiments.studies.reproduction.figures import Cells
+from experiments.studies.reproduction.findings import findings_of, listed, ratios
+from experiments.studies.reproduction.replications import mean_distance
+from experiments.studies.reproduction.settings import METRICS, SETTINGS, Key
+from tests.reproduction.test_paper_tables import page_with
 from tests.synthetic import make_scenario, make_trajectory
 
 BASE, GATE = (
@@ -41,26 +39,16 @@ def judged(*verdicts: Verdict) -> list[tuple[Any, Judgement, Judgement]]:
     return [(claim, Judgement(verdict=v, figures=""), held) for claim, v in zip(CLAIMS, verdicts, strict=False)]
 
 
-def reproduction(folder: Path) -> Reproduction:
-    return Reproduction(
-        motion="kinematic", runs=60, seed=1, settings=(BASE,), plans={}, rows=ROWS, steps={}, published=PUBLISHED,
-        judgements=judged("holds", "depends", "does not hold", "no data"), folder=folder,
-    )  # fmt: skip
-
-
 def test_ratios_are_ours_over_the_papers() -> None:
     assert ratios(ROWS, PUBLISHED, BASE, "laisn-2", "e_p_mean_m").tolist() == [3.0, 0.5, 0.9]
     assert ratios(ROWS, PUBLISHED, GATE, "laisn-2", "e_p_mean_m").tolist() == [3.0, 0.5, 0.9]
     assert ratios(ROWS, PUBLISHED, BASE, "laisn-3-2", "e_p_mean_m").size == 0
 
 
-def test_the_table_of_medians_shows_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paper_tables, "ratio_tone", str)
-    shown = paper_tables.median_ratios(reproduction(tmp_path))
-    (row,) = shown.rows
-    assert [cell.text for cell in row] == ["Table 1", "Δt_D = 1 s", "LAISN-2", *["0.90"] * 6]
-    assert {cell.title for cell in row[3:]} == {"0.50 … 3.00"}
-    assert {cell.tone for cell in row[3:]} == {"0.9"}
+def test_a_cell_of_medians_shows_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_figures, "ratio_tone", str)
+    cell = Cells(ROWS, PUBLISHED).median(BASE, "laisn-2", "e_p_mean_m")
+    assert (cell.text, cell.title, cell.tone) == ("0.90", "0.50 … 3.00", "0.9")
 
 
 def test_the_record_quotes_medians_captures_and_claims() -> None:
@@ -87,27 +75,25 @@ def test_the_record_quotes_medians_captures_and_claims() -> None:
     assert (found["cells"].value, found["runs"].value) == (6, 60)
 
 
-def test_claims_without_data_do_not_count_against_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("median_ratios", "all_rows", "one_setting"):
-        monkeypatch.setattr(paper_tables, name, lambda *_: paper_tables.Text(text=""))
-    monkeypatch.setattr(paper_tables, "far_off", lambda *_: [])
-    page = page_of(reproduction(tmp_path), {})
-    assert "1 of the 3 claims of the paper that these cells test hold: 1." in page.summary
-    caption = page.sections[0].blocks[0].caption  # type: ignore[union-attr]
+def test_claims_without_data_do_not_count_against_the_others() -> None:
+    page = page_with((BASE, GATE), ROWS, PUBLISHED, judged("holds", "depends", "does not hold", "no data"))
+    assert page.summary.startswith(
+        "Verdicts on the 3 claims of the paper that these runs test: 1 holds (1), 1 depend on the mission,"
+    )
+    caption = page.sections[1].blocks[0].caption  # type: ignore[union-attr]
     assert "set so that its own tables pass" in caption
 
 
-def test_a_claim_has_our_verdict_and_figures_before_the_papers(tmp_path: Path) -> None:
-    base = reproduction(tmp_path)
+def test_a_claim_has_our_verdict_and_figures_before_the_papers() -> None:
     criteria = [Judged(what="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0)]
     claim, ours = CLAIMS[2], Judgement(verdict="depends", figures="1.5", criteria=criteria)
-    theirs = Judgement(verdict="holds", figures="")
-    ((number, text, *told),) = _claims(replace(base, judgements=[(claim, ours, theirs)])).rows
-    assert (number.text, text.text) == (str(claim.number), claim.text)
-    assert [cell.text for cell in told] == [
-        "depends on the mission", "median: 1.50 (1.40 to 1.60) ≤ 2: met", "1.5", "holds", claim.criterion,
+    page = page_with((BASE, GATE), ROWS, PUBLISHED, [(claim, ours, Judgement(verdict="holds", figures=""))])
+    (first,), (detail,) = (page.sections[i].blocks[0].rows for i in (0, 1))  # type: ignore[union-attr]
+    assert [cell.text for cell in first] == ["3", claim.text, "depends on the mission", "holds"]
+    assert [cell.tone for cell in first[2:]] == ["maybe", "yes"]
+    assert [cell.text for cell in detail] == [
+        "3", "depends on the mission", "median: 1.50 (1.40 to 1.60) ≤ 2: met", "1.5", claim.criterion,
     ]  # fmt: skip
-    assert [told[0].tone, told[3].tone] == ["maybe", "yes"]
 
 
 def test_numbers_in_words() -> None:

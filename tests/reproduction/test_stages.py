@@ -2,29 +2,32 @@
 
 import csv
 import re
-from importlib import resources
 
 import pytest
 
 from experiments.flight.library import ROUTES
-from experiments.reproduction import stages
-from sim.scenario.settings import Follower
+from experiments.studies.reproduction import settings
 
 
 def rows_of_the_file():
-    text = (resources.files("experiments.reproduction") / "data" / "published_tables.csv").read_text(encoding="utf-8")
-    return list(csv.DictReader(text.splitlines()))
+    return list(csv.DictReader(settings.data("published_tables.csv").splitlines()))
+
+
+def test_a_published_row_is_of_the_setting_that_its_columns_describe():
+    by_name = {s.name: settings.columns(s) for s in settings.SETTINGS}
+    for row in rows_of_the_file():
+        made = by_name[row["setting"]]
+        assert row["table"] == made["table"]
+        described = [column for column in row if column in made and column not in ("table", "setting")]
+        assert len(described) == 10
+        assert [float(row[column]) for column in described] == [float(made[column]) for column in described]
 
 
 def test_all_144_published_rows_are_reached_once():
-    published = stages.published()
+    published = settings.published()
     assert len(published) == len(rows_of_the_file()) == 144
     planned = {
-        (s.name, route, variant)
-        for s in stages.SETTINGS
-        if s.table not in {"text", "alternative"}
-        for route in ROUTES
-        for variant in s.variants
+        (s.name, route, variant) for s in settings.SETTINGS if s.printed for route in ROUTES for variant in s.variants
     }
     assert set(published) == planned
 
@@ -45,18 +48,18 @@ def test_all_144_published_rows_are_reached_once():
     ],
 )
 def test_figures_stand_where_the_paper_prints_them(key, metric, value):
-    assert stages.published()[key][metric] == value
+    assert settings.published()[key][metric] == value
 
 
 def test_settings_that_the_paper_only_describes_are_flown_too():
-    described = {s.name: s for s in stages.SETTINGS if s.table == "text"}
-    heard = {name: setting.scenario.acoustics for name, setting in described.items()}
+    described = {s.name: s for s in settings.SETTINGS if s.table == "text"}
+    heard = {name: settings.scenario(setting).acoustics for name, setting in described.items()}
     assert heard["muD0.3"].range_scale_mean_m == 0.3
     assert [a.range_tau_m for name, a in heard.items() if name.startswith("tau")] == [(0.03,) * 3, (0.06,) * 3]
 
 
 def test_columns_of_a_table_are_the_values_of_its_setting():
-    by_name = {s.name: stages.columns(s) for s in stages.SETTINGS}
+    by_name = {s.name: settings.columns(s) for s in settings.SETTINGS}
     base = {
         "dt_s": 0.1, "dt_range_s": 1.0, "leader_length_m": 2.0, "h_t_m": 0.1, "tau_rear_m": 0.01, "tau_other_m": 0.01,
         "mu_range_m": 0.1, "sigma_range_m": 0.05, "mu_heading_leader_deg": 0.0, "beta_m2": 0.1, "threshold_m": 0.1,
@@ -85,51 +88,53 @@ SAID = {
 """What titles say of a setting, and the column that has it."""
 
 
-@pytest.mark.parametrize("setting", stages.SETTINGS, ids=lambda setting: setting.name)
+@pytest.mark.parametrize("setting", settings.SETTINGS, ids=lambda setting: setting.name)
 def test_a_setting_is_what_its_title_says_in_the_stage_of_its_table(setting):
-    found = stages.columns(setting)
+    found = settings.columns(setting)
     told = {column: float(m[1]) for words, column in SAID.items() if (m := re.search(words, setting.title))}
     assert told
     assert {column: found[column] for column in told} == told
     # Tables 1; 2 to 4; 5 and 6; 7; 8 and 9 are those of the five stages (paper, Section 3)
     stage_of = {"1": 1, "2-4": 2, "5": 3, "6": 3, "7": 4, "8": 5, "9": 5, "text": 4}
-    model = next(s for s in stages.SETTINGS if s.name == (setting.like or setting.name))
+    model = next(s for s in settings.SETTINGS if s.name == (setting.like or setting.name))
     assert setting.stage == found["stage"] == stage_of[model.table]
-    assert {s.table for s in stages.settings_of([setting.stage])} & {model.table}
+    assert {s.table for s in settings.settings_of([setting.stage])} & {model.table}
 
 
 def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
     free = {"beta_m2", "threshold_m", "gate"}
     centred = {"asymmetric-centred"}
-    by_name = {s.name: s for s in stages.SETTINGS}
-    alternatives = [s for s in stages.SETTINGS if s.table == "alternative"]
+    by_name = {s.name: s for s in settings.SETTINGS}
+    alternatives = [s for s in settings.SETTINGS if s.table == "alternative"]
     assert alternatives
     for setting in alternatives:
         original = by_name[setting.like]
         assert setting.stage == original.stage
-        made, like = setting.scenario, original.scenario
+        made, like = settings.scenario(setting), settings.scenario(original)
         kept = like.navigation.model_copy(update={key: getattr(made.navigation, key) for key in free})
         heard = like.acoustics.model_copy(update={"range_error_centred": setting.name in centred})
         assert made == like.model_copy(update={"navigation": kept, "acoustics": heard})
-    fixed = [s.scenario.navigation for s in stages.SETTINGS if s.table != "alternative"]
+    fixed = [settings.scenario(s).navigation for s in settings.SETTINGS if s.table != "alternative"]
     assert {(told.beta_m2, told.threshold_m, told.gate) for told in fixed} == {(0.1, 0.1, "v-max")}
-    assert not any(s.scenario.acoustics.range_error_centred for s in stages.SETTINGS if s.table != "alternative")
+    assert not any(
+        settings.scenario(s).acoustics.range_error_centred for s in settings.SETTINGS if s.table != "alternative"
+    )
 
 
 def test_scenarios_carry_the_setting():
-    setting = next(s for s in stages.SETTINGS if s.name == "heading5")
-    made = stages.scenario(setting, Follower(route="T4"), "T4", variant="laisn-3-2", motion="kinematic", seed=9)
+    setting = next(s for s in settings.SETTINGS if s.name == "heading5")
+    made = settings.scenario(setting, "T4", variant="laisn-3-2", motion="kinematic", seed=9)
     assert made.sensors.leader_heading_bias_deg == 5.0
     assert made.sensors.leader_heading_sigma_deg == 2.0
     assert made.followers[0].depth_m == made.leader.depth_m
     assert (made.navigation.variant, made.seed, made.name) == ("laisn-3-2", 9, "T4")
     assert made.acoustics.range_tau_m == (0.01, 0.01, 0.01)
-    physical = stages.scenario(setting, Follower(route="T4"), "T4", variant="laisn-2", motion="physics", seed=9)
+    physical = settings.scenario(setting, "T4", variant="laisn-2", motion="physics", seed=9)
     assert physical.followers[0].depth_m != physical.leader.depth_m
 
 
 def test_unknown_stages_are_named():
-    assert stages.settings_of(None) == stages.SETTINGS
-    assert {s.stage for s in stages.settings_of([3, 5])} == {3, 5}
+    assert settings.settings_of(None) == settings.SETTINGS
+    assert {s.stage for s in settings.settings_of([3, 5])} == {3, 5}
     with pytest.raises(ValueError, match="unknown stage 6; available: 1, 2, 3, 4, 5"):
-        stages.settings_of([6])
+        settings.settings_of([6])

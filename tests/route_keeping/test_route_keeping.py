@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.route_keeping import study
+from experiments.studies import route_keeping as study
 from sim.geometry import attitude
 from sim.motion import simulate_points
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan

@@ -18,8 +18,7 @@ from sim.motion import simulate_motion
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
 from sim.scenario.settings import Follower, Leader, Scenario, Station
-from sim.sensing.observation import errors_of
-from sim.sensing.sensor_errors import SensorErrors
+from sim.sensing.sensors import SensorErrors, errors_of
 
 MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}
 

@@ -10,11 +10,10 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage
 from sim.geometry import attitude
 from sim.scenario.settings import Sensors
+from sim.sensing.acoustics import AcousticConfig
 from sim.sensing.ahrs import apparent_tilt, measured_attitude, random_error
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import errors_of, observe
-from sim.sensing.sensor_errors import SensorErrors, measure
-from sim.sensing.truth import MissionTruth
+from sim.sensing.observation import MissionTruth, observe
+from sim.sensing.sensors import SensorErrors, errors_of, measure
 from sim.trajectory import Trajectory
 from tests import straight
 from tests.campaign.test_montecarlo import make_truth
@@ -176,5 +175,7 @@ def test_a_scenario_states_the_sensor_in_degrees() -> None:
 
     turning = straight.make_trajectory((0.0, 20.0, -10.0), heading_pitch_roll=(0.4, 0.1, 0.05))
     loud = scenario.model_copy(update={"leader": scenario.leader.model_copy(update={"broadcast_attitude": True})})
-    assert observe(turning, Hearing.of(loud)).sent_attitude == pytest.approx(np.tile([0.1, 0.05], (20, 1)), abs=1e-12)
-    assert np.all(np.isnan(observe(turning, Hearing.of(scenario)).sent_attitude))
+    assert observe(turning, AcousticConfig.of(loud)).sent_attitude == pytest.approx(
+        np.tile([0.1, 0.05], (20, 1)), abs=1e-12
+    )
+    assert np.all(np.isnan(observe(turning, AcousticConfig.of(scenario)).sent_attitude))

@@ -1,19 +1,30 @@
-"""What followers read and hear at an instant of a mission that is being flown."""
+"""What followers read and receive at an instant of a mission that is being flown."""
+
+from typing import Any
 
 import numpy as np
 import pytest
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, records
+from laisn.swarm import READING
 from sim.geometry import attitude
 from sim.scenario.sensors import FollowerSensors
 from sim.scenario.settings import Scenario, Sensors
-from sim.sensing.instant import Senses, read_own, senses_of
-from sim.sensing.listening import DEAF, HEARD, broadcast, hear, new_inbox
-from sim.sensing.loss import Channel
+from sim.sensing.acoustics import Motion
+from sim.sensing.channel import Channel
+from sim.sensing.instant import (
+    NO_RANGES,
+    RECEIVED,
+    SensorModel,
+    broadcast,
+    new_inbox,
+    read_own,
+    receive,
+    sensor_model_of,
+)
 from sim.sensing.noise import Stream, normals, uniforms
-from sim.sensing.pings import site
 from sim.trajectory import Truth
-from tests.synthetic import make_scenario
+from tests.synthetic import make_scenario, record
 
 PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
 """Pitch [rad] and rates of turn about the forward, port and up axis [rad/s]."""
@@ -33,28 +44,32 @@ def standing(poses: Floats, instants: int) -> Truth:
     return still
 
 
-def read(senses: Senses, steps: int, follower: int = 0) -> Floats:
+def with_errors(sensors: SensorModel, **errors: Any) -> SensorModel:
+    return sensors._replace(errors=sensors.errors._replace(**errors))
+
+
+def read(sensors: SensorModel, steps: int, follower: int = 0) -> Floats:
     """Readings of pitch and of the turning about the up and the port axis, step by step, shape (steps, 3)."""
     pose, twist = np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[1.0, 0.0, 0.0, RATES]
-    readings = np.empty((steps, 6))
+    readings = records(READING, steps)
     for k in range(steps):
-        read_own(senses, k + 1, follower, (pose, twist, np.zeros(3)), np.zeros(3), readings[k])
-    return readings[:, 3:]
+        read_own(sensors, k + 1, follower, (pose, twist, np.zeros(3)), np.zeros(3), readings[k])
+    return np.array(readings.tolist())[:, 3:]
 
 
 def test_perfect_instruments_read_pitch_and_the_rates_of_the_hull() -> None:
-    assert read(senses_of(scenario(0.0, 0.0)), 1)[0] == pytest.approx([PITCH, RATES[2], RATES[1]])
+    assert read(sensor_model_of(scenario(0.0, 0.0)), 1)[0] == pytest.approx([PITCH, RATES[2], RATES[1]])
 
 
 def test_instruments_err_as_much_as_the_scenario_says_and_each_on_its_own() -> None:
     n = 2000
-    found = read(senses_of(scenario(0.5, 0.1)), n)
+    found = read(sensor_model_of(scenario(0.5, 0.1)), n)
     sigma = np.deg2rad([0.5, 0.1, 0.1])
     # five standard deviations of a mean, and of a standard deviation
     assert np.all(np.abs(found.mean(axis=0) - [PITCH, RATES[2], RATES[1]]) < 5 * sigma / np.sqrt(n))
     assert found.std(axis=0) == pytest.approx(sigma, rel=5 / np.sqrt(2 * n))
     assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 5 / np.sqrt(n)
-    other = read(senses_of(scenario(0.5, 0.1)), n, follower=1)
+    other = read(sensor_model_of(scenario(0.5, 0.1)), n, follower=1)
     assert np.abs([np.corrcoef(a, b)[0, 1] for a, b in zip(found.T, other.T, strict=True)]).max() < 5 / np.sqrt(n)
 
 
@@ -67,13 +82,13 @@ def test_one_follower_has_errors_of_its_own() -> None:
     )  # fmt: skip
     changed = plain.model_copy(update={"followers": (plain.followers[0], own)})
     pose, twist = np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0)], np.r_[np.sin(1.0), np.cos(1.0), 0.0, 0.0, 0.0, 0.0]
-    readings = np.empty((2, 2, 6))
+    readings = records(READING, 2, 2)
     for i, told in enumerate((plain, changed)):
         for follower in range(2):
-            read_own(senses_of(told), 7, follower, (pose, twist, np.zeros(3)), np.zeros(3), readings[i, follower])
+            read_own(sensor_model_of(told), 7, follower, (pose, twist, np.zeros(3)), np.zeros(3), readings[i, follower])
     np.testing.assert_array_equal(readings[0, 0], readings[1, 0])
     tilt = np.deg2rad(1.0) * normals(plain.seed, plain.run, Stream.TILT.number(1), [7])[0, 0]
-    assert readings[1, 1] == pytest.approx([0.75, 1.0 - np.deg2rad(12.0), 10.0, tilt, 0.0, 0.0], abs=1e-12)
+    assert readings[1, 1].tolist() == pytest.approx([0.75, 1.0 - np.deg2rad(12.0), 10.0, tilt, 0.0, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize("centre", [0.0, 0.5])
@@ -81,8 +96,9 @@ def test_one_follower_has_errors_of_its_own() -> None:
 def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> None:
     """Equation 28 written out, with a τ of its own for each transmitter and the draws of step, run and follower."""
     taus, (mean, sigma), seed, run = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5
-    senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
-    senses = senses._replace(range_tau=taus, range_centre=centre, range_scale=(mean, sigma), transmitters=used)
+    sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    sensors = with_errors(sensors, range_tau=taus, range_centre=centre, range_scale_mean=mean, range_scale_sigma=sigma)
+    sensors = sensors._replace(transmitters=used)
     transmitters = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
     hydrophones = np.full((2, 3), [0.0, 0.0, 0.1])
     # the leader heads east, the second follower north
@@ -94,8 +110,8 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
     true = np.linalg.norm(away, axis=1)
     truth, inbox = standing(poses, 21), new_inbox(2)
     for k in (10, 20):
-        hear(senses, k, 1, (transmitters, hydrophones), (truth, k), np.zeros((21, 2)), inbox)
-        assert inbox.outcome.tolist() == [0, HEARD]
+        receive(sensors, k, 1, (transmitters, hydrophones), Motion(truth, 0.0, k), np.zeros((21, 2)), inbox)
+        assert inbox.outcome.tolist() == [0, RECEIVED]
         found = inbox.ranges[1]
         drawn = uniforms(seed, run, Stream.RANGE_UNIFORM.number(1), [k])[0]
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(1), [k])[0, 0]
@@ -104,16 +120,18 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
 
 
 @pytest.mark.parametrize("common", [False, True])
-def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches(common: bool) -> None:
+def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches(common: bool) -> None:
     """All that may happen to a range, written out for 60 messages in a row."""
     taus, (mean, sigma), seed, run, floor, reach = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5, 35.0, 45.2
     chances, channel = (0.3, 0.2), Channel(0.1, 0.25, 3.0, 0.8)
-    senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
-    senses = senses._replace(
-        range_tau=taus, range_scale=(mean, sigma), transmitters=3, echo_chance=chances, common_echoes=common,
-        channel=channel, loses=True,
-        sound=senses.sound._replace(
-            paths=(True, True, True), floor=floor, max_range=reach, ratio=1.01, believed_speed=1515.0,
+    sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    sensors = with_errors(
+        sensors, range_tau=taus, range_scale_mean=mean, range_scale_sigma=sigma, echo_chance=chances,
+        common_echoes=common, channel=channel,
+    )._replace(
+        transmitters=3,
+        sound=sensors.sound._replace(
+            paths=(True, True, True), floor=floor, max_range=reach, ratio=1.01, assumed_speed=1515.0,
             clock_offset=2e-4, clock_drift=1e-6,
         ),
     )  # fmt: skip
@@ -123,18 +141,20 @@ def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_r
     there, sources = poses[1, :3] + [0.0, 0.0, 0.1], poses[0, :3] + attitude.rotate(leader, transmitters)
     direct = np.linalg.norm(sources - there, axis=1)
     assert direct.min() < reach < direct.max(), "one transmitter is out of reach"
-    truth, inbox, state, heard, in_bursts = standing(poses, 601), new_inbox(1), False, [], 0
+    truth, inbox, state, received, in_bursts = standing(poses, 601), new_inbox(1), False, [], 0
     for k in range(10, 610, 10):
-        hear(senses, k, 0, (transmitters, np.array([[0.0, 0.0, 0.1]])), (truth, k), np.zeros((601, 2)), inbox)
-        found, any_heard = inbox.ranges[0], inbox.outcome[0] == HEARD
-        assert any_heard or inbox.outcome[0] == DEAF
+        receive(
+            sensors, k, 0, (transmitters, np.array([[0.0, 0.0, 0.1]])), Motion(truth, 0.0, k), np.zeros((601, 2)), inbox
+        )
+        found, any_received = inbox.ranges[0], inbox.outcome[0] == RECEIVED
+        assert any_received or inbox.outcome[0] == NO_RANGES
         streams = Stream.ECHO, Stream.RANGE_UNIFORM, Stream.LOSS
         echo, width, fate = (uniforms(seed, run, stream.number(0), [k])[0, :3] for stream in streams)
         echo = np.full(3, echo[0]) if common else echo
         # mirrored in the surface, in the floor or not at all
         height = np.where(echo < 0.3, -sources[:, 2], np.where(echo < 0.5, -2 * floor - sources[:, 2], sources[:, 2]))
         length = np.hypot(np.hypot(*(sources - there)[:, :2].T), height - there[2])
-        expected = np.where(direct <= reach, 1.01 * length + 1515.0 * (2e-4 + 1e-6 * k * senses.dt), np.nan)
+        expected = np.where(direct <= reach, 1.01 * length + 1515.0 * (2e-4 + 1e-6 * k * sensors.dt), np.nan)
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(0), [k])[0, 0]
         expected += taus * width + psi * expected / np.nanmax(expected)
         # a burst of three messages on average is left with a chance of a third
@@ -142,54 +162,50 @@ def test_a_ping_is_heard_by_echo_late_clock_and_broken_channel_as_far_as_sound_r
         if fate[1] < (0.8 if state else 0.1):
             expected[:] = np.nan
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
-        assert any_heard == bool(np.isfinite(expected).any())
-        heard.append(any_heard)
+        assert any_received == bool(np.isfinite(expected).any())
+        received.append(any_received)
         in_bursts += state
     assert 10 < in_bursts < 50
-    assert 10 < sum(heard) < 50
-
-
-def test_a_point_of_a_hull_turns_with_it() -> None:
-    offset, turned = np.array([0.7, -0.2, 0.3]), attitude.from_euler(2.0, -0.4, 0.5)
-    expected = np.array([1.0, 2.0, -3.0]) + attitude.rotate(turned, offset)
-    np.testing.assert_allclose(site(np.r_[1.0, 2.0, -3.0, turned], offset), expected, rtol=0, atol=1e-14)
+    assert 10 < sum(received) < 50
 
 
 def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
     """Bias and spread of each, with the draws of step, run and follower; the log feels the water along the hull."""
     seed, run, k = 2, 5, 30
-    senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
-    errors = senses.own[1]
+    sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    errors = sensors.own[1]
     errors.speed_bias, errors.speed_sigma, errors.heading_bias, errors.heading_sigma = 0.1, 0.02, 0.05, 0.01
     errors.depth_sigma = 0.3
     turned = attitude.from_euler(1.0, PITCH, 0.2)
-    twist, water, reading = np.r_[0.9, 0.7, 0.2, RATES], np.array([0.1, -0.2, 0.05]), np.empty(6)
-    read_own(senses, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.array([0.5, 0.0, 0.0]), reading)
+    twist, water, reading = np.r_[0.9, 0.7, 0.2, RATES], np.array([0.1, -0.2, 0.05]), record(READING)
+    read_own(sensors, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.array([0.5, 0.0, 0.0]), reading)
     motion, depth = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.OWN_MOTION, Stream.DEPTH))
-    assert reading[0] == pytest.approx(attitude.forward(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0])
-    assert reading[1] == pytest.approx(1.0 + 0.05 + 0.01 * abs(motion[1]))
-    assert reading[2] == pytest.approx(10.0 - 0.5 * np.sin(PITCH) + 0.3 * depth[0])
+    assert reading.speed == pytest.approx(attitude.forward(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0])
+    assert reading.heading == pytest.approx(1.0 + 0.05 + 0.01 * abs(motion[1]))
+    assert reading.depth == pytest.approx(10.0 - 0.5 * np.sin(PITCH) + 0.3 * depth[0])
     # inclinometer and gyros likewise, in the order up and port
     errors.tilt_sigma, errors.gyro_sigma = 0.02, 0.004
-    read_own(senses, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.zeros(3), reading)
+    read_own(sensors, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.zeros(3), reading)
     tilt, gyro = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.TILT, Stream.GYRO))
     expected = [PITCH + 0.02 * tilt[0], RATES[2] + 0.004 * gyro[0], RATES[1] + 0.004 * gyro[1]]
-    assert reading[3:].tolist() == pytest.approx(expected)
+    assert reading.tolist()[3:] == pytest.approx(expected)
 
 
 def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     seed, run, k = 2, 5, 40
-    senses = senses_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
-    senses = senses._replace(leader_speed=(0.1, 0.02), leader_heading=(0.05, 0.01), leader_depth_sigma=0.3,
-                             leader_attitude=(0.001, 0.002, 0.004), broadcast_attitude=True)  # fmt: skip
+    sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
+    sensors = with_errors(
+        sensors, leader_speed_bias=0.1, leader_speed_sigma=0.02, leader_heading_bias=0.05, leader_heading_sigma=0.01,
+        leader_depth_sigma=0.3, leader_attitude_offset_sigma=0.001, leader_pitch_sigma=0.002, leader_roll_sigma=0.004,
+    )._replace(broadcast_attitude=True)  # fmt: skip
     body = np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[0.9, 0.7, 0.2, RATES], np.zeros(3)
     message = np.empty(8)
-    wander = np.array([0.7, -1.3])
-    broadcast(senses, k, body, np.array([0.02, -0.03]), wander, message)
+    fluctuation = np.array([0.7, -1.3])
+    broadcast(sensors, k, body, np.array([0.02, -0.03]), fluctuation, message)
     motion, depth = (normals(seed, run, s, [k])[0] for s in (Stream.LEADER_MOTION, Stream.LEADER_DEPTH))
     offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
     expected = [
-        k * senses.dt, 3.0, 4.0, 1.0 + 0.05 + 0.01 * abs(motion[1]),
+        k * sensors.dt, 3.0, 4.0, 1.0 + 0.05 + 0.01 * abs(motion[1]),
         attitude.forward(body[0][3:]) @ body[1][:3] + 0.1 + 0.02 * motion[0], 9.0 + 0.3 * depth[0],
         PITCH + 0.02 + 0.001 * offset[0] + 0.002 * 0.7, 0.2 - 0.03 + 0.001 * offset[1] - 0.004 * 1.3,
     ]  # fmt: skip

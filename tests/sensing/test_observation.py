@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from sim.scenario.settings import Acoustics, Sensors
-from sim.sensing.hearing import Hearing
-from sim.sensing.observation import errors_of, observe, start_of
+from sim.sensing.acoustics import AcousticConfig
+from sim.sensing.observation import observe, start_of
+from sim.sensing.sensors import errors_of
 from tests import synthetic
 
 DEEPER_M = 0.05
@@ -22,7 +23,7 @@ def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(step: float, i
     offset = flown.site_offset.copy()
     offset[flown.site("follower2/depth_sensor")] = 0.0, 0.0, -DEEPER_M
     flown = replace(flown, site_offset=offset)
-    truth = observe(flown, Hearing.of(scenario), 1)
+    truth = observe(flown, AcousticConfig.of(scenario), 1)
     steps = np.arange(1, round(20.0 / step) + 1)
     at, rows = steps * step, steps * round(step / 0.1)
     radius = synthetic.LEADER_RADIUS_M + 2 * synthetic.LANE_M
@@ -85,4 +86,4 @@ def test_a_motion_is_observed_from_its_start() -> None:
     over_time = ("time", "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
     later = replace(whole, **{name: getattr(whole, name)[80:] for name in over_time})
     with pytest.raises(ValueError, match="begins at 8 s"):
-        observe(later, Hearing.of(scenario))
+        observe(later, AcousticConfig.of(scenario))

@@ -21,17 +21,17 @@ from experiments.command.cli import app
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors
-from experiments.study import file
-from experiments.study.closed_runs import records_of_run
-from experiments.study.draws import Draw
+from experiments.study.design import Draw
 from experiments.study.estimate import Results
 from experiments.study.file import FOLDER, StudyError, of_table, shipped, study_of, table_in
+from experiments.study.measure import records_of_run
 from experiments.study.metrics import METRICS
-from experiments.study.notable import commands
+from experiments.study.page import commands
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_study
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_study
 from laisn import metrics
+from sim.scenario.file import read
 
 SMALL = """
 scenario = "T5"
@@ -373,6 +373,6 @@ def test_a_dry_run_says_what_a_study_takes_and_leaves_nothing(tmp_path, monkeypa
 def test_studies_that_ship_are_valid_and_introduce_themselves(name):
     path = FOLDER / f"{name}.toml"
     assert path.read_text(encoding="utf-8").startswith("# ")
-    plan = plan_of(of_table(file.table_of(path), name, name, FOLDER))
+    plan = plan_of(of_table(read(path), name, name, FOLDER))
     assert plan.study.question
     assert plan.study.name == name

@@ -18,11 +18,10 @@ from experiments.study import charts
 from experiments.study.estimate import Results, shown
 from experiments.study.file import of_table
 from experiments.study.metrics import METRICS
-from experiments.study.notable import commands, notable, worst_entry
-from experiments.study.page import _cell, _design, _differences, _table, summary_of
+from experiments.study.page import _cell, _design, _differences, _table, commands, notable, summary_of, worst_entry
 from experiments.study.plan import Plan, plan_of
-from experiments.study.record import record_of
 from experiments.study.run import _of_runs
+from experiments.study.study import record_of
 
 MEANS = {
     (0, "plain"): 1.0,

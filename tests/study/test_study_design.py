@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.study.draws import Draw
-from experiments.study.factors import Factor, points_of
+from experiments.study.design import Draw, Factor, points_of
 from sim.scenario.random_routes import CLASSES
 
 

@@ -2,18 +2,25 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from scipy.stats import beta, binomtest
 
 from experiments.campaign import missions
 from experiments.flight.library import load
+from experiments.study import measure
 from experiments.study.estimate import Results, over_runs, over_seas
-from experiments.study.facts import DISC_DIAMETER_M, disc_power, facts_of, thruster_power
+from experiments.study.measure import DISC_DIAMETER_M, disc_power, facts_of, records_of_run, thruster_power
+from laisn.arrays import records
+from laisn.swarm import ESTIMATE
 from sim import station_keeping
+from sim.scenario.formation import Station
 from sim.station_keeping import off_places
 from tests import straight
+from tests.synthetic import make_scenario, make_trajectory
 
 
 def test_few_seas_have_the_interval_of_student():
@@ -167,6 +174,11 @@ def test_facts_of_a_mission_are_those_of_its_motion():
         {
             "off_place_rms_m": math.sqrt(sum(off**2) / off.size),
             "off_place_max_m": max(off),
+            "off_place_end_m": off[-1],
+            "cross_track_rms_m": math.sqrt(sum(north**2) / north.size),
+            "cross_track_max_m": max(north),
+            "closest_horizontal_m": 40.0,
+            "closest_in_layer_m": None,
             "depth_error_rms_m": math.sqrt(sum(down**2) / time.size),
             "depth_error_max_m": 0.2,
             "touched": 0.0,
@@ -210,3 +222,60 @@ def test_a_thruster_works_against_the_water_that_it_meets_along_the_hull():
     # against its way it pushes into its own wake
     backwards = disc_power(np.array(8.0), np.array(0.0), 1026.0)
     assert thruster_power(replace(flown, thrust=-thrust), 0, 1026.0) == pytest.approx(np.full(201, backwards))
+
+
+def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """3 s of ten followers, with everything that is measured set by hand, follower by follower."""
+    scenario = make_scenario(3.0, 10)
+    trajectory = make_trajectory(scenario)
+    stations = [Station(behind_m=5.0, depth_m=10.0 + i // 2) for i in range(10)]
+    scenario = scenario.model_copy(
+        update={
+            "followers": tuple(
+                f.model_copy(update={"route": None, "station": station})
+                for f, station in zip(scenario.followers, stations, strict=True)
+            )
+        }
+    )
+    n, each = trajectory.time.size, np.arange(1.0, 11.0)
+    thrust = np.zeros_like(trajectory.thrust)
+    # the leader's do not count
+    thrust[:, 0], thrust[:, 1:, 3] = 50.0, -each
+    trajectory = replace(trajectory, thrust=thrust)
+    estimates = records(ESTIMATE, n, 10)
+    estimates.position[0] = 99.0
+    for i, name in enumerate(trajectory.names[1:]):
+        hydrophone = trajectory.site_path(f"{name}/hydrophone")[1:]
+        estimates.position[1:, i] = hydrophone[:, :2] + (i + 1) * np.array([0.3, -0.4])
+    # on legs 0.1 to 1 m off, in the turn, the last 11 of 31 instants, up to 1.2 to 12 m
+    turning = np.arange(n) >= n - 11
+    far = np.where(turning[:, None], np.linspace(-2.4, 1.2, n)[:, None] * each, 0.1 * each)
+    frame = np.zeros((n, 10, 4))
+    frame[turning, :, 3] = -1.1e-3
+    frame[~turning, :, 3] = 0.9e-3
+    loop = SimpleNamespace(state=SimpleNamespace(history=estimates), swarm=SimpleNamespace(gated=np.zeros(10, int)))
+    monkeypatch.setattr(measure, "simulate_closed_loop", lambda *_: (trajectory, loop))
+    monkeypatch.setattr(measure, "off_places", lambda *_: far)
+    monkeypatch.setattr(measure, "true_stations", lambda *_: frame)
+    run = pa.Table.from_pylist(records_of_run(scenario, 0)).to_pydict()
+    np.testing.assert_allclose(run["station_rms_m"], np.sqrt(np.mean(far**2, axis=0)))
+    np.testing.assert_allclose(
+        run["station_p95_m"], [sorted(column)[28] + 0.5 * (sorted(column)[29] - sorted(column)[28]) for column in far.T]
+    )
+    np.testing.assert_allclose(run["station_max_m"], far.max(axis=0))
+    np.testing.assert_allclose(run["station_turn_max_m"], far[turning].max(axis=0))
+    np.testing.assert_allclose(run["station_leg_rms_m"], 0.1 * each)
+    np.testing.assert_allclose(run["off_place_end_m"], far[-1])
+    assert run["lost"] == (far.max(axis=0) > 10.0).astype(float).tolist()
+    assert 0 < sum(run["lost"]) < 10
+    np.testing.assert_allclose(run["e_p_mean_m"], 0.5 * each)
+    # discs at rest: T^1.5 / √(2ρA)
+    area = np.pi * DISC_DIAMETER_M**2 / 4
+    np.testing.assert_allclose(run["power_mean_w"], each**1.5 / np.sqrt(2 * 1026.0 * area))
+    depths = [vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)]
+    for i in range(1, 11):
+        others = [j for j in range(11) if j != i]
+        apart = [np.hypot(*(trajectory.position[:, i, :2] - trajectory.position[:, j, :2]).T).min() for j in others]
+        assert run["closest_horizontal_m"][i - 1] == pytest.approx(min(apart))
+        level = [d for d, j in zip(apart, others, strict=True) if abs(depths[i] - depths[j]) < 1.0]
+        assert run["closest_in_layer_m"][i - 1] == (pytest.approx(min(level)) if level else None)

@@ -9,11 +9,11 @@ from tools.mutants.cover import covering, distances
     ("file", "first"),
     [
         ("laisn/fix.py", "tests/laisn/test_fix.py"),
-        ("laisn/beacons/ranging.py", "tests/beacons/test_beacon_oracle.py"),
-        ("laisn/tight/ring.py", "tests/laisn/test_swarms.py"),
+        ("laisn/beacons/estimator.py", "tests/beacons/test_beacon_oracle.py"),
+        ("laisn/tight/hypotheses.py", "tests/laisn/test_swarms.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
         ("experiments/intervals.py", "tests/test_intervals.py"),
-        ("experiments/asymmetry/verdict.py", "tests/asymmetry/test_verdict.py"),
+        ("experiments/studies/asymmetry/comparison.py", "tests/asymmetry/test_comparison.py"),
     ],
 )
 def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: str) -> None:
@@ -23,8 +23,8 @@ def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: 
 
 
 def test_a_source_without_a_test_of_its_name_has_those_that_import_it_through_others() -> None:
-    assert distances()["tests/laisn/test_lanes.py"]["laisn.lane_fix"] > 1
-    assert "tests/laisn/test_lanes.py" in covering("laisn/lane_fix.py")
+    assert distances()["tests/laisn/test_lanes.py"]["laisn.lane_passes"] > 1
+    assert "tests/laisn/test_lanes.py" in covering("laisn/lane_passes.py")
 
 
 def test_what_tests_share_counts_as_theirs() -> None:

@@ -5,17 +5,16 @@ from functools import partial
 
 import numpy as np
 
-from experiments.estimators.missions import mission
+from experiments.studies.estimators.runs import mission
 from laisn import lane_rows as row
 from laisn import lanes
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes
 from laisn.messages import Measurements
-from laisn.settings import NavigationSettings
+from laisn.settings import NavigationSettings, Tuning
 from laisn.tight.mission import run_mission
 from laisn.tight.settings import Assume, TightSettings
-from laisn.tuning import Tuning
-from sim.sensing.sensor_errors import measure
+from sim.sensing.sensors import measure
 from tools.benchmarks.peak import peak_flops
 from tools.benchmarks.row import Row, least_times
 

@@ -11,7 +11,6 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
-from experiments.estimators import figures as estimators
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
 from experiments.flight.summary import position_and_bearing_errors
@@ -19,7 +18,8 @@ from experiments.pages import figures
 from experiments.pages.figures import Line
 from experiments.pages.flight_figures import error_stack
 from experiments.pages.style import COLOURS, INK, SERIES, Legend
-from experiments.route_keeping import study as route_keeping
+from experiments.studies import route_keeping
+from experiments.studies.estimators import figures as estimators
 from sim.film import render
 from sim.flight import Flight, excerpt
 from sim.motion import simulate_motion
@@ -61,7 +61,7 @@ def save(figure: Figure, name: str, legend: Legend = ()) -> None:
     text = path.read_text(encoding="utf-8")
     for colour in COLOURS:
         text = text.replace(colour.placeholder, colour.light)
-    path.write_text(text, encoding="utf-8")
+    path.write_text(figures.with_subscripts(text), encoding="utf-8")
 
 
 def photograph(name: str, flight: Flight, time: float, camera: str) -> None:

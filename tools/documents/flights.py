@@ -11,7 +11,7 @@ from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors
 from sim.flight import Flight
 from sim.sensing.ahrs import apparent_tilt
-from sim.sensing.truth import MissionTruth
+from sim.sensing.observation import MissionTruth
 
 COMMAND = "python -m tools.documents.studies flights"
 MODULES = ("tools.documents.flights",)

@@ -5,6 +5,7 @@ from typing import Any, get_origin
 
 from pydantic import BaseModel
 
+from sim.scenario.section import split_unit
 from sim.scenario.settings import Scenario
 
 PATH = Path(__file__).resolve().parents[2] / "docs" / "scenario.md"
@@ -18,27 +19,6 @@ A scenario is a TOML file. Only one `[[followers]]` table with a route is needed
 `laisn scenarios T5` prints a complete one, `laisn check FILE` validates yours, and `--set KEY=VALUE` changes a key from
 the command line. Units stand in the names of the keys: `_m`, `_s`, `_deg`, `_n` (newton), `_px`.
 """
-
-_UNITS = {"m": "m", "s": "s", "deg": "°", "n": "N", "px": "px", "hz": "Hz"}
-_LONG_UNITS = {
-    "_m_s2": "m/s²",
-    "_deg_sqrt_h": "°/√h",
-    "_deg_s": "°/s",
-    "_m_sqrt_s": "m/√s",
-    "_ppm": "10⁻⁶",
-    "_m_s": "m/s",
-    "_kg_m3": "kg/m³",
-    "_per_s": "1/s",
-    "_m2": "m²",
-}
-
-
-def _unit(key: str) -> str:
-    for ending, unit in _LONG_UNITS.items():
-        if key.endswith(ending):
-            return unit
-    stem, _, last = key.rpartition("_")
-    return _UNITS.get(last, "") if stem else ""
 
 
 def _resolve(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]:
@@ -93,7 +73,7 @@ def _table(title: str, model: type[BaseModel]) -> list[str]:
     for key, field in schema["properties"].items():
         if any("$ref" in part for part in (field, field.get("items", {}), *field.get("anyOf", []))):
             continue
-        cells = [f"`{key}`", _type(field, definitions), _unit(key), _default(field), _bounds(field)]
+        cells = [f"`{key}`", _type(field, definitions), split_unit(key)[1], _default(field), _bounds(field)]
         rows.append(f"| {' | '.join(cells)} | {field.get('description', '')} |")
     return rows
 

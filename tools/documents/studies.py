@@ -8,16 +8,12 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from experiments import coverage
-from experiments.asymmetry import study as asymmetry
-from experiments.closed_loop import study as closed_loop
-from experiments.estimators import study as estimators
 from experiments.findings import FILE
-from experiments.formation import study as formation
-from experiments.real_ranges import study as real_ranges
-from experiments.reproduction import seeds
-from experiments.reproduction.study import reproduce
-from experiments.route_keeping import study as route_keeping
+from experiments.studies import closed_loop, coverage, real_ranges, route_keeping
+from experiments.studies.asymmetry import study as asymmetry
+from experiments.studies.estimators import study as estimators
+from experiments.studies.formation import study as formation
+from experiments.studies.reproduction.study import judge_with_seeds, reproduce
 from tools.documents import flights, hull_trials
 from tools.documents.markers import RECORDS
 
@@ -28,7 +24,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "coverage": coverage.run,
     "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
     "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
-    "claim-seeds": seeds.run,
+    "claim-seeds": judge_with_seeds,
     "closed-loop": closed_loop.run,
     "formation": formation.run,
     "asymmetry": asymmetry.run,

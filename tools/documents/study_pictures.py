@@ -6,18 +6,17 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.asymmetry.figures import heat
-from experiments.asymmetry.map import full_grid, sweep
+from experiments.beacon_replay import Beacons, among_beacons, dead_reckoning
 from experiments.campaign.store import read_table
-from experiments.closed_loop.study import steering
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
 from experiments.pages.figures import Line, panel
 from experiments.pages.style import ESTIMATE, FRAME, INK, MUTED, SERIES, Colour, Legend
-from experiments.real_ranges.navigating import among_beacons, dead_reckoning
-from experiments.real_ranges.settings import Beacons
-from experiments.real_ranges.study import DATA
-from experiments.reproduction.study import reproduce
+from experiments.studies.asymmetry.figures import heat
+from experiments.studies.asymmetry.fix_map import FULL, sweep
+from experiments.studies.closed_loop import steering
+from experiments.studies.real_ranges import DATA
+from experiments.studies.reproduction.study import reproduce
 from laisn.settings import NavigationSettings
 from sim.datasets.log import read_data_set, read_data_set_log, write_data_set
 
@@ -36,9 +35,9 @@ _ROW_GROUPS: tuple[tuple[str, Colour, str], ...] = (
 
 def asymmetry() -> Drawn:
     """Error of a noiseless LAISN-2 fix around a pitched leader."""
-    reach, bearing = np.array(full_grid().range_m), np.arange(0.0, 360.0, 2.0)
+    reach, bearing = np.array(FULL["range_m"]), np.arange(0.0, 360.0, 2.0)
     points = np.array([[np.deg2rad(_PITCH_DEG), _OFFSET_M, r, np.deg2rad(b)] for r in reach for b in bearing])
-    _, error = sweep(points, NavigationSettings(side_rule="predicted"))
+    error = sweep(points, NavigationSettings(side_rule="predicted"))
     title = f"Error of a fix: pitch {_PITCH_DEG:g}°, follower {_OFFSET_M:g} m below"
     figure = heat(bearing, reach, np.hypot(*error.T).reshape(reach.size, bearing.size), title)
     return figure, ()

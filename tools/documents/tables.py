@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from experiments.coverage import LAWS, RUNS
-from experiments.estimators.cases import CASES
-from experiments.estimators.plan import SEAS
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
-from experiments.formation.conditions import CONDITIONS
+from experiments.studies.coverage import LAWS, RUNS
+from experiments.studies.estimators.cases import CASES, SEAS
+from experiments.studies.formation.conditions import CONDITIONS
 
 Records = Mapping[str, Findings]
 
@@ -206,7 +205,7 @@ def estimators(records: Records) -> str:
 
 def estimators_at_sea(records: Records) -> str:
     """Physical missions by both navigators, messages every 1 s."""
-    return _cases(records, [(words, f"sea {sea}") for sea, (words, _) in SEAS.items()])
+    return _cases(records, [(sea["title"], f"sea {name}") for name, sea in SEAS.items()])
 
 
 def formation(records: Records) -> str:

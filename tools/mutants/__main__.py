@@ -30,9 +30,10 @@ PACKAGES = {
     "laisn": r"laisn/.+",
     "sim": r"sim/((geometry|water|vehicle|sensing|control)/.+|scenario/(point_motion|\w*routes|shapes)\.py"
     r"|(closed_loop|excerpt|flight|\w*fleet|motion|station_keeping|tracking|trajectory)\.py)",
-    "experiments": r"experiments/(intervals|findings|campaign/(bound|cells|lane_\w+|montecarlo|tight_runs)"
-    r"|pages/(account|bound_panel)|flight/(range_budget|separation|summary|swarm|tables?)"
-    r"|(asymmetry|reproduction|estimators|closed_loop|route_keeping|real_ranges|formation|study)"
+    "experiments": r"experiments/(intervals|findings|beacon_replay|studies/\w+"
+    r"|campaign/(bound|cells|lane_\w+|montecarlo|tight_runs)"
+    r"|pages/flight_text|flight/(range_budget|events|summary|tables)"
+    r"|(studies/)?(asymmetry|reproduction|estimators|formation|study)"
     r"/(?!\w*(page|chart|figure|film|report|example))\w+)\.py|tools/documents/(tables|hull_trials|flights)\.py",
 }  # fmt: skip
 """Sources that are changed: navigation; physics, sensing and control; statistics, tables and computed sentences."""

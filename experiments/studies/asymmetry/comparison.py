@@ -1,0 +1,270 @@
+"""Results of the pitch study: rows by mission and arm, arms compared run by run, and verdicts on remedies.
+
+Errors and mirror locks (estimates locked on the mirror image beyond the leader's axis, "captures" in tables) are judged
+separately. For either, let r_i be the outcome of run i behind the real leader, l_i behind the level one, a_i with the
+remedy and b_i behind a level leader with the same equipment, or simply l_i: its mean error, or 1 if it is locked and 0
+if not. A remedy meets its aim if it removes the share q of what pitch adds,
+
+    mean(d) ≤ 0,    d_i = (a_i − b_i) − (1 − q)(r_i − l_i).
+
+All arms of a run share their noise, so that d_i is a paired difference; errors are compared in runs that no arm of the
+comparison has locked. Met: the whole interval of mean(d) is at or below zero; missed: it is wholly above; open:
+neither. Where the first runs do not show that pitch adds anything, there is nothing that a remedy could remove.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from experiments import intervals
+from experiments.intervals import CONFIDENCE, Interval
+from experiments.studies.asymmetry.conditions import LEVEL, LEVEL_BROADCAST, READINGS, REAL, REMEDIES, Arm
+from laisn.arrays import Bools, Floats
+
+WRONG = 0.025
+"""Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
+_OF_ERRORS, _OF_LOCKS = 0.015, 0.01
+"""Chances that the limits are asked for: limits over 64 skewed runs may be crossed half as often again, and those
+of rare mirror locks twice as often and more."""
+_REACH = 0.5
+"""Standard errors by which the mean of d may yet move when it is asked whether more runs would settle a question."""
+
+
+class Verdict(Enum):
+    """Judgement of one remedy on one mission."""
+
+    MET = "met"
+    OPEN = "open"
+    MISSED = "missed"
+    NO_HARM = "no harm shown"
+
+
+class Judgement(NamedTuple):
+    """A verdict and what it rests on."""
+
+    verdict: Verdict
+    runs: int
+    """Number of runs after which it fell, or on which the question is still open."""
+    promising: bool = False
+    """The question is open, and more runs, up to the last look, would settle it if the mean stayed about as it is."""
+    needed: float = math.nan
+    """Runs that would settle a question that is open, if mean and scatter stayed as they are; else NaN."""
+
+
+def _within_reach(rest: Interval, confidence: float, share: float) -> bool:
+    """Whether the plan's last run would settle an open question, from the interval after a share of the plan's runs."""
+    slack = _REACH / float(ndtri((1.0 + confidence) / 2.0))
+    up, down = rest.high - rest.value, rest.value - rest.low
+    still = math.sqrt(share)
+    return rest.value - slack * down + still * up <= 0.0 or rest.value + slack * up - still * down > 0.0
+
+
+def _runs_needed(rest: Interval, runs: int) -> float:
+    """An interval of many runs is symmetric about the mean, and shrinks with the square root of their number."""
+    return runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
+
+
+def judge(part: Floats, left: Floats, wanted: float, looks: Sequence[int], free: Bools | None = None) -> Judgement:
+    """Judge after each look until the question is settled; each look has its part of the chance of a wrong verdict.
+
+    Args:
+        part: what pitch adds to each run without the remedy, r − l, shape (R,): errors [m], or mirror locks (−1, 0, 1).
+        left: with it, a − b, likewise.
+        wanted: share q that the remedy should remove.
+        looks: numbers of runs after which to judge, increasing; those above R are still to be flown.
+        free: runs that count, of errors; None: mirror locks, of which all do.
+    """
+
+    def interval(values: Floats, runs: int, confidence: float) -> Interval:
+        if free is None:
+            return intervals.difference_of_shares(values[:runs], confidence)
+        return intervals.mean_interval(values[:runs], free[:runs], confidence)
+
+    if not interval(part, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
+        return Judgement(Verdict.NO_HARM, looks[0])
+    confidence = 1.0 - 2.0 * (_OF_LOCKS if free is None else _OF_ERRORS) / len(looks)
+    judgement = Judgement(Verdict.OPEN, looks[0])
+    for runs in (look for look in looks if look <= part.size):
+        rest = interval(left - (1.0 - wanted) * part, runs, confidence)
+        if rest.high <= 0.0:
+            return Judgement(Verdict.MET, runs)
+        if rest.low > 0.0:
+            return Judgement(Verdict.MISSED, runs)
+        promising = runs < looks[-1] and _within_reach(rest, confidence, runs / looks[-1])
+        judgement = Judgement(Verdict.OPEN, runs, promising, _runs_needed(rest, runs))
+    return judgement
+
+
+JUDGED_FROM_M = 0.1
+"""Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean. That follows
+from the motion alone, whatever the runs come to."""
+LOCKS_WANTED = 0.9
+"""Share of the mirror locks that pitch adds which any remedy should remove: a run is locked or not, so that 99 % of
+them would take thousands of runs to tell."""
+Question = Literal["error", "capture"]
+QUESTIONS: tuple[Question, ...] = ("error", "capture")
+"""What a remedy is judged by: errors of runs without mirror lock, and mirror locks ("captures" in tables)."""
+JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
+"""Remedies, and what each is compared with."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """Result of one arm on one mission; errors are E_P and E_B of the paper over all steps of the first `runs` runs."""
+
+    condition: str
+    cause: str
+    route: str
+    depth_offset_m: float
+    variant: str
+    arm: str
+    first_run: int
+    """Number of the first of its runs, which no other mission has."""
+    runs: int
+    e_p_mean_m: float
+    e_p_run_mean_m: tuple[float, ...]
+    """Mean E_P of each run [m], also of those that were flown later because a verdict was open."""
+    captured_run: tuple[bool, ...]
+    """Whether each run was locked on the mirror image, likewise."""
+    e_p_std_m: float
+    e_p_95_m: float
+    e_p_max_m: float
+    e_b_mean_deg: float
+    captured: int
+    gated: int
+    pitch_rms_deg: float
+    """Root mean square of the leader's pitch."""
+    pitch_max_deg: float
+    range_mean_m: float
+    depth_offset_rms_m: float
+    """True root mean square of Δz."""
+    fix_error_m: float
+    """Mean over the messages of what pitch does to a noiseless fix of LAISN-2, in closed form."""
+    inclinometer_rms_deg: float
+    """Error of pitch as the AHRS's inclinometer reads it."""
+    ahrs_rms_deg: float
+    """Error of pitch as the AHRS gives it."""
+    error_verdict: str = ""
+    """Verdict on a remedy by errors in runs without mirror lock; empty where none is given."""
+    capture_verdict: str = ""
+    """Verdict on a remedy by mirror locks; empty where none is given."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparedMission:
+    """One mission of one variant in all its arms, by their keys."""
+
+    arms: dict[str, Row]
+
+    @property
+    def real(self) -> Row:
+        """Behind the leader that pitches."""
+        return self.arms[REAL.key]
+
+    @property
+    def added(self) -> float:
+        """What pitch adds to the mean position error, locked runs included [m]."""
+        return self.real.e_p_mean_m - self.arms[LEVEL.key].e_p_mean_m
+
+    @property
+    def judged(self) -> bool:
+        """Whether remedies are judged on this mission."""
+        return self.arms[LEVEL.key].fix_error_m >= JUDGED_FROM_M
+
+    @property
+    def lever(self) -> float:
+        """Δz sin φ, both root mean square [m]."""
+        return self.real.depth_offset_rms_m * float(np.sin(np.deg2rad(self.real.pitch_rms_deg)))
+
+    def first_runs(self, arm: Arm, question: Question = "error") -> Floats:
+        """Mean error [m], or 1 if locked, of each of the first runs, shape (R,)."""
+        row = self.arms[arm.key]
+        return np.array((row.e_p_run_mean_m if question == "error" else row.captured_run)[: self.real.runs], float)
+
+    def compared(self, question: Question, arm: Arm, base: Arm = LEVEL) -> tuple[Floats, Floats, Bools]:
+        """What pitch adds to each run, what a remedy leaves of it, and the runs that no arm of the comparison locks."""
+        rows = self.real, self.arms[LEVEL.key], self.arms[arm.key], self.arms[base.key]
+        runs = min(len(row.captured_run) for row in rows)
+        locked = np.array([row.captured_run[:runs] for row in rows])
+        errors = np.array([row.e_p_run_mean_m[:runs] for row in rows])
+        real, level, remedy, other = errors if question == "error" else locked.astype(np.float64)
+        return real - level, remedy - other, np.logical_not(locked.any(axis=0))
+
+    def judge(self, question: Question, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Judgement:
+        """Whether a remedy removes the share that it should of the errors, or of the mirror locks, that pitch adds."""
+        part, left, free = self.compared(question, arm, base)
+        if question == "error":
+            return judge(part, left, arm.wanted, looks, free)
+        return judge(part, left, LOCKS_WANTED, looks)
+
+
+Missions = Sequence[ComparedMission]
+
+
+def paired(rows: Iterable[Row]) -> list[ComparedMission]:
+    """Rows of the same mission and variant, put together."""
+    found: dict[tuple[str, str, float, str], dict[str, Row]] = {}
+    for row in rows:
+        found.setdefault((row.condition, row.route, row.depth_offset_m, row.variant), {})[row.arm] = row
+    return [ComparedMission(arms=arms) for arms in found.values()]
+
+
+def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> list[str]:
+    """Keys of the arms, in the order of flying, that must be flown on to settle what is open on a mission.
+
+    Args:
+        mission: in all its arms.
+        looks: numbers of runs after which to judge.
+        flown: number of runs of the arms that were flown on so far; what was left behind with fewer stays as it is.
+    """
+    wanted: set[str] = set()
+    for arm, base in JUDGEMENTS if mission.judged else ():
+        if {arm.key, base.key} <= mission.arms.keys():
+            questions = QUESTIONS if base is LEVEL else QUESTIONS[:1]
+            judged = [mission.judge(question, arm, looks, base) for question in questions]
+            if any(one.promising and one.runs == flown for one in judged):
+                wanted |= {LEVEL.key, REAL.key, arm.key, base.key}
+    return [key for key in mission.arms if key in wanted]
+
+
+def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Row]:
+    """The rows of a mission, those of remedies with their verdicts if they are judged on it."""
+    rows = dict(mission.arms)
+    for arm in REMEDIES:
+        if mission.judged and arm.key in rows:
+            verdicts = {f"{q}_verdict": mission.judge(q, arm, looks).verdict.value for q in QUESTIONS}
+            rows[arm.key] = replace(rows[arm.key], **verdicts)  # type: ignore[arg-type]
+    return list(rows.values())
+
+
+def select(missions: Missions, *, judged: bool = False, **wanted: object) -> list[ComparedMission]:
+    """Missions whose columns have these values, None being any; `judged`: only those on which remedies are judged."""
+    given = {name: value for name, value in wanted.items() if value is not None}
+    return [
+        m
+        for m in missions
+        if (m.judged or not judged) and all(getattr(m.real, name) == value for name, value in given.items())
+    ]
+
+
+def added(missions: Missions, arm: Arm, base: Arm = LEVEL, question: Question = "error") -> list[Floats]:
+    """What an arm adds to another, run by run and mission by mission, locked runs included."""
+    return [m.first_runs(arm, question) - m.first_runs(base, question) for m in missions]
+
+
+def mean_added(missions: Missions, arm: Arm, base: Arm = LEVEL) -> Interval:
+    """What an arm adds to the mean error of another over missions, locked runs included [m]."""
+    return intervals.mean_over_missions(added(missions, arm, base))
+
+
+def removed_in_all(
+    missions: Missions, arm: Arm, question: Question = "error", confidence: float = CONFIDENCE
+) -> Interval:
+    """Share that a remedy removes of what pitch adds to missions, added up: to errors, or to mirror locks."""
+    part, left = added(missions, REAL, question=question), added(missions, arm, question=question)
+    return intervals.share_removed(list(zip(part, left, strict=True)), confidence)

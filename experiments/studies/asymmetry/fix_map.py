@@ -1,0 +1,172 @@
+"""What a pitch of the leader does to one noiseless fix, over pitch, depth offset, range and bearing.
+
+Every point of the map is one message to a follower that predicts its own place perfectly and hardly trusts that
+prediction, so that the fix decides; it runs through the campaign engine itself. Beside it stands the closed form of
+LAISN-2 (derived in docs/asymmetry.md), with the follower at a range D, a bearing B and Δz deeper, and a leader pitched
+up by φ: **pitch turns the fix about the leader**,
+
+    cos B̂ = cos B cos φ − (Δz / D) sin φ,   error = 2 D sin(|B̂ − B| / 2) ≈ Δz sin φ / |sin B|.
+
+Where the right side leaves [−1, 1] the circles do not meet (N = 0), and the follower is put on the leader's axis.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import bisect
+
+from laisn import lane_rows as row
+from laisn import lanes
+from laisn.arrays import Floats
+from laisn.compiled import compiled_lanes
+from laisn.geometry import transmitter_positions
+from laisn.lane_rows import LANES
+from laisn.settings import VARIANTS, NavigationSettings, Tuning
+
+Grid = Mapping[str, Sequence[float]]
+Chart = Mapping[str, Floats]
+FULL: Grid = {
+    "pitch_deg": range(21),
+    "depth_offset_m": (0.0, 1.0, 2.0, 5.0, 7.5, 10.0, 15.0),
+    "range_m": (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0),
+    "bearing_deg": range(0, 360, 5),
+}
+"""Pitch of the leader, nose up; depth of the follower below it, its horizontal distance, and its bearing B, clockwise
+from the bow. In degrees and metres because they end up in a table."""
+QUICK: Grid = {
+    "pitch_deg": (0.0, 2.0, 5.0, 10.0, 15.0, 20.0),
+    "depth_offset_m": (0.0, 2.0, 5.0, 10.0, 15.0),
+    "range_m": (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0),
+    "bearing_deg": range(0, 360, 15),
+}
+_PREDICTION_SIGMA_M = 1000.0
+"""Far above every σp, so that the fix decides."""
+_DEEPEST_M = 50.0
+
+
+@compiled_lanes
+def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
+    """True slant ranges to the rear, front and middle transmitter of a leader at the origin heading north.
+
+    Args:
+        points: pitch [rad], depth offset [m], horizontal range [m], bearing [rad], shape (n, 4).
+        hull: baseline, middle offset [m].
+
+    Returns:
+        Ranges of shape (n, 3), [m].
+    """
+    ranges = np.empty((points.shape[0], 3))
+    for k in range(points.shape[0]):
+        pitch, depth_offset, reach, bearing = points[k]
+        sites = transmitter_positions((0.0, 0.0, 0.0), (0.0, pitch, 0.0), hull[0], hull[1])
+        east, north = reach * np.sin(bearing), reach * np.cos(bearing)
+        for i in range(3):
+            d_east, d_north, d_depth = sites[i, 0] - east, sites[i, 1] - north, sites[i, 2] - depth_offset
+            ranges[k, i] = np.sqrt(d_east * d_east + d_north * d_north + d_depth * d_depth)
+    return ranges
+
+
+@compiled_lanes
+def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
+    for first in range(0, points.shape[0], LANES):
+        block = row.new_block(np.zeros(4), t)
+        for lane in range(LANES):
+            k = min(first + lane, points.shape[0] - 1)
+            pitch, depth_offset, reach, bearing = points[k]
+            # the follower is the origin: what it estimates is its error
+            block[row.EAST + lane], block[row.NORTH + lane] = -reach * np.sin(bearing), -reach * np.cos(bearing)
+            block[row.DEPTH + lane], block[row.PITCH + lane] = depth_offset, pitch
+            block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane] = ranges[k]
+        lanes.position_update(block, t, 1)
+        for lane in range(min(LANES, points.shape[0] - first)):
+            error[first + lane, 0], error[first + lane, 1] = block[row.X + lane], block[row.Y + lane]
+
+
+def sweep(points: Floats, settings: NavigationSettings) -> Floats:
+    """Position errors of noiseless fixes east and north (the leader heads north), shape (n, 2), [m].
+
+    Args:
+        points: as of `slant_ranges`.
+        settings: of the follower; gate and prior are replaced.
+    """
+    alone = replace(settings, gate="off", position_sigma0=_PREDICTION_SIGMA_M)
+    error = np.empty((points.shape[0], 2))
+    _sweep(points, slant_ranges(points, (alone.baseline, alone.middle_offset)), row.tuning(alone), error)
+    return error
+
+
+def _turned_cosine(
+    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+) -> Floats:
+    """cos B̂; beyond ±1 where the circles do not meet."""
+    lever = np.asarray(depth_offset) / np.asarray(reach) * np.sin(pitch)
+    return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
+
+
+def fix_error(
+    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+) -> Floats:
+    """Position error of a fix of LAISN-2 [m]; arguments broadcast, [rad] and [m].
+
+    Where the circles do not meet, the fix lies on the nearer end of the leader's axis: the least that pitch can do.
+    """
+    turned = np.arccos(np.clip(_turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
+    return np.asarray(2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0))
+
+
+def closed_form_error(*point: npt.ArrayLike) -> Floats:
+    """As `fix_error`, but NaN where the circles do not meet."""
+    return np.where(np.abs(_turned_cosine(*point)) <= 1.0, fix_error(*point), np.nan)
+
+
+def first_order_error(pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, bearing: npt.ArrayLike) -> Floats:
+    """Δz sin φ / |sin B|, the lever arm's share for small angles, [m]; infinite or NaN on the axis."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.abs(np.asarray(depth_offset) * np.sin(pitch) / np.sin(bearing)))
+
+
+def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
+    """The map as columns with a row per point: position errors of each variant, range errors and closed forms.
+
+    Args:
+        grid: values of the first four columns.
+        settings: of the follower; the variant is replaced.
+    """
+    table = np.array(list(product(*grid.values())), dtype=np.float64)
+    points = np.column_stack(
+        [np.deg2rad(v) if name.endswith("deg") else v for name, v in zip(grid, table.T, strict=True)]
+    )
+    columns = dict(zip(grid, table.T, strict=True))
+    for variant in VARIANTS:
+        columns[f"error_{variant}_m"] = np.hypot(*sweep(points, replace(settings, variant=variant)).T)
+    hull = settings.baseline, settings.middle_offset
+    excess = slant_ranges(points, hull) - slant_ranges(points * [0.0, 1.0, 1.0, 1.0], hull)
+    columns |= {f"range_error_{name}_m": excess[:, i] for i, name in enumerate(("rear", "front", "middle"))}
+    columns["error_closed_form_m"] = closed_form_error(*points.T)
+    columns["error_first_order_m"] = first_order_error(points[:, 0], points[:, 1], points[:, 3])
+    return columns
+
+
+def worst_error(pitch: float, depth_offset: float, off_axis: float, greatest_range: float) -> float:
+    """Largest error of a noiseless LAISN-2 fix, nose up or down, ahead or astern, from 5 m to a range, [m].
+
+    Infinite where the circles do not meet, so that the follower is put on the leader's axis. Angles in [rad].
+    """
+    reach = np.geomspace(5.0, greatest_range, 40)
+    # the error of nose down ahead is that of nose up astern: cos B̂ changes its sign with (−φ, π − B)
+    cases = [closed_form_error(pitch, depth_offset, reach, bearing) for bearing in (off_axis, np.pi - off_axis)]
+    return float(np.nan_to_num(np.stack(cases), nan=np.inf).max())
+
+
+def deepest_offset(pitch: float, off_axis: float, greatest_range: float, bound: float) -> float:
+    """Largest depth offset, up to 50 m, that keeps the error under a bound, [m]; NaN if none does. Angles in [rad]."""
+
+    def excess(offset: float) -> float:
+        return worst_error(pitch, offset, off_axis, greatest_range) - bound
+
+    if excess(0.0) > 0.0:
+        return float("nan")
+    return _DEEPEST_M if excess(_DEEPEST_M) <= 0.0 else float(bisect(excess, 0.0, _DEEPEST_M, xtol=1e-9))

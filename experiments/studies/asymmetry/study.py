@@ -1,0 +1,180 @@
+"""The pitch study: what a leader that is not level does to its followers, where it matters, and what helps.
+
+`run` flies what is missing of the study, and writes its tables and its page, whose text is page.md.j2. Tasks go to disk
+one by one, so that a study that was killed goes on where it stopped.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+
+from experiments.campaign import campaign
+from experiments.campaign.campaign import Design, ExecutionOptions
+from experiments.campaign.progress import compiling_shown
+from experiments.campaign.store import columns_of, write_table
+from experiments.campaign.tasks import Task, typed
+from experiments.findings import FILE, Findings
+from experiments.flight.range_budget import Cause
+from experiments.pages.figures import svg
+from experiments.pages.page import Cell, Code, Figures, Film, share_of, write
+from experiments.pages.range_budget_page import asymmetry_over_time, legend_of, share_table
+from experiments.pages.template import page_of
+from experiments.studies.asymmetry import comparison, conditions, figures, findings, fix_map
+from experiments.studies.asymmetry.comparison import Missions, Row, Verdict, paired, select
+from experiments.studies.asymmetry.conditions import CAUSES, QUICK_CONDITIONS, Condition, Plan
+from experiments.studies.asymmetry.film import EVERYTHING, OFFSET_M, ROUTE, Example, fly_example
+from experiments.studies.asymmetry.missions import fly_condition
+from experiments.studies.asymmetry.paper import Curve, GateRow, fly_curves, fly_gates
+from laisn.settings import NavigationSettings
+
+_CURVES, _GATES = "curves", "gates"
+_SHOWN = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
+"""Causes of range errors that are drawn over time."""
+
+
+def _of_message(example: Example) -> dict[str, Any]:
+    """Values of the page on the ranges of one message and of the minutes around it."""
+    budget, message = example.budget, figures.Message.of(example.flight.trajectory, example.step)
+    first = budget.time <= 200.0
+    shares = {cause: budget.asymmetry[first, cause] for cause in _SHOWN}
+    difference = asymmetry_over_time(budget.time[first], shares, "Difference of the bow's and stern's range errors")
+    drawn = svg(figures.message_hull(message), "hull"), svg(figures.message_top(message), "top")
+    line = example.condition.command(ROUTE, OFFSET_M)
+    return {
+        "geometry": Figures(panels=drawn, legend=figures.LEGEND[:2]),
+        "example": example,
+        "pitch_deg": np.rad2deg(message.pitch),
+        "fix_error_m": np.hypot(*(message.fix - message.hydrophone[:2])),
+        "first_minutes": Figures(panels=[svg(difference, "shares")], legend=legend_of(_SHOWN)),
+        "shares": share_table(budget),
+        "everything": EVERYTHING,
+        "one_mission": Code(text=line, title="Run it, with film and report:"),
+    }
+
+
+def _of_map(chart: fix_map.Chart) -> dict[str, Any]:
+    """Values of the page on the map: where around the leader its pitch matters."""
+    drawn = [svg(figures.around_leader(chart, offset), f"map{offset:g}") for offset in (0.0, 5.0)]
+    closed_form, two = chart["error_closed_form_m"], chart["error_laisn-2_m"]
+    met = closed_form > 0.0
+    return {
+        "maps": Figures(panels=drawn),
+        "abeam": two[figures.chosen(chart, pitch_deg=5.0, depth_offset_m=10.0, bearing_deg=90.0)],
+        "points": two.size,
+        "closed_form_m": np.abs(two - closed_form)[met].max(),
+        "third_m": np.quantile(np.abs(chart["error_laisn-3-2_m"] - two)[met], (0.5, 0.95)),
+    }
+
+
+def _of_missions(missions: Missions, plan: Plan, found: Findings) -> dict[str, Any]:
+    """Values of the page on missions: what pitch adds, and what remains of it with a broadcast attitude."""
+    two = select(missions, variant="laisn-2")
+    judged = select(two, judged=True)
+    by_cause = [figures.over_offset(select(two, cause=cause), name) for cause, name in CAUSES.items()]
+    against_level = [
+        m.judge("error", conditions.READINGS, plan.looks, conditions.LEVEL_BROADCAST).verdict for m in judged
+    ]
+
+    def against(name: str, aim: float) -> Cell:
+        """A share with its interval, green if the whole of it is beyond its aim, red if it is short of it."""
+        low, high = found[name].low, found[name].high
+        tone = "yes" if low is not None and low >= aim else "no" if high is not None and high < aim else ""
+        return replace(share_of(found[name]), tone=tone)
+
+    return {
+        "offsets": Figures(panels=[svg(figure, f"o{i}") for i, figure in enumerate(by_cause)], legend=figures.LEGEND),
+        "worst": max(judged, key=lambda m: m.added, default=None),
+        "excess": Figures(
+            panels=[svg(figures.excess_over_lever(two), "excess")],
+            legend=[(colour, CAUSES[cause]) for cause, colour in figures.CAUSE_COLOURS.items()],
+        ),
+        "missed_paired": against_level.count(Verdict.MISSED),
+        "open_paired": against_level.count(Verdict.OPEN),
+        "against": against,
+    }
+
+
+def _fly_little(condition: Condition, plan: Plan) -> None:
+    """Fly so little of a study that compiling is all that takes time."""
+    fly_condition(condition, plan.offsets_m[0], replace(plan, routes=plan.routes[:1], duration_s=2.0, looks=(1,)))
+
+
+def run(
+    folder: Path,
+    *,
+    quick: bool = False,
+    film: Callable[[Example, Path], Path] | None = None,
+    **options: Unpack[ExecutionOptions],
+) -> Path:
+    """Fly the study, or what is missing of it, and write tables and page.
+
+    Args:
+        folder: of the results; made if it is not there.
+        quick: a first look: three conditions, two routes, short missions.
+        film: renders the film of the example into the folder; None: there is none.
+        options: as of `campaign.fly`.
+
+    Returns:
+        The page.
+
+    Raises:
+        LaisnError: as of `campaign.fly`.
+    """
+    plan, causes = (conditions.QUICK, QUICK_CONDITIONS) if quick else (Plan(), conditions.CONDITIONS)
+    fleets: dict[Any, Task] = {
+        (c.key, offset): partial(fly_condition, c, offset, plan) for c in causes for offset in plan.offsets_m
+    }
+    design = Design(
+        # the longest first, so that no process waits for another at the end
+        tasks={_CURVES: partial(fly_curves, plan), _GATES: partial(fly_gates, plan), **fleets},
+        what="fleets",
+        ahead=partial(_fly_little, causes[0], plan),
+    )
+    flown = campaign.fly(design, folder, **options).tasks
+    rows = [row for name in fleets for row in typed(Row, flown[name])]
+    curves, gates = typed(Curve, flown[_CURVES]), typed(GateRow, flown[_GATES])
+    with compiling_shown():
+        grid = fix_map.QUICK if quick else fix_map.FULL
+        chart = fix_map.measure_map(grid, NavigationSettings(side_rule="predicted"))
+    example = fly_example(QUICK_CONDITIONS[-1], plan.duration_s)
+
+    record = findings.findings_of(plan, rows, curves, f"laisn asymmetry{' --quick' if quick else ''}")
+    record.write(folder / FILE)
+    by_key = {condition.key: condition for condition in causes}
+    lines = [by_key[row.condition].command(row.route, row.depth_offset_m, variant=row.variant) for row in rows]
+    write_table(folder / "missions.parquet", {**columns_of([asdict(row) for row in rows]), "fly": lines})
+    write_table(folder / "equivalents.parquet", columns_of([asdict(curve) for curve in curves]))
+    write_table(folder / "gates.parquet", columns_of([asdict(gate) for gate in gates]))
+    write_table(folder / "map.parquet", {name: values.astype(np.float32) for name, values in chart.items()})
+
+    page, missions = folder / "report.html", paired(rows)
+    found = replace(record, findings={**record.findings, **findings.details_of(missions, curves, gates, plan)})
+    values = {
+        "plan": plan,
+        "flown": causes,
+        "gates": gates,
+        "design": conditions,
+        "numbers": findings,
+        "locks_wanted": comparison.LOCKS_WANTED,
+        "film": [],
+        **_of_message(example),
+        **_of_map(chart),
+        **_of_missions(missions, plan, found),
+    }
+    facts = [
+        ("conditions", str(len(causes))),
+        ("runs", f"{found['runs']:,d} of {plan.duration_s:g} s on {found['missions']:d} missions"),
+        ("seed", str(conditions.SEED)),
+        ("version", record.version),
+        ("repeat with", record.command),
+    ]
+    write(page_of(__package__, facts, values, found), page)
+    # the page is there before the film, so that one that fails costs nothing else
+    if film:
+        values["film"] = [Film(path=film(example, folder))]
+        write(page_of(__package__, facts, values, found), page)
+    return page

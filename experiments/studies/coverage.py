@@ -1,0 +1,84 @@
+"""How often a 95 % interval of `experiments.intervals` holds the true mean: `python -m experiments.studies.coverage`.
+
+Draws runs from laws with a known mean and counts the intervals that hold it. Writes `out/coverage/results.json`.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from experiments.findings import FILE, Finding, Findings, of, plain, record
+from experiments.intervals import proportion, ratio_intervals
+from laisn.arrays import Floats
+
+COMMAND = "python -m experiments.studies.coverage"
+MODULES = ("experiments.studies.coverage",)
+RUNS = (20, 60)
+TRIALS = 10_000
+LOCKED = 0.1
+"""Chance that a run locks on the mirror image."""
+_NEAR, _FAR = 0.5, 20.0
+"""Mean error of a run that does not lock, and of one that does [m]."""
+
+Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]
+"""Values above and below a ratio, of the given shape."""
+
+
+def _alone(values: Floats) -> tuple[Floats, Floats]:
+    return values, np.ones_like(values)
+
+
+def _mirror(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
+    error = rng.gamma(9.0, 1.0 / 9.0, shape)
+    return _alone(np.where(rng.random(shape) < LOCKED, _FAR, _NEAR) * error)
+
+
+def _ratio(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
+    both = rng.gamma(2.0, 1.0, shape)
+    return both * rng.gamma(4.0, 0.25, shape), both + rng.gamma(2.0, 1.0, shape)
+
+
+LAWS: Mapping[str, tuple[str, float, Draw]] = {
+    "normal": ("normal", 0.0, lambda rng, shape: _alone(rng.normal(0.0, 1.0, shape))),
+    "gamma": ("gamma of skewness 1.4", 2.0, lambda rng, shape: _alone(rng.gamma(2.0, 1.0, shape))),
+    "exponential": ("exponential, skewness 2", 1.0, lambda rng, shape: _alone(rng.exponential(1.0, shape))),
+    "lognormal": (
+        "lognormal, skewness 6.2", float(np.exp(0.5)), lambda rng, shape: _alone(rng.lognormal(0.0, 1.0, shape)),
+    ),
+    "difference": (
+        "paired difference of skewed errors", 0.3,
+        lambda rng, shape: _alone(rng.gamma(1.0, 1.0, shape) - 0.7 * rng.gamma(4.0, 0.25, shape)),
+    ),
+    "ratio": ("ratio of correlated errors", 0.5, _ratio),
+    "mirror": ("a tenth of the runs locked on the mirror image", LOCKED * _FAR + (1.0 - LOCKED) * _NEAR, _mirror),
+}  # fmt: skip
+"""Laws of a run: words, the true mean or ratio, and how they are drawn."""
+
+
+def covered(law: str, runs: int, trials: int = TRIALS, seed: int = 1) -> int:
+    """How many of the intervals of so many trials, of some runs each, hold the truth of a law."""
+    _, truth, draw = LAWS[law]
+    rng = np.random.default_rng([seed, runs])
+    return sum(found.low <= truth <= found.high for found in ratio_intervals(*draw(rng, (runs, trials))))
+
+
+def findings() -> Findings:
+    """Coverage of every law and number of runs."""
+    named: dict[str, Finding] = {"trials": plain(TRIALS, "intervals drawn of each law and number of runs")}
+    for law, (words, _, _) in LAWS.items():
+        for runs in RUNS:
+            what = f"share of 95 % intervals that hold the truth, {runs} runs, {words}; limits 95 %"
+            named[f"{law} {runs}"] = of(proportion(covered(law, runs), TRIALS), what)
+    for runs in RUNS:
+        named[f"unseen {runs}"] = plain((1.0 - LOCKED) ** runs, f"chance that none of {runs} runs is locked")
+    return record("coverage", COMMAND, MODULES, named)
+
+
+def run(folder: Path) -> None:
+    """Draw everything and write the record into a folder."""
+    findings().write(folder / FILE)
+
+
+if __name__ == "__main__":
+    run(Path("out") / "coverage")

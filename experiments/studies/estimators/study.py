@@ -1,0 +1,129 @@
+"""The study of the estimators: `laisn estimators`. LAISN-2, the tightly coupled navigator and the bound, paired."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Unpack
+
+from experiments.campaign import campaign
+from experiments.campaign.campaign import Design, ExecutionOptions
+from experiments.campaign.store import Record
+from experiments.campaign.tasks import Task, with_arrays
+from experiments.findings import FILE, Findings
+from experiments.flight.library import ROUTES
+from experiments.pages.figures import svg
+from experiments.pages.page import Figures, write
+from experiments.pages.template import page_of
+from experiments.studies.estimators import cases, findings
+from experiments.studies.estimators.figures import picture
+from experiments.studies.estimators.runs import at_sea, captures, clock_cost, compare, plain_filter
+from laisn.tight.settings import TightSettings
+
+FEW = ("T2", "T5", "T6", "T8")
+"""Routes on which settings are varied: two about the leader's axis, and two aside of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """How many runs of what."""
+
+    runs: int = 60
+    varied: int = 30
+    """Where settings are varied."""
+    captures: int = 10_000
+    routes: tuple[str, ...] = ROUTES
+    few: tuple[str, ...] = FEW
+
+
+QUICK = Size(runs=4, varied=2, captures=64, routes=("T2", "T6"), few=("T2",))
+
+
+def _compile() -> None:
+    """Fly so little that compiling is all that takes time: both navigators on point motion, and on a hull at sea."""
+    compare(cases.CASES[0], FEW[0], cases.INTERVALS[-1], runs=1, seed=cases.SEED)
+    captures(FEW[0], cases.INTERVALS[-1], 2, range(1), cases.SEED)
+    at_sea("calm", FEW[0], runs=1, seed=cases.SEED)
+
+
+def _scaled(sigma: str, factor: float) -> TightSettings:
+    usual = TightSettings()
+    return replace(usual, **{sigma: factor * getattr(usual, sigma)})
+
+
+def tasks(size: Size) -> Iterator[tuple[tuple[Any, ...], Task]]:
+    """All tasks by their names, whose parts go from general to special; the longest first."""
+    some = min(640, size.captures)
+    for transmitters in (3, 2):
+        for route in cases.ON_AXIS:
+            for first in range(0, size.captures, some):
+                runs = range(first, min(first + some, size.captures))
+                name = ("captures", transmitters, route, first)
+                yield name, partial(captures, route, 5.0, transmitters, runs, cases.SEED)
+    both = partial(compare, runs=size.runs, seed=cases.SEED)
+    few = partial(compare, runs=size.varied, seed=cases.SEED)
+    for sea in cases.SEAS:
+        for route in size.few:
+            yield ("sea", sea, route), partial(at_sea, sea, route, runs=size.varied, seed=cases.SEED)
+    for case in cases.CASES:
+        for interval in cases.INTERVALS:
+            for route in size.routes:
+                yield ("case", case.name, interval, route), partial(both, case, route, interval, smoothing=True)
+    for route in size.routes:
+        yield ("clock", route), partial(clock_cost, route, 5.0, 3, runs=size.varied, seed=cases.SEED)
+    for case in cases.BASELINED:
+        for interval in cases.INTERVALS:
+            plain = partial(plain_filter, case, interval=interval, runs=size.runs, seed=cases.SEED)
+            for route in size.routes:
+                yield ("ekf", case.name, interval, route), partial(plain, route=route)
+    for route in size.few:
+        for wrong in cases.WRONG:
+            yield ("wrong", wrong.name, route), partial(few, wrong, route, 5.0)
+        for sigma in cases.SIGMAS:
+            for factor in cases.FACTORS:
+                scaled = _scaled(sigma, factor)
+                yield ("sigma", sigma, factor, route), partial(few, cases.CASES[0], route, 5.0, settings=scaled)
+        for offset in cases.OFFSETS_M:
+            yield ("offset", offset, route), partial(few, cases.CASES[0], route, 5.0, middle_offset=offset)
+    for route in cases.ON_AXIS:
+        for weave in (False, True):
+            yield ("weave", weave, route), partial(both, cases.CASES[1], route, 1.0, weave=weave)
+
+
+def write_page(found: Findings, rows: Mapping[tuple[Any, ...], Record], path: Path, *, quick: bool) -> Path:
+    """Write the page of a record and of the rows that it was made of; returns its path."""
+    figure, legend = picture(found)
+    drawn = Figures(panels=[svg(figure, "ratio", "Mean position error of both navigators in all cases")], legend=legend)
+    facts = [
+        ("Seed", str(found["seed"].value)),
+        ("Runs of each mission", str(found["runs"].value)),
+        ("Version", found.version),
+        ("Repeat with", found.command + (" --quick" if quick else "")),
+    ]
+    values = {
+        "quick": quick,
+        "ratio": drawn,
+        "cases": cases,
+        "routes": [(name[1], findings.of_route(row)) for name, row in rows.items() if name[0] == "case"],
+    }
+    write(page_of("experiments.studies.estimators", facts, values, found), path)
+    return path
+
+
+def run(folder: Path, *, quick: bool = False, **options: Unpack[ExecutionOptions]) -> Path:
+    """Fly the study, or what is missing of it, and write its record and page.
+
+    Args:
+        folder: of the results; made if it is not there.
+        quick: a first look, of few runs and routes.
+        options: as of `campaign.fly`.
+
+    Returns:
+        The page.
+    """
+    design = Design(tasks=dict(tasks(QUICK if quick else Size())), what="missions", ahead=_compile)
+    flown = campaign.fly(design, folder, **options).tasks
+    rows = {name: with_arrays(row) for name, (row,) in flown.items()}
+    found = findings.findings_of(rows)
+    found.write(folder / FILE)
+    return write_page(found, rows, folder / "report.html", quick=quick)

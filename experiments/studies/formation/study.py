@@ -1,0 +1,141 @@
+"""Ten followers in formation, through all conditions: `laisn formation`."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Unpack
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.campaign import campaign
+from experiments.campaign.campaign import Design, ExecutionOptions
+from experiments.campaign.store import Record
+from experiments.findings import FILE, Findings, read, record
+from experiments.flight.library import load
+from experiments.pages.figures import Line, panel, svg
+from experiments.pages.page import Figures, share_of, with_limits, write
+from experiments.pages.style import FULL, SERIES, Legend
+from experiments.pages.template import page_of
+from experiments.studies.formation import limits
+from experiments.studies.formation.conditions import CONDITIONS, Condition
+from experiments.studies.formation.findings import findings_of
+from experiments.study.measure import records_of_run
+
+COMMAND = "laisn formation"
+MODULES = ("experiments.studies.formation.study",)
+RUNS = 60
+DURATION_S = 1000.0
+_NAMES_INCH = 3.4
+"""Room for the names of conditions beside the figure [inch]."""
+_SERIES = {
+    "run-median": (SERIES[0], "o", "median follower's RMS and its 95 % interval"),
+    "worst": (SERIES[1], "D", "worst follower's RMS"),
+    "max": (SERIES[4], "|", "largest distance at any time"),
+}
+"""Findings of the figure: colour, marker and words."""
+
+
+def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> list[Record]:
+    """Simulate one run of a condition: a row for each follower."""
+    return records_of_run(condition.scenario(run, duration_s), run)
+
+
+def record_of(found: Mapping[str, list[list[Record]]]) -> Findings:
+    """The record of all conditions, from the rows of their runs, and of the bound behind a weaving leader."""
+    return record("formation", COMMAND, MODULES, findings_of(found) | limits.findings())
+
+
+def fly(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S, **options: Unpack[ExecutionOptions]) -> None:
+    """Fly all conditions, or what is missing, and write the record into a folder; `options` as of `campaign.fly`."""
+    tasks = {
+        (c.name, number): partial(measure, c, number, duration_s)
+        for number in range(runs)
+        for c in CONDITIONS
+        if number % c.share == 0
+    }
+    design = Design(tasks=tasks, what="formations", ahead=partial(measure, CONDITIONS[0], 0, 3.0))
+    found: dict[str, list[list[Record]]] = {condition.name: [] for condition in CONDITIONS}
+    for (name, _), rows in campaign.fly(design, folder, **options).tasks.items():
+        found[name].append(rows)
+    record_of(found).write(folder / FILE)
+
+
+def picture(findings: Findings) -> tuple[Figure, Legend]:
+    """Distance from the station in each condition, the first of them at the top; a bar is a 95 % interval."""
+    places = np.arange(len(CONDITIONS), dtype=np.float64)[::-1]
+    lines = []
+    for key, (colour, marker, _) in _SERIES.items():
+        found = [findings[f"{key} {condition.name}"] for condition in CONDITIONS]
+        values = np.array([finding.number for finding in found])
+        lines.append(Line(x=values, y=places, colour=colour, marker=marker, size=4.5))
+        lines += [
+            Line(x=np.array([finding.low, finding.high]), y=np.repeat(place, 2), colour=colour, width=1.6)
+            for finding, place in zip(found, places, strict=True)
+            if finding.low is not None and finding.high is not None
+        ]
+    figure = panel(
+        lines,
+        x_label="distance from the station [m]",
+        y_label="",
+        width=FULL,
+        height=1.0 + 0.21 * places.size,
+        y_limits=(-0.7, places.size - 0.3),
+    )
+    axes = figure.axes[0]
+    left, bottom, across, height = axes.get_position().bounds
+    room = _NAMES_INCH / FULL
+    axes.set_position((left + room, bottom, across - room, height))
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.margins(x=0.03)
+    axes.set_yticks(places, [condition.title for condition in CONDITIONS])
+    axes.tick_params(axis="y", length=0)
+    return figure, [(colour, text) for colour, _, text in _SERIES.values()]
+
+
+def write_page(findings: Findings, path: Path, *, quick: bool = False) -> Path:
+    """Write the page of a record; returns its path.
+
+    Args:
+        findings: the study's record.
+        path: of the HTML file.
+        quick: the record is that of a trial run.
+
+    Raises:
+        LaisnError: the record lacks a condition.
+        OSError: the file cannot be written.
+    """
+    figure, legend = picture(findings)
+    runs = findings["runs"].value
+    facts = [
+        ("Runs of each condition", str(runs)),
+        ("Version", findings.version),
+        ("Repeat with", "laisn formation --quick" if quick else f"laisn formation --runs {runs}"),
+    ]
+    shown = svg(figure, "stations", "Distance from the station in all conditions")
+    values = {
+        "quick": quick,
+        "conditions": CONDITIONS,
+        "found": findings,
+        "interval": lambda key, digits=2: with_limits(findings[key], digits),
+        "share": lambda key: share_of(findings[key]),
+        "stations": Figures(panels=[shown], caption="", legend=legend),
+        "swarm": load("swarm", ()),
+        "limits": limits,
+    }
+    write(page_of("experiments.studies.formation", facts, values, findings), path)
+    return path
+
+
+def run(folder: Path, *, quick: bool = False, runs: int | None = None, **options: Unpack[ExecutionOptions]) -> Path:
+    """Fly the study, or what is missing of it, write its record and page, and return the page.
+
+    Args:
+        folder: of the results; made if it is not there.
+        quick: a trial run of two short runs of each condition.
+        runs: of each condition; None: the study's own number.
+        options: as of `campaign.fly`.
+    """
+    fly(folder, runs or (2 if quick else RUNS), 100.0 if quick else DURATION_S, **options)
+    return write_page(read(folder / FILE), folder / "report.html", quick=quick)

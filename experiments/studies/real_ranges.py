@@ -1,0 +1,138 @@
+"""The study of real ranges: `python -m experiments.studies.real_ranges` writes `out/real-ranges/results.json`.
+
+Plaza 1 and 2 are navigated on with two beacons at a time and with all four, from a known start and from none: by dead
+reckoning, LAISN-2, the tightly coupled navigator of a leader's hull, and that among beacons, which also has to do
+without some of its states. Works in a checkout only, where the data are.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from experiments.beacon_replay import Beacons, Score, among_beacons, by_laisn, dead_reckoning, score
+from experiments.campaign.version import ROOT
+from experiments.findings import FILE, Finding, plain, record
+from laisn.estimates import Estimates
+from laisn.settings import NavigationSettings
+from laisn.tight.navigator import TightNavigator
+from laisn.tight.settings import TightSettings
+from sim.datasets.log import Replayable, read_data_set, read_data_set_log, write_data_set
+
+COMMAND = "python -m experiments.studies.real_ranges"
+MODULES = ("experiments.studies.real_ranges",)
+DATA = ROOT / "tests" / "data" / "plaza"
+SETS = ("Plaza1", "Plaza2")
+SETTLED_S = 60.0
+"""With an unknown start errors count from here on: two beacons leave a mirror image open until the vehicle turns."""
+
+AMONG = {
+    "tight": Beacons(),
+    "unknown-start": Beacons(known_start=False),
+    "steady-gyro": Beacons(medium="air", gyro_bias_sigma_deg_s=0.0),
+    "known-scale": Beacons(medium="air", range_scale_sigma=0.003),
+    "exact-speed": Beacons(medium="air", speed_scale_sigma=0.0),
+    "exact-beacons": Beacons(medium="air", survey_sigma_m=0.0, range_offset_sigma_m=0.0),
+}
+"""The navigator among beacons as it is, from an unknown start, and without some of its states."""
+
+
+HULL = TightSettings(
+    transmitters=2,
+    start_sigma=1.0,
+    speed_sigma=0.01,
+    speed_bias_sigma=0.05,
+    heading_sigma=float(np.deg2rad(0.1)),
+    heading_bias_sigma=float(np.deg2rad(5.0)),
+    range_sigma=0.5,
+    range_scale_bias_sigma=3.0,
+    outlier_span=20.0,
+    slip=0.05,
+)
+"""The tightly coupled navigator of a leader's hull, told how good these sensors are in the words that it has."""
+
+
+def _among(told: Beacons) -> Callable[[Replayable], Estimates]:
+    return lambda recorded: among_beacons(recorded, told)[0]
+
+
+NAVIGATORS: dict[str, Callable[[Replayable], Estimates]] = {
+    "dead-reckoning": dead_reckoning,
+    "laisn-2": lambda recorded: by_laisn(recorded, NavigationSettings(use_single_range=True)),
+    "hull": lambda recorded: TightNavigator(replace(HULL, dt=recorded.measurements.dt), recorded.start).run(
+        recorded.measurements
+    ),
+    **{name: _among(told) for name, told in AMONG.items()},
+}
+"""What makes estimates of a recording, by its name in the record."""
+
+
+def recordings(name: str) -> Iterator[tuple[tuple[str, ...], Replayable]]:
+    """A data set with each pair of its beacons, and then with all, read back from its log."""
+    data = read_data_set(DATA / f"{name}.mat")
+    with TemporaryDirectory() as folder:
+        for beacons in (*combinations(data.beacons, 2), data.beacons):
+            log = Path(folder) / f"{'-'.join(beacons)}.mcap"
+            write_data_set(data.among(beacons), log)
+            yield beacons, read_data_set_log(log)
+
+
+def scores(name: str, navigators: tuple[str, ...] = tuple(NAVIGATORS)) -> dict[str, dict[tuple[str, ...], Score]]:
+    """Scores by navigator and beacons."""
+    found: dict[str, dict[tuple[str, ...], Score]] = {navigator: {} for navigator in navigators}
+    for beacons, recorded in recordings(name):
+        for navigator in navigators:
+            since = SETTLED_S if navigator == "unknown-start" else 0.0
+            estimates = NAVIGATORS[navigator](recorded)
+            found[navigator][beacons] = score(estimates, recorded.measurements, recorded.truth, since)
+    return found
+
+
+def findings_of(name: str, found: dict[str, dict[tuple[str, ...], Score]]) -> dict[str, Finding]:
+    """What the record says of a data set."""
+    result: dict[str, Finding] = {}
+    for navigator, each in found.items():
+        pairs = np.array([errors for beacons, errors in each.items() if len(beacons) == 2])
+        every = next(errors for beacons, errors in each.items() if len(beacons) > 2)
+        mean, _, high, nees = pairs.T
+        values = {
+            "pairs": (float(np.median(mean)), "median over pairs of beacons of the mean error", "m"),
+            "worst-pair": (float(mean.max()), "largest mean error of a pair of beacons", "m"),
+            "high": (float(high.max()), "95 % of errors are smaller, with the worst pair", "m"),
+            "nees-least": (float(nees.min()), "of all pairs", ""),
+            "nees-most": (float(nees.max()), "of all pairs", ""),
+            "all": (every.mean, "mean error with all beacons", "m"),
+            "all-high": (every.high, "95 % of errors are smaller, with all beacons", "m"),
+            "all-nees": (every.nees, "with all beacons", ""),
+        }
+        for key, (value, what, unit) in values.items():
+            result[f"{key} {navigator} {name}"] = plain(value, what, unit)
+    return result
+
+
+def ranges_of(name: str) -> dict[str, Finding]:
+    """What the record says of the ranges themselves: their scale and their random error, by the surveyed path."""
+    data = read_data_set(DATA / f"{name}.mat")
+    place = np.column_stack([np.interp(data.range_time, data.truth[:, 0], data.truth[:, k]) for k in (1, 2)])
+    true = np.hypot(*(place - data.places[data.range_beacon]).T)
+    scale = float(data.ranges @ true / (true @ true))
+    return {
+        f"ranges {name}": plain(data.ranges.size, "ranges to all beacons"),
+        f"scale {name}": plain(scale - 1.0, "common scale error of all ranges"),
+        f"sigma {name}": plain(float(np.std(data.ranges - scale * true)), "of what that leaves of the ranges", "m"),
+    }
+
+
+def run(folder: Path) -> None:
+    """Navigate on everything and write the record into a folder."""
+    found: dict[str, Finding] = {}
+    for name in SETS:
+        found |= ranges_of(name) | findings_of(name, scores(name))
+    record("real-ranges", COMMAND, MODULES, found).write(folder / FILE)
+
+
+if __name__ == "__main__":
+    run(Path("out") / "real-ranges")

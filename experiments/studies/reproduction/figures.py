@@ -1,0 +1,131 @@
+"""Figures of the reproduction's page, and what its tables show."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from experiments.campaign.store import Arrays, Record
+from experiments.pages.figures import Line, Part, panel, stack, svg
+from experiments.pages.flight_figures import ON_AXIS_DEG, bearing_part
+from experiments.pages.page import Cell, Figures, number, ratio_tone
+from experiments.pages.style import ESTIMATE, FOLLOWER, LEADER
+from experiments.studies.reproduction import settings
+from experiments.studies.reproduction.claims import MARGIN, Claim, Judgement
+from experiments.studies.reproduction.findings import ratios
+from experiments.studies.reproduction.replications import REPLICATIONS, VERDICT_CONFIDENCE
+from experiments.studies.reproduction.settings import FIGURES, METRICS, VARIANT_NAMES, Key, Setting
+from laisn.arrays import Floats
+from laisn.settings import Variant
+from sim.trajectory import Trajectory
+
+FAR = 2.0
+"""A row whose mean E_P differs by more than this factor is listed as far off."""
+SLOW_S = 10.0
+"""Message interval at which the paper's settings are not known [s]."""
+TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "undecided": "", "no data": ""}
+"""Colours of verdicts."""
+
+
+def error_panel(steps: Arrays, name: str, title: str) -> str:
+    """Mean of E_P and E_B over the runs (thick) and their maximum (thin), and B, over time, each on its own axis."""
+    columns = {column: values.astype(np.float64) for column, values in steps.items()}
+    time = columns["time_s"]
+
+    def errors(mean: Floats, most: Floats, label: str, limit: float | None) -> Part:
+        lines = [
+            Line(x=time, y=most, colour=ESTIMATE, width=0.4, opacity=0.6),
+            Line(x=time, y=mean, colour=ESTIMATE, width=1.2),
+        ]
+        return Part(lines=lines, y_label=label, y_limits=(0.0, limit))
+
+    # half a turn of E_B would flatten everything else
+    turned = min(1.05 * float(columns["e_b_max_deg"].max()), 6.0 * float(columns["e_b_mean_deg"].max()) + 1.0)
+    parts = [
+        errors(columns["e_p_mean_m"], columns["e_p_max_m"], "E_P [m]", None),
+        errors(columns["e_b_mean_deg"], columns["e_b_max_deg"], "E_B [°]", turned),
+        bearing_part(time, np.deg2rad(columns["bearing_deg"])),
+    ]
+    figure = stack(parts, x_label="time [s]", title=title, height=3.6)
+    return svg(figure, name, f"Errors over time, {title}")
+
+
+def error_figures(steps: Mapping[Key, Arrays]) -> list[tuple[dict[str, Any], Figures]]:
+    """The paper's figures, as far as errors over time are kept."""
+    found = []
+    for figure in FIGURES:
+        kept = {m: steps.get((figure["setting"], m, figure["variant"])) for m in figure["missions"]}
+        panels = [error_panel(s, f"figure{figure['number']}-{m}", m) for m, s in kept.items() if s is not None]
+        found += [(figure, Figures(panels=panels))] if panels else []
+    return found
+
+
+def routes(flights: Mapping[str, Trajectory]) -> Figures:
+    """Routes of leader and follower on each mission, by its name."""
+    panels = []
+    for name, flight in flights.items():
+        every = slice(None, None, max(1, flight.time.size // 400))
+        leader, follower = flight.position[every, 0], flight.position[every, 1]
+        lines = [
+            Line(x=leader[:, 0], y=leader[:, 1], colour=LEADER, width=1.4),
+            Line(x=follower[:, 0], y=follower[:, 1], colour=FOLLOWER),
+        ]
+        figure = panel(lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0)
+        panels.append(svg(figure, f"route-{name}", f"Routes of leader and follower on {name}"))
+    return Figures(panels=panels, legend=[(LEADER, "leader"), (FOLLOWER, "follower")])
+
+
+class Cells(NamedTuple):
+    """Cells of the tables, made of our figures and of the published ones."""
+
+    rows: Mapping[Key, Record]
+    published: Mapping[Key, Mapping[str, float]]
+
+    def theirs(self, key: Key, metric: str) -> Cell:
+        """The published figure; a dash if there is none."""
+        return number(self.published.get(key, {}).get(metric), tone="theirs")
+
+    def ours(self, key: Key, metric: str, printed: Key | None = None) -> Cell:
+        """Our figure, coloured by its ratio to the published one of the same or of another cell."""
+        ours, theirs = float(self.rows[key][metric]), self.published.get(printed or key, {}).get(metric)
+        if theirs is None:
+            return number(ours)
+        ratio = ours / theirs
+        return number(ours, tone=ratio_tone(ratio), title=f"{ours:.4g} / {theirs:g} = {ratio:.2f}")
+
+    def median(self, setting: Setting, variant: Variant, metric: str) -> Cell:
+        """Median ratio over missions, with the least and the largest of them."""
+        found = ratios(self.rows, self.published, setting, variant, metric)
+        median = float(np.median(found))
+        return number(median, tone=ratio_tone(median), title=f"{found.min():.2f} … {found.max():.2f}")
+
+    @staticmethod
+    def verdict(judgement: Judgement) -> Cell:
+        """The verdict on a claim, coloured."""
+        words = "depends on the mission" if judgement.verdict == "depends" else judgement.verdict
+        return Cell(text=words, tone=TONES[judgement.verdict], title=judgement.figures)
+
+
+def page_values(
+    chosen: Sequence[Setting], rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]],
+    judgements: Sequence[tuple[Claim, Judgement, Judgement]],
+) -> dict[str, Any]:  # fmt: skip
+    """What the template names, but for the figures and the kind of motion."""
+    off = {key: rows[key]["e_p_mean_m"] / published[key]["e_p_mean_m"] for key in rows if key in published}
+    slow = {s.name for s in chosen if settings.columns(s)["dt_range_s"] == SLOW_S}
+    far = [key for key, ratio in off.items() if not 1 / FAR < ratio < FAR]
+    return {
+        "stages": sorted({setting.stage for setting in chosen}),
+        "settings": {setting.name: setting for setting in chosen},
+        "missions": list(dict.fromkeys(mission for _, mission, _ in rows)),
+        "metrics": METRICS,
+        "names": {name: text.replace("-", "\N{NON-BREAKING HYPHEN}") for name, text in VARIANT_NAMES.items()},
+        "rows": rows,
+        "published": published,
+        "judgements": judgements,
+        "far": [key for key in far if key[0] not in slow],
+        "slow": sum(key[0] in slow for key in far),
+        "cells": Cells(rows, published),
+        "limits": {"far": FAR, "slow": SLOW_S, "on_axis": ON_AXIS_DEG, "margin": MARGIN,
+                   "confidence": VERDICT_CONFIDENCE, "replications": REPLICATIONS},
+    }  # fmt: skip

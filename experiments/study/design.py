@@ -1,0 +1,245 @@
+"""The design of a study: factors and the points of their values, and draws, keys that every sea has anew.
+
+Points are every combination of lists and ranges of values, or a sample of the ranges. A draw is a function of (seed of
+the study, number of the sea, key): another key, point, arm or worker changes none.
+"""
+
+import hashlib
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from scipy import stats
+from scipy.stats import qmc
+
+from sim.scenario.random_routes import CLASSES, random_waypoints
+
+Design = Literal["factorial", "latin-hypercube", "sobol"]
+
+_RANGE = ("from", "to", "steps", "scale")
+_POINTS_KEY = 0x0D
+"""Keeps the random numbers of designs apart from those of seas."""
+
+
+def _tidy(value: float) -> float | int:
+    """A grid value as somebody would write it: 0.3 and not 0.30000000000000004."""
+    rounded = float(f"{value:.12g}")
+    return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Factor:
+    """A key of the scenario and the values that it takes."""
+
+    key: str
+    values: tuple[Any, ...] = ()
+    """Values in their order; empty: the whole range, for a sampled design."""
+    low: float = 0.0
+    high: float = 0.0
+    log: bool = False
+
+    @classmethod
+    def of(cls, key: str, given: object, *, sampled: bool = False) -> "Factor":
+        """A factor as a file gives it.
+
+        Args:
+            key: of the scenario.
+            given: a list of values, or a table with `from`, `to`, `steps` and `scale` ("linear" or "log").
+            sampled: the design draws values from the range, so that it needs no steps.
+
+        Raises:
+            ValueError: says what was expected.
+        """
+        if isinstance(given, list):
+            if not given:
+                raise ValueError("the list of values is empty")
+            if len({repr(value) for value in given}) < len(given):
+                raise ValueError("a value stands in the list twice")
+            return cls(key=key, values=tuple(given))
+        if not isinstance(given, dict) or not {"from", "to"} <= set(given):
+            raise ValueError(f"expected a list, or a table with from, to and steps (given: {given!r:.60})")
+        unknown = sorted(set(given) - set(_RANGE))
+        if unknown:
+            raise ValueError(f"unknown {', '.join(unknown)} of a range; known here: {', '.join(_RANGE)}")
+        low, high, scale, steps = given["from"], given["to"], given.get("scale", "linear"), given.get("steps")
+        if not _is_number(low) or not _is_number(high) or low == high:
+            raise ValueError(f"from and to must be two different numbers (given: {low!r}, {high!r})")
+        if scale not in ("linear", "log"):
+            raise ValueError(f'scale must be "linear" or "log" (given: {scale!r})')
+        if scale == "log" and not (low > 0 and high > 0):
+            raise ValueError(f"a logarithmic range needs positive ends (given: {low!r}, {high!r})")
+        whole = cls(key=key, low=float(low), high=float(high), log=scale == "log")
+        if sampled:
+            return whole
+        if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= 10_000:
+            raise ValueError(f"steps must be a whole number, 2 to 10000 (given: {steps!r})")
+        grid = tuple(_tidy(whole.at(i / (steps - 1))) for i in range(steps))
+        return cls(key=key, values=grid, low=whole.low, high=whole.high, log=whole.log)
+
+    def at(self, share: float) -> Any:
+        """The value a share of the way, 0 … 1, through the list or range."""
+        if self.values:
+            return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+        if self.log:
+            return float(self.low * (self.high / self.low) ** share)
+        return float(self.low + (self.high - self.low) * share)
+
+
+def points_of(
+    factors: Sequence[Factor], design: Design, number: int | None, seed: int, most: int
+) -> list[dict[str, Any]]:
+    """The points of a design, values by key.
+
+    Args:
+        factors: of the study.
+        design: every combination of the values ("factorial"), or `number` points that fill the ranges evenly.
+        number: of points of a sampled design.
+        seed: of a sampled design.
+        most: largest number of points; it is compared before any point is made.
+
+    Raises:
+        ValueError: the number does not suit the design, or is larger than `most`.
+    """
+    count = math.prod(len(factor.values) for factor in factors) if design == "factorial" else number or 0
+    if count > most:
+        raise ValueError(f"{count:,} points, at most {most:,} with these arms and seas")
+    if design == "factorial":
+        if number is not None:
+            raise ValueError('points belongs to design = "latin-hypercube" or "sobol"')
+        combinations = itertools.product(*(factor.values for factor in factors))
+        return [dict(zip((f.key for f in factors), values, strict=True)) for values in combinations]
+    if not factors:
+        raise ValueError(f"a {design} design needs factors in [vary]")
+    if number is None or number < 2:
+        raise ValueError(f"a {design} design needs points, at least 2 (given: {number})")
+    if design == "sobol" and number & (number - 1):
+        near = 2 ** round(math.log2(number))
+        raise ValueError(f"a sobol design has a power of two points, such as {near} (given: {number})")
+    random = np.random.default_rng([_POINTS_KEY, seed])
+    sampler = qmc.LatinHypercube if design == "latin-hypercube" else qmc.Sobol
+    shares = sampler(d=len(factors), rng=random).random(number)
+    return [{f.key: f.at(float(share)) for f, share in zip(factors, row, strict=True)} for row in shares]
+
+
+_DRAW_KEY = 0xD3A3
+"""Keeps these random numbers apart from all others that come from the same seed."""
+
+
+def _uniform(low: float, high: float) -> Any:
+    if not low < high:
+        raise ValueError(f"uniform expects [low, high] (given: [{low:g}, {high:g}])")
+    return stats.uniform(low, high - low)
+
+
+def _normal(mean: float, sigma: float) -> Any:
+    return stats.norm(mean, sigma)
+
+
+def _truncnorm(mean: float, sigma: float, low: float, high: float) -> Any:
+    if not sigma > 0 or not low < high:
+        raise ValueError(f"truncnorm expects [mean, sigma, low, high] (given: {[mean, sigma, low, high]})")
+    return stats.truncnorm((low - mean) / sigma, (high - mean) / sigma, mean, sigma)
+
+
+_LISTED: Mapping[str, tuple[Callable[..., Any], str]] = {
+    "uniform": (_uniform, "[low, high]"),
+    "normal": (_normal, "[mean, sigma]"),
+    "truncnorm": (_truncnorm, "[mean, sigma, low, high]"),
+}
+"""Distributions whose parameters may stand in a list."""
+
+
+_NAMED = (
+    "bernoulli", "beta", "binom", "cauchy", "expon", "gamma", "geom", "gumbel_l", "gumbel_r", "invgamma", "laplace",
+    "logistic", "lognorm", "norm", "pareto", "poisson", "randint", "rayleigh", "t", "triang", "truncnorm", "uniform",
+    "vonmises", "weibull_min",
+)  # fmt: skip
+"""Distributions of scipy.stats that a table of parameters names: their quantiles take microseconds at any parameter."""
+_LARGEST = 1e9
+"""Largest size of a parameter."""
+
+
+def known(name: str) -> bool:
+    """Whether there is a distribution of this name."""
+    return name in _LISTED or name in _NAMED or name in ("choice", "route_class")
+
+
+def _frozen(name: str, given: object) -> Any:
+    """A distribution of scipy.stats with its parameters."""
+    values = list(given.values()) if isinstance(given, dict) else given
+    form = _LISTED[name][1] if name in _LISTED else "a table of its parameters in scipy.stats"
+    if not isinstance(values, list) or (isinstance(given, list) and name not in _LISTED):
+        raise ValueError(f"{name} expects {form} (given: {given!r:.60})")
+    for value in values:
+        if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= _LARGEST:
+            raise ValueError(f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})")
+    if isinstance(given, dict):
+        try:
+            return getattr(stats, "norm" if name == "normal" else name)(**given)
+        except TypeError as error:
+            raise ValueError(f"{name}: {error}") from None
+    make, expected = _LISTED[name]
+    if len(values) != expected.count(",") + 1:
+        raise ValueError(f"{name} expects {expected} (given: {given!r:.60})")
+    return make(*values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draw:
+    """A key of the scenario whose value every sea draws."""
+
+    key: str
+    law: str
+    """Law of the draws in the file's words, for the page."""
+    choices: tuple[Any, ...] = ()
+    route_classes: tuple[str, ...] = ()
+    """Classes of `CLASSES`, of which each sea has one and a route of it."""
+    distribution: Any = field(default=None, compare=False)
+
+    @classmethod
+    def of(cls, key: str, given: object) -> "Draw":
+        """A draw as a file gives it: a table with one distribution's name and its parameters.
+
+        Raises:
+            ValueError: says what was expected.
+        """
+        if not isinstance(given, dict) or len(given) != 1:
+            raise ValueError(f"expected one distribution, such as {{ uniform = [0.2, 0.8] }} (given: {given!r:.60})")
+        ((name, parameters),) = given.items()
+        if not known(name):
+            raise ValueError(
+                f"unknown distribution {name!r:.40}; available: choice, route_class, "
+                f"{', '.join(sorted({*_LISTED, *_NAMED}))}"
+            )
+        law = f"{name} {parameters}"
+        if name == "choice":
+            if not isinstance(parameters, list) or not parameters:
+                raise ValueError(f"choice expects a list of values (given: {parameters!r:.60})")
+            return cls(key=key, law=law, choices=tuple(parameters))
+        if name == "route_class":
+            if parameters != "any" and parameters not in CLASSES:
+                raise ValueError(f"route_class expects any, {', '.join(CLASSES)} (given: {parameters!r:.60})")
+            return cls(key=key, law=law, route_classes=tuple(CLASSES) if parameters == "any" else (parameters,))
+        distribution = _frozen(name, parameters)
+        if not all(math.isfinite(float(distribution.ppf(share))) for share in (0.01, 0.5, 0.99)):
+            raise ValueError(f"{name} has no values with these parameters (given: {parameters!r:.60})")
+        return cls(key=key, law=law, distribution=distribution)
+
+    def value(self, seed: int, sea: int) -> Any:
+        """What a sea has of it."""
+        hashed = int.from_bytes(hashlib.sha256(self.key.encode()).digest()[:8], "big")
+        address = [_DRAW_KEY, seed, sea, hashed]
+        share = float(np.random.default_rng(address).random())
+        if self.route_classes:
+            return random_waypoints(self.route_classes[int(share * len(self.route_classes))], [*address, 1])
+        if self.choices:
+            return self.choices[int(share * len(self.choices))]
+        drawn = float(self.distribution.ppf(share))
+        return int(drawn) if isinstance(self.distribution.dist, stats.rv_discrete) else drawn

@@ -1,0 +1,175 @@
+"""What a mission and a run in closed loop are measured by: `facts_of` its motion, `records_of_run` with its errors."""
+
+import numpy as np
+
+from experiments.campaign.store import CampaignError, Record
+from laisn import metrics
+from laisn.arrays import Bools, Floats
+from sim.assembly import routes_of
+from sim.closed_loop import simulate_closed_loop
+from sim.contact import contacts
+from sim.flight import Outcome
+from sim.motion import ContactError, DivergedError
+from sim.scenario.formation import LEAST_LAYER_M
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.station_keeping import off_places, station_keeping, true_stations
+from sim.tracking import cross_track
+from sim.trajectory import Trajectory
+
+DISC_DIAMETER_M = 0.1
+"""Disc of every thruster: the MJCF has thrusts and no propellers. Powers compare missions; they size no battery."""
+TURNING_RAD_S = 1e-3
+"""A formation whose frame turns faster is in a turn [rad/s]."""
+
+
+def disc_power(thrust: Floats, inflow: Floats, density: float) -> Floats:
+    """Power of ideal actuator discs, |T| (v / 2 + √(v² / 4 + |T| / 2ρA)), [W].
+
+    Rankine-Froude momentum theory (Newman, Marine Hydrodynamics, 1977; Breslin & Andersen, 1994). Water that comes from
+    behind a disc is taken for still.
+
+    Args:
+        thrust: [N], any sign.
+        inflow: speed of the disc through the water, positive the way it pushes, [m/s].
+        density: of the water [kg/m³].
+    """
+    area = np.pi * DISC_DIAMETER_M**2 / 4
+    size, speed = np.abs(thrust), np.maximum(inflow, 0.0)
+    return np.asarray(size * (speed / 2 + np.sqrt(speed**2 / 4 + size / (2 * density * area))))
+
+
+def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floats:
+    """Power of all thrusters of a vehicle at each instant, shape (n,), [W].
+
+    The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull have none.
+    """
+    through = trajectory.velocity[:, vehicle] - trajectory.water_velocity[:, vehicle]
+    pitch, heading = trajectory.pitch[:, vehicle], trajectory.heading[:, vehicle]
+    forward = np.column_stack([np.cos(pitch) * np.sin(heading), np.cos(pitch) * np.cos(heading), np.sin(pitch)])
+    thrust = trajectory.thrust[:, vehicle]
+    surge = np.einsum("ni,ni->n", through, forward)
+    inflow = surge[:, None] * trajectory.effector_force[vehicle, :, 0] * np.sign(thrust)
+    return np.asarray(disc_power(thrust, inflow, density).sum(axis=1))
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _station(off: Floats, turning: Bools, time: Floats) -> Record:
+    """How a follower kept its station: distances from it [m] and where its frame turns, all of shape (n,)."""
+    kept, leg = station_keeping(off, time), off[~turning]
+    return {
+        "station_rms_m": kept.station_rms_m,
+        "station_p95_m": kept.station_p95_m,
+        "station_max_m": kept.station_max_m,
+        "station_turn_max_m": float(off[turning].max(initial=0.0)),
+        "station_leg_rms_m": _rms(leg) if leg.size else None,
+        "lost": float(kept.lost),
+    }
+
+
+def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
+    """What the motion of a mission shows of each of its followers: a record by columns of `METRICS`.
+
+    Point motion has no thrusters: its powers are None. Followers without stations have no columns of stations.
+    """
+    routes, time, position = routes_of(scenario), trajectory.time, trajectory.position
+    stations = true_stations(scenario, trajectory) if any(f.station for f in scenario.followers) else None
+    off = off_places(scenario, trajectory, stations)
+    density, span = scenario.ocean.density_kg_m3, float(time[-1] - time[0])
+    touching = {name for contact in contacts(trajectory) for name in contact.pair}
+    layers = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
+
+    def depth_error(v: int) -> Floats:
+        return np.asarray(trajectory.depth[:, v] - routes[v].depth.at(time)[0])
+
+    def motion(v: int) -> Record:
+        power = float(thruster_power(trajectory, v, density).mean()) if scenario.motion == "physics" else None
+        return {
+            "pitch_rms_deg": _rms(np.rad2deg(trajectory.pitch[:, v])),
+            "depth_error_rms_m": _rms(depth_error(v)),
+            "power_mean_w": power,
+            "energy_j": None if power is None else power * span,
+        }
+
+    leader = {f"leader_{name}": value for name, value in motion(0).items()}
+    found = []
+    for v, follower in enumerate(scenario.followers, start=1):
+        own = off[:, v - 1]
+        apart = np.delete(position, v, axis=1) - position[:, v : v + 1]
+        level = np.hypot(apart[..., 0], apart[..., 1]).min(axis=0)
+        layer = level[np.abs(np.delete(layers, v) - layers[v]) < LEAST_LAYER_M]
+        row: Record = {
+            "off_place_rms_m": _rms(own),
+            "off_place_max_m": float(own.max()),
+            "off_place_end_m": float(own[-1]),
+            "depth_error_max_m": float(np.abs(depth_error(v)).max()),
+            "closest_approach_m": float(np.linalg.norm(apart, axis=2).min()),
+            "closest_horizontal_m": float(level.min()),
+            "closest_in_layer_m": float(layer.min()) if layer.size else None,
+            "touched": float(trajectory.names[v] in touching),
+            "range_mean_m": float(np.hypot(*(position[:, v, :2] - position[:, 0, :2]).T).mean()),
+        }
+        if follower.station and stations is not None:
+            row |= _station(own, np.abs(stations[:, v - 1, 3]) > TURNING_RAD_S, time)
+        else:
+            until = time <= routes[v].time[-1] + 1e-9
+            aside = cross_track(routes[v], time[until], position[until, v, :2])
+            row |= {"cross_track_rms_m": _rms(aside), "cross_track_max_m": float(aside.max())}
+        found.append(row | motion(v) | leader)
+    return found
+
+
+def _flown(scenario: Scenario) -> tuple[Trajectory, Outcome, list[Floats], list[int]]:
+    """Motion of a run and its outcome, each follower's estimated positions, shape (n, 2), [m], and its gated fixes."""
+    stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
+    try:
+        trajectory, loop = simulate_closed_loop(scenario)
+    except (ContactError, DivergedError) as error:
+        outcome = Outcome.CONTACT if isinstance(error, ContactError) else Outcome.DIVERGED
+        unknown = np.full(((error.trajectory.time.size - 1) // stride, 2), np.nan)
+        followers = len(scenario.followers)
+        return error.trajectory, outcome, [unknown] * followers, [0] * followers
+    estimates = list(np.moveaxis(loop.state.history.position[stride::stride], 1, 0))
+    return trajectory, Outcome.COMPLETED, estimates, loop.swarm.gated.tolist()
+
+
+_OF_ENDED = ("run", "touched", "ended")
+
+
+def records_of_run(scenario: Scenario, run: int) -> list[Record]:
+    """Simulates a run in closed loop; its results for each follower, by the names of a cell's lists and of `facts_of`.
+
+    A run that contact ended has no other results than that: a mean over missions of unlike length would hide it.
+
+    Raises:
+        CampaignError: the simulation left finite numbers.
+    """
+    one = scenario.model_copy(update={"run": run})
+    trajectory, outcome, estimates, gated = _flown(one)
+    ended = outcome is Outcome.CONTACT
+    if not ended and outcome is not Outcome.COMPLETED:
+        raise CampaignError(f"run {run}: {outcome.value}")
+    rows = []
+    for i, (estimate, facts) in enumerate(zip(estimates, facts_of(one, trajectory), strict=True)):
+        n = estimate.shape[0]
+        stride = (trajectory.time.size - 1) // n
+        steps = slice(stride, n * stride + 1, stride)
+        truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
+        leader, heading = trajectory.position[steps, 0, :2], trajectory.heading[steps, 0]
+        position = metrics.position_errors(estimate, truth)
+        degrees = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
+        row: Record = {
+            "run": run,
+            "e_p_max_m": float(position.max()),
+            "e_p_mean_m": float(position.mean()),
+            "e_b_max_deg": float(degrees.max()),
+            "e_b_mean_deg": float(degrees.mean()),
+            "captured": metrics.was_captured(estimate, truth, leader, heading, one.message_every),
+            "gated": gated[i],
+            **facts,
+            "ended": ended,
+        }
+        rows.append({name: value if not ended or name in _OF_ENDED else None for name, value in row.items()})
+    return rows

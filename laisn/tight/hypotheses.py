@@ -1,0 +1,384 @@
+"""Hypotheses: both sides of the leader's axis, and initialisation from one message.
+
+Two transmitters cannot distinguish port from starboard. A hypothesis that reaches across the axis is split there into
+its two halves, so that each is one-sided and its ranges nearly linear. Halves that the data do not support lose their
+weight; halves that meet are merged again.
+
+For an unknown start, and for a mixture that is inconsistent with the ranges, the prior is a ring about the nearest
+transmitter, as a sum of Gaussians with fresh biases, one for each bearing. Each is updated with the ranges; what is
+left on either side of the axis is gathered as one hypothesis.
+"""
+
+import math
+
+from laisn.compiled import compiled, inlined
+from laisn.elementary import sin_cos
+from laisn.mixture import blend, half_moments, is_same, is_same_place, place_on_ring
+from laisn.tight.estimates import HYPOTHESES
+from laisn.tight.model import ABSENT, CAPACITY, Belief, Model, X, Y, refresh_output
+from laisn.tight.ranging import Heard, update
+
+_SPLIT = 0.3
+"""Least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis matters."""
+_REACH = 3.5
+"""Farthest axis of a split, in lateral standard deviations."""
+_LEAST_WEIGHT = 1e-5
+
+
+@compiled
+def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, float, float, float]:
+    """Distance ℓ of component k to the left of the line from transmitter 1 to 2, and its derivatives.
+
+    Returns:
+        ℓ [m], its derivatives by x, y and b_L, and the distance from the leader's origin [m].
+    """
+    x, arms = b.state, heard.arms
+    bias = x[k, m.leader] if m.leader != ABSENT else 0.0
+    s, c = sin_cos(bias)
+    ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
+    per_length = 1.0 / math.sqrt(ex * ex + ey * ey)
+    tx, ty = (c * ex - s * ey) * per_length, (s * ex + c * ey) * per_length
+    qx, qy = x[k, X] - heard.east, x[k, Y] - heard.north
+    ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
+    return tx * oy - ty * ox, -ty, tx, -(tx * qx + ty * qy), math.sqrt(qx * qx + qy * qy)
+
+
+@inlined
+def _copy_outcome(b: Belief, source: int, target: int) -> None:
+    """Copy the result of the last update."""
+    b.taken[target], b.squared[target] = b.taken[source], b.squared[source]
+    b.normalised_innovation[target] = b.normalised_innovation[source]
+
+
+@compiled
+def copy(b: Belief, m: Model, source: int, target: int) -> None:
+    """Copy a component."""
+    b.weight[target], b.evidence[target] = b.weight[source], b.evidence[source]
+    _copy_outcome(b, source, target)
+    for g in range(m.states):
+        b.state[target, g] = b.state[source, g]
+        for h in range(m.states):
+            b.covariance[target, g, h] = b.covariance[source, g, h]
+
+
+@compiled
+def _copy_hypothesis(b: Belief, m: Model, source: int, target: int) -> None:
+    """Copy all components of a hypothesis."""
+    for mode in range(m.modes):
+        copy(b, m, source * m.modes + mode, target * m.modes + mode)
+
+
+@compiled
+def _keep_half(b: Belief, m: Model, k: int, heard: Heard, side: float) -> None:
+    """Replace component k by its part on one side of the axis: left for +1, right for −1; with its exact moments."""
+    x, P, n = b.state, b.covariance, m.states
+    lateral, gx, gy, gl, _ = _lateral(b, m, k, heard)
+    column = b.before_state
+    for i in range(n):
+        column[i] = P[k, i, X] * gx + P[k, i, Y] * gy
+        if m.leader != ABSENT:
+            column[i] += P[k, i, m.leader] * gl
+    variance = column[X] * gx + column[Y] * gy
+    if m.leader != ABSENT:
+        variance += column[m.leader] * gl
+    sigma = math.sqrt(variance)
+    mass, shift, narrowing = half_moments(side * lateral / sigma)
+    b.weight[k] *= mass
+    for i in range(n):
+        column[i] /= sigma
+        x[k, i] += side * shift * column[i]
+    for i in range(n):
+        for j in range(n):
+            P[k, i, j] -= narrowing * column[i] * column[j]
+
+
+@compiled
+def _reaches_across(b: Belief, m: Model, k: int, heard: Heard) -> bool:
+    """Whether component k is wide enough at the axis for both of its sides to matter."""
+    P = b.covariance
+    lateral, gx, gy, gl, distance = _lateral(b, m, k, heard)
+    variance = gx * gx * P[k, X, X] + 2.0 * gx * gy * P[k, X, Y] + gy * gy * P[k, Y, Y]
+    if m.leader != ABSENT:
+        variance += gl * (2.0 * (gx * P[k, X, m.leader] + gy * P[k, Y, m.leader]) + gl * P[k, m.leader, m.leader])
+    ex, ey = heard.arms[1, 0] - heard.arms[0, 0], heard.arms[1, 1] - heard.arms[0, 1]
+    # where the difference of both ranges has bent by 1.4 of their errors
+    critical = distance * math.sqrt(2.8 * m.range_sigma / math.sqrt(ex * ex + ey * ey))
+    return variance > (_SPLIT * critical) ** 2 and abs(lateral) < _REACH * math.sqrt(variance)
+
+
+@compiled
+def heaviest(b: Belief, m: Model, h: int) -> int:
+    """Component with the most weight of a hypothesis."""
+    best: int = h * m.modes
+    for mode in range(1, m.modes):
+        if b.weight[h * m.modes + mode] > b.weight[best]:
+            best = h * m.modes + mode
+    return best
+
+
+@compiled
+def hypothesis_weight(b: Belief, m: Model, h: int) -> float:
+    """Weight of a hypothesis over its modes."""
+    total = 0.0
+    for mode in range(m.modes):
+        total += b.weight[h * m.modes + mode]
+    return total
+
+
+@compiled
+def heaviest_hypothesis(b: Belief, m: Model) -> int:
+    """Hypothesis with the most weight, the earlier one among equals."""
+    top = 0
+    for h in range(1, b.alive):
+        if hypothesis_weight(b, m, h) > hypothesis_weight(b, m, top):
+            top = h
+    return top
+
+
+@compiled
+def split(b: Belief, m: Model, heard: Heard) -> None:
+    """Split every hypothesis that reaches across the leader's axis."""
+    for h in range(b.alive):
+        if b.alive < CAPACITY and _reaches_across(b, m, heaviest(b, m, h), heard):
+            other = b.alive
+            b.alive += 1
+            _copy_hypothesis(b, m, h, other)
+            for mode in range(m.modes):
+                _keep_half(b, m, h * m.modes + mode, heard, 1.0)
+                _keep_half(b, m, other * m.modes + mode, heard, -1.0)
+
+
+@compiled
+def _remove(b: Belief, m: Model, h: int) -> None:
+    """Remove a hypothesis: the last one takes its place."""
+    b.alive -= 1
+    if h != b.alive:
+        _copy_hypothesis(b, m, b.alive, h)
+
+
+@compiled
+def normalise(b: Belief, m: Model) -> None:
+    """Scale the weights to a sum of 1."""
+    total = 0.0
+    for k in range(b.alive * m.modes):
+        total += b.weight[k]
+    for k in range(b.alive * m.modes):
+        b.weight[k] /= total
+
+
+@compiled
+def _same_place(b: Belief, m: Model, g: int, h: int) -> bool:
+    """Whether two hypotheses are nearer than their mean spread, by their heaviest components' positions and b_L.
+
+    Hypotheses at one position with different leader headings are not merged: their predictions differ.
+    """
+    i, j = heaviest(b, m, g), heaviest(b, m, h)
+    x, P = b.state, b.covariance
+    if m.leader != ABSENT:
+        apart, spread = x[i, m.leader] - x[j, m.leader], P[i, m.leader, m.leader] + P[j, m.leader, m.leader]
+        if not is_same(apart, 0.5 * spread):
+            return False
+    return is_same_place(x, P, i, j)
+
+
+@compiled
+def _merge(b: Belief, m: Model, g: int, h: int) -> None:
+    """Merge hypothesis h into g, mode by mode, keeping mean and covariance of both together."""
+    for mode in range(m.modes):
+        i, j = g * m.modes + mode, h * m.modes + mode
+        total = b.weight[i] + b.weight[j]
+        if total > 0.0:
+            if b.weight[j] > b.weight[i]:
+                _copy_outcome(b, j, i)
+            blend(b.state, b.covariance, i, j, b.weight[j] / total, m.states)
+        b.weight[i] = total
+    _remove(b, m, h)
+
+
+@compiled
+def _lightest(b: Belief, m: Model) -> int:
+    least = 0
+    for h in range(1, b.alive):
+        if hypothesis_weight(b, m, h) < hypothesis_weight(b, m, least):
+            least = h
+    return least
+
+
+@compiled
+def prune_and_merge(b: Belief, m: Model) -> None:
+    """Prune hypotheses without weight, merge those at the same position, and keep the heaviest few."""
+    h = 0
+    while h < b.alive:
+        if b.alive > 1 and hypothesis_weight(b, m, h) < _LEAST_WEIGHT:
+            _remove(b, m, h)
+        else:
+            h += 1
+    g = 0
+    while g < b.alive:
+        h = g + 1
+        while h < b.alive:
+            if _same_place(b, m, g, h):
+                _merge(b, m, g, h)
+            else:
+                h += 1
+        g += 1
+    while b.alive > HYPOTHESES:
+        _remove(b, m, _lightest(b, m))
+    normalise(b, m)
+
+
+_BEARINGS = 96
+_RADIAL_VARIANCE = 25.0
+"""Variance of a hypothesis's distance before the update [m²]: wide beside all errors of a range."""
+_ALARM = 3.0
+"""Smoothed NIS, of which 1 is expected, above which the mixture is inconsistent."""
+_SECOND_THOUGHT = 0.002
+"""Weight that the hypotheses of the ring are given after an alarm."""
+_ASTRAY = 10.0
+"""Standard deviation along each axis of the ring's weight around the belief so far [m]."""
+_ANYWHERE = 0.01
+"""Weight of the ring far from the belief so far, where that at the belief is 1."""
+
+
+@compiled
+def _reset(b: Belief, m: Model, k: int) -> None:
+    """Give a component no weight, no position, no bias of the leader, and fresh other biases."""
+    b.weight[k] = 0.0
+    for i in range(m.states):
+        b.state[k, i] = 0.0
+        for j in range(m.states):
+            b.covariance[k, i, j] = 0.0
+        if i not in (X, Y, m.leader):
+            b.covariance[k, i, i] = b.fresh[i]
+
+
+@compiled
+def _try_bearing(b: Belief, m: Model, k: int, heard: Heard, nearest: int, distance: float, bearing: float) -> bool:
+    """Update component k from a prior at a bearing from north [rad] of the nearest transmitter, about a distance [m].
+
+    False if that failed.
+    """
+    _reset(b, m, k)
+    centre = (heard.arms[nearest, 0], heard.arms[nearest, 1])
+    place_on_ring(b.state[k], b.covariance[k], centre, distance, sin_cos(bearing), (_RADIAL_VARIANCE, _BEARINGS))
+    return update(b, m, k, heard) >= 0
+
+
+@compiled
+def _gather(b: Belief, m: Model, source: int, target: int, weight: float) -> None:
+    """Add a component's moments about the origin to those of another one."""
+    b.weight[target] += weight
+    for i in range(m.states):
+        b.state[target, i] += weight * b.state[source, i]
+        for j in range(m.states):
+            moment = b.covariance[source, i, j] + b.state[source, i] * b.state[source, j]
+            b.covariance[target, i, j] += weight * moment
+
+
+@compiled
+def _finish(b: Belief, m: Model, k: int, heard: Heard) -> None:
+    """Make a component of gathered moments, turn it by what the leader's compass may be off, and move it in place."""
+    x, P, per = b.state, b.covariance, 1.0 / b.weight[k]
+    for i in range(m.states):
+        x[k, i] *= per
+    for i in range(m.states):
+        for j in range(m.states):
+            P[k, i, j] = P[k, i, j] * per - x[k, i] * x[k, j]
+    if m.leader != ABSENT:
+        by_bias_x, by_bias_y, bias = -x[k, Y], x[k, X], b.fresh[m.leader]
+        turn = bias + b.leader_variance
+        P[k, X, X] += turn * by_bias_x * by_bias_x
+        P[k, Y, Y] += turn * by_bias_y * by_bias_y
+        P[k, X, Y] += turn * by_bias_x * by_bias_y
+        P[k, Y, X] = P[k, X, Y]
+        P[k, X, m.leader] = P[k, m.leader, X] = bias * by_bias_x
+        P[k, Y, m.leader] = P[k, m.leader, Y] = bias * by_bias_y
+        P[k, m.leader, m.leader] = bias
+    x[k, X] += heard.east
+    x[k, Y] += heard.north
+
+
+@compiled
+def _nearness(b: Belief, k: int, here: tuple[float, float]) -> float:
+    """Logarithm of the prior of component k where the belief has been `here` [m]; 0 if that is NaN."""
+    dx, dy = b.state[k, X] - here[0], b.state[k, Y] - here[1]
+    if dx != dx:
+        return 0.0
+    return math.log(_ANYWHERE + math.exp(-0.5 * (dx * dx + dy * dy) / (_ASTRAY * _ASTRAY)))
+
+
+@compiled
+def _walk_round(b: Belief, m: Model, heard: Heard, first: int, here: tuple[float, float]) -> bool:
+    """Gather what all bearings become into the first components of two hypotheses, left of the axis and right of it."""
+    nearest, shortest = 0, math.inf
+    for i in range(m.transmitters):
+        if heard.ranges[i] < shortest:
+            nearest, shortest = i, heard.ranges[i]
+    deeper = heard.arms[nearest, 2]
+    distance = math.sqrt(max(shortest * shortest - deeper * deeper, 1.0))
+    ax, ay = heard.arms[0, 0], heard.arms[0, 1]
+    ex, ey = heard.arms[1, 0] - ax, heard.arms[1, 1] - ay
+    trial, healthy, best = (CAPACITY - 1) * m.modes, True, -math.inf
+    for gathering in (False, True):
+        for j in range(_BEARINGS):
+            healthy &= _try_bearing(b, m, trial, heard, nearest, distance, 2.0 * math.pi * (j + 0.5) / _BEARINGS)
+            evidence = b.evidence[trial] + _nearness(b, trial, here)
+            if gathering:
+                left = ex * (b.state[trial, Y] - ay) - ey * (b.state[trial, X] - ax) > 0.0
+                _gather(b, m, trial, first if left else first + m.modes, math.exp(evidence - best))
+            else:
+                best = max(best, evidence)
+    return healthy
+
+
+@compiled
+def add_ring(b: Belief, m: Model, heard: Heard, weight: float) -> bool:
+    """Add two hypotheses of a message with two ranges or more; False if a covariance was not positive definite.
+
+    Args:
+        b: the belief; there must be room for three hypotheses more.
+        m: settings.
+        heard: the message.
+        weight: of both together; that of all others is scaled to the rest.
+    """
+    first = b.alive * m.modes
+    here = (b.output.x - heard.east, b.output.y - heard.north)
+    for h in range(2):
+        k = first + h * m.modes
+        _reset(b, m, k)
+        for i in range(m.states):
+            b.covariance[k, i, i] = 0.0
+    east, north, variance = heard.east, heard.north, b.leader_variance
+    # about the leader, and with its heading as broadcast: both are put right at the end
+    heard.east = heard.north = b.leader_variance = 0.0
+    healthy = _walk_round(b, m, heard, first, here)
+    heard.east, heard.north, b.leader_variance = east, north, variance
+    total = b.weight[first] + b.weight[first + m.modes]
+    if not healthy or not total > 0.0:
+        return False
+    for k in range(first):
+        b.weight[k] *= 1.0 - weight
+    for h in range(2):
+        k = b.alive * m.modes
+        if h == 1 and k == first:
+            # nothing was left on the other side
+            copy(b, m, first + m.modes, first)
+        if b.weight[k] > 0.0:
+            _finish(b, m, k, heard)
+            b.weight[k] *= weight / (total * m.modes)
+            for mode in range(1, m.modes):
+                copy(b, m, k, k + mode)
+            b.alive += 1
+    normalise(b, m)
+    prune_and_merge(b, m)
+    return True
+
+
+@compiled
+def reinitialise_if_inconsistent(b: Belief, m: Model, heard: Heard) -> bool:
+    """Add the hypotheses of this message alone where the smoothed NIS is too large; False as of `add_ring`."""
+    if b.smoothed_nis < _ALARM:
+        return True
+    b.smoothed_nis = 1.0
+    refresh_output(b, m)
+    return add_ring(b, m, heard, _SECOND_THOUGHT)

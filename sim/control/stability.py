@@ -1,0 +1,124 @@
+"""Whether an autopilot stabilises its hull: eigenvalues of the motion about a straight course, speed by speed.
+
+The potential flow about a slender hull turns it across its way (Munk moment). Fins and hull lift bring it back, and so
+does the autopilot within its bandwidth; without either the motion diverges. The forces are those of
+`sim.vehicle.hydrodynamics`, linearised by differences; effectors follow the linear law of the autopilot with their lag.
+Limits of effectors and the slow loops (integrals, depth through pitch) are left out.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, clip
+from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH
+from sim.scenario.routes import START_SPEED
+from sim.vehicle import coefficients
+from sim.vehicle.effectors import unit_wrenches
+from sim.vehicle.hydrodynamics import wrench
+from sim.vehicle.plant import Plant
+from sim.water.ocean import Water
+
+_SPEED_STEP = 0.5
+"""Speeds are looked at in such steps, from the one at which missions begin [m/s]."""
+_GROWTH = 0.02
+"""Slower growth is left to the loops that are left out [1/s]."""
+_STEP = 1e-4
+HEIGHT = 9
+"""Place of the height among velocities (0 to 5) and angles (6 to 8)."""
+
+
+def _skew(a: Floats) -> Floats:
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water) -> Floats:
+    """Wrench of water, weight and inertia in the body, of velocities (6) and small angles about the body's axes (3)."""
+    velocity, spin, angle = state[:3], state[3:6], state[6:]
+    to_world = np.eye(3) + _skew(angle) + 0.5 * _skew(angle) @ _skew(angle)
+    pose = np.array([0.0, 0.0, -10.0, np.sqrt(1.0 - 0.25 * angle @ angle), *(0.5 * angle)])
+    force, moment, _ = wrench(c, pose, np.concatenate([to_world @ velocity, spin]), 0.0, water)
+    weight = to_world.T @ [0.0, 0.0, -rigid[0, 0] * c.gravity]
+    momentum = rigid @ state[:6]
+    return np.concatenate(
+        [
+            to_world.T @ np.array(force) + weight - np.cross(spin, momentum[:3]),
+            np.array(moment)
+            + np.cross(centre, weight)
+            - np.cross(spin, momentum[3:])
+            - np.cross(velocity, momentum[:3]),
+        ]
+    )
+
+
+def _law(d: Any, climb: Floats, speed: float) -> Floats:
+    """Wrench that the autopilot asks for by velocities (6), angles (3) and height.
+
+    Args:
+        d: record of DESIGN.
+        climb: rate of climb by the same, shape (10,).
+        speed: [m/s].
+    """
+    law, omega = np.zeros((6, 10)), d["omega"]
+    thrust = 1.0 - d["by_pitch"] * clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
+    law[SURGE, SURGE], law[SWAY, SWAY] = -0.5 * omega * d["surge_mass"], -0.5 * omega * d["sway_mass"]
+    for axis, inertia in ((PITCH, d["pitch_inertia"]), (YAW, d["yaw_inertia"])):
+        law[axis, axis], law[axis, axis + 3] = -2.0 * omega * inertia, -omega * omega * inertia
+    law[HEAVE] = -omega * thrust * d["heave_mass"] * climb
+    law[HEAVE, HEIGHT] = -0.25 * omega * omega * thrust * d["heave_mass"]
+    return law
+
+
+def _motion(plant: Plant, i: int, d: Any, speed: float) -> Floats:
+    """Matrix of the linear motion of vehicle i: velocities, angles, height and the lagging wrench, shape (16, 16)."""
+    c = coefficients.read(plant.model, plant.names, plant.ocean.density_kg_m3).view(np.recarray)[i]
+    body = plant.model.body(f"{plant.names[i]}/hull")
+    mass, centre = float(body.mass[0]), np.array(body.ipos)
+    cross = mass * _skew(centre)
+    rigid = np.block([[mass * np.eye(3), -cross], [cross, np.diag(body.inertia) - cross @ _skew(centre)]])
+    about = np.zeros(9)
+    about[0] = speed
+    steps = _STEP * np.eye(9)
+    rates = [
+        _forces(c, rigid, centre, about + step, plant.ocean.water)
+        - _forces(c, rigid, centre, about - step, plant.ocean.water)
+        for step in steps
+    ]
+    own = plant.effectors[i, : len(plant.effector_names[i])]
+    given = unit_wrenches(own).T @ d["allocation"][: own.size]
+    inverse, lag = np.linalg.inv(rigid + c.added_mass), 0.25 / d["omega"]
+    matrix = np.zeros((16, 16))
+    matrix[:6, :9], matrix[:6, 10:] = inverse @ np.array(rates).T / (2.0 * _STEP), inverse
+    matrix[6:9, 3:6] = np.eye(3)
+    # nose down is positive about the axis to port
+    matrix[HEIGHT, HEAVE], matrix[HEIGHT, PITCH + 3] = 1.0, -speed
+    matrix[10:, :10], matrix[10:, 10:] = given @ _law(d, matrix[HEIGHT, :10], speed) / lag, -np.eye(6) / lag
+    return matrix
+
+
+def require_stable(plant: Plant, autopilots: Any, fastest: float) -> None:
+    """Check all vehicles of a plant in calm water.
+
+    Args:
+        plant: its vehicles.
+        autopilots: of them, records of DESIGN.
+        fastest: speed up to which their motion is to be stable [m/s].
+
+    Raises:
+        LaisnError: naming vehicle, speed and plane in which its motion diverges.
+    """
+    for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):
+        for speed in np.arange(START_SPEED, max(fastest, START_SPEED) + _SPEED_STEP, _SPEED_STEP):
+            growth, modes = np.linalg.eig(_motion(plant, i, d, float(speed)))
+            worst = int(np.argmax(growth.real))
+            if growth[worst].real > _GROWTH:
+                size = np.abs(modes[:10, worst])
+                planes = {"sway and yaw": (1, 5, 8), "heave and pitch": (2, 4, 7, 9), "roll": (3, 6), "surge": (0,)}
+                plane = max(planes, key=lambda one: size[list(planes[one])].max())
+                raise LaisnError(
+                    f"{name}: the autopilot cannot stabilise {plane} at {speed:g} m/s, they grow by a factor of e in "
+                    f"{1.0 / growth[worst].real:.2g} s; give the hull fins at the stern or hull lift (fin_area, fin_x, "
+                    "fin_lift_slope, hull_lift), or a centre of gravity below its origin"
+                )

@@ -1,0 +1,261 @@
+"""What pitch adds to errors and captures, and what remedies take away: arithmetic on rows made by hand."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.studies.asymmetry.comparison import (
+    ComparedMission,
+    Question,
+    Row,
+    Verdict,
+    added,
+    mean_added,
+    paired,
+    removed_in_all,
+    select,
+    undecided,
+    with_verdicts,
+)
+from experiments.studies.asymmetry.conditions import (
+    AHRS,
+    CONSTANT,
+    EXACT,
+    LEVEL_BROADCAST,
+    QUICK_CONDITIONS,
+    READINGS,
+    REAL,
+    Arm,
+)
+from experiments.studies.asymmetry.fix_map import closed_form_error, fix_error
+from experiments.studies.asymmetry.missions import Pair, _rms_deg
+from experiments.studies.asymmetry.paper import rates
+from sim.sensing.ahrs import random_error
+from sim.trajectory import tilted
+from tests.synthetic import make_scenario, make_trajectory
+
+LOOKS = (64, 384)
+
+
+def row(arm: str, errors: Any, captured: Any = False, **changes: Any) -> Row:
+    """A row whose runs have these errors and captures."""
+    runs = changes.pop("flown", 64)
+    each = np.broadcast_to(np.asarray(errors, dtype=float), runs)
+    lost = np.broadcast_to(np.asarray(captured, dtype=bool), runs)
+    given = {
+        "condition": "c", "cause": "trim", "route": "T3", "depth_offset_m": 5.0, "variant": "laisn-2", "first_run": 0,
+        "runs": 64, "e_p_mean_m": float(each[:64].mean()), "e_p_std_m": 0.1, "e_p_95_m": 1.0, "e_p_max_m": 2.0,
+        "e_b_mean_deg": 1.0, "captured": int(lost[:64].sum()), "gated": 0, "pitch_rms_deg": 5.0, "pitch_max_deg": 6.0,
+        "range_mean_m": 40.0, "depth_offset_rms_m": 5.0, "fix_error_m": 0.4, "inclinometer_rms_deg": 0.5,
+        "ahrs_rms_deg": 0.05,
+    }  # fmt: skip
+    return Row(
+        **given | changes, arm=arm, e_p_run_mean_m=tuple(each.tolist()), captured_run=tuple(lost.tolist())
+    )  # fmt: skip
+
+
+def mission(**errors: Any) -> ComparedMission:
+    """A mission of the arms level, real and others by their keys."""
+    (one,) = paired([row(key.replace("_", "-"), value) for key, value in errors.items()])
+    return one
+
+
+def share(mission: ComparedMission, arm: Arm, question: Question = "error") -> float:
+    """Share that a remedy removes of what pitch adds to runs without mirror lock, or of the locks that it adds."""
+    part, left, free = mission.compared(question, arm)
+    counted = free | (question == "capture")
+    return 1.0 - float(left[counted].sum() / part[counted].sum())
+
+
+def test_share_removed_and_lever() -> None:
+    (excess,) = paired([row("level", 0.2), row("real", 0.7), row("attitude-0.5", 0.25)])
+    assert excess.added == pytest.approx(0.5)
+    assert mean_added([excess], READINGS).value == pytest.approx(0.05)
+    assert share(excess, READINGS) == pytest.approx(0.9)
+    assert excess.lever == pytest.approx(5.0 * np.sin(np.deg2rad(5.0)))
+
+
+def test_captured_runs_count_apart() -> None:
+    last = np.arange(64) >= 48
+    rows = [row("level", 0.2), row("real", np.where(last, 30.0, 0.7), last), row("ahrs-0.5", 0.25)]
+    (excess,) = paired(rows)
+    assert excess.added == pytest.approx(0.25 * 29.8 + 0.75 * 0.5)
+    assert share(excess, AHRS) == pytest.approx(0.9)
+    assert np.mean(added([excess], REAL, question="capture")) == 0.25
+    assert removed_in_all([excess], AHRS, "capture").value == 1.0
+    everybody = replace(rows[1], captured_run=(True,) * 64)
+    (lost,) = paired([rows[0], everybody, rows[2]])
+    assert not lost.compared("error", AHRS)[2].any()
+
+
+def test_sums_weigh_missions_by_what_pitch_adds() -> None:
+    jitter = 0.001 * np.cos(np.arange(64.0))
+    small = mission(level=0.2, real=0.3 + jitter, attitude_0=0.25)
+    large = mission(level=1.0, real=10.0 + jitter, attitude_0=1.9)
+    share = removed_in_all([small, large], EXACT)
+    assert share.value == pytest.approx(1 - (0.05 + 0.9) / (0.1 + 9.0), rel=1e-3)
+    assert share.low < share.value < share.high
+    # captures: pitch adds 16 of 128 runs and the remedy keeps 4 of them
+    lost = [
+        paired([row("level", 0.2), row("real", 0.7, np.arange(64) < n), row("attitude-0", 0.2, np.arange(64) < k)])
+        for n, k in ((16, 4), (0, 0))
+    ]
+    found = removed_in_all([m for one in lost for m in one], EXACT, "capture")
+    assert found.value == pytest.approx(0.75)
+    # a level leader has 8 of them too, of the 24 with pitch: pitch adds 16, and the remedy, with 12, keeps 4
+    counts = {"level": 8, "real": 24, "attitude-0": 12}
+    both = paired([row(arm, 0.2, np.arange(64) < n) for arm, n in counts.items()])
+    assert removed_in_all(both, EXACT, "capture").value == pytest.approx(0.75)
+
+
+def test_missions_are_chosen_by_the_closed_form_and_not_by_what_came_of_them() -> None:
+    def flown(route: str, moved: float, error: float, **changes: Any) -> list[Row]:
+        given = {"route": route, "fix_error_m": moved} | changes
+        return [row("level", 0.2, **given), row("real", error, **given)]
+
+    missions = paired(
+        flown("T2", 0.11, 0.2) + flown("T3", 0.09, 5.0) + flown("T4", 0.5, 0.1, cause="waves")
+        + flown("T5", 0.5, 0.3, variant="laisn-3-2")
+    )  # fmt: skip
+
+    def routes(**wanted: Any) -> list[str]:
+        return [e.real.route for e in select(missions, **wanted)]
+
+    assert routes(variant="laisn-2", judged=True) == ["T2", "T4"]
+    assert routes(variant="laisn-2", cause="waves", judged=True) == ["T4"]
+    assert routes(variant="laisn-2", cause=None) == ["T2", "T3", "T4"]
+    assert routes(variant="laisn-2", route="T3") == ["T3"]
+    assert routes(variant="laisn-3-2", cause="trim") == ["T5"]
+
+
+def test_what_is_open_is_flown_on_and_nothing_else() -> None:
+    wobble = 0.05 * np.tile([1.0, -1.0], 192)
+    arms = {
+        "level": row("level", 0.2),
+        "real": row("real", 0.7),
+        "level-0.5": row("level-0.5", 0.2),
+        "attitude-0": row("attitude-0", 0.2),
+        "ahrs-0.5": row("ahrs-0.5", 0.245 + wobble[:64]),
+        "offset-0.5": row("offset-0.5", 0.9),
+    }
+    (open_,) = paired(arms.values())
+    assert undecided(open_, LOOKS, 64) == ["level", "real", "ahrs-0.5"]
+    # what stopped at 64 runs is not taken up again by others that went on
+    assert undecided(open_, LOOKS, 128) == []
+    longer = arms | {
+        "level": row("level", 0.2, flown=384),
+        "real": row("real", 0.7, flown=384),
+        "ahrs-0.5": row("ahrs-0.5", 0.235 + wobble, flown=384),
+    }
+    (settled,) = paired(longer.values())
+    assert settled.judge("error", AHRS, LOOKS).verdict is Verdict.MET
+    verdicts = {r.arm: (r.error_verdict, r.capture_verdict) for r in with_verdicts(settled, LOOKS)}
+    none = "no harm shown"
+    assert verdicts == {
+        "level": ("", ""), "real": ("", ""), "level-0.5": ("", ""), "attitude-0": ("met", none),
+        "ahrs-0.5": ("met", none), "offset-0.5": ("missed", none),
+    }  # fmt: skip
+    (unjudged,) = paired(replace(r, fix_error_m=0.0) for r in longer.values())
+    assert undecided(unjudged, LOOKS, 64) == []
+    assert {r.error_verdict for r in with_verdicts(unjudged, LOOKS)} == {""}
+
+
+def test_a_sensor_is_held_against_a_level_leader_with_the_same() -> None:
+    excess = mission(level=0.2, real=0.7, level_0_5=0.2, **{"attitude-0.5": 0.3, "level-0.5": 0.29})
+    assert mean_added([excess], READINGS, LEVEL_BROADCAST).value == pytest.approx(0.01)
+    assert excess.judge("error", READINGS, LOOKS).verdict is Verdict.MISSED
+    assert excess.judge("error", READINGS, LOOKS, LEVEL_BROADCAST).verdict is Verdict.MET
+
+
+def test_a_remedy_that_frees_captured_runs_is_told_from_one_that_does_not() -> None:
+    some = np.arange(64) % 4 != 0
+    rows = [row("level", 0.2), row("real", 5.0, some), row("ahrs-0.5", 0.2), row("offset-0.5", 4.0, some)]
+    (excess,) = paired(rows)
+    assert excess.judge("capture", AHRS, LOOKS).verdict is Verdict.MET
+    assert excess.judge("capture", CONSTANT, LOOKS).verdict is Verdict.MISSED
+
+
+def test_open_questions_come_with_what_is_removed_and_the_runs_that_would_tell() -> None:
+    """Of 40 captures that pitch adds to 64 runs the remedy leaves 5, one more than the aim of 90 % allows."""
+    where = {"fix_error_m": 0.4}
+    arms = [
+        row("level", 0.2, **where),
+        row("real", 0.7, np.arange(64) < 40, **where),
+        row("ahrs-0.5", 0.2, np.arange(64) < 5, **where),
+    ]
+    (one,) = paired(arms)
+    (open_,) = paired(with_verdicts(one, LOOKS))
+    assert (open_.arms["ahrs-0.5"].error_verdict, open_.arms["ahrs-0.5"].capture_verdict) == ("met", "open")
+    assert share(open_, AHRS, "capture") == pytest.approx(1 - 5 / 40)
+    assert open_.judge("capture", AHRS, LOOKS).needed > 384
+
+
+def test_rates_of_a_gate() -> None:
+    # 20 runs of 10 messages: messages 0 and 1 have echoes; the gate rejects message 0, in half of the runs 5, too
+    echoed, rejected = np.zeros((2, 10, 20), dtype=bool)
+    echoed[:2] = True
+    rejected[0] = True
+    rejected[5, ::2] = True
+    detected, false_alarms = rates(rejected, echoed)
+    assert detected == (0.5, 0.5, 0.5)
+    assert false_alarms.value == pytest.approx(10 / 160)
+    # a run rejects 0 or 1 of 8: half a message an eighth of the time, over 20 runs
+    half = 1.96 * 0.5 / np.sqrt(20) / 8
+    assert (false_alarms.low, false_alarms.high) == pytest.approx((1 / 16 - half, 1 / 16 + half), abs=0.2 * half)
+
+
+def test_the_closed_form_stays_on_the_axis_where_circles_do_not_meet() -> None:
+    assert fix_error(0.05, 5.0, 30.0, 1.0) == closed_form_error(0.05, 5.0, 30.0, 1.0)
+    # 3° off the bow at 20 m, turned past the axis: the fix lies on it, 2 D sin(1.5°) off
+    assert np.isnan(closed_form_error(-0.2, 10.0, 20.0, np.deg2rad(3.0)))
+    assert fix_error(-0.2, 10.0, 20.0, np.deg2rad(3.0)) == pytest.approx(40.0 * np.sin(np.deg2rad(1.5)))
+
+
+SENSORS = QUICK_CONDITIONS[0].scenario("T6", 5.0, settings=AHRS.settings).sensors
+
+
+def test_errors_over_time_and_random_ones_add_in_squares() -> None:
+    assert _rms_deg(np.deg2rad([3.0, -3.0]), np.deg2rad(4.0)) == pytest.approx(5.0)
+
+
+def test_facts_of_a_mission_are_those_of_its_motion() -> None:
+    """The leader pitched by a constant angle and level otherwise, a follower that stands off: all is known."""
+    pitch = np.deg2rad(-5.0)
+    flown = tilted(make_trajectory(make_scenario(60.0)), pitch, 0.0)
+    facts = Pair(motion=flown, condition=QUICK_CONDITIONS[0], route="T6", offset=5.0).facts
+    apart = flown.position[:, 1] - flown.position[:, 0]
+    assert facts["pitch_rms_deg"] == pytest.approx(5.0)
+    assert facts["pitch_max_deg"] == pytest.approx(5.0)
+    assert facts["depth_offset_rms_m"] == pytest.approx(np.sqrt(np.mean(apart[:, 2] ** 2)))
+    assert facts["range_mean_m"] == pytest.approx(np.mean(np.hypot(apart[:, 0], apart[:, 1])))
+    # messages every second; bearings from the heading by hand
+    sent = np.arange(10, flown.time.size, 10)
+    off = np.arctan2(apart[sent, 0], apart[sent, 1]) - flown.heading[sent, 0]
+    moved = fix_error(pitch, -apart[sent, 2], np.hypot(*apart[sent, :2].T), off)
+    assert facts["fix_error_m"] == pytest.approx(moved.mean(), rel=1e-9)
+    # gyros hold a steady pitch: what stays is the filter's random error, and what its start-up makes of accelerations
+    assert facts["ahrs_rms_deg"] >= np.rad2deg(random_error(SENSORS).sigma) > 0.01
+    assert facts["inclinometer_rms_deg"] >= 0.5
+
+
+def test_the_errors_of_tilt_sensors_are_those_over_time_and_the_random_ones() -> None:
+    """A level leader that speeds up at 0.5 m/s²: an inclinometer reads arctan(0.5 / g), an AHRS nearly follows it."""
+    flown = tilted(make_trajectory(make_scenario(60.0)), 0.0, 0.0)
+    velocity = flown.velocity.copy()
+    ahead = np.stack([np.sin(flown.heading[0, 0]), np.cos(flown.heading[0, 0]), 0.0])
+    velocity[:, 0] = 0.5 * flown.time[:, None] * ahead
+    quaternion = flown.quaternion.copy()
+    quaternion[:, 0] = quaternion[0, 0]
+    straight = replace(flown, velocity=velocity, quaternion=quaternion)
+    facts = Pair(motion=straight, condition=QUICK_CONDITIONS[0], route="T6", offset=5.0).facts
+    apparent = np.rad2deg(np.arctan(0.5 / 9.81))
+    assert facts["inclinometer_rms_deg"] == pytest.approx(
+        np.hypot(apparent, SENSORS.leader_attitude_sigma_deg), rel=1e-6
+    )
+    # the filter comes to the apparent tilt as 1 − exp(−t / τ)
+    tau = SENSORS.leader_gyro_time_constant_s
+    followed = apparent * -np.expm1(-flown.time / tau)
+    random = np.rad2deg(random_error(SENSORS).sigma)
+    assert facts["ahrs_rms_deg"] == pytest.approx(np.hypot(np.sqrt(np.mean(followed**2)), random), rel=0.03)

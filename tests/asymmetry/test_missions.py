@@ -1,0 +1,145 @@
+"""Missions of the pitch study: what becomes of an arm's settings, and of the results of its runs."""
+
+from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.campaign.cells import Cell, CellResult, RunTable
+from experiments.studies.asymmetry import missions, paper
+from experiments.studies.asymmetry.comparison import Row
+from experiments.studies.asymmetry.conditions import (
+    AHRS,
+    ARMS,
+    CONSTANT,
+    EXACT,
+    INFLATED,
+    LEVEL,
+    QUICK_CONDITIONS,
+    READINGS,
+    REAL,
+    ROUGH,
+    Plan,
+)
+from experiments.studies.asymmetry.missions import Pair
+from experiments.studies.asymmetry.paper import Curve
+from laisn.metrics import Summary
+from sim.scenario.settings import Sensors
+from sim.sensing.ahrs import random_error
+from sim.trajectory import tilted
+from tests.synthetic import make_scenario, make_trajectory
+
+TABLE = RunTable(
+    run=np.arange(700, 703), e_p_max_m=np.array([5.0, 6.0, 7.0]), e_p_mean_m=np.array([0.5, 0.6, 0.7]),
+    e_b_max_deg=np.array([15.0, 16.0, 17.0]), e_b_mean_deg=np.array([1.5, 1.6, 1.7]),
+    captured=np.array([True, False, True]), gated=np.array([1, 2, 3]),
+)  # fmt: skip
+RESULT = CellResult(
+    seed=1, runs=3, steps=100,
+    errors=Summary(e_p_max_m=7.0, e_p_mean_m=0.6, e_p_std_m=0.25, e_b_max_deg=17.0, e_b_mean_deg=1.6, e_b_std_deg=0.9),
+    e_p_percentiles_m=(0.51, 0.92, 0.953, 0.994), e_b_percentiles_deg=(1.0, 2.0, 3.0, 4.0), nees=2.0, nis=2.1,
+    captured=2, fixes={"gated": 6, "lost": 9}, worst_run=702, table=TABLE,
+)  # fmt: skip
+
+
+SENSORS = Sensors(leader_attitude_sigma_deg=0.5, leader_gyro_time_constant_s=30.0)
+
+
+def test_a_row_has_the_results_of_its_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = {
+        "first_run": 700, "runs": 3, "e_p_mean_m": 0.6, "e_p_run_mean_m": (0.5, 0.6, 0.7),
+        "captured_run": (True, False, True), "e_p_std_m": 0.25, "e_p_95_m": 0.953, "e_p_max_m": 7.0,
+        "e_b_mean_deg": 1.6, "captured": 2, "gated": 6,
+    }  # fmt: skip
+    others: dict[str, Any] = {f.name: f.name for f in fields(Row) if f.name not in own and "verdict" not in f.name}
+    monkeypatch.setattr(missions, "simulate", lambda cell, keep_runs: RESULT)
+    cell: Any = SimpleNamespace(runs=range(700, 703))
+    row = missions._row(cell, **others)
+    assert {name: getattr(row, name) for name in own} == own
+    longer = missions._extended(row, cell)
+    assert longer.e_p_run_mean_m == (0.5, 0.6, 0.7, 0.5, 0.6, 0.7)
+    assert longer.captured_run == (True, False, True) * 2
+    assert (longer.runs, longer.e_p_mean_m) == (3, 0.6)
+
+
+@pytest.fixture(scope="module")
+def mission() -> Pair:
+    """Behind a leader that pitches by 6° all the time."""
+    motion = tilted(make_trajectory(make_scenario(20.0)), np.deg2rad(6.0))
+    return Pair(motion=motion, condition=QUICK_CONDITIONS[0], route="T6", offset=5.0)
+
+
+def test_a_mission_takes_as_long_as_its_motion(mission: Pair) -> None:
+    """Times of instants add up with rounding; a scenario takes a whole number of control steps."""
+    longer = replace(mission, motion=replace(mission.motion, time=mission.motion.time * (1.0 + 1e-10)))
+    assert longer.motion.time[-1] > 20.0
+    assert mission.scenario().duration_s == longer.scenario().duration_s == 20.0
+
+
+def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it(mission: Pair) -> None:
+    made = {arm: mission.cell(arm, "laisn-2", mission.runs(0, 5)) for arm in ARMS}
+    first = mission.condition.first_run(mission.route, mission.offset)
+    assert {cell.runs for cell in made.values()} == {range(first, first + 5)}
+    level = {arm.key for arm, cell in made.items() if cell.truth is mission.level.seen(mission.scenario(), 0)[1]}
+    assert level == {"level", "level-0.5"}
+    aware = {arm.key for arm, cell in made.items() if getattr(cell.settings, "use_attitude")}  # noqa: B009
+    assert aware == {"level-0.5", "attitude-0", "ahrs-0.5", "attitude-0.5", "attitude-2", "offset-0.5"}
+    for arm, degrees in ((REAL, 0.0), (LEVEL, 0.0), (EXACT, 0.0), (READINGS, 0.5), (ROUGH, 2.0), (CONSTANT, 0.0)):
+        errors = made[arm].errors
+        assert (errors.leader_pitch_sigma, errors.leader_roll_sigma) == pytest.approx((np.deg2rad(degrees),) * 2)
+    steadied = made[AHRS].errors
+    assert steadied.leader_pitch_sigma == random_error(SENSORS).sigma > 0.0
+    assert steadied.leader_attitude_time == 30.0
+    offsets = {arm: cell.errors.leader_attitude_offset_sigma for arm, cell in made.items()}
+    assert offsets == {arm: np.deg2rad(0.5) if arm is CONSTANT else 0.0 for arm in ARMS}
+    expected = {arm: getattr(cell.settings, "expected_pitch") for arm, cell in made.items()}  # noqa: B009
+    assert expected == pytest.approx({arm: np.deg2rad(6.0) if arm is INFLATED else 0.0 for arm in ARMS})
+
+
+def test_the_excess_of_a_curve_is_paired_run_by_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs scatter by 1 m alike at all values, and by 0.1 m about what the second value adds, 0.4 m."""
+    rng = np.random.default_rng(2)
+    noise, own = rng.normal(size=400), 0.1 * rng.normal(size=400)
+    errors = [2.0 + noise, 2.4 + noise + own]
+
+    def simulated(cell: Any) -> Any:
+        result = SimpleNamespace(errors=SimpleNamespace(e_p_mean_m=float(errors[cell].mean())))
+        return result, SimpleNamespace(e_p_mean_m=errors[cell])
+
+    monkeypatch.setattr(paper, "simulate_runs", simulated)
+    key = {"route": "T3", "variant": "laisn-2", "interval_s": 5.0, "depth_offset_m": 2.0, "value": (0.0, -2.0)}
+    curve = paper._curve([0, 1], **key)  # type: ignore[list-item]
+    excess = curve.excess_at(-2.0)
+    assert excess.value == pytest.approx(0.4 + own.mean())
+    half = 1.959964 * own.std(ddof=1) / 20.0
+    assert (excess.low, excess.high) == pytest.approx((excess.value - half, excess.value + half))
+    assert curve.excess_half_m[0] == 0.0
+
+
+def test_a_curve_that_dips_counts_as_flat_there() -> None:
+    curve = Curve(route="T3", variant="laisn-2", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
+                  e_p_mean_m=(0.3, 0.6, 0.5, 1.0), excess_half_m=(0.0, 0.1, 0.1, 0.1))  # fmt: skip
+    assert paper.equivalent(0.35, curve) == pytest.approx(2.25)
+
+
+def test_curves_widen_the_rear_error_and_lower_the_bow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a transmitter 1 m before and behind: R_rear² − R_front² = 4 (x cos φ − Δz sin φ), φ the pitch."""
+    seen: list[tuple[list[Cell], dict[str, Any]]] = []
+    monkeypatch.setattr(paper, "_curve", lambda cells, **key: seen.append((list(cells), key)))
+    monkeypatch.setattr(paper, "INTERVALS_S", (5.0,))
+    paper.fly_curves(Plan(routes=("T3",), offsets_m=(2.0,), looks=(4,), duration_s=20.0), ("laisn-2",))
+    (over_pitch, of_pitch), (over_tau, of_tau) = seen
+    assert (of_pitch["value"], of_pitch["depth_offset_m"]) == (paper.PITCH_DEG, 2.0)
+    assert of_tau["value"] == paper.TAU_M
+    assert [cell.errors.range_tau for cell in over_tau] == [(t, 0.01, 0.01) for t in paper.TAU_M]
+    assert {cell.errors.range_tau for cell in over_pitch} == {(0.01, 0.01, 0.01)}
+    ranges = [cell.truth.slant_range for cell in over_pitch]
+    differences = np.array([r[:, 0] ** 2 - r[:, 1] ** 2 for r in ranges])
+    ahead = differences[0] / 4.0
+    pitch = np.deg2rad(paper.PITCH_DEG)[:, None]
+    assert pitch.min() < -0.2
+    assert differences == pytest.approx(4.0 * (ahead * np.cos(pitch) - 2.0 * np.sin(pitch)), abs=0.15)
+    assert all(len(cell.runs) == 4 for cell in over_pitch)
+    np.testing.assert_array_equal(over_tau[0].truth.slant_range, ranges[0])

@@ -1,0 +1,58 @@
+"""Giving way: by hand, and two points that close up on each other against the distance where the law stops them."""
+
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats
+from sim.control.approach import away, give_way
+from sim.scenario.formation import Formation, Proximity
+
+LAW, FORMATION = Proximity(range_m=5.0, full_m=3.0, give_way_m_s=0.8).record(), Formation().record()
+
+
+def at(east: float, north: float, heading: float = 0.0) -> Floats:
+    """Something seen so far away by a hull on a heading."""
+    return np.array([[np.hypot(east, north), np.arctan2(east, north) - heading]])
+
+
+@pytest.mark.parametrize(
+    ("distance", "speed"), [(5.1, 0.0), (5.0, 0.0), (4.0, 0.4), (3.5, 0.6), (3.0, 0.8), (1.0, 0.8)]
+)
+def test_the_push_grows_from_the_sensors_range_to_that_of_full_speed(distance: float, speed: float) -> None:
+    for heading in (0.0, 2.0):
+        push = away(LAW, at(0.6 * distance, 0.8 * distance, heading), heading)
+        assert push == pytest.approx((-0.6 * speed, -0.8 * speed))
+
+
+def test_who_sees_nobody_is_pushed_nowhere() -> None:
+    assert away(LAW, np.full((3, 2), np.nan), 1.0) == (0.0, 0.0)
+
+
+def test_pushes_add_up_to_full_speed_at_most() -> None:
+    two = np.vstack([at(2.0, 0.0), at(0.0, 2.0)])
+    assert away(LAW, two, 0.0) == pytest.approx((-0.8 * np.sqrt(0.5), -0.8 * np.sqrt(0.5)))
+    assert away(LAW, np.vstack([at(4.0, 0.0), at(-4.0, 0.0)]), 0.0) == pytest.approx((0.0, 0.0))
+
+
+@pytest.mark.parametrize("closing", [0.4, 1.0, 1.5])
+def test_two_that_close_up_stop_where_the_law_says(closing: float) -> None:
+    """As points that go as they are told: where 2 w(d) = c, which is R − (R − F) c / 2W, and never nearer."""
+    stop = 5.0 - 2.0 * closing / (2 * 0.8)
+    apart, least = 12.0, 12.0
+    for _ in range(4000):
+        push = away(LAW, at(apart, 0.0), 0.0)[0]
+        apart += 0.02 * (-closing - 2.0 * push)
+        least = min(least, apart)
+    assert apart == pytest.approx(stop, abs=1e-3)
+    assert least >= stop - 1e-9
+    assert least >= LAW.full
+
+
+def test_a_hull_slows_down_but_keeps_its_way() -> None:
+    """It wants to go east at 1 m/s; pushed back by 0.5 m/s, by more than it has, and aside."""
+    east = np.pi / 2
+    assert give_way(FORMATION, (east, 1.0), (-0.5, 0.0)) == pytest.approx((east, 0.5))
+    assert give_way(FORMATION, (east, 1.0), (-2.0, 0.0)) == pytest.approx((east, 0.2))
+    heading, speed = give_way(FORMATION, (east, 1.0), (0.0, 0.75))
+    assert (heading, speed) == pytest.approx((east - np.arctan2(0.75, 1.0), 1.25))
+    assert give_way(FORMATION, (east, 2.4), (0.8, 0.0))[1] == pytest.approx(2.5)

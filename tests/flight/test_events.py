@@ -1,0 +1,109 @@
+"""Hulls that touch, stations that are too near: by geometry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.flight import events as flight_events
+from experiments.flight.events import _spread, contact_events, giving_way_events, uncertainty_events
+from experiments.flight.fly import fly
+from sim import feasibility
+from sim.scenario.file import validate
+from sim.scenario.formation import Formation
+from sim.scenario.settings import Scenario
+from sim.sensing.proximity import sightings
+from tests.synthetic import make_flight
+
+
+def test_vehicles_that_meet_on_their_routes_touch_once() -> None:
+    head_on = [
+        {"waypoints": [[0, 0, 100], [60, 60, 100]], "depth_m": 12.0},
+        {"waypoints": [[0, 60, 100], [60, 0, 100]], "depth_m": 12.0},
+    ]
+    flight, _ = fly(validate({"name": "s", "duration_s": 40.0, "followers": head_on}, "test"))
+    (event,) = contact_events(flight)
+    # noses meet when both have swum 30 m, less half a hull each
+    assert event.time_s == pytest.approx(30.0 - 0.7, abs=0.5)
+    assert event.text == "follower-2 and follower-1 touch"
+
+
+def test_an_ellipse_is_as_wide_as_its_larger_half_axis() -> None:
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    assert _spread((turn @ np.diag([9.0, 4.0]) @ turn.T)[None]) == pytest.approx([3.0])
+
+
+@pytest.mark.parametrize(("apart", "near"), [(8.4, True), (8.6, False)])
+def test_stations_are_near_within_three_sigma_of_both(
+    apart: float, near: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both know their places to 2 m, so that 3 √(2² + 2²) = 8.49 m."""
+    flight = make_flight(10.0, 2)
+    table = {"name": "s", "followers": [{"station": {"behind_m": 20.0, "port_m": p, "depth_m": 12.0}} for p in (0, 9)]}
+    covariance = np.tile(4.0 * np.eye(4), (100, 1, 1))
+    known = replace(
+        flight, scenario=validate(table, "test"),
+        estimates=tuple(replace(e, covariance=covariance) for e in flight.estimates),
+    )  # fmt: skip
+    places = np.zeros((flight.trajectory.time.size, 2, 4))
+    places[:, 1, 0] = apart
+    monkeypatch.setattr(flight_events, "true_stations", lambda *_: places)
+    assert [event.time_s for event in uncertainty_events(known)] == ([pytest.approx(0.1)] if near else [])
+
+
+def test_stations_nearer_than_three_sigma_are_told() -> None:
+    table = {
+        "name": "s",
+        "duration_s": 20.0,
+        "navigation": {"variant": "tight", "assume": {"start_sigma_m": 3.0}},
+        "followers": [{"station": {"behind_m": 20.0, "port_m": port, "depth_m": 12.0}} for port in (0.0, 5.0, -40.0)],
+    }
+    flight, _ = fly(validate(table, "test"))
+    events = uncertainty_events(flight)
+    assert [event.text.split(",")[0] for event in events] == ["stations of follower-2 and follower-1"]
+    assert "3 sigma" in events[0].text
+
+
+def test_a_shape_stands_for_its_followers() -> None:
+    shaped = Scenario(name="s", formation={"shape": {"kind": "v", "count": 6, "depth_m": 12.0}})
+    assert [f.name for f in shaped.followers] == [f"follower-{i}" for i in range(1, 7)]
+    assert [f.layer_m for f in shaped.followers] == [12.0 + i for i in range(6)]
+    with pytest.raises(ValueError, match="kind"):
+        validate({"name": "s", "formation": {"shape": {"kind": "star", "count": 6}}}, "test")
+    beside = {"name": "s", "formation": {"shape": {"kind": "v", "count": 6}}, "followers": [{"route": "T5"}]}
+    with pytest.raises(ValueError, match="there are \\[\\[followers\\]\\] beside it"):
+        validate(beside, "test")
+
+
+def test_a_leader_that_followers_cannot_keep_up_with_is_named() -> None:
+    table = {
+        "name": "s",
+        "duration_s": 100.0,
+        "leader": {"waypoints": [[0, 0, 0], [50, 100, 0], [100, 360, 0]]},
+        "followers": [{"station": {"behind_m": 10.0, "depth_m": 10.0}}],
+    }
+    with pytest.raises(ValueError, match=r"waypoint 3 followers at 10 m would need 5\.2 m/s"):
+        validate(table, "test", feasibility._leader_too_fast)
+
+
+def test_who_gives_way_is_told_with_its_first_time_and_how_long() -> None:
+    """One of two abreast closes up at 0.5 m/s from 10.1 m: within 5 m after 10.2 s, as the look at 10.5 s shows."""
+    flight = make_flight(20.0, 2)
+    table = {
+        "name": "s",
+        "followers": [{"station": {"behind_m": 20.0, "port_m": port, "depth_m": 12.0}} for port in (0, 9)],
+        "formation": {"proximity": {"range_sigma_m": 0.0}},
+    }
+    trajectory = flight.trajectory
+    position = np.zeros_like(trajectory.position)
+    position[:, 0] = 500.0
+    position[:, 2, 0] = 10.1 - 0.5 * trajectory.time
+    moved = replace(flight, scenario=validate(table, "test"), trajectory=replace(trajectory, position=position))
+    assert [(event.time_s, event.level, event.text) for event in giving_way_events(moved)] == [
+        (pytest.approx(10.5), "info", "follower1 gives way to follower2"),
+        (pytest.approx(10.5), "info", "follower2 gives way to follower1"),
+    ]
+    # looks at 10.5, 11.0 … 20.0 s
+    np.testing.assert_allclose(sightings(moved.scenario, moved.trajectory).spent_s, 20 * 0.5)
+    blind = moved.scenario.model_copy(update={"formation": Formation()})
+    assert giving_way_events(replace(moved, scenario=blind)) == []

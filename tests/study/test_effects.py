@@ -1,0 +1,96 @@
+"""Shares of variance: of factors that add or interact in closed form, and of a function with known Sobol' indices."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from experiments.study.effects import INTERACTIONS, explained, main_effects
+from experiments.study.estimate import Results
+from experiments.study.file import of_table
+from experiments.study.plan import Plan, plan_of
+
+TABLE = {"scenario": "T5", "runs": 40, "set": {"duration_s": 20.0}}
+
+
+def results_of(plan: Plan, mean, noise: float = 0.0) -> Results:
+    """Runs of all points: a mean of the point's values and the arm, and noise that all places share."""
+    rows, runs, random = [], [], np.random.default_rng(2).normal(0.0, noise, 40)
+    for (i, point), arm in itertools.product(enumerate(plan.points), plan.arms):
+        row = {"point": i, "arm": arm, "follower": plan.followers[0], "sea": 0, "seed": 1}
+        values = mean(*point.values(), arm) + random * (1 + i % 3)
+        rows.append(row)
+        runs.append((row, {"e_p_mean_m": values.tolist()}))
+    return Results.of(rows, runs)
+
+
+@pytest.fixture(scope="module")
+def factorial() -> Plan:
+    vary = {"followers.0.depth_m": [10.0, 12.0, 14.0], "leader.depth_m": [5.0, 7.0]}
+    return plan_of(of_table(TABLE | {"vary": vary, "arm": [{"name": "a"}, {"name": "b"}]}, "mine.toml", "mine"))
+
+
+def test_factors_that_add_explain_their_own_variances(factorial: Plan) -> None:
+    """x of −1, 0, 1, y of ±1 and an arm of ±1: variances 2/3 a², b², c²."""
+
+    def mean(x: float, y: float, arm: str) -> float:
+        return 10 + 3.0 * (x - 12) / 2 + 2.0 * (y - 6) + (1.0 if arm == "a" else -1.0)
+
+    found = main_effects(factorial, results_of(factorial, mean), "e_p_mean_m")
+    assert list(found) == ["followers.0.depth_m", "leader.depth_m", "arm", INTERACTIONS]
+    assert [share.value for share in found.values()] == pytest.approx([6 / 11, 4 / 11, 1 / 11, 0.0], abs=1e-12)
+    assert all(share.low <= share.value + 1e-9 and share.value <= share.high + 1e-9 for share in found.values())
+
+
+def test_what_only_two_factors_together_do_is_interaction(factorial: Plan) -> None:
+    found = main_effects(factorial, results_of(factorial, lambda x, y, _: 10 + (x - 12) * (y - 6)), "e_p_mean_m")
+    assert found[INTERACTIONS].value == pytest.approx(1.0)
+    assert found["followers.0.depth_m"].value == pytest.approx(0.0, abs=1e-12)
+
+
+def test_noise_widens_the_intervals(factorial: Plan) -> None:
+    def width(noise: float) -> float:
+        found = main_effects(factorial, results_of(factorial, lambda x, y, _: x + y, noise), "e_p_mean_m")
+        share = found["followers.0.depth_m"]
+        assert share.low < share.value < share.high
+        return share.high - share.low
+
+    assert width(0.1) < width(1.0)
+
+
+@pytest.mark.parametrize("design", ["latin-hypercube", "sobol"])
+def test_sampled_ranges_have_their_sobol_indices(design: str) -> None:
+    """2 u + v² + w of u, v, w in 0 … 1: variances 4/12, 4/45 and 1/12, which a quadratic explains whole."""
+    ends = {"from": 10.0, "to": 14.0}, {"from": 5.0, "to": 7.0}, {"from": 0.01, "to": 1.0, "scale": "log"}
+    keys = "followers.0.depth_m", "leader.depth_m", "sensors.speed_bias_m_s"
+    table = TABLE | {"vary": dict(zip(keys, ends, strict=True)), "design": design, "points": 128}
+    plan = plan_of(of_table(table, "mine.toml", "mine"))
+
+    def mean(x: float, y: float, z: float, _: str) -> float:
+        return (x - 10) / 2 + ((y - 5) / 2) ** 2 + (np.log10(z) + 2) / 2
+
+    found = main_effects(plan, results_of(plan, mean), "e_p_mean_m")
+    total = 4 / 12 + 4 / 45 + 1 / 12
+    for key, variance in zip(keys, (4 / 12, 4 / 45, 1 / 12), strict=True):
+        assert found[key].value == pytest.approx(variance / total, abs=0.06)
+        assert found[key].low < variance / total < found[key].high
+    assert INTERACTIONS not in found
+
+
+def test_nothing_is_said_of_a_single_factor_nor_of_what_never_varies(factorial: Plan) -> None:
+    assert main_effects(factorial, results_of(factorial, lambda *_: 3.0), "e_p_mean_m") == {}
+    one = plan_of(of_table(TABLE | {"vary": {"leader.depth_m": [5.0, 7.0]}}, "mine.toml", "mine"))
+    assert main_effects(one, results_of(one, lambda y, _: y), "e_p_mean_m") == {}
+
+
+def test_a_regression_explains_what_lies_in_its_columns() -> None:
+    x = np.array([[0.0], [1.0], [2.0]])
+    shares = explained(x, np.array([[0.0, 1.0], [2.0, 0.0], [4.0, 1.0]]))
+    assert shares == pytest.approx([1.0, 0.0], abs=1e-12)
+    # of two levels with means 1 and 5: 4 + 4 + 4 + 4 of 16 + 4
+    assert explained(np.array([0, 0, 1, 1]), np.array([[0.0], [2.0], [4.0], [6.0]])) == pytest.approx([0.8])
+
+
+def test_resampling_is_repeatable(factorial: Plan) -> None:
+    results = results_of(factorial, lambda x, y, _: x + y, 1.0)
+    assert main_effects(factorial, results, "e_p_mean_m") == main_effects(factorial, results, "e_p_mean_m")
