@@ -5,7 +5,10 @@ the one that was compiled. The folder is therefore named by a hash of the versio
 compiled code can reach.
 """
 
+import fcntl
+import glob
 import hashlib
+import itertools
 import os
 import re
 import shutil
@@ -13,8 +16,7 @@ import stat
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib.metadata import requires, version
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -22,7 +24,6 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba import errors
-from numba.core import event
 from numba.extending import overload, register_jitable
 
 from laisn.arrays import Floats
@@ -45,13 +46,39 @@ def reached_sources() -> list[Path]:
 
 
 def _version() -> str:
-    """Hash of the compiler, of what it requires, and of the sources."""
+    """Hash of the compiler, of what it requires, and of the sources; no entry of numba's index is ever out of date."""
     required = (re.split(r"[^\w.-]", entry)[0] for entry in requires("numba") or () if "extra ==" not in entry)
     digest = hashlib.sha256(repr((sys.version, [(name, version(name)) for name in ("numba", *required)])).encode())
     for path in reached_sources():
         content = path.read_bytes()
-        digest.update(f"{path.relative_to(_ROOT)} {len(content)} ".encode() + content)
+        # numba takes code for current if the file has the time of modification of the index
+        digest.update(f"{path.relative_to(_ROOT)} {path.stat().st_mtime_ns} {len(content)} ".encode() + content)
     return digest.hexdigest()[:16]
+
+
+def _own_folder(place: Path) -> Path:
+    """The first numbered folder that no running process uses, with links to the code in the others.
+
+    Two processes that store different signatures of a function in one folder would give both files one name.
+    """
+    for number in itertools.count():
+        own = place / str(number)
+        own.mkdir(parents=True, exist_ok=True)
+        lock = os.open(own / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            # held until the process ends
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        except BlockingIOError:
+            os.close(lock)
+    for index in place.glob("*/*/*.nbi"):
+        target = own / index.relative_to(place).relative_to(index.parents[1].name)
+        if not target.exists():
+            target.parent.mkdir(exist_ok=True)
+            for file in (*index.parent.glob(f"{glob.escape(index.stem)}.*.nbc"), index):
+                (target.parent / file.name).unlink(missing_ok=True)
+                os.link(file, target.parent / file.name)
+    return own
 
 
 def find_folder() -> Path | None:
@@ -61,11 +88,11 @@ def find_folder() -> Path | None:
         place = (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "laisn-sim" / "compiled"
         place.parent.mkdir(parents=True, exist_ok=True)
         place.mkdir(mode=0o700, exist_ok=True)
-        state, own = place.lstat(), place / _version()
+        state, versioned = place.lstat(), place / _version()
         if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
             return None
-        own.mkdir(exist_ok=True)
-        os.utime(own)
+        own = _own_folder(versioned)
+        os.utime(versioned)
         for old in sorted(place.iterdir(), key=lambda folder: folder.stat().st_mtime)[:-_KEPT_VERSIONS]:
             shutil.rmtree(old, ignore_errors=True)
     except (OSError, RuntimeError):
@@ -75,7 +102,12 @@ def find_folder() -> Path | None:
 
 
 FOLDER = find_folder()
-"""Where machine code is stored; None: nowhere, and each process compiles what it calls."""
+"""Where this process stores machine code; None: nowhere, and each process compiles what it calls."""
+
+
+def count_stored() -> int:
+    """Number of compiled functions that this process and those beside it have stored."""
+    return len({path.stat().st_ino for path in FOLDER.parent.rglob("*.nbc")}) if FOLDER else 0
 
 
 def remove_if_damaged(error: BaseException) -> bool:
@@ -83,36 +115,12 @@ def remove_if_damaged(error: BaseException) -> bool:
     frames = traceback.extract_tb(error.__traceback__)
     damaged = FOLDER is not None and any(Path(frame.filename).match("numba/core/caching.py") for frame in frames)
     if damaged:
-        shutil.rmtree(cast(Path, FOLDER), ignore_errors=True)
+        shutil.rmtree(cast(Path, FOLDER).parent, ignore_errors=True)
     return damaged
 
 
 # numba warns of names of its own where formulas with branches are inlined into one another
 warnings.filterwarnings("ignore", category=errors.NumbaIRAssumptionWarning)
-
-
-class _Count(event.Listener):
-    """Reports how many functions have been compiled, and 0 when the outermost one is."""
-
-    def __init__(self, report: Callable[[int], None]) -> None:
-        self._report, self._depth, self._done = report, 0, 0
-
-    def on_start(self, _: event.Event) -> None:
-        self._depth += 1
-
-    def on_end(self, _: event.Event) -> None:
-        self._depth -= 1
-        self._done += 1
-        self._report(self._done)
-        if not self._depth:
-            self._report(0)
-
-
-@contextmanager
-def compiling(report: Callable[[int], None]) -> Iterator[None]:
-    """Report the number of functions compiled so far, after each of them, and 0 after the last."""
-    with event.install_listener("numba:compile", _Count(report)):
-        yield
 
 
 def _jit(function: Function, **flags: Any) -> Function:

@@ -1,5 +1,6 @@
 """Progress of a command on a terminal or in a log, and literal text for both."""
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -15,6 +16,7 @@ from sim.screen import plain
 
 _LINE_EVERY_S = 10.0
 _COMPILING = "compiling (once)"
+_COUNT_EVERY_S = 0.5
 
 
 class Advance(Protocol):
@@ -57,24 +59,34 @@ def show_table(
 
 @contextmanager
 def compiling_shown(console: Console | None = None, bars: Bars | None = None) -> Iterator[None]:
-    """Print once that code is compiled, on standard error unless a console is given; bars count the functions."""
+    """Print once that code is compiled, on standard error unless a console is given; bars count the functions.
+
+    Counts what this process and those beside it store in the folder of compiled code.
+    """
     # a process that only shows progress does not load the compiler
-    from laisn.compiled import compiling
+    from laisn.compiled import count_stored
 
-    out, printed, task = console or Console(stderr=True), False, None
+    out, ended, before = console or Console(stderr=True), threading.Event(), count_stored()
 
-    def report(functions: int) -> None:
-        nonlocal printed, task
-        if bars is not None and not bars.disable:
-            task = bars.add_task(_COMPILING, total=None) if task is None else task
-            text = f"{_COMPILING}: {functions} functions" if functions else _COMPILING
-            bars.update(task, description=text, total=None if functions else 1.0, completed=0 if functions else 1)
-        elif functions and not printed:
+    def watch() -> None:
+        done = False
+        while not (functions := count_stored() - before) and not done:
+            done = ended.wait(_COUNT_EVERY_S)
+        if functions and (bars is None or bars.disable):
             out.print(_COMPILING)
-            printed = True
+        elif functions and bars is not None:
+            task = bars.add_task(_COMPILING, total=None)
+            while not ended.wait(_COUNT_EVERY_S):
+                bars.update(task, description=f"{_COMPILING}: {count_stored() - before} functions")
+            bars.update(task, total=1.0, completed=1)
 
-    with compiling(report):
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
         yield
+    finally:
+        ended.set()
+        watcher.join()
 
 
 @contextmanager

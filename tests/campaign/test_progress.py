@@ -4,8 +4,8 @@ import io
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,14 +13,17 @@ import pytest
 from rich.console import Console
 
 from experiments.campaign import progress
-from laisn.compiled import compiled
 
 COMPILES = """
-from experiments.campaign.progress import compiling_shown
+from rich.console import Console
+from experiments.campaign.progress import phases
 from sim.control.allocation import clip
-with compiling_shown():
-    clip(1.0, 0.0, 2.0)
-    clip(3.0, 0.0, 2.0)
+with phases(Console(stderr=True)) as phase:
+    with phase("first") as update:
+        clip(1.0, 0.0, 2.0)
+        update(0.5)
+    with phase("second"):
+        clip(3.0, 0.0, 2.0)
 """
 
 
@@ -37,40 +40,22 @@ def test_compiling_is_reported_once_and_not_where_the_cache_has_it(tmp_path: Pat
     assert [answer.stderr for answer in told] == ["compiling (once)\n", ""]
 
 
-def test_a_phase_that_compiles_says_so_in_a_log() -> None:
-    @compiled
-    def helper(x: float) -> float:
-        return x + 1.0
-
-    @compiled
-    def both(x: float) -> float:
-        return helper(x) * helper(x + 1.0)
-
-    console = Console(record=True, force_terminal=False, width=80)
-    with progress.phases(console) as phase:
-        with phase("first") as update:
-            assert both(1.0) == 6.0
-            update(0.5)
-        with phase("second"):
-            assert both(2.0) == 12.0
-    assert console.export_text() == "compiling (once)\n"
-
-
 def test_a_terminal_counts_the_functions_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    @contextmanager
-    def compiling(report: Callable[[int], None]) -> Iterator[None]:
-        report(1)
-        report(7)
-        yield
-        report(0)
+    stored, enough = iter([3, 3, 4, *[10] * 1000]), threading.Event()
 
-    monkeypatch.setattr("laisn.compiled.compiling", compiling)
+    def count_stored() -> int:
+        found = next(stored)
+        if found == 10 and next(stored):
+            enough.set()
+        return found
+
+    monkeypatch.setattr("laisn.compiled.count_stored", count_stored)
+    monkeypatch.setattr(progress, "_COUNT_EVERY_S", 0.01)
     console = Console(file=io.StringIO(), force_terminal=True, width=80, color_system=None)
     with progress.phases(console) as phase, phase("simulate"):
-        pass
-    shown = console.file.getvalue()  # type: ignore[attr-defined]
-    assert "compiling (once): 7 functions" in shown
-    assert shown.index("7 functions") < shown.rindex("compiling (once)")
+        assert enough.wait(10.0)
+        time.sleep(0.3)
+    assert "compiling (once): 7 functions" in console.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_the_first_item_is_not_in_the_time_left(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

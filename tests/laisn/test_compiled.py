@@ -16,7 +16,7 @@ import typer
 from experiments.campaign import cells
 from experiments.command.errors import report_errors
 from laisn import compiled as compilation
-from laisn.compiled import compiled, compiled_lanes, compiling
+from laisn.compiled import compiled, compiled_lanes
 from tools import import_graph
 
 ROOT = import_graph.ROOT
@@ -36,11 +36,27 @@ print(runs, hits)
 """
 
 
+ADDS = """
+import sys
+import numpy as np
+from experiments.campaign.cells import _add_in_order as add
+from laisn.compiled import FOLDER
+
+total = np.zeros(1, dtype={kind})
+if {wait}:
+    print(FOLDER, flush=True)
+    sys.stdin.readline()
+add(total, np.array([[1.0, 3.0]]).astype({kind}))
+print(FOLDER, total[0], sum(add.stats.cache_hits.values()))
+"""
+
+
 def child(program: str, cache: Path, root: Path = ROOT) -> subprocess.Popen[str]:
     """A process that runs a program on the packages of a folder, with a home of its own for compiled code."""
     environment = os.environ | {"PYTHONPATH": str(root), "XDG_CACHE_HOME": str(cache)}
     return subprocess.Popen(
-        [sys.executable, "-c", program], cwd=root, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        [sys.executable, "-c", program], cwd=root, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
     )  # fmt: skip
 
@@ -59,11 +75,12 @@ def test_a_second_process_takes_code_from_the_cache_until_a_constant_of_another_
     for package in import_graph.PACKAGES:
         shutil.copytree(ROOT / package, tree / package)
     metrics = tree / "laisn" / "metrics.py"
-    whole = metrics.read_text(encoding="utf-8")
+    whole, times = metrics.read_text(encoding="utf-8"), metrics.stat()
     assert [captures(tree, cache) for _ in range(2)] == [(0, 0), (0, 1)]
     metrics.write_text(whole.replace("CAPTURE_ERROR = 5.0\n", "CAPTURE_ERROR = 0.5\n"), encoding="utf-8")
     assert captures(tree, cache) == (64, 0)
     metrics.write_text(whole, encoding="utf-8")
+    os.utime(metrics, ns=(times.st_atime_ns, times.st_mtime_ns))
     assert captures(tree, cache) == (0, 1)
 
 
@@ -87,7 +104,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     found = compilation.find_folder()
     assert found is not None
-    assert found.parent == tmp_path / "laisn-sim" / "compiled"
+    assert found.parents[1] == tmp_path / "laisn-sim" / "compiled"
     monkeypatch.setattr(compilation, "FOLDER", found)
     return found
 
@@ -102,18 +119,18 @@ def added() -> int:
 
 
 def files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
+    return sorted(path for path in folder.rglob("*.nb?") if path.is_file())
 
 
 def test_code_is_stored_where_nobody_else_can_enter(folder: Path) -> None:
     assert [added(), added()] == [0, 1]
-    assert folder.parent.stat().st_mode & 0o777 == 0o700
+    assert folder.parents[1].stat().st_mode & 0o777 == 0o700
     assert {path.suffix for path in files(folder)} == {".nbi", ".nbc"}
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o722, 0o755])
 def test_a_folder_that_others_can_enter_is_not_used(folder: Path, monkeypatch: pytest.MonkeyPatch, mode: int) -> None:
-    folder.parent.chmod(mode)
+    folder.parents[1].chmod(mode)
     assert compilation.find_folder() is None
     monkeypatch.setattr(compilation, "FOLDER", None)
     assert [added(), added()] == [0, 0]
@@ -126,7 +143,7 @@ def test_a_folder_of_another_user_is_not_used(folder: Path, monkeypatch: pytest.
 
 
 def test_a_link_or_a_file_in_the_folder_s_place_is_not_used(folder: Path) -> None:
-    place, elsewhere = folder.parent, folder.parents[1] / "elsewhere"
+    place, elsewhere = folder.parents[1], folder.parents[2] / "elsewhere"
     place.rename(elsewhere)
     place.symlink_to(elsewhere)
     assert compilation.find_folder() is None
@@ -160,12 +177,39 @@ def test_other_errors_leave_compiled_code_alone(folder: Path) -> None:
 
 
 def test_old_versions_make_room(folder: Path) -> None:
+    present = folder.parent
     for i in range(20):
-        old = folder.with_name(f"{i:016x}")
+        old = present.with_name(f"{i:016x}")
         old.mkdir()
         os.utime(old, (i, i))
-    assert compilation.find_folder() == folder
-    assert {path.name for path in folder.parent.iterdir()} == {folder.name, *(f"{i:016x}" for i in range(13, 20))}
+    assert compilation.find_folder() is not None
+    assert {path.name for path in present.parent.iterdir()} == {present.name, *(f"{i:016x}" for i in range(13, 20))}
+
+
+def test_processes_side_by_side_store_code_apart_and_a_later_one_finds_what_each_has_stored(tmp_path: Path) -> None:
+    """In one folder, both first signatures of a function would get one file name and one of them the other's code."""
+    pair = [child(ADDS.format(kind=kind, wait=True), tmp_path) for kind in ("float", "complex")]
+    places = [process.stdout.readline().split()[0] for process in pair if process.stdout]
+    for process in pair:
+        process.communicate("\n", timeout=120)
+    assert sorted(Path(place).name for place in places) == ["0", "1"]
+    results = []
+    for kind in ("float", "complex", "float", "complex"):
+        out, errors = child(ADDS.format(kind=kind, wait=False), tmp_path).communicate(timeout=120)
+        assert not errors
+        results.append(out.split()[1:])
+    assert [total for total, _ in results] == ["4.0", "(4+0j)"] * 2
+    assert [int(hits) for _, hits in results[2:]] == [1, 1]
+
+
+def test_links_give_a_process_the_code_that_another_one_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert added() == 0
+    second = compilation.find_folder()
+    assert second is not None
+    assert second != folder
+    monkeypatch.setattr(compilation, "FOLDER", second)
+    assert added() == 1
+    assert compilation.count_stored() == 1
 
 
 def _adding(number: float) -> object:
@@ -188,40 +232,17 @@ def _doubled(x: float) -> float:
     return 2.0 * x
 
 
-@compiled
-def _square(x: float) -> float:
-    return x * x
-
-
-@compiled
-def _fourth(x: float) -> float:
-    return _square(_square(x))
-
-
-def test_compiled_functions_are_counted() -> None:
-    seen: list[int] = []
-    with compiling(seen.append):
-        assert _fourth(2.0) == 16.0
-        assert _fourth(3.0) == 81.0
-    assert seen == [1, 2, 0]
-
-
 INTERRUPTED = """
 import os
 import signal
 import numpy as np
-from laisn.compiled import compiling
 from sim.geometry import attitude
 
-seen = []
-
-def tell(functions):
-    seen.append(functions)
-    if INTERRUPT:
-        os.kill(os.getpid(), signal.SIGINT)
-
-with compiling(tell):
-    print(*attitude._angles(np.array([[1.0, 0.0, 0.0, 0.0]]), 0), max(seen, default=0))
+if INTERRUPT:
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    signal.signal(signal.SIGALRM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
+angle = attitude._angles(np.array([[1.0, 0.0, 0.0, 0.0]]), 0)
+print(*angle, sum(attitude._angles.stats.cache_misses.values()))
 """
 
 
@@ -236,5 +257,4 @@ def test_ctrl_c_while_code_is_compiled_ends_a_process_and_spoils_nothing(tmp_pat
         )
         assert float(angle) == np.pi / 2
         compiled_now.append(int(functions))
-    assert compiled_now[0] > 1
-    assert compiled_now[1] == 0
+    assert compiled_now == [1, 0]
