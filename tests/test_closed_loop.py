@@ -284,7 +284,7 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(study_measure, "simulate_closed_loop", flown)
     one, other, *_ = (
         {name: row[name] for name in ("e_p_mean_m", "off_place_rms_m", "off_place_end_m")}
-        for row in study.measure(3, "tight-2", "estimate")
+        for row in records_of_run(study.steering(3, "tight-2", "estimate"), 3)
     )
     assert list(one.values()) == pytest.approx([5.0, 0.0, 0.0], abs=1e-6)
     # for the last 10 of 101 instants

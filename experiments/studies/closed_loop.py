@@ -56,11 +56,6 @@ def steering(run: int, navigator: str, way: str) -> Scenario:
     )
 
 
-def measure(run: int, navigator: str, way: str) -> list[Record]:
-    """Simulate one run: a row for each follower."""
-    return records_of_run(steering(run, navigator, way), run)
-
-
 def findings_of(found: Mapping[tuple[str, str], Sequence[Sequence[Record]]]) -> Findings:
     """The record: of each navigator and one of WAYS the rows of all followers, run by run."""
     runs = len(next(iter(found.values())))
@@ -95,7 +90,7 @@ def findings_of(found: Mapping[tuple[str, str], Sequence[Sequence[Record]]]) -> 
 def run(folder: Path) -> None:
     """Fly all runs, or those that are missing, and write the record into a folder."""
     ways = [(name, way) for name in NAVIGATORS for way in WAYS]
-    tasks = {(*way, run): partial(measure, run, *way) for way in ways for run in RUNS}
+    tasks = {(*way, run): partial(records_of_run, steering(run, *way), run) for way in ways for run in RUNS}
     ahead = partial(simulate_closed_loop, steering(0, "laisn-2", "estimate").first_messages)
     flown = campaign.fly(Design(tasks=tasks, what="fleets", ahead=ahead), folder).tasks
     findings_of({way: [flown[*way, run] for run in RUNS] for way in ways}).write(folder / FILE)

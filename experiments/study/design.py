@@ -12,9 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from pydantic import ValidationError
 from scipy import stats
 from scipy.stats import qmc
 
+from sim.scenario.formation import Scatter, scattered_followers
 from sim.scenario.random_routes import CLASSES, random_waypoints
 
 Design = Literal["factorial", "latin-hypercube", "sobol"]
@@ -166,13 +168,8 @@ _LARGEST = 1e9
 """Largest size of a parameter."""
 
 
-def known(name: str) -> bool:
-    """Whether there is a distribution of this name."""
-    return name in _LISTED or name in _NAMED or name in ("choice", "route_class")
-
-
 def _frozen(name: str, given: object) -> Any:
-    """A distribution of scipy.stats with its parameters."""
+    """A distribution of scipy.stats with its parameters; ValueError says what was expected."""
     values = list(given.values()) if isinstance(given, dict) else given
     form = _LISTED[name][1] if name in _LISTED else "a table of its parameters in scipy.stats"
     if not isinstance(values, list) or (isinstance(given, list) and name not in _LISTED):
@@ -191,6 +188,52 @@ def _frozen(name: str, given: object) -> Any:
     return make(*values)
 
 
+Quantile = Callable[[float, list[int]], Any]
+"""The value at a share, 0 … 1, of a law; what needs more than one random number takes them from the address."""
+
+
+def _of_distribution(name: str, parameters: object) -> Quantile:
+    distribution = _frozen(name, parameters)
+    if not all(math.isfinite(float(distribution.ppf(share))) for share in (0.01, 0.5, 0.99)):
+        raise ValueError(f"{name} has no values with these parameters (given: {parameters!r:.60})")
+    whole = isinstance(distribution.dist, stats.rv_discrete)
+    return lambda share, _: int(distribution.ppf(share)) if whole else float(distribution.ppf(share))
+
+
+def _of_choice(values: object) -> Quantile:
+    if not isinstance(values, list) or not values:
+        raise ValueError(f"choice expects a list of values (given: {values!r:.60})")
+    return lambda share, _: values[int(share * len(values))]
+
+
+def _of_route_class(name: object) -> Quantile:
+    if name != "any" and name not in CLASSES:
+        raise ValueError(f"route_class expects any, {', '.join(CLASSES)} (given: {name!r:.60})")
+    names = tuple(CLASSES) if name == "any" else (str(name),)
+    return lambda share, address: random_waypoints(names[int(share * len(names))], address)
+
+
+def _of_formation(given: object) -> Quantile:
+    try:
+        area = Scatter.model_validate(given)
+    except ValidationError as error:
+        first = error.errors()[0]
+        known = f"a table with {', '.join(Scatter.model_fields)}"
+        raise ValueError(f"formation expects {known}; {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    scattered_followers(area, [0])
+    return lambda _, address: scattered_followers(area, address)
+
+
+_OWN: Mapping[str, Callable[[object], Quantile]] = {
+    "choice": _of_choice, "route_class": _of_route_class, "formation": _of_formation,
+}  # fmt: skip
+
+
+def known(name: str) -> bool:
+    """Whether there is a law of this name."""
+    return name in _LISTED or name in _NAMED or name in _OWN
+
+
 @dataclass(frozen=True, kw_only=True)
 class Draw:
     """A key of the scenario whose value every sea draws."""
@@ -198,14 +241,11 @@ class Draw:
     key: str
     law: str
     """Law of the draws in the file's words, for the page."""
-    choices: tuple[Any, ...] = ()
-    route_classes: tuple[str, ...] = ()
-    """Classes of `CLASSES`, of which each sea has one and a route of it."""
-    distribution: Any = field(default=None, compare=False)
+    quantile: Quantile = field(compare=False)
 
     @classmethod
     def of(cls, key: str, given: object) -> "Draw":
-        """A draw as a file gives it: a table with one distribution's name and its parameters.
+        """A draw as a file gives it: a table with the name of one law and its parameters.
 
         Raises:
             ValueError: says what was expected.
@@ -214,32 +254,13 @@ class Draw:
             raise ValueError(f"expected one distribution, such as {{ uniform = [0.2, 0.8] }} (given: {given!r:.60})")
         ((name, parameters),) = given.items()
         if not known(name):
-            raise ValueError(
-                f"unknown distribution {name!r:.40}; available: choice, route_class, "
-                f"{', '.join(sorted({*_LISTED, *_NAMED}))}"
-            )
-        law = f"{name} {parameters}"
-        if name == "choice":
-            if not isinstance(parameters, list) or not parameters:
-                raise ValueError(f"choice expects a list of values (given: {parameters!r:.60})")
-            return cls(key=key, law=law, choices=tuple(parameters))
-        if name == "route_class":
-            if parameters != "any" and parameters not in CLASSES:
-                raise ValueError(f"route_class expects any, {', '.join(CLASSES)} (given: {parameters!r:.60})")
-            return cls(key=key, law=law, route_classes=tuple(CLASSES) if parameters == "any" else (parameters,))
-        distribution = _frozen(name, parameters)
-        if not all(math.isfinite(float(distribution.ppf(share))) for share in (0.01, 0.5, 0.99)):
-            raise ValueError(f"{name} has no values with these parameters (given: {parameters!r:.60})")
-        return cls(key=key, law=law, distribution=distribution)
+            available = ", ".join([*_OWN, *sorted({*_LISTED, *_NAMED})])
+            raise ValueError(f"unknown distribution {name!r:.40}; available: {available}")
+        quantile = _OWN[name](parameters) if name in _OWN else _of_distribution(name, parameters)
+        return cls(key=key, law=f"{name} {parameters}", quantile=quantile)
 
     def value(self, seed: int, sea: int) -> Any:
         """What a sea has of it."""
         hashed = int.from_bytes(hashlib.sha256(self.key.encode()).digest()[:8], "big")
         address = [_DRAW_KEY, seed, sea, hashed]
-        share = float(np.random.default_rng(address).random())
-        if self.route_classes:
-            return random_waypoints(self.route_classes[int(share * len(self.route_classes))], [*address, 1])
-        if self.choices:
-            return self.choices[int(share * len(self.choices))]
-        drawn = float(self.distribution.ppf(share))
-        return int(drawn) if isinstance(self.distribution.dist, stats.rv_discrete) else drawn
+        return self.quantile(float(np.random.default_rng(address).random()), [*address, 1])

@@ -1,16 +1,17 @@
 """Study files: what a user asks, as TOML, read and checked key by key."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from os.path import relpath
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import Field, ValidationError
+from pydantic import Discriminator, Field, Tag, ValidationError
 from scipy import stats
 
 from experiments.flight.library import name_of, names
+from experiments.intervals import FEWEST_RUNS
 from experiments.study.design import Design, Draw, Factor, known
 from laisn.failure import LaisnError
 from sim.scenario.file import beside, dotted, is_mjcf, is_model_key, plain_values, read
@@ -46,13 +47,31 @@ class Report(Section):
     panels: str = Field("", description="a panel for each value of this factor, or each arm")
 
 
+class Until(Section):
+    """When runs are enough."""
+
+    metric: str = Field(METRIC, description="a metric of single runs")
+    half_width: Annotated[float, Field(gt=0)] = Field(..., description="of its 95 % interval, at every place")
+    most: Annotated[int, Field(ge=1, le=1_000_000)] = Field(10_000, description="runs of each place at most")
+
+
+class Runs(Section):
+    """Runs in batches, until intervals are narrow enough."""
+
+    batch: Annotated[int, Field(ge=FEWEST_RUNS, le=1_000_000)] = 60
+    until: Until
+
+
 class StudyFile(Section):
     """The top level of a study file."""
 
     name: Name | None = None
     question: str = Field("", max_length=2000)
     scenario: Annotated[str, Field(min_length=1)]
-    runs: Annotated[int, Field(ge=1, le=1_000_000)] = 60
+    runs: Annotated[
+        Annotated[int, Field(ge=1, le=1_000_000), Tag("")] | Annotated[Runs, Tag("table")],
+        Discriminator(lambda given: "table" if isinstance(given, Mapping | Runs) else ""),
+    ] = 60
     seas: Annotated[int, Field(ge=1, le=100_000)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**62)] | None = None
     design: Design = "factorial"
@@ -74,15 +93,18 @@ class Arm:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """A study as its file says it; the scenario's keys are not looked at yet."""
+    """A study as its file gives it; the scenario's keys are validated by `plan_of`."""
 
     name: str
     source: str
     """The file, or the scenario that options vary, for messages."""
     question: str
     scenario: str
-    """Built-in name, or path of a file; empty where the file names none."""
+    """Built-in name, or path of a file."""
     runs: int
+    """Of noise at each point, arm and sea; with `until` a multiple of `batch`."""
+    batch: int
+    until: Until | None
     seas: int
     seed: int | None
     """None: the scenario's."""
@@ -95,10 +117,6 @@ class Study:
     report: Report
     table: Mapping[str, Any]
     """What the file says, with the options of the command in their places."""
-    faults: tuple[str, ...] = ()
-    """A line for each fault of the file's own keys; what is at fault is left out, or stands as if nothing were said."""
-    unsound: Mapping[str, str] = field(default_factory=dict)
-    """Keys of the scenario whose values or distributions are at fault, and the part of the file that they stand in."""
 
 
 def _names_a_law(table: Mapping[str, Any]) -> bool:
@@ -107,19 +125,25 @@ def _names_a_law(table: Mapping[str, Any]) -> bool:
     return not others and (known(name) or hasattr(stats, name) or isinstance(given, list))
 
 
-def _told(error: ValidationError) -> list[str]:
-    """A line for each fault of the file's own keys."""
+def _lines_of(error: ValidationError) -> list[str]:
+    """A line for each invalid key of the file's own."""
     lines = []
-    for fault in error.errors(include_url=False, include_context=False):
-        key = shortened(plain(key_of(fault["loc"])), 100)
-        if fault["type"] == "extra_forbidden":
-            model = Report if fault["loc"][0] == "report" else StudyFile
+    for found in error.errors(include_url=False, include_context=False):
+        location = tuple(part for part in found["loc"] if part not in ("", "table"))
+        key = shortened(plain(key_of(location)), 100)
+        if found["type"] == "extra_forbidden":
+            model = _SECTIONS.get(location[:-1], StudyFile)
             lines.append(f"  {key}: unknown key of a study; known here: {', '.join(model.model_fields)}")
-        elif fault["type"] == "missing":
+        elif found["type"] == "missing" and location == ("scenario",):
             lines.append(f"  {key}: is missing; a built-in scenario, such as {names()[0]}, or a file beside this one")
         else:
-            lines.append(f"  {key}: {fault['msg']} (given: {shortened(plain(repr(fault['input'])), 80)})")
+            lines.append(f"  {key}: {found['msg']} (given: {shortened(plain(repr(found['input'])), 80)})")
     return lines
+
+
+_SECTIONS: dict[tuple[int | str, ...], type[Section]] = {
+    ("report",): Report, ("runs",): Runs, ("runs", "until"): Until,
+}  # fmt: skip
 
 
 def _beside(folder: Path, key: str, value: Any) -> Any:
@@ -157,8 +181,7 @@ def _overlaps(study: Study) -> list[str]:
     """A line for each key that two parts of the file set; an arm alone may set a key of [set] anew."""
     owner: dict[str, str] = {}
     lines = []
-    unsound = {name: [key for key, part in study.unsound.items() if part == name] for name in ("vary", "draw")}
-    varied, drawn = [f.key for f in study.factors] + unsound["vary"], [d.key for d in study.draws] + unsound["draw"]
+    varied, drawn = [f.key for f in study.factors], [d.key for d in study.draws]
     parts = [("[set]", list(study.settings)), ("[vary]", varied), ("[draw]", drawn)]
     arms = [(f"arm {arm.name}", list(arm.settings)) for arm in study.arms]
     for part, key in ((part, key) for part, keys in parts for key in keys):
@@ -189,58 +212,57 @@ def _twice(key: str, part: str, other: str, where: str) -> str:
     )
 
 
-def _file(table: Mapping[str, Any], lines: list[str]) -> StudyFile:
-    """The top level of a file; what is at fault has its default, and a line."""
-    try:
-        return StudyFile.model_validate(table)
-    except ValidationError as error:
-        lines += _told(error)
-        unsound = {fault["loc"][0] if fault["loc"] else "design" for fault in error.errors()}
-    # a design is at odds with its points, or with what stands in place of either
-    unsound |= {"design", "points"} if unsound & {"design", "points"} else set()
-    sound = StudyFile.model_validate({"scenario": names()[0]} | {k: v for k, v in table.items() if k not in unsound})
-    return sound.model_copy(update={"scenario": ""}) if "scenario" in unsound else sound
-
-
 def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Path()) -> Study:
-    """A study from a table of keys, such as options of a command; its faults are for `plan_of` to tell, with others.
+    """A study from a table of keys, such as options of a command.
 
     Args:
         table: as of a study file.
         source: for messages.
         name: of the study, if the table has none.
         folder: that a scenario's file stands in.
-    """
-    lines: list[str] = []
-    table = plain_values(table, source)
-    file = _file(table, lines)
-    unsound: dict[str, str] = {}
 
-    def made(part: str, given: Mapping[str, Any], make: Callable[[str, Any], Made]) -> list[Made]:
-        """Factors or draws of a part of the file; what is at fault is left out, with a line."""
+    Raises:
+        StudyError: a line for each error of the file's own keys.
+    """
+    table = plain_values(table, source)
+    try:
+        file = StudyFile.model_validate(table)
+    except ValidationError as error:
+        raise refusal(source, _lines_of(error)) from None
+    lines: list[str] = []
+
+    def made(part: str, given: Mapping[str, Any], make: Callable[[str, Any], Made]) -> tuple[Made, ...]:
+        """Factors or draws of a part of the file; an invalid one is left out, with a line."""
         found = []
         for key, value in given.items():
             try:
                 found.append(make(key, value))
             except ValueError as error:
-                unsound[key] = part
                 lines.append(f"  {part}.{key}: {error}")
-        return found
+        return tuple(found)
 
     varied = dotted(file.vary, lambda v: bool({"from", "to", "steps"} & set(v)))
     factors = made("vary", varied, partial(Factor.of, sampled=file.design != "factorial"))
-    draws = made("draw", dotted(file.draw, _names_a_law), Draw.of)
     scenario = file.scenario
-    if scenario and scenario not in names() and not Path(scenario).is_absolute():
+    if scenario not in names() and not Path(scenario).is_absolute():
         scenario = str(folder / scenario)
-    factors = [replace(f, values=tuple(_beside(folder, f.key, v) for v in f.values)) for f in factors]
+    runs = file.runs if isinstance(file.runs, int) else file.runs.batch
     study = Study(
-        name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=file.runs,
-        seas=file.seas, seed=file.seed, design=file.design, points=file.points,
-        settings=_settings(file.set, folder), factors=tuple(factors), draws=tuple(draws),
-        arms=_arms(file.arm, lines, folder), report=file.report, table=table, unsound=unsound,
+        name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=runs,
+        batch=runs, until=None if isinstance(file.runs, int) else file.runs.until, seas=file.seas, seed=file.seed,
+        design=file.design, points=file.points, settings=_settings(file.set, folder),
+        factors=tuple(replace(f, values=tuple(_beside(folder, f.key, v) for v in f.values)) for f in factors),
+        draws=made("draw", dotted(file.draw, _names_a_law), Draw.of), arms=_arms(file.arm, lines, folder),
+        report=file.report, table=table,
     )  # fmt: skip
-    return replace(study, faults=(*lines, *_overlaps(study)))
+    lines += _overlaps(study)
+    if study.until and study.seas > 1:
+        lines.append(
+            "  runs.until: the interval over several seas narrows with seas and not with runs; ask for one sea"
+        )
+    if lines:
+        raise refusal(source, lines)
+    return study
 
 
 def shipped() -> tuple[str, ...]:

@@ -14,7 +14,6 @@ from experiments.study.metrics import METRICS
 from sim.feasibility import infeasibilities
 from sim.scenario.file import ScenarioError, assigned, examined
 from sim.scenario.settings import Scenario
-from sim.scenario.validation_errors import unknown_key
 
 ARM, FOLLOWER = "arm", "follower"
 """Names of what varies beside the factors."""
@@ -130,13 +129,15 @@ def _where(point: Mapping[str, Any], arm: str, sea: int, study: Study) -> str:
     return ", ".join(parts)
 
 
-def _report_faults(study: Study) -> list[str]:
-    """What the page is to show, and what there is not."""
+def _report_errors(study: Study) -> list[str]:
+    """A line for each metric and each factor of the report that does not exist."""
     report, lines = study.report, []
-    if report.metric not in METRICS:
-        near = difflib.get_close_matches(report.metric, METRICS, n=3, cutoff=0.4)
-        lines.append(f"  report.metric: unknown metric {report.metric!r:.60}; available: {', '.join(near or METRICS)}")
-    known = [*(factor.key for factor in study.factors), *study.unsound, "arm", "follower"]
+    asked = {"report.metric": report.metric} | ({"runs.until.metric": study.until.metric} if study.until else {})
+    for key, metric in asked.items():
+        if metric not in METRICS:
+            near = difflib.get_close_matches(metric, METRICS, n=3, cutoff=0.4)
+            lines.append(f"  {key}: unknown metric {metric!r:.60}; available: {', '.join(near or METRICS)}")
+    known = [*(factor.key for factor in study.factors), ARM, FOLLOWER]
     for name in ("against", "lines", "panels"):
         wish = getattr(report, name)
         if wish and wish not in known:
@@ -145,48 +146,20 @@ def _report_faults(study: Study) -> list[str]:
 
 
 def _needless_seas(study: Study, entries: list[Entry]) -> list[str]:
-    if (
-        study.seas == 1
-        or study.draws
-        or "draw" in study.unsound.values()
-        or not entries
-        or any(e.scenario.ocean.waves.kind == "jonswap" for e in entries)
-    ):
+    if study.seas == 1 or study.draws or not entries or any(e.scenario.ocean.waves.kind == "jonswap" for e in entries):
         return []
     return [f"  seas: {study.seas} seas would all be alike: nothing is drawn in [draw] and there are no irregular "
             "waves; ask for more runs instead"]  # fmt: skip
 
 
-def _points(study: Study, lines: list[str]) -> list[dict[str, Any]]:
-    """The points of the design; where it or a factor has a fault, one that has the first value of every factor."""
-    first = {factor.key: factor.at(0.0) for factor in study.factors}
-    if "vary" in study.unsound.values():
-        return [first]
-    try:
-        most = MOST_ENTRIES // (max(len(study.arms), 1) * study.seas)
-        return points_of(study.factors, study.design, study.points, study.seed or 0, most)
-    except ValueError as error:
-        lines.append(f"  design: {error}")
-        return [first]
-
-
-def _table(study: Study, lines: list[str]) -> dict[str, Any] | None:
-    """The table of the study's scenario; None if there is none."""
-    try:
-        return table_of(study.scenario) if study.scenario else None
-    except ScenarioError as error:
-        lines.append(f"  scenario: {error}")
-        return None
-
-
 def _examined(
     study: Study, table: Mapping[str, Any], points: list[dict[str, Any]], arms: Mapping[str, Mapping[str, Any]]
 ) -> tuple[list[Entry], list[str]]:
-    """All entries that are valid, and a line for each fault of any other and where in the design it is."""
+    """All entries that are valid, and a line for each error of any other and where in the design it is."""
     given = table.get("seed")
     first = study.seed if study.seed is not None else given if isinstance(given, int) else 1
     drawn = [{draw.key: draw.value(first, sea) for draw in study.draws} for sea in range(study.seas)]
-    faults: dict[str, list[str]] = {}
+    errors: dict[str, list[str]] = {}
     entries, flyable = [], _Flyable()
     for number, point in enumerate(points):
         for arm, own in arms.items():
@@ -198,42 +171,40 @@ def _examined(
                 scenario, found = examined(changed, flyable)
                 lines += found
                 for line in lines:
-                    faults.setdefault(line, []).append(_where(point, arm, sea, study))
+                    errors.setdefault(line, []).append(_where(point, arm, sea, study))
                 if scenario is not None and not lines:
                     entries.append(Entry(point=number, arm=arm, sea=sea, settings=settings, scenario=scenario))
     every = len(points) * len(arms) * study.seas
     return entries, [
         line if len(places) == every else f"{line}; in {len(places)} of {every} scenarios, first at {places[0]}"
-        for line, places in faults.items()
+        for line, places in errors.items()
     ]
-
-
-def _misplaced(study: Study, table: Mapping[str, Any]) -> list[str]:
-    """A line for each key that is none of this scenario, of those whose values are at fault themselves."""
-    lines = []
-    for key in study.unsound:
-        unknown = unknown_key(key)
-        lines += [unknown] if unknown else _with(table, {key: None})[1]
-    return lines
 
 
 def plan_of(study: Study) -> Plan:
     """Plan a study.
 
     Raises:
-        StudyError: a line for each fault of the study's file and of any scenario, and where in the design it is.
+        StudyError: a line for each error of report, design and scenario; or, where these are right, for each error of
+            a point, and where in the design it is.
     """
-    lines = [*study.faults, *_report_faults(study)]
-    points, table = _points(study, lines), _table(study, lines)
+    lines = _report_errors(study)
     arms = {arm.name: arm.settings for arm in study.arms} or {ALONE: {}}
-    entries: list[Entry] = []
-    if len(arms) * study.seas > MOST_ENTRIES:
-        lines.append(
-            f"  arm, seas: {len(arms) * study.seas:,} scenarios at each point, at most {MOST_ENTRIES:,} in all"
-        )
-    elif table is not None:
-        entries, faults = _examined(study, table, points, arms)
-        lines += _misplaced(study, table) + _needless_seas(study, entries) + faults
+    each = len(arms) * study.seas
+    if each > MOST_ENTRIES:
+        lines.append(f"  arm, seas: {each:,} scenarios at each point, at most {MOST_ENTRIES:,} in all")
+        raise refusal(study.source, lines)
+    try:
+        points = points_of(study.factors, study.design, study.points, study.seed or 0, MOST_ENTRIES // each)
+    except ValueError as error:
+        lines.append(f"  design: {error}")
+    try:
+        table = table_of(study.scenario)
+    except ScenarioError as error:
+        lines.append(f"  scenario: {error}")
     if lines:
+        raise refusal(study.source, lines)
+    entries, errors = _examined(study, table, points, arms)
+    if lines := _needless_seas(study, entries) + errors:
         raise refusal(study.source, lines)
     return Plan(study=study, points=points, arms=tuple(arms), entries=entries)

@@ -1,7 +1,8 @@
 """Flying a study: missions in parallel, each once, then cells; all of it stored, and gone on with after a kill."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -14,8 +15,10 @@ from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Record, columns_of
 from experiments.flight.fly import fly
+from experiments.study.estimate import Results
 from experiments.study.measure import facts_of, records_of_run
 from experiments.study.plan import Entry, Plan
+from laisn.failure import LaisnError
 
 _OWN = ("key", "mission", "version", "motion")
 """Columns of a cell's row that no table of results has."""
@@ -117,6 +120,48 @@ def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> 
             outcomes.rows.append(labels | {name: value for name, value in row.items() if name not in _OWN})
             outcomes.runs.append((labels, lists))
     return outcomes
+
+
+def _widest(results: Results, metric: str) -> float:
+    """Half of the widest interval of a metric of runs; 0 where the data bound none, as when all runs are alike."""
+    widest = 0.0
+    for place in results.rows:
+        if results.by_run(place, metric) is None:
+            raise LaisnError(f"runs.until.metric: {metric!r} is not a metric of single runs")
+        interval = results.estimate(place, metric)
+        widest = max(widest, 0.0 if math.isnan(interval.low) else (interval.high - interval.low) / 2)
+    return widest
+
+
+def fly_until_narrow(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> tuple[Plan, Outcomes]:
+    """Fly a study with as many runs as its file asks for: a number, or batches until all intervals are narrow enough.
+
+    The number of runs after each look follows from the results alone: intervals narrow with its square root (Stein,
+    Ann. Math. Stat. 16, 1945). All places have the same number, so that arms stay paired.
+
+    Args:
+        plan: of the study.
+        folder: of the results.
+        options: as of `campaign.fly`.
+
+    Returns:
+        The plan with its final number of runs, and its outcomes.
+
+    Raises:
+        LaisnError: as of `fly_study`, or single runs do not have the metric.
+    """
+    until, batch = plan.study.until, plan.study.batch
+    while True:
+        outcomes = fly_study(plan, folder, **options)
+        runs = plan.study.runs
+        if until is None or runs >= until.most:
+            return plan, outcomes
+        widest = _widest(Results.of(outcomes.rows, outcomes.runs), until.metric)
+        if widest <= until.half_width:
+            return plan, outcomes
+        batches = math.ceil(runs * (widest / until.half_width) ** 2 / batch)
+        plan = replace(plan, study=replace(plan.study, runs=min(batches * batch, until.most)))
+        options |= {"force": False}
 
 
 def of_one_type(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:

@@ -24,7 +24,7 @@ from experiments.study.estimate import Place, Results
 from experiments.study.file import Study, study_of, table_in
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import Outcomes, fly_study, of_one_type, run_columns
+from experiments.study.run import Outcomes, fly_until_narrow, of_one_type, run_columns
 from laisn.failure import LaisnError
 from sim.files import atomic_write
 
@@ -147,11 +147,10 @@ def run_study(
         The page.
 
     Raises:
-        StudyError: a line for each fault of the study, before anything is flown.
-        LaisnError: as of `fly_study` and `write_results`.
+        StudyError: a line for each error of the study, before anything is flown.
+        LaisnError: as of `fly_until_narrow` and `write_results`.
     """
-    plan = plan_of(study)
-    outcomes = fly_study(plan, folder, **options)
+    plan, outcomes = fly_until_narrow(plan_of(study), folder, **options)
     filmed = film(plan, Results.of(outcomes.rows, outcomes.runs), folder) if film and outcomes.rows else None
     return write_results(plan, outcomes, folder, filmed)
 

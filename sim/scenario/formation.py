@@ -1,9 +1,10 @@
 """Formation: shapes, stations in the leader's trail, how followers keep them, and how they give way to each other."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from sim.scenario.section import CONTROL_STEP_S, NonNegative, Positive, Section, Speed, is_multiple
@@ -108,6 +109,51 @@ def followers_of(shape: Shape) -> list[dict[str, Any]]:
         }
         tables.append({"name": f"follower-{i + 1}", "station": station})
     return tables
+
+
+class Scatter(Section):
+    """Where followers of a drawn formation may have their stations."""
+
+    count: Annotated[int, Field(ge=1, le=50)] = Field(..., description="number of followers")
+    spacing_m: Annotated[float, Field(ge=3, le=200)] = Field(6.0, description="least horizontal distance of stations")
+    behind_m: Annotated[float, Field(ge=0, le=500)] = Field(10.0, description="how far astern the area begins")
+    length_m: Annotated[float, Field(ge=0, le=500)] = Field(40.0, description="of the area, along the leader's way")
+    width_m: Annotated[float, Field(ge=0, le=500)] = Field(40.0, description="of the area, across it")
+    depth_m: NonNegative = Field(10.0, description="depth of the first follower")
+    layer_m: Annotated[float, Field(ge=0, le=20)] = Field(
+        1.0, description="how much deeper each is than the one before"
+    )
+
+
+_TRIES = 1000
+"""Stations drawn for one follower before the area counts as full."""
+
+
+def scattered_followers(area: Scatter, address: Sequence[int]) -> list[dict[str, Any]]:
+    """Tables of followers on stations drawn evenly over an area, each again until it keeps its distance.
+
+    Args:
+        area: of the stations.
+        address: key of the random numbers.
+
+    Raises:
+        ValueError: the area is too small for so many.
+    """
+    rng, places = np.random.default_rng(address), list[tuple[float, float]]()
+    while len(places) < area.count:
+        for _ in range(_TRIES):
+            x = round(area.behind_m + area.length_m * float(rng.random()), 2)
+            y = round(area.width_m * (float(rng.random()) - 0.5), 2)
+            if all(math.hypot(x - a, y - b) >= area.spacing_m for a, b in places):
+                places.append((x, y))
+                break
+        else:
+            raise ValueError(f"{area.count} stations {area.spacing_m:g} m apart do not fit into the area")
+    return [
+        {"name": f"follower-{i + 1}",
+         "station": {"behind_m": x, "port_m": y, "depth_m": area.depth_m + i * area.layer_m}}
+        for i, (x, y) in enumerate(places)
+    ]  # fmt: skip
 
 
 class Formation(Section):

@@ -10,6 +10,11 @@ import pytest
 
 from experiments.campaign import version
 from experiments.campaign.version import OWN_PACKAGES, ROOT
+from experiments.studies import closed_loop, route_keeping
+from experiments.studies.asymmetry import findings as asymmetry
+from experiments.studies.estimators import findings as estimators
+from experiments.studies.formation import study as formation
+from experiments.studies.reproduction import findings as reproduction
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +118,16 @@ def test_whatever_python_loads_for_a_campaign_is_among_the_sources() -> None:
     known = {file.removesuffix("/__init__").replace("/", ".") for file in files}
     assert {"sim.motion", "experiments.campaign.montecarlo"} <= set(loaded.split())
     assert set(loaded.split()) <= known
+
+
+@pytest.mark.parametrize(
+    "modules",
+    [("experiments.study.measure",), reproduction.MODULES, asymmetry.MODULES, estimators.MODULES, formation.MODULES,
+     closed_loop.MODULES, route_keeping.MODULES],
+)  # fmt: skip
+def test_no_result_of_a_study_depends_on_how_pages_are_drawn(modules: tuple[str, ...]) -> None:
+    drawing = ("experiments.pages", "experiments.command", "sim.film")
+    assert not [name for name in version.reachable(modules) if name.startswith(drawing)]
 
 
 @pytest.mark.parametrize("module", ["experiments.study.study", "experiments.command.cli"])

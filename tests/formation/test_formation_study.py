@@ -12,7 +12,7 @@ from experiments.findings import read
 from experiments.studies.formation import study
 from experiments.studies.formation.conditions import CONDITIONS, Condition
 from experiments.studies.formation.findings import findings_of
-from experiments.studies.formation.study import measure
+from experiments.study.measure import records_of_run
 from experiments.study.metrics import METRICS
 
 
@@ -135,7 +135,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
         numbers = [number for name, number in design.tasks if name == condition.name]
         assert numbers == list(range(0, 6, condition.share))
         for number in numbers:
-            assert design.tasks[condition.name, number].args == (condition, number, 50.0)  # type: ignore[attr-defined]
+            assert design.tasks[condition.name, number].args == (condition.scenario(number, 50.0), number)
     assert {condition.share for condition in CONDITIONS} > {1}
     found = read(tmp_path / "results.json")
     assert found["runs"].value == 6
@@ -143,7 +143,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
 
 
 def test_a_short_run_keeps_its_stations() -> None:
-    rows = measure(CONDITIONS[0], 0, 30.0)
+    rows = records_of_run(CONDITIONS[0].scenario(0, 30.0), 0)
     assert len(rows) == 10
     assert max(row["station_max_m"] for row in rows) < 3.0
     assert min(row["closest_horizontal_m"] for row in rows) > 4.0

@@ -28,9 +28,10 @@ from experiments.study.measure import records_of_run
 from experiments.study.metrics import METRICS
 from experiments.study.page import commands
 from experiments.study.plan import plan_of
-from experiments.study.run import fly_study
+from experiments.study.run import fly_study, fly_until_narrow
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_study
 from laisn import metrics
+from laisn.failure import LaisnError
 from sim.scenario.file import read
 
 SMALL = """
@@ -224,7 +225,7 @@ def test_what_is_not_feasible_is_reported_with_its_points():
         ),
         (
             {"draw": {"leader.depth_m": {"zipf": {"a": 1.0001}}}},
-            "unknown distribution 'zipf'; available: choice, route_class, bernoulli",
+            "unknown distribution 'zipf'; available: choice, route_class, formation, bernoulli",
         ),
         ({"draw": {"leader.depth_m": {"norm": {"loc": [1, 2]}}}}, r"a parameter is a number within ±1e\+09"),
         ({"draw": {"leader.depth_m": {"gamma": {"a": 1e300}}}}, r"a parameter is a number within ±1e\+09"),
@@ -244,41 +245,90 @@ def test_a_fault_is_told_with_its_key(changes, told):
         plan_of(study(**changes))
 
 
-def test_a_fault_of_one_part_of_a_file_hides_none_of_another():
-    changes = {"runs": 0, "speed": 1, "vary": {"leader.depth_m": {"from": 0, "to": 9}}, "arm": [{}], "points": 8}
-    changes |= {"set": {"duraton_s": 9}, "report": {"metric": "e_p", "against": "leader.depth_m"}}
-    changes["arm"] = [{"navigation.variant": "laisn-9"}]
+def refused(**changes):
     with pytest.raises(StudyError) as error:
-        plan_of(study(**changes, draw={"ocean.waves.height_m": {"unifrom": [0, 1]}}))
-    text = str(error.value)
-    for told in (
-        "runs: ", "speed: unknown key", "vary.leader.depth_m: steps", "unknown distribution", "arm[0].name",
-        "did you mean 'duration_s'?", "navigation.variant: ", "unknown metric 'e_p'",
-    ):  # fmt: skip
+        plan_of(study(**changes))
+    return str(error.value)
+
+
+def test_all_errors_of_the_files_own_keys_are_reported_at_once():
+    text = refused(runs=0, speed=1, report={"metrik": "e_p"}, seas=0)
+    for told in ("runs: Input", "speed: unknown key", "report.metrik: unknown key", "seas: "):
         assert told in text
-    # what follows from a fault is none: a factor without values is varied all the same, and so are its seas
-    assert len(text.splitlines()) == 9
-    with pytest.raises(StudyError) as error:
-        plan_of(study(scenario="T11", report={"metric": "e_p"}, draw={}))
-    assert "unknown scenario 'T11'" in str(error.value)
-    assert "unknown metric 'e_p'" in str(error.value)
-    with pytest.raises(StudyError) as error:
-        plan_of(of_table({"runs": 0, "set": {"followers.1.depth_m": 3.0}}, "mine.toml", "mine"))
-    assert len(str(error.value).splitlines()) == 3, "without a scenario nothing can be said of its keys"
+    assert len(text.splitlines()) == 5
+    text = refused(
+        vary={"leader.depth_m": {"from": 0, "to": 9}, "acoustics.clock_offset_s": []},
+        draw={"ocean.waves.height_m": {"unifrom": [0, 1]}},
+        arm=[{"navigation.variant": "laisn-9"}],
+    )
+    for told in ("vary.leader.depth_m: steps", "clock_offset_s: the list", "unknown distribution", "arm[0].name"):
+        assert told in text
+    assert len(text.splitlines()) == 5
+    text = refused(scenario="T11", report={"metric": "e_p"})
+    assert "unknown scenario 'T11'" in text
+    assert "unknown metric 'e_p'" in text
 
 
-def test_a_key_is_looked_at_though_its_values_are_at_fault():
-    vary = {"leader.excess_bouyancy_n": [], "followers.3.depth_m": {"from": 1, "to": 1}, "leader.depth_m": []}
-    draw = {"ocaen.floor_depth_m": {"uniform": [3]}, "acoustics.range_tau_m.0": {"unifrom": [0, 1]}}
-    with pytest.raises(StudyError) as error:
-        plan_of(study(vary=vary, draw=draw, set={"leader.depth_m": 8.0}))
-    text = str(error.value)
-    assert "leader.excess_bouyancy_n: unknown key; did you mean 'excess_buoyancy_n'?" in text
-    assert "followers.3.depth_m is no key of this scenario" in text
-    assert "ocaen: unknown key; did you mean 'ocean'?" in text
-    assert "leader.depth_m: stands in [set] and in [vary]" in text
-    # the five faults of values, and nothing of the two keys that are right
-    assert len(text.splitlines()) == 1 + 5 + 4
+@pytest.mark.parametrize("changes", [{"runs": 0}, {"report": {"metric": "e_p"}}, {"points": 8}, {"arm": [{}]}])
+def test_an_error_of_the_file_is_reported_before_any_point_is_validated(monkeypatch, changes):
+    monkeypatch.setattr("experiments.study.plan.examined", lambda *_: pytest.fail("a point was validated"))
+    assert refused(**changes)
+
+
+UNTIL = {"batch": 20, "until": {"metric": "e_p_mean_m", "half_width": 0.1, "most": 400}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"runs": UNTIL}, "runs.until: the interval over several seas narrows with seas"),
+        ({"seas": 1, "draw": {}, "runs": {"batch": 20}}, "runs.until: Field required"),
+        ({"seas": 1, "draw": {}, "runs": UNTIL | {"batch": 3}}, "runs.batch: Input should be greater than or equal to"),
+        (
+            {"seas": 1, "draw": {}, "runs": {"until": {"metric": "e_p", "half_width": 1.0}}},
+            "runs.until.metric: unknown",
+        ),
+        ({"seas": 1, "draw": {}, "runs": {"until": {"half_width": 0.0}}}, "runs.until.half_width: Input should be"),
+    ],
+)
+def test_a_wrong_number_of_runs_is_told_with_its_key(changes, told):
+    assert told in refused(**changes)
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
+    given = {"seas": 1, "draw": {}, "arm": [], "set": {"duration_s": 20.0}}
+    one = study(SMALL, runs=UNTIL, **given)
+    first = Results.of(*rows_and_runs(fly_study(plan_of(one), tmp_path / "first", workers=1, quiet=True)))
+    widths = [half_width(first.estimate(place, "e_p_mean_m")) for place in first.rows]
+    wanted = 0.6 * max(widths)
+    narrow = UNTIL | {"until": UNTIL["until"] | {"half_width": wanted}}
+    run_study(study(SMALL, runs=narrow, **given), tmp_path / "until", workers=1, quiet=True)
+    flown = pq.read_table(tmp_path / "until" / RESULTS).to_pylist()
+    (runs,) = {row["runs"] for row in flown}
+    # 20 / 0.6² = 55.6: as a rule three batches are enough
+    assert runs % 20 == 0
+    assert 40 <= runs <= 120
+    # the same as with that number of runs from the start, to the byte
+    run_study(study(SMALL, runs=runs, **given), tmp_path / "fixed", workers=1, quiet=True)
+    for name in (RESULTS, RUNS, RECORD):
+        assert (tmp_path / "until" / name).read_bytes() == (tmp_path / "fixed" / name).read_bytes()
+    found = findings.read(tmp_path / "until" / RECORD).findings
+    assert max((f.high - f.low) / 2 for key, f in found.items() if "point" in key) <= wanted
+    most = UNTIL | {"until": {"half_width": 1e-6, "most": 30}}
+    plan, outcomes = fly_until_narrow(plan_of(study(SMALL, runs=most, **given)), tmp_path / "most", quiet=True)
+    assert (plan.study.runs, {row["runs"] for row in outcomes.rows}) == (30, {30})
+    cells = UNTIL | {"until": {"metric": "nees", "half_width": 1.0}}
+    with pytest.raises(LaisnError, match="'nees' is not a metric of single runs"):
+        fly_until_narrow(plan_of(study(SMALL, runs=cells, **given)), tmp_path / "until", workers=1, quiet=True)
+
+
+def rows_and_runs(outcomes):
+    return outcomes.rows, outcomes.runs
+
+
+def half_width(interval):
+    return (interval.high - interval.low) / 2
 
 
 @pytest.mark.usefixtures("few_figures")
@@ -367,6 +417,16 @@ def test_a_dry_run_says_what_a_study_takes_and_leaves_nothing(tmp_path, monkeypa
     assert result.exit_code == 0, result.output
     assert "4 flights, 8 cells, 24 runs" in result.output
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_drawn_formations_are_the_followers_of_their_sea():
+    area = {"count": 4, "spacing_m": 7.0, "width_m": 60.0, "layer_m": 0.0}
+    one = of_table({"scenario": "swarm", "seas": 3, "draw": {"followers": {"formation": area}}}, "s", "s")
+    places = [[f.station for f in entry.scenario.followers] for entry in plan_of(one).entries]
+    assert [len(stations) for stations in places] == [4, 4, 4]
+    assert places[0] != places[1]
+    drawn = one.draws[0].value(1, 2)
+    assert [station.port_m for station in places[2]] == [follower["station"]["port_m"] for follower in drawn]
 
 
 @pytest.mark.parametrize("name", shipped())

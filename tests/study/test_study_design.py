@@ -114,7 +114,7 @@ def test_a_draw_that_is_none_says_what_was_expected(given, told):
         Draw.of("x", given)
 
 
-def test_a_route_is_drawn_for_each_sea_from_its_class() -> None:
+def test_a_route_is_drawn_for_each_sea_from_its_class(monkeypatch: pytest.MonkeyPatch) -> None:
     """Waypoints depend on seed, sea and key alone; of any class all come up."""
     key = "followers.0.waypoints"
     near = Draw.of(key, {"route_class": "50-near-alike"})
@@ -122,8 +122,43 @@ def test_a_route_is_drawn_for_each_sea_from_its_class() -> None:
     legs = np.diff([time for time, _, _ in near.value(3, 0)])
     assert np.all(legs[:-1] <= 80.0), "a class of near waypoints"
     every = Draw.of(key, {"route_class": "any"})
-    assert every.route_classes == tuple(CLASSES)
     far = [np.diff([time for time, _, _ in every.value(3, sea)]).min() >= 100.0 for sea in range(24)]
     assert 4 <= sum(far) <= 20, "half of the classes have waypoints far apart"
     with pytest.raises(ValueError, match=r"route_class expects any, 50-near-alike, .*\(given: 'near'\)"):
         Draw.of(key, {"route_class": "near"})
+    monkeypatch.setattr("experiments.study.design.random_waypoints", lambda name, _: name)
+    assert {every.value(3, sea) for sea in range(200)} == set(CLASSES)
+
+
+def test_a_formation_is_drawn_for_each_sea_and_keeps_its_distances() -> None:
+    area = {"count": 8, "spacing_m": 7.0, "behind_m": 12.0, "length_m": 30.0, "width_m": 50.0, "layer_m": 0.5}
+    draw = Draw.of("followers", {"formation": area})
+    formations = [draw.value(1, sea) for sea in range(40)]
+    assert formations[3] == Draw.of("followers", {"formation": area}).value(1, 3)
+    places = []
+    for followers in formations:
+        stations = [follower["station"] for follower in followers]
+        place = np.array([(s["behind_m"], s["port_m"]) for s in stations])
+        apart = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1)) + 100.0 * np.eye(8)
+        assert apart.min() >= 7.0
+        assert [s["depth_m"] for s in stations] == [10.0 + 0.5 * i for i in range(8)]
+        places.append(place)
+    # drawn evenly: the middle of the area, to within three standard errors of 320 places
+    behind, port = np.concatenate(places).T
+    assert (behind.min() >= 12.0, behind.max() <= 42.0, np.abs(port).max() <= 25.0) == (True, True, True)
+    assert behind.mean() == pytest.approx(27.0, abs=3 * 30.0 / np.sqrt(12 * 320))
+    assert port.mean() == pytest.approx(0.0, abs=3 * 50.0 / np.sqrt(12 * 320))
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"count": 0}, "formation expects a table with count, spacing_m, .*; count: Input should be greater"),
+        ({"cuont": 3}, "count: Field required"),
+        ("any", "formation expects a table"),
+        ({"count": 50, "length_m": 10.0, "width_m": 10.0}, "50 stations 6 m apart do not fit into the area"),
+    ],
+)
+def test_a_formation_that_cannot_be_drawn_is_refused(given: object, told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        Draw.of("followers", {"formation": given})

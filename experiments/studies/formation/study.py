@@ -18,12 +18,12 @@ from experiments.pages.page import Figures, share_of, with_limits, write
 from experiments.pages.style import FULL, SERIES, Legend
 from experiments.pages.template import page_of
 from experiments.studies.formation import limits
-from experiments.studies.formation.conditions import CONDITIONS, Condition
+from experiments.studies.formation.conditions import CONDITIONS
 from experiments.studies.formation.findings import findings_of
 from experiments.study.measure import records_of_run
 
 COMMAND = "laisn formation"
-MODULES = ("experiments.studies.formation.study",)
+MODULES = tuple(f"experiments.studies.formation.{name}" for name in ("conditions", "findings", "limits"))
 RUNS = 60
 DURATION_S = 1000.0
 _NAMES_INCH = 3.4
@@ -36,11 +36,6 @@ _SERIES = {
 """Findings of the figure: colour, marker and words."""
 
 
-def measure(condition: Condition, run: int, duration_s: float = DURATION_S) -> list[Record]:
-    """Simulate one run of a condition: a row for each follower."""
-    return records_of_run(condition.scenario(run, duration_s), run)
-
-
 def record_of(found: Mapping[str, list[list[Record]]]) -> Findings:
     """The record of all conditions, from the rows of their runs, and of the bound behind a weaving leader."""
     return record("formation", COMMAND, MODULES, findings_of(found) | limits.findings())
@@ -49,12 +44,12 @@ def record_of(found: Mapping[str, list[list[Record]]]) -> Findings:
 def fly(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S, **options: Unpack[ExecutionOptions]) -> None:
     """Fly all conditions, or what is missing, and write the record into a folder; `options` as of `campaign.fly`."""
     tasks = {
-        (c.name, number): partial(measure, c, number, duration_s)
+        (c.name, number): partial(records_of_run, c.scenario(number, duration_s), number)
         for number in range(runs)
         for c in CONDITIONS
         if number % c.share == 0
     }
-    design = Design(tasks=tasks, what="formations", ahead=partial(measure, CONDITIONS[0], 0, 3.0))
+    design = Design(tasks=tasks, what="formations", ahead=partial(records_of_run, CONDITIONS[0].scenario(0, 3.0), 0))
     found: dict[str, list[list[Record]]] = {condition.name: [] for condition in CONDITIONS}
     for (name, _), rows in campaign.fly(design, folder, **options).tasks.items():
         found[name].append(rows)
