@@ -131,7 +131,8 @@ def show_info(path: Path) -> None:
     from sim.log.contents import Contents
 
     log, console = Contents(path, lambda topic, _: False), Console()
-    begin, end = log.span_ns
+    times = [int(at) for t in log.topics.values() if t.count for at in (t.time_ns.min(), t.time_ns.max())]
+    begin, end = min(times, default=0), max(times, default=0)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
     tell(console, f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from {start.isoformat()}")
     topics = sorted(log.topics.items())

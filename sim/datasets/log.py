@@ -18,10 +18,10 @@ from sim.datasets.range_data import RangeData
 from sim.datasets.range_tables import read_range_tables
 from sim.datasets.vehicle_table import VehicleTable
 from sim.files import atomic_write
-from sim.log.channels import Channel, numeric
+from sim.log.channels import Channel, numeric, poses
 from sim.log.contents import Contents, LogError, faults
 from sim.log.reader import read_recording
-from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE, RECEPTION, RecordType
+from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, RECEPTION, RecordType
 from sim.log.writer import log_file
 
 VEHICLE = "vehicle"
@@ -110,11 +110,15 @@ def _channels(data: RangeData) -> Iterator[Channel]:
 
     at, *place = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
     turn = np.tile([1.0, 0.0, 0.0, 0.0], (at.size, 1))
-    yield _channel(POSE, at, {"position": np.column_stack([*place, np.zeros(at.size)]), "quaternion": turn})
+    yield poses(f"/{VEHICLE}/pose", _nanoseconds(at), np.column_stack([*place, np.zeros(at.size)]), turn)
+
+
+def _nanoseconds(time: Floats) -> Ints:
+    return np.rint(time * 1e9).astype(np.int64)
 
 
 def _channel(type_: RecordType, time: Floats, arrays: dict[str, Floats]) -> Channel:
-    return numeric(f"/{VEHICLE}", type_, np.rint(time * 1e9).astype(np.int64), arrays.__getitem__)
+    return numeric(f"/{VEHICLE}", type_, _nanoseconds(time), arrays.__getitem__)
 
 
 def write_data_set(data: RangeData, path: Path) -> None:

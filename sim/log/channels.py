@@ -1,13 +1,13 @@
 """A flight as channels of timed messages, serialised on demand."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
+from itertools import repeat
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from foxglove import Schema
-from foxglove.messages import LocationFix, LocationFixPositionCovarianceType, Log, LogLevel, SceneUpdate
+from foxglove import messages as fg
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
@@ -16,8 +16,9 @@ from sim.geometry import attitude
 from sim.geometry.geodesy import geodetic
 from sim.log import schema
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
-from sim.log.schema import Clock, RecordType, timestamp
+from sim.log.schema import Clock, RecordType, rotation, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
+from sim.trajectory import Trajectory
 
 Errors = tuple[Floats, Floats]
 """E_P [m] and E_B [rad] of a follower at filter steps k = 1 … n, shapes (n,)."""
@@ -38,6 +39,8 @@ FIX_LINES: dict[FixKind, tuple[Level, str]] = {
 """Level and text of the lines of `/log` for every kind of fix."""
 _OUTCOME_LEVELS: dict[Outcome, Level] = {Outcome.COMPLETED: "info", Outcome.CONTACT: "warning"}
 """Levels of outcomes that are no errors."""
+_BLOCK = 256
+"""Messages of a channel that are made at once."""
 
 
 class Event(NamedTuple):
@@ -51,8 +54,7 @@ class Event(NamedTuple):
     """Name that the line stands under, such as a vehicle."""
 
 
-@dataclass(frozen=True)
-class Channel:
+class Channel(NamedTuple):
     """Messages of one topic, in order of time."""
 
     topic: str
@@ -60,15 +62,21 @@ class Channel:
     """Type of its messages."""
     time_ns: Ints
     """Time of each message since 1970, shape (n,), [ns]."""
-    rows: Callable[[int, int], list[bytes]]
-    """Serialised messages from one index up to another."""
+    rows: Callable[[slice], Iterable[bytes]]
+    """Serialised messages of a stretch."""
+
+    def messages(self, key: int) -> Iterator[tuple[int, int, bytes]]:
+        """Times [ns], key and serialised messages, made in blocks."""
+        for start in range(0, self.time_ns.size, _BLOCK):
+            part = slice(start, start + _BLOCK)
+            yield from zip(self.time_ns[part].tolist(), repeat(key), self.rows(part))
 
 
 def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Callable[[str], schema.Array]) -> Channel:
     """A channel of numbers: messages at times, shape (n,), [ns], from arrays by attribute, n rows each."""
 
-    def rows(start: int, stop: int) -> list[bytes]:
-        return type_.rows(time_ns[start:stop], lambda attribute: arrays(attribute)[start:stop])
+    def rows(part: slice) -> list[bytes]:
+        return type_.rows(time_ns[part], lambda attribute: arrays(attribute)[part])
 
     return Channel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
 
@@ -76,17 +84,31 @@ def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Callable[[str
 def _single(topic: str, type_: Any, time_ns: Ints, encode: Callable[[int, int], bytes]) -> Channel:
     """Messages of a type of Foxglove's that are serialised one by one, from their index and their time [ns]."""
 
-    def rows(start: int, stop: int) -> list[bytes]:
-        return [encode(i, int(time_ns[i])) for i in range(start, stop)]
+    def rows(part: slice) -> Iterator[bytes]:
+        return (encode(i, at) for i, at in enumerate(time_ns[part].tolist(), start=part.start))
 
     return Channel(topic, type_.get_schema(), time_ns, rows)
+
+
+def poses(topic: str, time_ns: Ints, position: Floats, quaternion: Floats) -> Channel:
+    """Positions, shape (n, 3), [m], and quaternions (w, x, y, z), shape (n, 4), in the world."""
+
+    def rows(part: slice) -> Iterator[bytes]:
+        for at, (x, y, z), (w, i, j, k) in zip(
+            *(a[part].tolist() for a in (time_ns, position, quaternion)), strict=True
+        ):
+            # written out: calls of `schema.pose` would take as long again
+            pose = fg.Pose(position=fg.Vector3(x=x, y=y, z=z), orientation=fg.Quaternion(w=w, x=i, y=j, z=k))
+            yield fg.PoseInFrame(timestamp=timestamp(at), frame_id="world", pose=pose).encode()
+
+    return Channel(topic, fg.PoseInFrame.get_schema(), time_ns, rows)
 
 
 def _locations(
     flight: Flight, topic: str, time_ns: Ints, position: Floats, covariance: Floats | None = None
 ) -> Channel:
     """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make them estimates."""
-    kinds, origin = LocationFixPositionCovarianceType, flight.scenario
+    kinds, origin = fg.LocationFixPositionCovarianceType, flight.scenario
     place = geodetic(position, origin.origin_latitude_deg, origin.origin_longitude_deg)
     whole = np.zeros((time_ns.size, 3, 3))
     if covariance is not None:
@@ -94,7 +116,7 @@ def _locations(
 
     def encode(i: int, at: int) -> bytes:
         latitude, longitude, altitude = place[i].tolist()
-        fix = LocationFix(
+        fix = fg.LocationFix(
             timestamp=timestamp(at),
             frame_id="world",
             latitude=latitude,
@@ -107,19 +129,39 @@ def _locations(
         )
         return fix.encode()
 
-    return _single(topic, LocationFix, time_ns, encode)
+    return _single(topic, fg.LocationFix, time_ns, encode)
+
+
+def _transform(at: int, parent: str, child: str, xyz: Sequence[float], turn: fg.Quaternion) -> fg.FrameTransform:
+    place, stamp = vector(xyz), timestamp(at)
+    return fg.FrameTransform(
+        timestamp=stamp, parent_frame_id=parent, child_frame_id=child, translation=place, rotation=turn
+    )
+
+
+def _transforms(t: Trajectory, time_ns: Ints) -> Iterator[Channel]:
+    """World to vehicles; and at the start vehicles to their sites."""
+
+    def moving(part: slice) -> Iterator[bytes]:
+        for at, *poses in zip(*(a[part].tolist() for a in (time_ns, t.position, t.quaternion)), strict=True):
+            placed = zip(t.names, *poses, strict=True)
+            frames = [_transform(at, "world", name, xyz, rotation(turn)) for name, xyz, turn in placed]
+            yield fg.FrameTransforms(transforms=frames).encode()
+
+    def fixed(_: int, at: int) -> bytes:
+        sites = zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True)
+        frames = [_transform(at, t.names[vehicle], name, offset, rotation()) for name, vehicle, offset in sites]
+        return fg.FrameTransforms(transforms=frames).encode()
+
+    yield Channel("/tf", fg.FrameTransforms.get_schema(), time_ns, moving)
+    yield _single("/tf_static", fg.FrameTransforms, time_ns[:1], fixed)
 
 
 def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
     """Transforms, poses, states and map positions of all vehicles."""
     t = flight.trajectory
     time_ns, second = clock.ns(t.time), round(1.0 / CONTROL_STEP_S)
-    sites = [
-        (t.names[vehicle], name, offset)
-        for name, vehicle, offset in zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True)
-        if name.rpartition("/")[2].startswith(("tx_", "hydrophone"))
-    ]
-    yield numeric("", schema.transforms(t.names, sites), time_ns, partial(getattr, t))
+    yield from _transforms(t, time_ns)
     for v, name in enumerate(t.names):
         effectors = t.effector_names[v] if t.effector_names else ()
 
@@ -127,8 +169,8 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
             array: schema.Array = getattr(t, attribute)
             return array if attribute == "time" else array[:, v, :m] if attribute == "thrust" else array[:, v]
 
-        for type_ in (schema.POSE, schema.vehicle_state(effectors)):
-            yield numeric(f"/{name}", type_, time_ns, arrays)
+        yield numeric(f"/{name}", schema.vehicle_state(effectors), time_ns, arrays)
+        yield poses(f"/{name}/pose", time_ns, t.position[:, v], t.quaternion[:, v])
         yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
 
@@ -141,8 +183,7 @@ def _follower(flight: Flight, clock: Clock, f: int) -> Iterator[Channel]:
             at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
             yield numeric(f"/{name}", type_, at, partial(getattr, record))
     position = np.column_stack([e.state[:, :2], -m.depth])
-    pose = {"position": position, "quaternion": attitude.from_euler(m.heading)}
-    yield numeric(f"/{name}", schema.ESTIMATE, time_ns, pose.__getitem__)
+    yield poses(f"/{name}/estimate", time_ns, position, attitude.from_euler(m.heading))
     second = max(1, round(1.0 / m.dt))
     each = slice(second - 1, None, second)
     yield _locations(flight, f"/{name}/estimate/fix", time_ns[each], position[each], e.covariance[each, :2, :2])
@@ -168,10 +209,10 @@ def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
     lines.sort(key=lambda line: line.time_s)
 
     def encode(i: int, at: int) -> bytes:
-        level = getattr(LogLevel, lines[i].level.capitalize())
-        return Log(timestamp=timestamp(at), level=level, message=lines[i].text, name=lines[i].source).encode()
+        level = getattr(fg.LogLevel, lines[i].level.capitalize())
+        return fg.Log(timestamp=timestamp(at), level=level, message=lines[i].text, name=lines[i].source).encode()
 
-    return _single("/log", Log, clock.ns([line.time_s for line in lines]), encode)
+    return _single("/log", fg.Log, clock.ns([line.time_s for line in lines]), encode)
 
 
 def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
@@ -179,8 +220,8 @@ def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
     acoustic_ns = clock.ns(received * flight.measurements[0].dt)
-    yield _single("/scene/vehicles", SceneUpdate, clock.ns(t.time[seconds]), draw_vehicles(flight, seconds))
-    yield _single("/scene/acoustics", SceneUpdate, acoustic_ns, draw_acoustics(flight, received))
+    yield _single("/scene/vehicles", fg.SceneUpdate, clock.ns(t.time[seconds]), draw_vehicles(flight, seconds))
+    yield _single("/scene/acoustics", fg.SceneUpdate, acoustic_ns, draw_acoustics(flight, received))
 
 
 def channels(flight: Flight, errors: Sequence[Errors], events: Iterable[Event]) -> list[Channel]:

@@ -22,7 +22,7 @@ from mcap.well_known import MessageEncoding
 
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
-from sim.log.schema import Clock, FixedLayout, message_class_of
+from sim.log.schema import Clock, fixed_layout, message_class_of
 from sim.scenario import file as scenario_file
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
@@ -89,17 +89,21 @@ def _decompressed(chunk: Chunk, most: int) -> Chunk:
     return replace(chunk, compression="", data=data)
 
 
+def _reason(error: Exception) -> str:
+    """What is wrong with a record by which the library failed."""
+    if isinstance(error, CRCValidationError):
+        return f"the checksum of {'a chunk' if isinstance(error.record, Chunk) else 'the data section'} does not match"
+    return "the file ends within a record" if isinstance(error, (EndOfFile, struct.error)) else str(error)
+
+
 def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
     """The data section of an MCAP file in order, each record after its checksum was verified.
 
-    Metadata have no checksum but that of the section as a whole, at its end.
+    Metadata have no checksum but that of the section as a whole, at its end. Each chunk is followed by what is in it.
 
     Args:
         path: the file.
         on_damaged: is called for a damaged attachment, which is left out; None: it raises.
-
-    Yields:
-        The records; each chunk is followed by those in it.
 
     Raises:
         DamagedError: the first record that is broken, or the missing end of the file.
@@ -113,8 +117,8 @@ def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iter
         try:
             for record in reader.records:
                 if isinstance(record, Chunk):
+                    inner = breakup_chunk(_decompressed(record, left), validate_crc=True)
                     left -= record.uncompressed_size
-                    inner = breakup_chunk(_decompressed(record, left + record.uncompressed_size), validate_crc=True)
                     yield record
                     yield from inner
                 elif isinstance(record, Attachment) and not _intact(stream, record):
@@ -131,41 +135,38 @@ def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iter
         except OSError:
             raise
         except Exception as error:
-            # the library fails in many ways on bytes that are no record
             if size < MAGIC_SIZE or (isinstance(error, InvalidMagic) and at == 0):
                 raise LogError(f"{path}: no MCAP file") from error
-            reason = str(error)
-            if isinstance(error, CRCValidationError):
-                where = "a chunk" if isinstance(error.record, Chunk) else "the data section"
-                reason = f"the checksum of {where} does not match"
-            elif isinstance(error, (EndOfFile, struct.error)):
-                reason = "the file ends within a record"
-            raise DamagedError(path, f"damaged or cut off at byte {at}: {reason}") from error
+            raise DamagedError(path, f"damaged or cut off at byte {at}: {_reason(error)}") from error
 
 
-def _value(message: Any, name: str) -> Any:
-    """A single value of a message, None if it or what holds it is not set."""
+def _getter(descriptor: Any, name: str) -> Callable[[Any], Any]:
+    """Reads a single value of a message; None if it or what holds it is not set."""
+    path = list[tuple[str, bool]]()
     for part in name.split("."):
-        if message.DESCRIPTOR.fields_by_name[part].has_presence and not message.HasField(part):
-            return None
-        message = getattr(message, part)
-    return message
+        field = descriptor.fields_by_name[part]
+        path.append((part, field.has_presence))
+        descriptor = field.message_type
+
+    def value(message: Any) -> Any:
+        for part, optional in path:
+            if optional and not message.HasField(part):
+                return None
+            message = getattr(message, part)
+        return message
+
+    return value
 
 
 class Messages:
-    """The messages of a topic.
-
-    Args:
-        schema: of the messages; None: unknown.
-        encoding: of the messages, such as "protobuf".
-    """
+    """The messages of a topic, of a schema (None: unknown) and an encoding; if they are not kept, their times alone."""
 
     def __init__(self, schema: Any, encoding: str = MessageEncoding.Protobuf) -> None:
         self.schema, self.encoding, self.kept = schema, encoding, True
         self._times, self.data = array("q"), list[bytes]()
 
     def add(self, message: Message) -> None:
-        """Append a message; only its time if messages are not kept."""
+        """Append a message."""
         self._times.append(message.log_time)
         if self.kept:
             self.data.append(message.data)
@@ -208,32 +209,24 @@ class Messages:
     def columns(self, names: Sequence[str]) -> list[Values]:
         """Values by the names of their fields ("pose.position.x"), n each; enumerations are numbers.
 
-        Messages that differ in numbers of eight bytes alone, as all of a flight's channel do, are read as arrays. A
-        field that has presence and is not set gives None; of numbers, `table` makes it NaN.
+        Messages with a number of eight bytes in every field, as those of a flight, are read as arrays. A field that has
+        presence and is not set gives None; of numbers, `table` makes it NaN.
 
         Raises ValueError if a message is malformed, or a field holds no single value.
         """
         for name in names:
             if self.field(name).is_repeated or self.field(name).message_type is not None:
                 raise ValueError(f"field {name} holds no single value")
-        parse = self.message_class.FromString
-        sizes = {len(data) for data in self.data}
-        if len(sizes) == 1 and any(sizes):
-            first = parse(self.data[0])
-            layout = FixedLayout(first)
-            block = layout.read(bytearray().join(self.data)) if layout.dtype.itemsize in sizes else None
-            if block is not None:
-                return [
-                    block[name].copy()
-                    if name in layout.names
-                    else np.broadcast_to(np.array(_value(first, name), object), block.size)
-                    for name in names
-                ]
-        found: list[list[Any]] = [[] for _ in names]
-        for data in self.data:
-            message = parse(data)
-            for values, name in zip(found, names, strict=True):
-                values.append(_value(message, name))
+        descriptor, parse = self.message_class.DESCRIPTOR, self.message_class.FromString
+        layout = fixed_layout(descriptor)
+        if layout and {len(data) for data in self.data} == {layout[0].itemsize}:
+            block = np.frombuffer(b"".join(self.data), layout[0])
+            if all(np.all(block[tag] == value) for tag, value in layout[1].items()):
+                return [block[name].copy() for name in names]
+        getters, found = [_getter(descriptor, name) for name in names], [list[Any]() for _ in names]
+        for message in map(parse, self.data):
+            for values, getter in zip(found, getters, strict=True):
+                values.append(getter(message))
         return list(found)
 
     def table(self, names: Sequence[str]) -> Floats:
@@ -294,12 +287,6 @@ class Contents:
             for messages in self.topics.values():
                 messages.sort()
 
-    @property
-    def span_ns(self) -> tuple[int, int]:
-        """Log times of the first and the last message [ns]; 0 without messages."""
-        times = [messages.time_ns for messages in self.topics.values() if messages.count]
-        return min((int(t.min()) for t in times), default=0), max((int(t.max()) for t in times), default=0)
-
     def start_ns(self) -> int:
         """When the mission began: the epoch of its scenario, or in other logs the first message kept [ns]."""
         if SCENARIO in self.attachments:
@@ -307,16 +294,15 @@ class Contents:
         return min((int(m.time_ns[0]) for m in self.topics.values() if m.data), default=0)
 
     def require(self, topic: str, names: Sequence[str], empty: Any = None) -> Messages:
-        """The messages of a topic.
+        """The messages of a topic that have fields of these names.
 
         Args:
             topic: of the channel.
-            names: fields that its messages must have.
+            names: of the fields.
             empty: schema of a channel that is not in the file if it has no message; None: it must be there.
 
         Raises:
-            LogError: there is no such channel or field; the text names the topics or fields that there are. A schema
-                that is malformed raises what protobuf raises, for `faults` to name the file.
+            LogError: there is no such channel or field; the text names the topics or fields that there are.
         """
         messages = self.topics.get(topic, empty and Messages(empty))
         if messages is None:
@@ -324,8 +310,7 @@ class Contents:
         if not messages.is_protobuf:
             found = f"{messages.encoding!r}{'' if messages.schema else ' without a schema'}"
             raise LogError(f"{self.path}: channel {topic} is encoded as {found}, expected protobuf and its schema")
-        missing = [name for name in names if messages.field(name) is None]
-        if missing:
+        if missing := [name for name in names if messages.field(name) is None]:
             known = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
             raise LogError(f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
         return messages

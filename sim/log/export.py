@@ -14,7 +14,7 @@ from google.protobuf.descriptor import FieldDescriptor
 
 from sim.files import atomic_write
 from sim.log.contents import Contents, LogError, Messages, faults
-from sim.log.schema import ERROR, POSE
+from sim.log.schema import ERROR, POSE_FIELDS
 
 Format = Literal["parquet", "csv"]
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
@@ -186,15 +186,15 @@ def write_recording(log_path: Path, path: Path) -> Path:
         for topic, messages in log.topics.items():
             if not messages.kept or topic in _SCENES:
                 continue
-            name, type_ = topic.split("/")[1], POSE if topic.endswith("/pose") else ERROR
-            arrays = type_.arrays(log.require(topic, type_.fields).table)
+            name = topic.split("/")[1]
             index = [rr.TimeColumn(_TIMELINE, duration=(messages.time_ns - start_ns) / 1e9)]
-            if type_ is POSE:
-                turn = arrays["quaternion"][:, [1, 2, 3, 0]]
-                columns = rr.Transform3D.columns(translation=arrays["position"], quaternion=turn)
+            if topic.endswith("/pose"):
+                xyz, turn = np.split(log.require(topic, POSE_FIELDS).table(POSE_FIELDS), [3], axis=1)
+                columns = rr.Transform3D.columns(translation=xyz, quaternion=turn)
                 rr.send_columns(f"world/{name}", indexes=index, columns=columns, recording=stream)
             else:
-                columns = rr.Scalars.columns(scalars=arrays["position_error"])
+                error = log.require(topic, ERROR.fields).table(ERROR.fields[:1])
+                columns = rr.Scalars.columns(scalars=error[:, 0])
                 rr.send_columns(f"errors/{name}/E_P", indexes=index, columns=columns, recording=stream)
         stream.flush()
         stream.disconnect()

@@ -12,14 +12,14 @@ from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from sim.flight import Flight, Outcome
 from sim.log.contents import FLIGHT, SCENARIO, VEHICLES, Contents, LogError, Messages, faults
-from sim.log.schema import DETAILS, MEASURED, PLACES, POSE, Clock, RecordType, estimated, vehicle_state
+from sim.log.schema import DETAILS, MEASURED, PLACES, Clock, RecordType, estimated, vehicle_state
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
 TRUTH = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
-"""Arrays of every vehicle; what else its channels hold follows from them."""
-CORE = (POSE, vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
+"""Arrays of every vehicle; what else its channel holds follows from them."""
+CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 """Types of the channels that make up a flight; all other channels are derived from them."""
 _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0
@@ -27,7 +27,7 @@ LONGEST_GAP_S = 10.0
 _GAP = 2.0
 """From so many filter steps on, the time between own measurements is called a gap."""
 _SHORTEST_NS, _LONGEST_NS = 10**5, 10**11
-"""Filter steps beyond these are not believed of a vehicle [ns]."""
+"""Filter steps beyond these are reported as unusual [ns]."""
 _NAMED = 5
 """Most gaps that are named."""
 _OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
@@ -44,43 +44,35 @@ class Recording(NamedTuple):
     """A sentence each."""
 
 
-def _record(log: Contents, name: str, types: Sequence[RecordType], steps_ns: Ints | None) -> tuple[Ints, Any]:
-    """Times of steps, shape (n,), [ns], and arrays by attribute, of some channels of a vehicle in a flight.
-
-    Without times, the steps are those of the first channel. A message is available at the first step at or after it.
-    """
-    found, times = dict[str, Any](), dict[str, Ints]() if steps_ns is None else {"": steps_ns}
+def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints) -> dict[str, Any]:
+    """Arrays of channels of a vehicle in a flight by attribute; messages must have these times, shape (n,), [ns]."""
+    found = dict[str, Any]()
     for type_ in types:
         topic = f"/{name}/{type_.topic}"
         # a channel without a message is not in the file
         messages = log.require(topic, type_.fields, type_.schema if type_.steps else None)
-        found |= type_.arrays(messages.table)
-        if not np.array_equal(times.setdefault(type_.steps, messages.time_ns), messages.time_ns):
-            raise LogError(f"{log.path}: the times of {topic} are not those of the flight's other channels")
+        step = np.searchsorted(grid_ns, messages.time_ns).astype(np.int64)
+        regular = np.all(step < grid_ns.size) and np.array_equal(grid_ns[step], messages.time_ns)
+        if not regular or (not type_.steps and step.size != grid_ns.size):
+            raise LogError(f"{log.path}: the messages of {topic} are not at the times of a flight, without a gap")
+        found |= type_.arrays(messages.table) | ({type_.steps: step + 1} if type_.steps else {})
         # hours of messages would fill the memory beside their numbers
         log.topics.pop(topic, None)
-    for steps in filter(None, times):
-        found[steps] = np.searchsorted(times[""], times[steps]).astype(np.int64) + 1
-        if np.any(found[steps] > times[""].size):
-            raise LogError(f"{log.path}: channels of {name} go on after the last filter step")
-    return times[""], found
+    return found
 
 
-def _trajectory(log: Contents) -> tuple[Trajectory, Ints]:
-    """The truth and its times, shape (n,), [ns]."""
+def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
+    """The truth at these times, shape (n,), [ns]."""
     table = json.loads(log.attachments[VEHICLES])
-    names, sites = tuple(table["names"]), table["sites"]
-    effectors = table["effectors"] or [[] for _ in names]
+    names, sites, effectors = table["names"], table["sites"], table["effectors"] or [[] for _ in table["names"]]
     most = max(len(own) for own in effectors)
-    found, grids, force = list[Any](), list[Ints](), np.zeros((len(names), most, 3))
+    found, force = list[Any](), np.zeros((len(names), most, 3))
     for v, (name, own) in enumerate(zip(names, effectors, strict=True)):
         force[v, : len(own)] = np.reshape([effector["force"] for effector in own], (-1, 3))
-        types = POSE, vehicle_state(tuple(effector["name"] for effector in own))
-        grid, arrays = _record(log, name, types, grids[0] if v else None)
-        grids.append(grid)
-        found.append(arrays | {"thrust": np.pad(arrays["thrust"], ((0, 0), (0, most - len(own))))})
-    truth = Trajectory(
-        names=names,
+        found.append(_record(log, name, [vehicle_state(tuple(effector["name"] for effector in own))], grid_ns))
+        found[v]["thrust"] = np.pad(found[v]["thrust"], ((0, 0), (0, most - len(own))))
+    return Trajectory(
+        names=tuple(names),
         time=found[0]["time"],
         site_names=tuple(site["name"] for site in sites),
         site_vehicle=np.array([site["vehicle"] for site in sites], dtype=np.int64),
@@ -89,35 +81,6 @@ def _trajectory(log: Contents) -> tuple[Trajectory, Ints]:
         effector_force=force,
         **{attribute: np.stack([arrays[attribute] for arrays in found], axis=1) for attribute in TRUTH},
     )
-    return truth, grids[0]
-
-
-def _check(log: Contents, flight: Flight, truth_ns: Ints, steps_ns: Sequence[Ints]) -> None:
-    """LogError unless scenario and channels belong together, and the flight has neither gap nor other end."""
-    scenario, truth = flight.scenario, flight.trajectory
-    clock, points = Clock(scenario.epoch), truth.time.size
-    grid, n = clock.ns(CONTROL_STEP_S * np.arange(points)), (points - 1) // flight.stride
-    vehicles = ("leader", *(follower.name for follower in scenario.followers))
-    checks = [
-        (truth.names == vehicles, f"it holds {', '.join(truth.names)}; its scenario has {', '.join(vehicles)}"),
-        (
-            np.array_equal(truth_ns, grid) and np.array_equal(clock.ns(truth.time), grid),
-            f"the truth does not come every {CONTROL_STEP_S:g} s from the start of the mission",
-        ),
-        (
-            flight.outcome is not Outcome.COMPLETED or n == scenario.filter_steps,
-            f"a completed mission of {scenario.duration_s:g} s has {scenario.filter_steps} filter steps, "
-            f"this log has {n}",
-        ),
-    ]
-    for name, at, m, e in zip(truth.names[1:], steps_ns, flight.measurements, flight.estimates, strict=True):
-        own = np.array_equal(at, clock.ns(m.dt * np.arange(1, n + 1)))
-        fixed = np.array_equal(np.unique(e.fix_step), m.message_step)
-        checks.append((own, f"the filter steps of {name} are not those of a flight of {n * m.dt:g} s"))
-        checks.append((fixed, f"{name} has receptions without a fix, or fixes without a reception"))
-    for correct, text in checks:
-        if not correct:
-            raise LogError(f"{log.path}: {text}")
 
 
 def read(path: Path | str) -> Flight:
@@ -139,24 +102,33 @@ def read(path: Path | str) -> Flight:
     with faults(path):
         facts, text = log.metadata[FLIGHT], log.attachments[SCENARIO].decode()
         scenario = scenario_file.validate(scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}")
-        trajectory, truth_ns = _trajectory(log)
+        clock, dt, outcome = Clock(scenario.epoch), scenario.timing.filter_step_s, Outcome[facts["outcome"]]
+        last = log.require("/leader/state", ()).count - 1
+        steps = last // round(dt / CONTROL_STEP_S)
+        trajectory = _trajectory(log, clock.ns(CONTROL_STEP_S * np.arange(last + 1)))
+        names, vehicles = trajectory.names, ("leader", *(follower.name for follower in scenario.followers))
+        if names != vehicles:
+            raise LogError(f"{path}: it holds {', '.join(names)}; its scenario has {', '.join(vehicles)}")
+        if outcome is Outcome.COMPLETED and steps != scenario.filter_steps:
+            raise LogError(
+                f"{path}: a completed mission of {scenario.duration_s:g} s has {scenario.filter_steps} filter steps, "
+                f"this log has {steps}"
+            )
+        steps_ns = clock.ns(dt * np.arange(1, steps + 1))
         kind = next((kind for kind, type_ in DETAILS.items() if facts.get(type_.topic) == "True"), Estimates)
-        measurements, estimates, steps_ns = list[Measurements](), list[Estimates](), list[Ints]()
-        for name in trajectory.names[1:]:
-            times, measured = _record(log, name, MEASURED, None)
-            _, found = _record(log, name, estimated(kind), times)
-            steps_ns.append(times)
-            measurements.append(Measurements(dt=scenario.timing.filter_step_s, **measured))
-            estimates.append(kind(**found))
-        flight = Flight(
+        measurements, estimates = list[Measurements](), list[Estimates]()
+        for name in names[1:]:
+            measurements.append(Measurements(dt=dt, **_record(log, name, MEASURED, steps_ns)))
+            estimates.append(kind(**_record(log, name, estimated(kind), steps_ns)))
+            if not np.array_equal(np.unique(estimates[-1].fix_step), measurements[-1].message_step):
+                raise LogError(f"{path}: {name} has receptions without a fix, or fixes without a reception")
+        return Flight(
             scenario=scenario,
             trajectory=trajectory,
             measurements=tuple(measurements),
             estimates=tuple(estimates),
-            outcome=Outcome[facts["outcome"]],
+            outcome=outcome,
         )
-        _check(log, flight, truth_ns, steps_ns)
-        return flight
 
 
 def _count(number: int, what: str) -> str:

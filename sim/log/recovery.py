@@ -3,7 +3,6 @@
 import os
 from array import array
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -25,58 +24,59 @@ def holds_messages(path: Path) -> bool:
         return False
 
 
-class _Survey:
-    """What is intact of a log: before its first broken record, and of a flight before the last instant."""
+def _copy(path: Path, target: Path, remarks: list[str]) -> str:
+    """Write what is intact as a finished log, by the library's own writer, which keeps all that a record holds.
 
-    def __init__(self, path: Path) -> None:
-        self.remarks, self.problem, whole = list[str](), "", False
-        times_ns, attachments, metadata = array("q"), 0, list[str]()
-        try:
-            for record in records(path, self.remarks.append):
-                whole = isinstance(record, DataEnd)
-                if isinstance(record, Message):
-                    times_ns.append(record.log_time)
-                elif isinstance(record, Metadata):
-                    metadata.append(record.name)
-                attachments += isinstance(record, Attachment)
-        except DamagedError as error:
-            self.problem = error.problem
-        self.interrupted = FLIGHT in metadata and not whole
-        # the last instant of a flight that was cut off may lack some of its messages
-        self.end_ns = times_ns[-1] if times_ns and self.interrupted else 2**63 - 1
-        kept = np.asarray(times_ns)
-        kept = kept[kept < self.end_ns]
-        if self.problem and not kept.size:
-            raise LogError(f"{path}: holds no intact message ({self.problem}); there is nothing to recover")
-        if metadata and not whole:
-            self.remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be noticed")
-        span_s = np.ptp(kept) / 1e9 if kept.size else 0.0
-        self.kept = f"kept {kept.size} messages of {span_s:g} s and {attachments} attachments"
-
-
-def _copy(path: Path, target: Path, intact: _Survey) -> None:
-    """Write what is intact as a finished log, by the library's own writer, which keeps all that a record holds."""
-    schemas, channels = {0: 0}, dict[int, int]()
+    Of a flight that was cut off, the last instant is left out, as it may lack some of its messages. Returns what is
+    wrong with the log, "" for nothing.
+    """
+    schemas, channels, metadata = {0: 0}, dict[int, int](), dict[str, dict[str, str]]()
+    times_ns, held, attachments, whole, problem = array("q"), list[Message](), 0, False, ""
     with target.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start()
-        with suppress(DamagedError):
-            for r in records(path, lambda _: None):
-                if isinstance(r, Message) and r.log_time < intact.end_ns:
-                    writer.add_message(channels[r.channel_id], r.log_time, r.data, r.publish_time, r.sequence)
+
+        def write_held() -> None:
+            for m in held:
+                writer.add_message(channels[m.channel_id], m.log_time, m.data, m.publish_time, m.sequence)
+                times_ns.append(m.log_time)
+            held.clear()
+
+        try:
+            for r in records(path, remarks.append):
+                whole = isinstance(r, DataEnd)
+                if isinstance(r, Message):
+                    if held and held[0].log_time != r.log_time:
+                        write_held()
+                    held.append(r)
                 elif isinstance(r, Schema) and r.id not in schemas:
                     schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
                 elif isinstance(r, Channel) and r.id not in channels:
-                    type_ = schemas[r.schema_id]
+                    type_ = schemas.get(r.schema_id, 0)
                     channels[r.id] = writer.register_channel(r.topic, r.message_encoding, type_, r.metadata)
                 elif isinstance(r, Attachment):
                     writer.add_attachment(r.create_time, r.log_time, r.name, r.media_type, r.data)
+                    attachments += 1
                 elif isinstance(r, Metadata):
-                    cut = {"outcome": _INTERRUPTED} if r.name == FLIGHT and intact.interrupted else {}
-                    writer.add_metadata(r.name, r.metadata | cut)
-        if intact.remarks:
-            writer.add_metadata("recovery", {str(i): text for i, text in enumerate(intact.remarks)})
+                    writer.add_metadata(r.name, r.metadata)
+                    metadata[r.name] = r.metadata
+        except DamagedError as error:
+            problem = error.problem
+        if FLIGHT in metadata and not whole:
+            # of records with one name, the last one counts
+            writer.add_metadata(FLIGHT, metadata[FLIGHT] | {"outcome": _INTERRUPTED})
+        else:
+            write_held()
+        if problem and not times_ns:
+            raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
+        if metadata and not whole:
+            remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be noticed")
+        if remarks:
+            writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
         writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
+    span_s = np.ptp(times_ns) / 1e9 if times_ns else 0.0
+    remarks += [f"kept {len(times_ns)} messages of {span_s:g} s and {attachments} attachments", f"left out: {problem}"]
+    return problem
 
 
 def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Path:
@@ -95,23 +95,21 @@ def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Pat
     Raises:
         LogError: the log is complete, or holds no intact message, or the result cannot be written.
     """
-    unfinished = path.suffix == ".partial"
+    unfinished, remarks = path.suffix == ".partial", list[str]()
     target = path.with_suffix("") if unfinished else path.with_name(f"{path.stem}.recovered{path.suffix}")
     if not path.is_file():
         raise LogError(f"{path}: no such file")
     try:
         with atomic_write(target) as work:
-            intact = _Survey(path)
-            if intact.problem:
-                _copy(path, work, intact)
-            elif unfinished:
-                os.replace(path, work)
-            else:
+            problem = _copy(path, work, remarks)
+            if not problem and not unfinished:
                 raise LogError(f"{path}: is complete; there is nothing to recover")
+            if not problem:
+                os.replace(path, work)
     except OSError as error:
         raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
     if unfinished:
         path.unlink(missing_ok=True)
-    for text in (*intact.remarks, intact.kept, f"left out: {intact.problem}") if intact.problem else ():
+    for text in remarks if problem else ():
         say(text)
     return target

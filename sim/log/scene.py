@@ -6,19 +6,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from foxglove.messages import (
-    Color,
-    CubePrimitive,
-    CylinderPrimitive,
-    Duration,
-    LinePrimitive,
-    LinePrimitiveLineType,
-    Point3,
-    SceneEntity,
-    SceneUpdate,
-    SpherePrimitive,
-    TriangleListPrimitive,
-)
+from foxglove import messages as fg
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import Estimates, FixKind
@@ -40,26 +28,26 @@ _DISC_M = 0.02
 _FIX_M = 0.4
 """Diameter of a fix [m]."""
 
-TRUTH = Color(r=0.95, g=0.62, b=0.08, a=0.9)
-ESTIMATE = Color(r=0.85, g=0.15, b=0.75, a=0.9)
-_UNCERTAINTY = Color(r=0.85, g=0.15, b=0.75, a=0.35)
-_RAY = Color(r=0.20, g=0.75, b=0.95, a=0.9)
-_RANGE = Color(r=0.20, g=0.75, b=0.95, a=0.05)
-_ACCEPTED = Color(r=0.15, g=0.80, b=0.25, a=1.0)
-_REJECTED = Color(r=0.90, g=0.15, b=0.10, a=1.0)
+TRUTH = fg.Color(r=0.95, g=0.62, b=0.08, a=0.9)
+ESTIMATE = fg.Color(r=0.85, g=0.15, b=0.75, a=0.9)
+_UNCERTAINTY = fg.Color(r=0.85, g=0.15, b=0.75, a=0.35)
+_RAY = fg.Color(r=0.20, g=0.75, b=0.95, a=0.9)
+_RANGE = fg.Color(r=0.20, g=0.75, b=0.95, a=0.05)
+_ACCEPTED = fg.Color(r=0.15, g=0.80, b=0.25, a=1.0)
+_REJECTED = fg.Color(r=0.90, g=0.15, b=0.10, a=1.0)
 
 
-def _points(position: Floats) -> list[Point3]:
-    return [Point3(x=x, y=y, z=z) for x, y, z in position.tolist()]
+def _points(position: Floats) -> list[fg.Point3]:
+    return [fg.Point3(x=x, y=y, z=z) for x, y, z in position.tolist()]
 
 
-def _line(kind: LinePrimitiveLineType, color: Color, points: list[Point3]) -> LinePrimitive:
+def _line(kind: fg.LinePrimitiveLineType, color: fg.Color, points: list[fg.Point3]) -> fg.LinePrimitive:
     """A line two pixels wide."""
-    return LinePrimitive(type=kind, thickness=2.0, scale_invariant=True, points=points, color=color)
+    return fg.LinePrimitive(type=kind, thickness=2.0, scale_invariant=True, points=points, color=color)
 
 
-def _cylinder(place: Any, size: Sequence[float], color: Color) -> CylinderPrimitive:
-    return CylinderPrimitive(pose=place, size=vector(size), bottom_scale=1.0, top_scale=1.0, color=color)
+def _cylinder(place: Any, size: Sequence[float], color: fg.Color) -> fg.CylinderPrimitive:
+    return fg.CylinderPrimitive(pose=place, size=vector(size), bottom_scale=1.0, top_scale=1.0, color=color)
 
 
 def hull(model_of: str) -> dict[str, list[Any]]:
@@ -70,7 +58,7 @@ def hull(model_of: str) -> dict[str, list[Any]]:
         kind, material, turn = kinds(model.geom_type[geom]), model.geom_matid[geom], model.geom_quat[geom]
         position, half = model.geom_pos[geom], model.geom_size[geom]
         rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-        color = Color(**dict(zip("rgba", rgba.tolist(), strict=True)))
+        color = fg.Color(**dict(zip("rgba", rgba.tolist(), strict=True)))
         place, width = pose(position.tolist(), turn.tolist()), 2 * float(half[0])
         if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
             parts["cylinders"].append(_cylinder(place, (width, width, 2 * float(half[1])), color))
@@ -78,32 +66,32 @@ def hull(model_of: str) -> dict[str, list[Any]]:
             end = np.zeros(3)
             mujoco.mju_rotVecQuat(end, np.array([0.0, 0.0, half[1]]), turn)
             for cap in (position - end, position + end):
-                sphere = SpherePrimitive(pose=pose(cap.tolist()), size=vector([width] * 3), color=color)
+                sphere = fg.SpherePrimitive(pose=pose(cap.tolist()), size=vector([width] * 3), color=color)
                 parts["spheres"].append(sphere)
         elif kind == kinds.mjGEOM_BOX:
-            parts["cubes"].append(CubePrimitive(pose=place, size=vector((2 * half).tolist()), color=color))
+            parts["cubes"].append(fg.CubePrimitive(pose=place, size=vector((2 * half).tolist()), color=color))
         elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
             size = [width] * 3 if kind == kinds.mjGEOM_SPHERE else (2 * half).tolist()
-            parts["spheres"].append(SpherePrimitive(pose=place, size=vector(size), color=color))
+            parts["spheres"].append(fg.SpherePrimitive(pose=place, size=vector(size), color=color))
         elif kind == kinds.mjGEOM_MESH:
             mesh = model.geom_dataid[geom]
             vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(np.float64)
             faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]].ravel().tolist()
-            body = TriangleListPrimitive(pose=place, points=_points(vertices), indices=faces, color=color)
+            body = fg.TriangleListPrimitive(pose=place, points=_points(vertices), indices=faces, color=color)
             parts["triangles"].append(body)
     return parts
 
 
-def _ellipse(position: Sequence[float], covariance: Floats) -> SpherePrimitive:
+def _ellipse(position: Sequence[float], covariance: Floats) -> fg.SpherePrimitive:
     """The 95 % ellipse of a horizontal position with a covariance of shape (2, 2), as a flat spheroid."""
     variance, axes = np.linalg.eigh(covariance)
     minor, major = (2 * _CONFIDENCE * np.sqrt(np.maximum(variance, 0.0))).tolist()
     half_turn = math.atan2(axes[1, 1], axes[0, 1]) / 2
     place = pose(position, (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn)))
-    return SpherePrimitive(pose=place, size=vector((major, minor, _DISC_M)), color=_UNCERTAINTY)
+    return fg.SpherePrimitive(pose=place, size=vector((major, minor, _DISC_M)), color=_UNCERTAINTY)
 
 
-def _ellipses(estimates: Estimates, row: int, z: float) -> list[SpherePrimitive]:
+def _ellipses(estimates: Estimates, row: int, z: float) -> list[fg.SpherePrimitive]:
     """Of the estimate in a row, and of all hypotheses after the last message before it, if there are several."""
     places, spreads = [estimates.state[row, :2]], [estimates.covariance[row, :2, :2]]
     hypotheses, made = estimates.hypotheses, int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
@@ -135,13 +123,13 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
     def draw(i: int, time_ns: int) -> bytes:
         stamp, entities = timestamp(time_ns), []
 
-        def trail(name: str, color: Color, points: list[Point3], **more: Any) -> SceneEntity:
-            lines = [_line(LinePrimitiveLineType.LineStrip, color, points[-TRAIL_S - 1 :])]
-            return SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
+        def trail(name: str, color: fg.Color, points: list[fg.Point3], **more: Any) -> fg.SceneEntity:
+            lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points[-TRAIL_S - 1 :])]
+            return fg.SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
 
         for name, parts, points in zip(names, hulls, trails, strict=True):
             whole: dict[str, Any] = {"id": f"{name}/hull", "frame_id": name, "frame_locked": True, **parts}
-            entities.append(SceneEntity(timestamp=stamp, **whole))
+            entities.append(fg.SceneEntity(timestamp=stamp, **whole))
             entities.append(trail(f"{name}/trail", TRUTH, points[: i + 1]))
         for name, e, m, row, points in zip(
             names[1:], flight.estimates, flight.measurements, rows, estimated, strict=True
@@ -150,12 +138,12 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
                 spheres = _ellipses(e, int(row[i]), -float(m.depth[row[i]]))
                 known = points[: i + 1 - np.count_nonzero(row < 0)]
                 entities.append(trail(f"{name}/estimate", ESTIMATE, known, spheres=spheres))
-        return SceneUpdate(entities=entities).encode()
+        return fg.SceneUpdate(entities=entities).encode()
 
     return draw
 
 
-def _ping(flight: Flight, follower: int, message: int, time_ns: int) -> SceneEntity:
+def _ping(flight: Flight, follower: int, message: int, time_ns: int) -> fg.SceneEntity:
     """Rays, range discs and fixes of a message, at the true positions of the vehicles."""
     t, m, e = flight.trajectory, flight.measurements[follower], flight.estimates[follower]
     name, step = t.names[follower + 1], m.message_step[message]
@@ -174,15 +162,15 @@ def _ping(flight: Flight, follower: int, message: int, time_ns: int) -> SceneEnt
         if all(map(math.isfinite, position)):
             color = _REJECTED if e.fix_kind[fix] == FixKind.GATED else _ACCEPTED
             place = pose((*position, -float(m.depth[step - 1])))
-            fixes.append(SpherePrimitive(pose=place, size=vector([_FIX_M] * 3), color=color))
-    return SceneEntity(
+            fixes.append(fg.SpherePrimitive(pose=place, size=vector([_FIX_M] * 3), color=color))
+    return fg.SceneEntity(
         timestamp=timestamp(time_ns),
         frame_id="world",
         id=f"{name}/ping",
-        lifetime=Duration(sec=math.ceil(flight.scenario.timing.message_interval_s), nsec=0),
+        lifetime=fg.Duration(sec=math.ceil(flight.scenario.timing.message_interval_s), nsec=0),
         cylinders=discs,
         spheres=fixes,
-        lines=[_line(LinePrimitiveLineType.LineList, _RAY, ends)] if ends else [],
+        lines=[_line(fg.LinePrimitiveLineType.LineList, _RAY, ends)] if ends else [],
     )
 
 
@@ -197,6 +185,6 @@ def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
     def draw(i: int, time_ns: int) -> bytes:
         step = int(steps[i])
         pings = [_ping(flight, f, own[step], time_ns) for f, own in enumerate(messages) if step in own]
-        return SceneUpdate(entities=pings).encode()
+        return fg.SceneUpdate(entities=pings).encode()
 
     return draw

@@ -1,20 +1,19 @@
 """A flight written as an MCAP log that Foxglove and Rerun draw; `sim.log.reader` reads it back to the bit."""
 
+import heapq
 import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from io import BufferedWriter, FileIO
-from itertools import repeat
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import foxglove
-import numpy as np
 from foxglove import Context
-from foxglove.mcap import MCAPWriteOptions
+from foxglove.mcap import MCAPWriteOptions, MCAPWriter
 from foxglove.messages import CompressedVideo
 from mcap.well_known import MessageEncoding
 
@@ -26,8 +25,8 @@ from sim.log.schema import DETAILS, Clock, timestamp
 
 _BLOCK_NS = 10 * 10**9
 """Time after which what was logged is in the file [ns]."""
-PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
-CONVENTIONS = {
+_PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
+_CONVENTIONS = {
     "world": "x east, y north, z up [m]; depth = -z",
     "body": "x forward, y port, z up; origin at the centre of buoyancy",
     "units": "SI and radians, but latitude and longitude in degrees",
@@ -62,20 +61,15 @@ class _Output(BufferedWriter):
         self.flush()
 
 
-class LogFile:
-    """Writes an MCAP file; the same calls give the same bytes.
+class LogFile(NamedTuple):
+    """An MCAP file to be written; the same calls give the same bytes."""
 
-    Args:
-        path: the file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.output, self._context = _Output(FileIO(path, "wb")), Context()
-        options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
-        self.mcap = foxglove.open_mcap(self.output, context=self._context, writer_options=options)
+    output: _Output
+    context: Context
+    mcap: MCAPWriter
 
     def write(self, channels: Sequence[Channel], frames: Iterable[tuple[int, bytes]] = ()) -> None:
-        """Write all messages in order of time, in blocks of time that are in the file before the next ones begin.
+        """Write all messages in order of time; every ten seconds of it are in the file before the next ones begin.
 
         Args:
             channels: all but the video; one without messages is not in the file.
@@ -84,31 +78,20 @@ class LogFile:
         types = [(c.topic, c.schema) for c in channels] + [("/camera", CompressedVideo.get_schema())]
         log_to = [
             foxglove.Channel(
-                topic, schema=schema, message_encoding=MessageEncoding.Protobuf, context=self._context
+                topic, schema=schema, message_encoding=MessageEncoding.Protobuf, context=self.context
             ).base.log
             for topic, schema in types
         ]
-        frames = iter(frames)
-        written, frame = [0] * len(channels), next(frames, None)
-        while True:
-            left = [int(c.time_ns[i]) for c, i in zip(channels, written, strict=True) if i < c.time_ns.size]
-            left += [frame[0]] if frame else []
-            if not left:
-                return
-            end, messages = min(left) + _BLOCK_NS, list[tuple[int, int, bytes]]()
-            for k, (channel, first) in enumerate(zip(channels, written, strict=True)):
-                written[k] = stop = int(np.searchsorted(channel.time_ns, end))
-                if stop > first:
-                    messages += zip(channel.time_ns[first:stop].tolist(), repeat(k), channel.rows(first, stop))
-            while frame is not None and frame[0] < end:
-                messages.append((frame[0], len(channels), frame[1]))
-                frame = next(frames, None)
-            # stable, so that equal times keep the order of channels and of messages within one
-            messages.sort(key=itemgetter(0))
-            for at, k, data in messages:
-                log_to[k](data, at)
-            self.mcap.flush()
-            self.output.check()
+        streams = [channel.messages(k) for k, channel in enumerate(channels)]
+        streams.append((at, len(channels), data) for at, data in frames)
+        end = 0
+        # messages of equal times keep the order of channels and of messages within one
+        for at, k, data in heapq.merge(*streams, key=itemgetter(0)):
+            if at >= end:
+                self.mcap.flush()
+                self.output.check()
+                end = at + _BLOCK_NS
+            log_to[k](data, at)
 
 
 @contextmanager
@@ -118,17 +101,18 @@ def log_file(path: Path) -> Iterator[LogFile]:
     Raises:
         OSError: it cannot be written.
     """
-    log = LogFile(path)
-    with log.output as output:
+    context, options = Context(), MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
+    with _Output(FileIO(path, "wb")) as output:
+        mcap = foxglove.open_mcap(output, context=context, writer_options=options)
         try:
-            yield log
-            log.mcap.close()
+            yield LogFile(output, context, mcap)
+            mcap.close()
             output.check()
             os.fsync(output.fileno())
         except BaseException as error:
             # what the SDK still holds is discarded
             output.error = output.error or error
-            log.mcap.close()
+            mcap.close()
             raise
 
 
@@ -156,27 +140,25 @@ def _frames(video: Iterable[tuple[float, bytes]], clock: Clock) -> Iterator[tupl
         if at < last:
             raise ValueError(f"video frames must be in order of time; {time_s:g} s comes too late")
         last = at
-        frame = CompressedVideo(timestamp=timestamp(at), frame_id="camera", data=data, format="h264")
-        yield at, frame.encode()
+        yield at, CompressedVideo(timestamp=timestamp(at), frame_id="camera", data=data, format="h264").encode()
 
 
-def _describe(log: LogFile, flight: Flight, summary: str) -> None:
+def _describe(mcap: MCAPWriter, flight: Flight, summary: str) -> None:
     """Attachments and metadata of a flight."""
-    epoch_ns = Clock(flight.scenario.epoch).epoch_ns
-    versions = {package: version(package) for package in PACKAGES}
-    files = {SCENARIO: flight.scenario.toml().encode(), VEHICLES: _vehicles(flight)}
-    files |= {SUMMARY: summary.encode(), VERSIONS: _json(versions)}
-    for name, data in files.items():
+    at = Clock(flight.scenario.epoch).epoch_ns
+    versions = _json({package: version(package) for package in _PACKAGES})
+    files = {SCENARIO: flight.scenario.toml().encode(), VEHICLES: _vehicles(flight), SUMMARY: summary.encode()}
+    for name, data in (files | {VERSIONS: versions}).items():
         media = f"application/{name.rpartition('.')[2]}"
-        log.mcap.attach(log_time=epoch_ns, create_time=epoch_ns, name=name, media_type=media, data=data)
-    log.mcap.write_metadata("conventions", CONVENTIONS)
+        mcap.attach(log_time=at, create_time=at, name=name, media_type=media, data=data)
+    mcap.write_metadata("conventions", _CONVENTIONS)
     facts = {
         "outcome": flight.outcome.name,
         "filter_step_s": repr(flight.measurements[0].dt),
         "seed": str(flight.scenario.seed),
         "run": str(flight.scenario.run),
     } | {type_.topic: str(type(flight.estimates[0]) is kind) for kind, type_ in DETAILS.items()}
-    log.mcap.write_metadata(FLIGHT, facts)
+    mcap.write_metadata(FLIGHT, facts)
 
 
 def write(
@@ -208,12 +190,11 @@ def write(
     if flight.trajectory.time[0] != 0:
         raise LogError(f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} s of it")
     filled = channels(flight, errors, events)
-    frames = _frames(video, Clock(flight.scenario.epoch))
     partial = partial_path(path)
     try:
         with log_file(partial) as log:
-            _describe(log, flight, summary)
-            log.write(filled, frames)
+            _describe(log.mcap, flight, summary)
+            log.write(filled, _frames(video, Clock(flight.scenario.epoch)))
         os.replace(partial, path)
     except BaseException as error:
         kept = holds_messages(partial)

@@ -117,7 +117,7 @@ def test_messages_of_one_length_are_read_by_their_own_fields(rows: list[dict[str
 def test_numbers_of_a_flights_channels_are_what_another_decoder_reads(tmp_path: Path) -> None:
     path = write_log(make_flight(20.0), tmp_path)
     topics = Contents(path).topics
-    for topic, name in (("/follower/pose", "pose.position.x"), ("/leader/state", "pitch"), ("/follower/filter", "vx")):
+    for topic, name in (("/follower/state", "position_east"), ("/leader/state", "pitch"), ("/follower/filter", "vx")):
         (found,) = topics[topic].columns([name])
         assert isinstance(found, np.ndarray)
         assert found.tolist() == [expected(message, name) for message in messages(path, topic)]
@@ -165,9 +165,8 @@ def memory(what: str) -> int:
 
 
 def many_messages(path: Path, count: int) -> Path:
-    """A log of hours: own motion every 10 ms, at the speed of 1, 2, 3 … m/s; one has a heading and a timestamp."""
-    stamp = {"timestamp": {"seconds": 7}}
-    first = OWN_MOTION.message_class(speed=1.0, heading=0.5, depth=0.0, **stamp).SerializeToString()
+    """A log of hours: own motion every 10 ms, at the speed of 1, 2, 3 … m/s; one has a heading, and a field that the type lacks."""
+    first = OWN_MOTION.message_class(speed=1.0, heading=0.5, depth=0.0).SerializeToString() + b"\xf0\x01\x07"
     content = OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=0.0).SerializeToString()
     with path.open("wb") as stream:
         # without a summary nothing in the file says where something else lies

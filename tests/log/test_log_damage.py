@@ -102,7 +102,7 @@ def test_of_a_truncated_log_a_prefix_is_recovered(brief: Flight, brief_log: byte
     assert bits(found) == bits(brief) or is_start_of(found, brief)
     # half of the file holds the first ten seconds and more
     assert found.trajectory.time[-1] >= 9.8
-    assert set(Contents(path).topics) == {"/log", "/tf", "/scene/vehicles", "/scene/acoustics"} | {
+    assert set(Contents(path).topics) == {"/log", "/tf", "/tf_static", "/scene/vehicles", "/scene/acoustics"} | {
         f"/{name}/{channel}"
         for name in ("leader", "follower1", "follower2")
         for channel in ("pose", "state", "fix", *FOLLOWER_CHANNELS)
@@ -147,7 +147,7 @@ def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are
         del parts.messages[since(27.0, parts) :]
 
     for cut, text, left in (
-        (cut_start, "the truth does not come every 0.1 s from the start", 231),
+        (cut_start, "the messages of /leader/state are not at the times of a flight", 231),
         (cut_end, "a completed mission of 35 s has 350 filter steps, this log has 269", 269),
     ):
         path = rewritten(whole, tmp_path / "a.mcap", cut)
@@ -161,8 +161,8 @@ def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are
     [
         ("/follower1/reception", "receptions without a fix, or fixes without a reception"),
         ("/follower2/innovation", "receptions without a fix, or fixes without a reception"),
-        ("/leader/pose", "/leader/state are not those of the flight's other channels"),
-        ("/follower1/motion", "/follower1/filter are not those of the flight's other channels"),
+        ("/leader/state", "/leader/state are not at the times of a flight, without a gap"),
+        ("/follower1/motion", "/follower1/motion are not at the times of a flight, without a gap"),
     ],
 )
 def test_a_missing_message_of_a_flight_is_noticed(whole: bytes, tmp_path: Path, topic: str, text: str) -> None:

@@ -196,7 +196,6 @@ def test_typescript_reads_the_same_numbers(flight: Flight, written: Path) -> Non
     assert found["counts"] == {topic: messages.count for topic, messages in Contents(written).topics.items()}
     m, t = flight.measurements[0], flight.trajectory
     assert (found["motion"]["speed"], found["motion"]["heading"]) == (m.speed[-1], m.heading[-1])
-    assert found["motion"]["timestamp"]["seconds"] == 1767225600 + 20
     assert tuple(found["pose"]["pose"]["position"][axis] for axis in "xyz") == tuple(t.position[-1, 0])
 
 
