@@ -73,7 +73,7 @@ def pose_between(u: Any, dt: float, pose: tuple[Any, Any], velocity: tuple[Any, 
     )
 
 
-_OF_VEHICLES = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
+OF_VEHICLES = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
 """Arrays of shape (n, v, …)."""
 
 
@@ -214,7 +214,7 @@ class Trajectory(ArrayRecord):
             names=tuple(self.names[v] for v in chosen),
             effector_names=tuple(self.effector_names[v] for v in chosen) if self.effector_names else (),
             effector_force=self.effector_force[chosen],
-            **{name: getattr(self, name)[:, chosen] for name in _OF_VEHICLES},
+            **{name: getattr(self, name)[:, chosen] for name in OF_VEHICLES},
             site_names=tuple(self.site_names[i] for i in kept),
             site_vehicle=np.searchsorted(chosen, self.site_vehicle[kept]),
             site_offset=self.site_offset[kept],
@@ -222,7 +222,7 @@ class Trajectory(ArrayRecord):
 
     def part(self, first: int, last: int) -> Self:
         """Instants number `first` to `last`, two at least."""
-        parts = {name: getattr(self, name)[first : last + 1] for name in ("time", *_OF_VEHICLES)}
+        parts = {name: getattr(self, name)[first : last + 1] for name in ("time", *OF_VEHICLES)}
         return replace(self, **parts)
 
     def at(self, time: npt.ArrayLike) -> tuple[Floats, Floats]:

@@ -18,16 +18,7 @@ from sim.log.schema import ERROR, POSE_FIELDS
 
 Format = Literal["parquet", "csv"]
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
-_KINDS = {
-    FieldDescriptor.CPPTYPE_DOUBLE: pa.float64(),
-    FieldDescriptor.CPPTYPE_FLOAT: pa.float64(),
-    FieldDescriptor.CPPTYPE_INT32: pa.int64(),
-    FieldDescriptor.CPPTYPE_INT64: pa.int64(),
-    FieldDescriptor.CPPTYPE_UINT32: pa.uint64(),
-    FieldDescriptor.CPPTYPE_UINT64: pa.uint64(),
-    FieldDescriptor.CPPTYPE_BOOL: pa.bool_(),
-    FieldDescriptor.CPPTYPE_STRING: pa.string(),
-}
+_UNSIGNED = (FieldDescriptor.CPPTYPE_UINT32, FieldDescriptor.CPPTYPE_UINT64)
 _TIMELINE = "mission"
 """Name of the time in a recording."""
 _LINE_M = 0.03
@@ -50,17 +41,13 @@ def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 def _table(messages: Messages, start_ns: int) -> Any:
     """All messages of a channel: the times, then the leaves, enumerations by their names where these are known."""
     leaves = dict(_leaves(messages.message_class.DESCRIPTOR))
-    columns = {
-        "time_s": pa.array((messages.time_ns - start_ns) / 1e9, pa.float64()),
-        "log_time_ns": pa.array(messages.time_ns, pa.int64()),
-    }
+    columns: dict[str, Any] = {"time_s": (messages.time_ns - start_ns) / 1e9, "log_time_ns": messages.time_ns}
     for (name, leaf), values in zip(leaves.items(), messages.columns(list(leaves)), strict=True):
         if leaf.enum_type is not None:
             names = {None: None} | {number: value.name for number, value in leaf.enum_type.values_by_number.items()}
-            column = pa.array([names.get(number, str(number)) for number in values], pa.string())
-        else:
-            column = pa.array(values, _KINDS[leaf.cpp_type])
-        columns[f"{name}~2" if name in ("time_s", "log_time_ns") else name] = column
+            values = [names.get(number, str(number)) for number in values]
+        kind = pa.uint64() if leaf.cpp_type in _UNSIGNED else None
+        columns[f"{name}~2" if name in ("time_s", "log_time_ns") else name] = pa.array(values, kind)
     return pa.table(columns)
 
 
@@ -68,16 +55,8 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
     """Write every protobuf channel with plain numbers or texts as a table; scenes, transforms and video are left out.
 
     Every row begins with `time_s`, the mission's time (in a log without scenario since the first message of any table),
-    and `log_time_ns`, that of the log since 1970; a channel's own field of such a name ends in "~2".
-
-    Args:
-        path: any MCAP log with protobuf channels.
-        out: folder for the tables, made if need be; "/follower/estimate" becomes "follower_estimate.parquet". Unusual
-            characters become %XX, and names that would fall together end in "~2", "~3" …
-        table_format: "parquet", or "csv" (numbers in shortest form that reads back to the same float64).
-
-    Returns:
-        The files, in order of topic.
+    and `log_time_ns`, that of the log since 1970; a channel's own field of such a name ends in "~2". The table of
+    "/follower/estimate" is "follower_estimate.parquet" in the folder `out`. Returns the files, in order of topic.
 
     Raises:
         LogError: the log is damaged or has nothing to export, the format is unknown, or the folder cannot be written.

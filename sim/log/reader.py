@@ -15,10 +15,8 @@ from sim.log.contents import FLIGHT, SCENARIO, VEHICLES, Contents, LogError, Mes
 from sim.log.schema import DETAILS, MEASURED, PLACES, Clock, RecordType, estimated, vehicle_state
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
-from sim.trajectory import Trajectory
+from sim.trajectory import OF_VEHICLES, Trajectory
 
-TRUTH = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
-"""Arrays of every vehicle; what else its channel holds follows from them."""
 CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 """Types of the channels that make up a flight; all other channels are derived from them."""
 _OWN, _RECEIVED = MEASURED
@@ -64,22 +62,23 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
 def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     """The truth at these times, shape (n,), [ns]."""
     table = json.loads(log.attachments[VEHICLES])
-    names, sites, effectors = table["names"], table["sites"], table["effectors"] or [[] for _ in table["names"]]
-    most = max(len(own) for own in effectors)
-    found, force = list[Any](), np.zeros((len(names), most, 3))
-    for v, (name, own) in enumerate(zip(names, effectors, strict=True)):
-        force[v, : len(own)] = np.reshape([effector["force"] for effector in own], (-1, 3))
-        found.append(_record(log, name, [vehicle_state(tuple(effector["name"] for effector in own))], grid_ns))
-        found[v]["thrust"] = np.pad(found[v]["thrust"], ((0, 0), (0, most - len(own))))
+    force, effectors = (
+        np.reshape(table["effector_force"], (len(table["names"]), -1, 3)),
+        table["effector_names"] or [()] * len(table["names"]),
+    )
+    found = list[Any]()
+    for name, own in zip(table["names"], effectors, strict=True):
+        found.append(_record(log, name, [vehicle_state(tuple(own))], grid_ns))
+        found[-1]["thrust"] = np.pad(found[-1]["thrust"], ((0, 0), (0, force.shape[1] - len(own))))
     return Trajectory(
-        names=tuple(names),
+        names=tuple(table["names"]),
         time=found[0]["time"],
-        site_names=tuple(site["name"] for site in sites),
-        site_vehicle=np.array([site["vehicle"] for site in sites], dtype=np.int64),
-        site_offset=np.array([site["offset"] for site in sites], dtype=np.float64).reshape(-1, 3),
-        effector_names=tuple(tuple(effector["name"] for effector in own) for own in table["effectors"]),
+        site_names=tuple(table["site_names"]),
+        site_vehicle=np.array(table["site_vehicle"], dtype=np.int64),
+        site_offset=np.array(table["site_offset"]).reshape(-1, 3),
+        effector_names=tuple(map(tuple, table["effector_names"])),
         effector_force=force,
-        **{attribute: np.stack([arrays[attribute] for arrays in found], axis=1) for attribute in TRUTH},
+        **{attribute: np.stack([arrays[attribute] for arrays in found], axis=1) for attribute in OF_VEHICLES},
     )
 
 
@@ -173,21 +172,11 @@ def _last_of_equals(values: Ints) -> Bools:
 
 
 def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: float = LONGEST_GAP_S) -> Recording:
-    """What one follower received and sensed, each filter step as long as it took.
+    """What one follower of a flight, or a real vehicle, received and sensed in `/NAME/motion` and `/NAME/reception`.
 
-    The log may be of a flight or of a real vehicle; it needs the channels `/NAME/motion` and `/NAME/reception`. Own
-    measurements are the filter steps, Δt is the median of their spacing, and the first is taken to end a step of Δt. A
-    reception belongs to the first step at or after it. Left out are own measurements and leader messages that are not
-    finite numbers; of several in one step, all but the last; and receptions before the first step or after the last
-    one. Ranges that are infinite, zero or negative count as not received.
-
-    Args:
-        path: the log.
-        follower: its name.
-        longest_gap_s: between own measurements [s].
-
-    Returns:
-        Measurements, and remarks on what was left out or bridged, or could not be checked.
+    Own measurements are the filter steps, each as long as it took. Δt is the median, and the first ends a step of Δt. A
+    reception belongs to the first step at or after it. What is left out, or longer than `longest_gap_s`, says
+    `docs/log.md`.
 
     Raises:
         LogError: the log is damaged, lacks a channel or a field, has fewer than two own measurements, or too long a

@@ -83,14 +83,14 @@ def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Pat
     """Finish a log with everything before its first broken record, and give it its name.
 
     A flight that was cut off ends with its last complete instant, with the outcome "interrupted". A damaged attachment
-    is left out. An unfinished file is removed when the new one is in place.
+    is left out.
 
     Args:
-        path: the unfinished log, "NAME.partial", or a damaged one.
+        path: the unfinished log, "NAME.partial", which becomes NAME; or a damaged one, which stays.
         say: takes a sentence for what was kept, was left out, or could not be checked for damage.
 
     Returns:
-        The finished log: NAME; or "NAME.recovered" + suffix beside a log under its own name.
+        The finished log: NAME, or "NAME.recovered" + suffix.
 
     Raises:
         LogError: the log is complete, or holds no intact message, or the result cannot be written.

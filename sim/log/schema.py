@@ -193,6 +193,8 @@ def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
     )
 
 
+FIXED = ("names", "effector_names", "effector_force", "site_names", "site_vehicle", "site_offset")
+"""What a log holds of a trajectory beside the channels."""
 OWN_MOTION = RecordType(name="OwnMotion", topic="motion", columns=_numbers(*OwnMotion._fields))
 _RECEIVED = _array("message", "leader", LeaderMessage._fields), _array("ranges", "range", Ranges._fields)
 RECEPTION = RecordType(name="Reception", topic="reception", columns=_RECEIVED, steps="message_step")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import foxglove
+import numpy as np
 from foxglove import Context
 from foxglove.mcap import MCAPWriteOptions, MCAPWriter
 from foxglove.messages import CompressedVideo
@@ -21,7 +22,7 @@ from sim.flight import Flight
 from sim.log.channels import Channel, Errors, Event, channels
 from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
 from sim.log.recovery import holds_messages
-from sim.log.schema import DETAILS, Clock, timestamp
+from sim.log.schema import DETAILS, FIXED, Clock, timestamp
 
 _BLOCK_NS = 10 * 10**9
 """Time after which what was logged is in the file [ns]."""
@@ -69,11 +70,9 @@ class LogFile(NamedTuple):
     mcap: MCAPWriter
 
     def write(self, channels: Sequence[Channel], frames: Iterable[tuple[int, bytes]] = ()) -> None:
-        """Write all messages in order of time; every ten seconds of it are in the file before the next ones begin.
+        """Write channels and frames (times [ns] and serialised messages) in order of time, in blocks of ten seconds.
 
-        Args:
-            channels: all but the video; one without messages is not in the file.
-            frames: serialised messages of the video with their times [ns], in order.
+        Each block is in the file before the next one begins. A channel without messages is not in the file.
         """
         types = [(c.topic, c.schema) for c in channels] + [("/camera", CompressedVideo.get_schema())]
         log_to = [
@@ -120,18 +119,6 @@ def _json(value: object) -> bytes:
     return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False).encode()
 
 
-def _vehicles(flight: Flight) -> bytes:
-    """Names, sites and effectors, which `/tf` holds in part only; JSON keeps float64 to the bit."""
-    t = flight.trajectory
-    sites = zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True)
-    table = [{"name": name, "vehicle": vehicle, "offset": offset} for name, vehicle, offset in sites]
-    effectors = [
-        [{"name": name, "force": force} for name, force in zip(names, forces, strict=False)]
-        for names, forces in zip(t.effector_names, t.effector_force.tolist(), strict=False)
-    ]
-    return _json({"names": t.names, "sites": table, "effectors": effectors})
-
-
 def _frames(video: Iterable[tuple[float, bytes]], clock: Clock) -> Iterator[tuple[int, bytes]]:
     """Frames as serialised messages with their times [ns]."""
     last = -1
@@ -146,9 +133,12 @@ def _frames(video: Iterable[tuple[float, bytes]], clock: Clock) -> Iterator[tupl
 def _describe(mcap: MCAPWriter, flight: Flight, summary: str) -> None:
     """Attachments and metadata of a flight."""
     at = Clock(flight.scenario.epoch).epoch_ns
-    versions = _json({package: version(package) for package in _PACKAGES})
-    files = {SCENARIO: flight.scenario.toml().encode(), VEHICLES: _vehicles(flight), SUMMARY: summary.encode()}
-    for name, data in (files | {VERSIONS: versions}).items():
+    versions = {package: version(package) for package in _PACKAGES}
+    # JSON keeps float64 to the bit
+    values = {name: getattr(flight.trajectory, name) for name in FIXED}
+    vehicles = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
+    files = {SCENARIO: flight.scenario.toml().encode(), SUMMARY: summary.encode()}
+    for name, data in (files | {VEHICLES: _json(vehicles), VERSIONS: _json(versions)}).items():
         media = f"application/{name.rpartition('.')[2]}"
         mcap.attach(log_time=at, create_time=at, name=name, media_type=media, data=data)
     mcap.write_metadata("conventions", _CONVENTIONS)

@@ -165,7 +165,7 @@ def memory(what: str) -> int:
 
 
 def many_messages(path: Path, count: int) -> Path:
-    """A log of hours: own motion every 10 ms, at the speed of 1, 2, 3 … m/s; one has a heading, and a field that the type lacks."""
+    """A log of hours: own motion every 10 ms, at the speed of 1, 2, 3 … m/s; one has a heading and an unknown field."""
     first = OWN_MOTION.message_class(speed=1.0, heading=0.5, depth=0.0).SerializeToString() + b"\xf0\x01\x07"
     content = OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=0.0).SerializeToString()
     with path.open("wb") as stream:
