@@ -6,8 +6,9 @@ results.
 """
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar, Unpack
@@ -17,14 +18,17 @@ from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import PER_RUN, PER_STEP, Arrays, CampaignError, Record, Store
-from experiments.campaign.tasks import Task, compute_tasks, key_of, task_key
+from experiments.campaign.tasks import Task, key_of, task_key
 from laisn.failure import LaisnError
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
 T = TypeVar("T")
+Name = TypeVar("Name", bound=Hashable)
 Facts = Callable[[Scenario, Trajectory], list[Record]]
 """What is measured of a mission besides: a record for each follower."""
+Result = tuple[str, Any, Arrays]
+"""Key, record or mission, and arrays of a record."""
 
 _BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
@@ -99,7 +103,7 @@ class Flown:
         return [self.row(plan) for plan in self.design.cells]
 
 
-def _batches(plans: Sequence[CellPlan], workers: int) -> Iterator[list[CellPlan]]:
+def _batches(plans: Sequence[CellPlan], workers: int) -> Iterator[tuple[CellPlan, ...]]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
     total = sum(plan.size for plan in plans)
     limit = min(_BATCH_STEPS, max(total // (4 * workers), 1))
@@ -108,10 +112,10 @@ def _batches(plans: Sequence[CellPlan], workers: int) -> Iterator[list[CellPlan]
         batch: list[CellPlan] = []
         for plan in mission:
             if batch and sum(p.size for p in batch) + plan.size > limit:
-                yield batch
+                yield tuple(batch)
                 batch = []
             batch.append(plan)
-        yield batch
+        yield tuple(batch)
 
 
 def missing_cells(plans: Iterable[CellPlan], store: Store) -> list[CellPlan]:
@@ -127,53 +131,64 @@ def missing_cells(plans: Iterable[CellPlan], store: Store) -> list[CellPlan]:
     ]
 
 
-def _fly(motion: str, scenario: Scenario, facts: Facts | None) -> tuple[str, Trajectory | str, list[Record]]:
-    """Key of a mission, the mission or what kept it from being flown, and its facts."""
+def _attempt(name: Name, work: Callable[[], list[Result]]) -> tuple[Name, list[Result] | str]:
+    """Results of some work by its name, or why it has none."""
     try:
-        trajectory = missions.simulate_mission(scenario)
+        return name, work()
     except CampaignError as error:
-        return motion, str(error).splitlines()[0], []
-    return motion, trajectory, facts(scenario, trajectory) if facts else []
+        return name, str(error).splitlines()[0]
 
 
-def _store_flight(store: Store, scenario: Scenario, trajectory: Trajectory) -> None:
-    """Store a mission; all scenarios that share its motion give the same bytes."""
-    motion = missions.motion_of(scenario)
-    store.write_flight(missions.motion_key(scenario), missions.sited(trajectory, motion.leader))
-
-
-def fly_missions(
-    scenarios: Mapping[str, Scenario], store: Store, pool: Pool, *, facts: Facts | None = None, quiet: bool = False
-) -> dict[str, str]:
-    """Fly missions in parallel, those that are not stored yet, and store each with its facts.
+def _compute(
+    what: str, names: Sequence[Name], work: Callable[[Name], Callable[[], list[Result]]],
+    is_stored: Callable[[Name], bool], store: Store, pool: Pool, *, size: Callable[[Name], int] = lambda _: 1,
+    quiet: bool = False,
+) -> dict[Name, str]:  # fmt: skip
+    """Compute in parallel what is not stored, and store each result as it is done.
 
     Args:
-        scenarios: by the key of their motion.
-        store: for the missions.
+        what: label of the progress display.
+        names: of the work.
+        work: what a process calls, made just before it is handed out.
+        is_stored: whether another process has stored the results meanwhile.
+        store: for the results.
         pool: entered.
-        facts: to be measured of each.
+        size: of the work, for the progress display.
         quiet: show no progress.
 
     Returns:
-        What happened to those that cannot be flown, by the key of their motion.
+        Why work failed, by its name.
     """
-
-    def is_stored(item: tuple[str, Scenario, Facts | None]) -> bool:
-        motion, _, facts = item
-        return store.flight(motion) is not None and (facts is None or store.record(key_of(facts, motion)) is not None)
-
-    wanted = [item for item in ((*given, facts) for given in scenarios.items()) if not is_stored(item)]
     failed = {}
-    with progress("missions", len(wanted), quiet=quiet) as advance:
-        for motion, flown, measured in pool.each(_fly, store.still_missing(wanted, is_stored, lambda _: advance())):
-            if isinstance(flown, str):
-                failed[motion] = flown
+    with progress(what, sum(map(size, names)), quiet=quiet) as advance:
+        missing = store.still_missing(names, is_stored, lambda name: advance(size(name)))
+        for name, found in pool.each(_attempt, ((name, work(name)) for name in missing)):
+            if isinstance(found, str):
+                failed[name] = found
             else:
-                _store_flight(store, scenarios[motion], flown)
-                if facts:
-                    store.write_record(key_of(facts, motion), measured)
-            advance()
+                for result in found:
+                    store.write(*result)
+            advance(size(name))
     return failed
+
+
+def _unsited(scenario: Scenario, trajectory: Trajectory) -> Trajectory:
+    """A mission as it is stored: all scenarios that share its motion give the same bytes."""
+    return missions.sited(trajectory, missions.motion_of(scenario).leader)
+
+
+def _fly(scenario: Scenario, motion: str, facts: Facts | None) -> list[Result]:
+    """A mission and its facts."""
+    trajectory = missions.simulate_mission(scenario)
+    measured: list[Result] = [(key_of(facts, motion), facts(scenario, trajectory), {})] if facts else []
+    return [(motion, _unsited(scenario, trajectory), {}), *measured]
+
+
+def _rows(key: str, task: Task) -> list[Result]:
+    """The rows of a task."""
+    found = task()
+    rows = found if isinstance(found, list) else [found]
+    return [(key, [row if isinstance(row, dict) else asdict(row) for row in rows], {})]
 
 
 def mission(scenario: Scenario, store: Store) -> Trajectory:
@@ -181,7 +196,7 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
     trajectory = store.flight(missions.motion_key(scenario))
     if trajectory is None:
         trajectory = missions.simulate_mission(scenario)
-        _store_flight(store, scenario, trajectory)
+        store.write_flight(missions.motion_key(scenario), _unsited(scenario, trajectory))
     return missions.sited(trajectory, scenario.leader)
 
 
@@ -190,19 +205,6 @@ def compile_ahead(plan: CellPlan) -> None:
     short = plan.scenario.first_messages
     with compiling_shown():
         compute(missions.simulate_mission(short), [replace(plan, scenario=short, runs=1)])
-
-
-def compute_cells(plans: Sequence[CellPlan], store: Store, pool: Pool, *, quiet: bool = False) -> None:
-    """Compute cells of stored missions in parallel, and store each as it is done."""
-    with progress("cells", len(plans), quiet=quiet) as advance:
-        missing = store.still_missing(
-            _batches(plans, pool.size), lambda batch: not missing_cells(batch, store), lambda batch: advance(len(batch))
-        )
-        tasks = ((mission(batch[0].scenario, store), batch) for batch in missing)
-        for done in pool.each(compute, tasks):
-            for key, row, steps in done:
-                store.write_record(key, row, steps)
-                advance()
 
 
 def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpack[ExecutionOptions]) -> Flown:
@@ -225,13 +227,20 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
     workers, cluster, quiet = options.get("workers"), options.get("cluster"), options.get("quiet", False)
     pool = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
     store, facts = Store(folder, force=options.get("force", False)), design.facts
+    keys = {name: task_key(task) for name, task in design.tasks.items()}
     cells = missing_cells(design.cells, store)
-    motions = {plan.motion: plan.scenario for plan in cells}
-    if facts:
-        unmeasured = [plan for plan in design.cells if store.record(key_of(facts, plan.motion)) is None]
-        motions |= {plan.motion: plan.scenario for plan in unmeasured}
-    tasks = {name: task for name, task in design.tasks.items() if store.record(task_key(task)) is None}
-    pool.size = min(pool.size, max(len(cells), len(motions), len(tasks), 1))
+
+    def is_flown(motion: str) -> bool:
+        return store.flight(motion) is not None and (not facts or store.record(key_of(facts, motion)) is not None)
+
+    def is_computed(name: Any) -> bool:
+        return store.record(keys[name]) is not None
+
+    unmeasured = [plan for plan in design.cells if facts and store.record(key_of(facts, plan.motion)) is None]
+    motions = {plan.motion: plan.scenario for plan in (*cells, *unmeasured)}
+    flights = [motion for motion in motions if not is_flown(motion)]
+    tasks = [name for name in design.tasks if not is_computed(name)]
+    pool.size = min(pool.size, max(len(cells), len(flights), len(tasks), 1))
     if cluster is None and not quiet:
         if cells:
             compile_ahead(cells[0])
@@ -239,12 +248,23 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
             with compiling_shown():
                 design.ahead()
     with pool:
-        failures: dict[Any, str] = {**fly_missions(motions, store, pool, facts=facts, quiet=quiet)}
-        failures |= compute_tasks(tasks, store, pool, what=design.what, quiet=quiet)
+        failures: dict[Any, str] = {}
+        failures |= _compute(
+            "missions", flights, lambda motion: partial(_fly, motions[motion], motion, facts), is_flown,
+            store, pool, quiet=quiet,
+        )  # fmt: skip
+        failures |= _compute(
+            design.what, tasks, lambda name: partial(_rows, keys[name], design.tasks[name]), is_computed,
+            store, pool, quiet=quiet,
+        )  # fmt: skip
         if failures and not tolerant:
             raise CampaignError("; ".join(sorted(set(failures.values()))))
-        compute_cells([plan for plan in cells if plan.motion not in failures], store, pool, quiet=quiet)
-    rows = {name: store.record(task_key(task)) for name, task in design.tasks.items()}
+        _compute(
+            "cells", [*_batches([plan for plan in cells if plan.motion not in failures], pool.size)],
+            lambda batch: partial(compute, mission(batch[0].scenario, store), batch),
+            lambda batch: not missing_cells(batch, store), store, pool, size=len, quiet=quiet,
+        )  # fmt: skip
+    rows = {name: store.record(key) for name, key in keys.items()}
     return Flown(
         design=design, store=store, failures=failures,
         tasks={name: found for name, found in rows.items() if found is not None},

@@ -10,9 +10,9 @@ import random
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
-from zipfile import ZipFile
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +34,7 @@ Arrays = dict[str, npt.NDArray[Any]]
 PER_RUN, PER_STEP = "run_", "step_"
 """Prefixes of what is stored of each run, and of each step over all runs."""
 
-_DIGITS = 64
+_CHECKSUM_BYTES = 32
 _RECORD = "record"
 """Array that holds the JSON of a stored record."""
 
@@ -86,19 +86,19 @@ def write_csv(path: Path, rows: Sequence[Record]) -> None:
         writer.writerows(zip(*columns.values(), strict=True))
 
 
-def _decoded(path: Path) -> Any:
-    with np.load(path, allow_pickle=False) as arrays:
+def _decoded(file: BinaryIO) -> Any:
+    with np.load(file, allow_pickle=False) as arrays:
         return json.loads(arrays[_RECORD].tobytes())
 
 
-def _arrays(path: Path, prefix: str) -> Arrays:
-    with np.load(path, allow_pickle=False) as arrays:
+def _arrays(file: BinaryIO, prefix: str) -> Arrays:
+    with np.load(file, allow_pickle=False) as arrays:
         return {name.removeprefix(prefix): arrays[name] for name in arrays if name.startswith(prefix)}
 
 
 def _checksum(path: Path, content: bytes) -> bytes:
-    """Checksum of a result and its key, which the comment of its archive holds: a zip file's own leave gaps."""
-    return hashlib.sha256(path.stem.encode() + content).hexdigest().encode()
+    """Checksum of a result and its key, which follows its archive: those of a zip file leave gaps."""
+    return hashlib.sha256(path.stem.encode() + content).digest()
 
 
 STUDY_FILE, FLIGHT_FILE = "campaign.json", "summary.json"
@@ -159,15 +159,16 @@ class Store:
         with atomic_write(manifest) as part:
             part.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
 
-    def _read(self, path: Path, load: Callable[[Path], Content]) -> Content | None:
+    def _read(self, path: Path, load: Callable[[BinaryIO], Content]) -> Content | None:
         """Content of a stored result; None if it must be computed. A damaged file warns and counts as missing."""
         if self._force and path not in self._written:
             return None
         try:
             content = path.read_bytes()
-            if content[-_DIGITS:] != _checksum(path, content[:-_DIGITS]):
+            archive, checksum = content[:-_CHECKSUM_BYTES], content[-_CHECKSUM_BYTES:]
+            if checksum != _checksum(path, archive):
                 raise ValueError("wrong checksum: it is damaged or another result's")
-            return load(path)
+            return load(BytesIO(archive))
         except FileNotFoundError:
             return None
         except Exception as error:  # NumPy raises a dozen kinds for files that are none of ours
@@ -178,10 +179,9 @@ class Store:
     def _write(self, path: Path, save: Callable[[Path], None]) -> None:
         with atomic_write(path) as part:
             save(part)
-            with ZipFile(part, "a") as archive:
-                archive.comment = bytes(_DIGITS)
-            content = part.read_bytes()[:-_DIGITS]
-            part.write_bytes(content + _checksum(path, content))
+            checksum = _checksum(path, part.read_bytes())
+            with part.open("ab") as file:
+                file.write(checksum)
         self._written.add(path)
 
     def still_missing(
@@ -217,6 +217,13 @@ class Store:
                 np.savez_compressed(file, **content)
 
         self._write(self._cells / f"{key}.npz", save)
+
+    def write(self, key: str, content: object, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Store a mission, or a record with its arrays."""
+        if isinstance(content, Trajectory):
+            self.write_flight(key, content)
+        else:
+            self.write_record(key, content, arrays)
 
     def arrays(self, key: str, prefix: str) -> Arrays | None:
         """The arrays of a record with a prefix, by their names without it; None if they must be computed."""

@@ -1,8 +1,7 @@
 """Tasks: calls of a function whose rows are stored under a key of its sources and of its arguments."""
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Iterable
 from functools import cache, partial
 from typing import Any, TypeVar
 
@@ -11,9 +10,7 @@ from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from experiments.campaign.missions import digest
-from experiments.campaign.processes import Pool
-from experiments.campaign.progress import progress
-from experiments.campaign.store import CampaignError, Record, Store
+from experiments.campaign.store import Record
 from experiments.campaign.version import code_version, version_of
 
 Task = partial[Any]
@@ -58,42 +55,3 @@ def key_of(function: Callable[..., object], *arguments: object) -> str:
     """Hash of a function's name, of every source that it can reach, and of its arguments."""
     given = to_jsonable_python(arguments, fallback=_plain)
     return digest([code_version(), _source(function.__module__), function.__qualname__, given])
-
-
-def _rows(name: Any, task: Task) -> tuple[Any, list[Record] | str]:
-    """Name of a task and its rows, or why it has none."""
-    try:
-        found = task()
-    except CampaignError as error:
-        return name, str(error).splitlines()[0]
-    rows = found if isinstance(found, list) else [found]
-    return name, [row if isinstance(row, dict) else asdict(row) for row in rows]
-
-
-def compute_tasks(
-    tasks: Mapping[Any, Task], store: Store, pool: Pool, *, what: str = "tasks", quiet: bool = False
-) -> dict[Any, str]:
-    """Compute tasks in parallel, and store the rows of each as it is done.
-
-    Args:
-        tasks: by name.
-        store: for their rows.
-        pool: entered.
-        what: label of the progress display.
-        quiet: show no progress.
-
-    Returns:
-        Why a task has no rows, by its name.
-    """
-    failed: dict[Any, str] = {}
-    with progress(what, len(tasks), quiet=quiet) as advance:
-        missing = store.still_missing(
-            tasks.items(), lambda item: store.record(task_key(item[1])) is not None, lambda _: advance()
-        )
-        for name, found in pool.each(_rows, missing):
-            if isinstance(found, str):
-                failed[name] = found
-            else:
-                store.write_record(task_key(tasks[name]), found)
-            advance()
-    return failed

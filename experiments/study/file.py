@@ -1,6 +1,6 @@
 """Study files: what a user asks, as TOML, read and checked key by key."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from os.path import relpath
@@ -170,46 +170,34 @@ def _arms(given: list[dict[str, Any]], lines: list[str], folder: Path) -> tuple[
     return tuple(arms)
 
 
-def _conflict(key: str, others: Mapping[str, str]) -> str | None:
-    """The key among `others` that sets the same value, or a table around it or within it; None if there is none."""
-    parts = key.split(".")
-    around = (".".join(parts[:n]) for n in range(1, len(parts) + 1))
-    return next((k for k in around if k in others), None) or next((k for k in others if k.startswith(f"{key}.")), None)
+def _clash(part: str, key: str, given: Iterable[tuple[str, str]]) -> list[str]:
+    """A line if a key of a part, a table around it or a key within it is among the given pairs of part and key."""
+    for where, other in given:
+        if key == other:
+            return [f"  {key}: stands in {where} and in {part}; remove one"]
+        inner, outer = (key, other) if key.startswith(f"{other}.") else (other, key)
+        if inner.startswith(f"{outer}."):
+            text = f"{part} sets {key}, {where} sets {other}; {inner} is part of {outer}, which replaces it: remove one"
+            return [f"  {key}: {text}"]
+    return []
 
 
 def _overlaps(study: Study) -> list[str]:
     """A line for each key that two parts of the file set; an arm alone may set a key of [set] anew."""
-    owner: dict[str, str] = {}
-    lines = []
-    varied, drawn = [f.key for f in study.factors], [d.key for d in study.draws]
-    parts = [("[set]", list(study.settings)), ("[vary]", varied), ("[draw]", drawn)]
-    arms = [(f"arm {arm.name}", list(arm.settings)) for arm in study.arms]
-    for part, key in ((part, key) for part, keys in parts for key in keys):
-        if (other := _conflict(key, owner)) is not None:
-            lines.append(_twice(key, part, other, owner[other]))
-        owner[key] = part
-    for part, keys in arms:
-        own: dict[str, str] = {}
-        for key in keys:
-            known = owner | own
-            other = _conflict(key, known)
-            if other is not None and (other != key or known[other] != "[set]"):
-                lines.append(_twice(key, part, other, known[other]))
-            own[key] = part
-    return lines + [
-        f"  {key}: belongs to the study; seeds and runs are numbered by it"
-        for key in ("run", "seed", "name")
-        if key in owner or any(key in keys for _, keys in arms)
-    ]
-
-
-def _twice(key: str, part: str, other: str, where: str) -> str:
-    if key == other:
-        return f"  {key}: stands in {where} and in {part}; remove one"
-    outer, inner = sorted((key, other), key=len)
-    return (
-        f"  {key}: {part} sets {key}, {where} sets {other}; {inner} is part of {outer}, which replaces it: remove one"
-    )
+    parts = {"[set]": study.settings, "[vary]": [f.key for f in study.factors], "[draw]": [d.key for d in study.draws]}
+    lines, shared = list[str](), list[tuple[str, str]]()
+    for part, key in ((part, key) for part, keys in parts.items() for key in keys):
+        lines += _clash(part, key, shared)
+        shared.append((part, key))
+    keys = {key for _, key in shared}
+    for arm in study.arms:
+        own: list[tuple[str, str]] = []
+        for key in arm.settings:
+            lines += _clash(f"arm {arm.name}", key, [pair for pair in (*shared, *own) if pair != ("[set]", key)])
+            own.append((f"arm {arm.name}", key))
+        keys |= arm.settings.keys()
+    owned = [key for key in ("run", "seed", "name") if key in keys]
+    return lines + [f"  {key}: belongs to the study; seeds and runs are numbered by it" for key in owned]
 
 
 def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Path()) -> Study:

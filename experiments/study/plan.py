@@ -94,19 +94,6 @@ def many(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
-class _Flyable:
-    """What keeps scenarios from being flown, found once for all that move and are filmed alike."""
-
-    def __init__(self) -> None:
-        self._found: dict[str, list[str]] = {}
-
-    def __call__(self, scenario: Scenario) -> list[str]:
-        key = digest([motion_of(scenario).model_dump(mode="json"), scenario.video.model_dump(), scenario.epoch])
-        if key not in self._found:
-            self._found[key] = infeasibilities(scenario)
-        return self._found[key]
-
-
 def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """A table with the settings in it, and a line for each that has no place there."""
     try:
@@ -160,7 +147,16 @@ def _examined(
     first = study.seed if study.seed is not None else given if isinstance(given, int) else 1
     drawn = [{draw.key: draw.value(first, sea) for draw in study.draws} for sea in range(study.seas)]
     errors: dict[str, list[str]] = {}
-    entries, flyable = [], _Flyable()
+    entries: list[Entry] = []
+    found_of: dict[str, list[str]] = {}
+
+    def infeasible(scenario: Scenario) -> list[str]:
+        """What keeps a scenario from being flown, found once for all that move and are filmed alike."""
+        key = digest([motion_of(scenario).model_dump(mode="json"), scenario.video.model_dump(), scenario.epoch])
+        if key not in found_of:
+            found_of[key] = infeasibilities(scenario)
+        return found_of[key]
+
     for number, point in enumerate(points):
         for arm, own in arms.items():
             for sea in range(study.seas):
@@ -168,7 +164,7 @@ def _examined(
                 if study.seas > 1 or study.seed is not None:
                     settings["seed"] = first + sea
                 changed, lines = _with(table, settings)
-                scenario, found = examined(changed, flyable)
+                scenario, found = examined(changed, infeasible)
                 lines += found
                 for line in lines:
                     errors.setdefault(line, []).append(_where(point, arm, sea, study))

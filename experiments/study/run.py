@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Unpack
@@ -34,6 +34,11 @@ class Outcomes:
     """One pair for each entry and follower: what it is, and lists over runs by name."""
     failures: dict[str, list[Entry]] = field(default_factory=dict)
     """Entries that could not be flown, by what happened."""
+
+    @cached_property
+    def results(self) -> Results:
+        """Rows and runs by place."""
+        return Results.of(self.rows, self.runs)
 
 
 def plans_of(entry: Entry, runs: int) -> list[CellPlan]:
@@ -156,7 +161,7 @@ def fly_until_narrow(plan: Plan, folder: Path, **options: Unpack[ExecutionOption
         runs = plan.study.runs
         if until is None or runs >= until.most:
             return plan, outcomes
-        widest = _widest(Results.of(outcomes.rows, outcomes.runs), until.metric)
+        widest = _widest(outcomes.results, until.metric)
         if widest <= until.half_width:
             return plan, outcomes
         batches = math.ceil(runs * (widest / until.half_width) ** 2 / batch)

@@ -118,13 +118,12 @@ def write_results(plan: Plan, outcomes: Outcomes, folder: Path, film: Path | Non
 
     if not outcomes.rows:
         raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
-    results = Results.of(outcomes.rows, outcomes.runs)
     with atomic_write(folder / STUDY) as part:
         part.write_text(tomli_w.dumps(table_in(plan.study, folder)), encoding="utf-8")
     write_table(folder / RESULTS, of_one_type(columns_of(outcomes.rows)))
     write_table(folder / RUNS, run_columns(outcomes.runs))
-    record_of(plan, results).write(folder / RECORD)
-    write(page_of(plan, results, outcomes.failures, film), folder / REPORT)
+    record_of(plan, outcomes.results).write(folder / RECORD)
+    write(page_of(plan, outcomes.results, outcomes.failures, film), folder / REPORT)
     return folder / REPORT
 
 
@@ -151,7 +150,7 @@ def run_study(
         LaisnError: as of `fly_until_narrow` and `write_results`.
     """
     plan, outcomes = fly_until_narrow(plan_of(study), folder, **options)
-    filmed = film(plan, Results.of(outcomes.rows, outcomes.runs), folder) if film and outcomes.rows else None
+    filmed = film(plan, outcomes.results, folder) if film and outcomes.rows else None
     return write_results(plan, outcomes, folder, filmed)
 
 
