@@ -6,6 +6,7 @@ results.
 """
 
 import os
+import random
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -146,6 +147,8 @@ def _compute(
 ) -> dict[Name, str]:  # fmt: skip
     """Compute in parallel what is not stored, and store each result as it is done.
 
+    The order is random, so that processes which share a folder share the work.
+
     Args:
         what: label of the progress display.
         names: of the work.
@@ -161,8 +164,15 @@ def _compute(
     """
     failed = {}
     with progress(what, sum(map(size, names)), quiet=quiet) as advance:
-        missing = store.still_missing(names, is_stored, lambda name: advance(size(name)))
-        for name, found in pool.each(_attempt, ((name, work(name)) for name in missing)):
+
+        def missing() -> Iterator[tuple[Name, Callable[[], list[Result]]]]:
+            for name in random.sample(names, len(names)):
+                if is_stored(name):
+                    advance(size(name))
+                else:
+                    yield name, work(name)
+
+        for name, found in pool.each(_attempt, missing()):
             if isinstance(found, str):
                 failed[name] = found
             else:

@@ -34,14 +34,9 @@ class Pool:
     """A pool of processes; use it as a context. With one local worker everything is computed in this process."""
 
     def __init__(self, workers: int, cluster: str | None = None) -> None:
-        """Prepare a pool; processes start with the first work.
+        """Prepare local processes, which start with the first work, or the address of a Dask scheduler in their place.
 
-        Args:
-            workers: local processes.
-            cluster: address of a Dask scheduler; its workers are used instead.
-
-        Raises:
-            LaisnError: there is no worker.
+        Raises LaisnError if there is no worker.
         """
         if workers < 1:
             raise LaisnError(f"workers is {workers}, expected at least 1")

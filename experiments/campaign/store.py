@@ -6,9 +6,8 @@ Each stored result is one `.npz` archive with a checksum of all its bytes.
 import csv
 import hashlib
 import json
-import random
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -25,7 +24,6 @@ from sim.files import atomic_write, locked, remove_stale_parts
 from sim.trajectory import Trajectory
 
 Content = TypeVar("Content")
-Item = TypeVar("Item")
 Record = dict[str, Any]
 """A row: column names and plain values."""
 Arrays = dict[str, npt.NDArray[Any]]
@@ -118,12 +116,7 @@ class Store:
     """
 
     def __init__(self, folder: Path, *, force: bool = False) -> None:
-        """Open or make the folder.
-
-        Args:
-            folder: of the campaign.
-            force: results that are there count as missing, and those of another version are removed.
-        """
+        """Open or make the folder; `force`: stored results count as missing, those of another version are removed."""
         require_kind(folder, "flight", FLIGHT_FILE)
         self.folder = folder
         self._cells, self._flights = folder / "cells", folder / "flights"
@@ -183,25 +176,6 @@ class Store:
             with part.open("ab") as file:
                 file.write(checksum)
         self._written.add(path)
-
-    def still_missing(
-        self, items: Iterable[Item], is_stored: Callable[[Item], bool], skip: Callable[[Item], None]
-    ) -> Iterator[Item]:
-        """Items to compute, in random order, less those that another process stores meanwhile.
-
-        Processes that share a folder share the work, for each takes the items in another order.
-
-        Args:
-            items: that were missing.
-            is_stored: asked just before an item is yielded.
-            skip: called with an item that is stored.
-        """
-        given = list(items)
-        for item in random.sample(given, len(given)):
-            if is_stored(item):
-                skip(item)
-            else:
-                yield item
 
     def record(self, key: str) -> Any:
         """What `write_record` stored under a key; None if it must be computed."""

@@ -29,14 +29,9 @@ _TABLES = {".toml", ".csv"}
 
 @cache
 def imported_names(source: bytes, package: str) -> frozenset[str]:
-    """Absolute names in the import statements of a source, also of those inside functions.
+    """Absolute names of modules, and of what is imported from them, in all import statements of a source.
 
-    Args:
-        source: text of a module.
-        package: that relative imports start from.
-
-    Returns:
-        Names of modules, and of what is imported from them, which may be modules too.
+    Relative imports start from `package`.
     """
     names = set()
     nodes: list[ast.AST] = [ast.parse(source)]
@@ -60,14 +55,9 @@ def _file(module: str, root: Path) -> Path | None:
 
 
 def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:
-    """Source files of modules and of all that they import, directly or not, by module name.
+    """Source files, below `root`, of modules and of all that they import, directly or not, by module name.
 
-    Args:
-        modules: full names.
-        root: folder of the packages.
-
-    Raises:
-        FileNotFoundError: one of `modules` does not exist.
+    Raises FileNotFoundError if one of `modules` does not exist.
     """
     found: dict[str, Path] = {}
     names = list(modules)
@@ -93,12 +83,6 @@ def sources(root: Path = ROOT) -> tuple[Path, ...]:
     """Every file that may change a stored number: the modules that compute it, all that they import, and their data.
 
     Films, logs, pages and commands are not among them, since nothing that computes imports these.
-
-    Args:
-        root: folder of the packages.
-
-    Raises:
-        FileNotFoundError: a computing module does not exist.
     """
     found = reachable(_COMPUTING, root)
     # of `experiments` the modules alone: its data are published tables and a layout, to compare with and to draw
@@ -134,12 +118,9 @@ def fingerprint(root: Path = ROOT) -> str:
 
 
 def version_of(modules: Iterable[str], root: Path = ROOT) -> str:
-    """Hash of every source that may change the numbers of a study, 12 hexadecimal digits.
+    """Hash of every source that may change the numbers that some modules compute, 12 hexadecimal digits.
 
-    Args:
-        modules: that compute its numbers; all that they import counts, the tables beside them, and all that any
-            campaign computes with.
-        root: folder of the packages.
+    All that they import counts, the tables beside them, and all that any campaign computes with.
     """
     named = tuple(modules)
     found = reachable(named, root)

@@ -132,22 +132,6 @@ def test_a_damaged_manifest_is_written_again(cells: Path, text: str) -> None:
     assert manifest.read_bytes() == whole
 
 
-def test_what_another_process_stores_meanwhile_is_skipped(tmp_path: Path) -> None:
-    stored, skipped, found = set[int](), list[int](), list[int]()
-    for item in Store(tmp_path).still_missing(range(100), stored.__contains__, skipped.append):
-        found.append(item)
-        stored.add((item + 1) % 100)
-    assert not set(found) & set(skipped)
-    assert sorted(found + skipped) == list(range(100))
-    assert skipped
-
-
-def test_processes_take_items_in_different_orders(tmp_path: Path) -> None:
-    one, other = (list(Store(tmp_path).still_missing(range(100), lambda _: False, lambda _: None)) for _ in range(2))
-    assert one != other
-    assert sorted(one) == sorted(other) == list(range(100))
-
-
 OPENER = """
 import sys
 from pathlib import Path

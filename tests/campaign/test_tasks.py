@@ -1,5 +1,6 @@
 """Tasks: rows kept under a key of their sources and of what is given, resumed, typed again; failures told by name."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,8 @@ import pytest
 
 from experiments.campaign import campaign, tasks
 from experiments.campaign.campaign import Design, Flown
-from experiments.campaign.store import CampaignError
+from experiments.campaign.processes import Pool
+from experiments.campaign.store import CampaignError, Store
 from experiments.campaign.tasks import key_of, typed, with_arrays
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
@@ -106,3 +108,35 @@ def test_compiling_ahead_is_done_once_and_only_if_something_is_missing(tmp_path:
     for _ in range(2):
         campaign.fly(design, tmp_path, workers=1)
     assert ahead == [1]
+
+
+def order(folder: Path, stored: Callable[[int], bool], computed: list[int]) -> None:
+    """Compute 100 results of nothing in this process, in the order in which the campaign takes them."""
+
+    def work(number: int) -> Callable[[], list[campaign.Result]]:
+        computed.append(number)
+        return list
+
+    campaign._compute("", range(100), work, stored, Store(folder), Pool(1), quiet=True)
+
+
+def test_what_another_process_stores_meanwhile_is_skipped(tmp_path: Path) -> None:
+    stored, skipped, computed = set[int](), list[int](), list[int]()
+
+    def is_stored(number: int) -> bool:
+        stored.update((other + 1) % 100 for other in computed)
+        if number in stored:
+            skipped.append(number)
+        return number in stored
+
+    order(tmp_path, is_stored, computed)
+    assert sorted(computed + skipped) == list(range(100))
+    assert skipped
+
+
+def test_processes_take_work_in_different_orders(tmp_path: Path) -> None:
+    orders: list[list[int]] = [[], []]
+    for computed in orders:
+        order(tmp_path, lambda _: False, computed)
+    assert orders[0] != orders[1]
+    assert sorted(orders[0]) == sorted(orders[1]) == list(range(100))
