@@ -26,12 +26,18 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
+    from experiments.flight.files import log_flight as write_log
+    from experiments.flight.fly import navigate_again as navigate
+    from experiments.flight.library import loaded as load
     from experiments.flight.tables import Table as Table
+    from experiments.flight.tables import errors_table as errors
+    from experiments.flight.tables import measurements_table as measurements
+    from experiments.flight.tables import truth_table as truth
     from experiments.study.study import StudyFolder as StudyFolder
     from laisn.failure import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
-    from laisn.navigators import NavigatorFactory
     from sim.flight import Flight as Flight
+    from sim.log.reader import read as read_log
     from sim.scenario.settings import Scenario as Scenario
     from sim.simulation import ControllerFactory
 
@@ -54,13 +60,21 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _PACKAGES = ("models", "laisn", "sim", "experiments")
 _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
-    "Flight": "sim.flight",
-    "LaisnError": "laisn.failure",
-    "Navigator": "laisn.navigator",
-    "StudyFolder": "experiments.study.study",
-    "Scenario": "sim.scenario.settings",
-    "Table": "experiments.flight.tables",
+    "Flight": "sim.flight:Flight",
+    "LaisnError": "laisn.failure:LaisnError",
+    "Navigator": "laisn.navigator:Navigator",
+    "StudyFolder": "experiments.study.study:StudyFolder",
+    "Scenario": "sim.scenario.settings:Scenario",
+    "Table": "experiments.flight.tables:Table",
+    "errors": "experiments.flight.tables:errors_table",
+    "load": "experiments.flight.library:loaded",
+    "measurements": "experiments.flight.tables:measurements_table",
+    "navigate": "experiments.flight.fly:navigate_again",
+    "read_log": "sim.log.reader:read",
+    "truth": "experiments.flight.tables:truth_table",
+    "write_log": "experiments.flight.files:log_flight",
 }
+"""Where the classes of this module, and functions that are taken as they are, stand."""
 
 
 def _leave(*_: object) -> None:
@@ -103,7 +117,7 @@ def _require_own_packages() -> None:
 
 
 def __getattr__(name: str) -> object:
-    """The classes of this module, imported when they are first asked for."""
+    """Classes and functions that stand elsewhere, imported when they are first asked for."""
     if name not in _HOMES:
         raise AttributeError(
             f"module 'laisn_sim' has no attribute {name!r}; available: {', '.join(sorted((*__all__, *_HOMES)))}"
@@ -111,29 +125,13 @@ def __getattr__(name: str) -> object:
     from importlib import import_module
 
     _require_own_packages()
-    found = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    module, _, attribute = _HOMES[name].partition(":")
+    found = globals()[name] = getattr(import_module(module), attribute)
     return found
 
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__, *_HOMES})
-
-
-def load(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:
-    """Load a mission and check that it can be flown, filmed and logged.
-
-    Args:
-        source: built-in name ("T5", "following-sea", …), TOML file, the table that such a file would hold, or a
-            scenario.
-        changes: values by dotted key, such as {"followers.0.depth_m": 12.0, "navigation.variant": "laisn-3-2"}.
-
-    Raises:
-        LaisnError: there is no such scenario, or it is not valid; the text names key, value and limit of every error.
-    """
-    _require_own_packages()
-    from experiments.flight.library import loaded
-
-    return loaded(source, changes or {})
 
 
 def fly(
@@ -155,69 +153,11 @@ def fly(
     Raises:
         LaisnError: as of `load`.
     """
-    scenario = load(source, changes)
+    _require_own_packages()
     from experiments.flight.fly import fly as flown
+    from experiments.flight.library import loaded
 
-    return flown(scenario, make_controller=controller)[0]
-
-
-def navigate(
-    flight: Flight, changes: Mapping[str, Any] | None = None, *, navigator: NavigatorFactory | None = None
-) -> Flight:
-    """Navigate once more on the very measurements of a flight; how it moved and what was measured stay as they were.
-
-    Args:
-        flight: as flown, or as read from a log.
-        changes: of its navigation, by dotted key: {"navigation.variant": "laisn-3-2"}.
-        navigator: makes the navigator of a follower from its settings and its start [x, y, vx, vy]; whatever has
-            `run(measurements) -> Estimates` will do. None: the one of the variant.
-
-    Raises:
-        LaisnError: the changes are not valid, or touch more than navigation.
-    """
-    _require_own_packages()
-    from experiments.flight.fly import navigate_again
-
-    return navigate_again(flight, changes or {}, navigator)
-
-
-def errors(flight: Flight) -> Table:
-    """Errors of a flight's estimates over time, a row for each follower and filter step.
-
-    Columns: `follower`, `time_s`; `e_p_m` and `e_b_deg`, the paper's errors of position and bearing; `east_m`,
-    `north_m`, `depth_m` of the hydrophone and the `estimate_east_m`, `estimate_north_m` of it; `bearing_deg` from the
-    leader's bow clockwise and `distance_m` from the leader; `captured`, whether the estimate is at the mirror image.
-    """
-    _require_own_packages()
-    from experiments.flight.tables import errors_table
-
-    return errors_table(flight)
-
-
-def truth(flight: Flight) -> Table:
-    """True motion over time, a row for each vehicle and control step.
-
-    Columns: `vehicle`, `time_s`; `east_m`, `north_m`, `depth_m` of the body origin; `heading_deg`, `pitch_deg` (nose
-    up), `roll_deg` (starboard down); `surge_m_s`, speed along the hull through the water; `velocity_east_m_s`,
-    `velocity_north_m_s`, `velocity_up_m_s` over ground; `water_east_m_s`, `water_north_m_s`, `water_up_m_s`.
-    """
-    _require_own_packages()
-    from experiments.flight.tables import truth_table
-
-    return truth_table(flight)
-
-
-def measurements(flight: Flight) -> Table:
-    """What the followers measured, a row for each follower and filter step.
-
-    Columns: `follower`, `time_s`; `speed_m_s`, `heading_deg` and `depth_m` of its own sensors; where a message was
-    received, the fields of `laisn.messages.LeaderMessage` as `leader_…` and the slant ranges `range_rear_m`,
-    `range_front_m` and `range_middle_m`; null elsewhere.
-    """
-    _require_own_packages()
-    from experiments.flight.tables import measurements_table
-
-    return measurements_table(flight)
+    return flown(loaded(source, changes), make_controller=controller)[0]
 
 
 def summary(flight: Flight) -> dict[str, Any]:
@@ -226,30 +166,6 @@ def summary(flight: Flight) -> dict[str, Any]:
     from experiments.flight.summary import position_and_bearing_errors, summarise
 
     return summarise(flight, position_and_bearing_errors(flight))
-
-
-def read_log(path: str | Path) -> Flight:
-    """Read the flight that a log holds, `flight.mcap` of a flight's folder, equal to the bit.
-
-    Raises:
-        LaisnError: it cannot be read, is damaged or holds no flight; the text says what is missing.
-    """
-    _require_own_packages()
-    from sim.log.reader import read
-
-    return read(path)
-
-
-def write_log(flight: Flight, path: str | Path) -> Path:
-    """Write a flight as an MCAP log, which `read_log`, `laisn replay`, Foxglove and Rerun read; gives its path.
-
-    Raises:
-        LaisnError: the file cannot be written.
-    """
-    _require_own_packages()
-    from experiments.flight.files import log_flight
-
-    return log_flight(flight, path)
 
 
 def render(

@@ -16,9 +16,9 @@ from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import Settings
 from sim.assembly import on_axis
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.acoustics import AcousticConfig
+from sim.sensing.errors import errors_of
 from sim.sensing.observation import observe
-from sim.sensing.sensors import errors_of, measure
+from sim.sensing.sensors import measure
 from sim.trajectory import Trajectory
 
 TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
@@ -180,7 +180,7 @@ def navigate(
     measurements, estimates = [], []
     make = navigator or find(scenario.navigation.variant).make
     for follower in range(len(scenario.followers)):
-        truth = observe(trajectory, AcousticConfig.of(scenario, follower), follower)
+        truth = observe(trajectory, scenario, follower)
         settings = navigation_settings(scenario, trajectory, follower)
         measured = measure(
             truth,

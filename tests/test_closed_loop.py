@@ -22,7 +22,6 @@ from sim.flight import navigate
 from sim.motion import simulate_motion
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
-from sim.sensing.acoustics import AcousticConfig
 from sim.sensing.observation import observe
 from sim.trajectory import Trajectory, Truth
 
@@ -96,7 +95,7 @@ def test_of_two_messages_that_come_in_together_the_first_is_kept() -> None:
     scenario = mission(*nearer)
     np.testing.assert_allclose(apart(scenario), 0.0, rtol=0, atol=1e-9)
     trajectory, _ = simulate_closed_loop(scenario)
-    sent = observe(trajectory, AcousticConfig.of(scenario)).emission_step
+    sent = observe(trajectory, scenario).emission_step
     assert np.count_nonzero(np.diff(sent) == 2) == 1
 
 

@@ -18,7 +18,7 @@ from sim.film.annotations import OtherEstimate, RayErrors
 from sim.flight import navigate
 from sim.motion import simulate_motion
 from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
-from sim.sensing.acoustics import AcousticConfig, propagate
+from sim.sensing.acoustics import propagate, sound_of
 from sim.sensing.observation import observe
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -54,14 +54,14 @@ def records() -> dict[str, Any]:
         acoustics=Acoustics(surface_echo_chance=0.1, travel_time=True),
         ocean=Ocean(waves=Waves(kind="jonswap", height_m=0.5, period_s=6.0)),
     )  # fmt: skip
-    trajectory, config = simulate_motion(scenario), AcousticConfig.of(scenario)
+    trajectory = simulate_motion(scenario)
     flight = navigate(scenario, trajectory, Navigator)
     route = routes_of(scenario)[1]
     made = (
-        trajectory, propagate(trajectory, config), observe(trajectory, config), flight.measurements[0],
+        trajectory, propagate(trajectory, scenario), observe(trajectory, scenario), flight.measurements[0],
         flight.estimates[0], range_error_budget(flight),
         simulate(Cell.of(scenario, runs=2), keep_runs=True).table, route, route.depth,
-        ocean_of(scenario).waves, config.sound.profile,
+        ocean_of(scenario).waves, sound_of(scenario).profile,
         OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
         RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
     )  # fmt: skip

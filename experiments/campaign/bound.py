@@ -6,7 +6,7 @@ from laisn.arrays import Bools, Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
 from sim.flight import Flight
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.acoustics import AcousticConfig, propagate
+from sim.sensing.acoustics import propagate
 from sim.trajectory import Trajectory
 
 _ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
@@ -45,7 +45,7 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
 
 def geometry_of(
     trajectory: Trajectory,
-    config: AcousticConfig,
+    scenario: Scenario,
     follower: int = 0,
     received: Bools | None = None,
     transmitters: int | None = None,
@@ -54,18 +54,19 @@ def geometry_of(
 
     Args:
         trajectory: of the mission.
-        config: of its scenario.
+        scenario: of the mission.
         follower: its index, 0 for the first.
         received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
         transmitters: how many are used; None: as many as the follower listens to.
     """
-    dt, stride = config.filter_step_s, round(config.filter_step_s / CONTROL_STEP_S)
+    dt = scenario.timing.filter_step_s
+    stride = round(dt / CONTROL_STEP_S)
     first, n = round(float(trajectory.time[0]) / dt), (trajectory.time.size - 1) // stride
     at = np.arange(1, n + 1) * stride
-    sound = propagate(trajectory, config, follower)
+    sound = propagate(trajectory, scenario, follower)
     arrived, sent = (sound.message_step - first), (sound.emission_step - first) * stride
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone")[arrived * stride]
-    leader, used = trajectory.position[sent, 0, :2], transmitters or config.transmitters
+    leader, used = trajectory.position[sent, 0, :2], transmitters or scenario.navigation.transmitters
     arms = sound.transmitter[:, :used].copy()
     arms[..., :2] -= leader[:, None]
     arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]
@@ -96,5 +97,5 @@ def flight_bound(flight: Flight, follower: int = 0, lag: float = 0.0) -> Floats:
     can be reached.
     """
     scenario, received = flight.scenario, np.isfinite(flight.measurements[follower].ranges)
-    geometry = geometry_of(flight.trajectory, AcousticConfig.of(scenario, follower), follower, received)
+    geometry = geometry_of(flight.trajectory, scenario, follower, received)
     return least_rms(geometry, noise_of(scenario, follower), lag)

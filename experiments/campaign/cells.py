@@ -19,8 +19,8 @@ from laisn.records import own_arrays
 from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
 from sim.scenario.settings import Scenario
+from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import SensorErrors, errors_of
 
 PERCENTILES = (50, 90, 95, 99)
 

@@ -12,11 +12,20 @@ from laisn.arrays import Bools, Floats
 from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from sim.sensing.channel import is_bad, is_lost, loses, path_taken
 from sim.sensing.drift import advanced, weights
+from sim.sensing.errors import (
+    SensorErrors,
+    heading_reading,
+    is_bad,
+    is_lost,
+    loses,
+    path_taken,
+    plain_reading,
+    range_readings,
+    speed_reading,
+)
 from sim.sensing.noise import Stream, two_normals, two_units, uniform, words
 from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import SensorErrors, heading_reading, plain_reading, range_readings, speed_reading
 
 # Rows of draws.
 _FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
@@ -62,7 +71,7 @@ def sent_rows(truth: MissionTruth, errors: SensorErrors) -> Floats:
         [
             position[:, :2], truth.sent_heading, truth.sent_speed, position[:, 2], truth.sent_attitude,
             truth.slant_range, *echoes,
-            weights(truth.emission_step, truth.dt, errors.leader_attitude_time),
+            weights(truth.emission_step, truth.dt, errors.leader_tilt_time),
         ]
     )  # fmt: skip
 
@@ -148,8 +157,8 @@ def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> No
     draws, burst = noise.draws, noise.burst
     _draw_uniforms(noise, noise.address.loss, emitted)
     for lane in range(LANES):
-        burst[lane] = is_bad(burst[lane], draws[_FIRST + lane], errors.channel)
-        if is_lost(burst[lane], draws[_SECOND + lane], errors.channel):
+        burst[lane] = is_bad(burst[lane], draws[_FIRST + lane], errors)
+        if is_lost(burst[lane], draws[_SECOND + lane], errors):
             block[row.R1 + lane] = block[row.R2 + lane] = block[row.R3 + lane] = np.nan
 
 
@@ -158,15 +167,14 @@ def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floa
     """Read the leader's pitch and roll."""
     draws, fluctuation, offset = noise.draws, noise.fluctuation, noise.offset
     kept, fresh, constant = sent[_KEPT], sent[_FRESH], errors.leader_attitude_offset_sigma
-    tilting = errors.leader_pitch_sigma > 0.0 or errors.leader_roll_sigma > 0.0
-    _draw_if(tilting, noise, noise.address.leader_attitude, emitted)
+    _draw_if(errors.leader_tilt_sigma > 0.0, noise, noise.address.leader_attitude, emitted)
     for i in range(2 * LANES):
         fluctuation[i] = advanced(fluctuation[i], kept, fresh, draws[i])
     for lane in range(LANES):
         i, j = _FIRST + lane, _SECOND + lane
         pitch, roll = plain_reading(sent[5], constant, offset[i]), plain_reading(sent[6], constant, offset[j])
-        block[row.PITCH + lane] = plain_reading(pitch, errors.leader_pitch_sigma, fluctuation[i])
-        block[row.ROLL + lane] = plain_reading(roll, errors.leader_roll_sigma, fluctuation[j])
+        block[row.PITCH + lane] = plain_reading(pitch, errors.leader_tilt_sigma, fluctuation[i])
+        block[row.ROLL + lane] = plain_reading(roll, errors.leader_tilt_sigma, fluctuation[j])
 
 
 @compiled_lanes
@@ -174,9 +182,8 @@ def _read_ranges(block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats
     """Measure ranges on pings, or on echoes taken for them."""
     draws, address, errors = noise.draws, noise.address, sensors.errors
     received, emitted = steps
-    surface, bottom = errors.echo_chance
     true, normal = np.empty(3 * LANES), np.empty(LANES)
-    if surface + bottom > 0.0:
+    if errors.surface_echo_chance + errors.bottom_echo_chance > 0.0:
         _draw_uniforms(noise, address.echo, emitted)
     else:
         # above any chance
@@ -184,7 +191,7 @@ def _read_ranges(block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats
     for j in range(3):
         for lane in range(LANES):
             i = j * LANES + lane
-            path = path_taken(draws[lane if errors.common_echoes else i], surface, bottom)
+            path = path_taken(draws[lane if errors.common_echoes else i], errors)
             true[i] = sent[_ECHOES - 3 + j + 3 * path]
     _draw_normals(noise, address.range_scale, received)
     copy_values(draws[:LANES], normal)
@@ -198,7 +205,7 @@ def _read_ranges(block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats
             (draws[i], draws[j], draws[k]),
             normal[lane],
         )
-    if loses(errors.channel):
+    if loses(errors):
         _lose(block, noise, errors, emitted)
 
 
@@ -223,13 +230,9 @@ def sense_message(
     for lane in range(LANES):
         block[row.DEPTH + lane] = plain_reading(depth, errors.depth_sigma, draws[_FIRST + lane])
         block[row.EAST + lane], block[row.NORTH + lane] = east, north
-    _draw_if(
-        errors.leader_speed_sigma > 0.0 or errors.leader_heading_sigma > 0.0, noise, address.leader_motion, emitted
-    )
+    _draw_if(errors.leader_heading_sigma > 0.0, noise, address.leader_motion, emitted)
     for lane in range(LANES):
-        block[row.LEADER_SPEED + lane] = speed_reading(
-            speed, errors.leader_speed_bias, errors.leader_speed_sigma, draws[_FIRST + lane]
-        )
+        block[row.LEADER_SPEED + lane] = speed_reading(speed, errors.leader_speed_bias, 0.0, 0.0)
         block[row.LEADER_HEADING + lane] = heading_reading(
             heading, errors.leader_heading_bias, errors.leader_heading_sigma, draws[_SECOND + lane]
         )

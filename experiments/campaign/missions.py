@@ -14,8 +14,7 @@ from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
 from laisn.navigators import source_of
 from sim.motion import EndedError, simulate_motion
-from sim.scenario.settings import Leader, Scenario
-from sim.sensing.acoustics import AcousticConfig
+from sim.scenario.settings import Leader, Navigation, Scenario
 from sim.sensing.observation import MissionTruth, observe
 from sim.simulation import SimulationError
 from sim.trajectory import Trajectory
@@ -52,6 +51,29 @@ def motion_of(scenario: Scenario) -> Scenario:
         "timing": without(scenario.timing, "filter_step_s", "message_interval_s"),
     }
     return without(content_of(scenario), "sensors", "acoustics", "navigation").model_copy(update=moving)
+
+
+def observed_of(scenario: Scenario, follower: int) -> Scenario:
+    """The scenario with everything at its default that does not change what `observe` finds of a follower.
+
+    Scenarios that differ in random errors and constant biases alone share one truth.
+    """
+    sensors, acoustics = scenario.sensors_of(follower), scenario.acoustics
+    random = [key for key in type(scenario.sensors).model_fields if "sigma" in key or "bias" in key or "walk" in key]
+    heard = {name: float(getattr(acoustics, name) > 0.0) / 2 for name in ("surface_echo_chance", "bottom_echo_chance")}
+    own = {
+        "name": "mission",
+        "seed": 1,
+        "sensors": without(sensors, *random),
+        "followers": tuple(without(one, "sensors", "name") for one in scenario.followers),
+        "acoustics": without(
+            acoustics,
+            "range_tau_m", "range_error_centred", "range_scale_mean_m", "range_scale_sigma_m", "common_echoes",
+            "loss_chance", "burst_chance", "burst_mean_messages", "burst_loss_chance",
+        ).model_copy(update=heard),
+        "navigation": Navigation(variant="tight", assume={"transmitters": scenario.navigation.transmitters}),
+    }  # fmt: skip
+    return content_of(scenario).model_copy(update=own)
 
 
 def key_of(scenario: Scenario, *others: object) -> str:
@@ -95,8 +117,8 @@ class Mission:
         self._sited = cache(partial(sited, trajectory))
         self._observed = cache(self._observe)
 
-    def _observe(self, leader: Leader, config: AcousticConfig, follower: int) -> MissionTruth:
-        return observe(self._sited(leader), config, follower)
+    def _observe(self, scenario: Scenario, follower: int) -> MissionTruth:
+        return observe(self._sited(scenario.leader), scenario, follower)
 
     def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, MissionTruth]:
         """The motion with a scenario's transmitters, and what one follower sees of it.
@@ -106,8 +128,7 @@ class Mission:
         """
         if motion_of(scenario).model_dump(exclude={"name"}) != self._motion:
             raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was simulated")
-        config = AcousticConfig.of(scenario, follower)
-        return self._sited(scenario.leader), self._observed(scenario.leader, config, follower)
+        return self._sited(scenario.leader), self._observed(observed_of(scenario, follower), follower)
 
 
 @lru_cache(maxsize=4)

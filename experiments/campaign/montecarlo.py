@@ -32,8 +32,9 @@ from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.navigators import MissionResult
 from laisn.settings import Tuning
+from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import SensorErrors, measure
+from sim.sensing.sensors import measure
 
 _NO_HISTORY = np.empty((0, 4 * LANES))
 

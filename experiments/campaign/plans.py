@@ -18,7 +18,6 @@ from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.navigators import find
 from sim.scenario.settings import Scenario
-from sim.sensing.acoustics import AcousticConfig
 from sim.trajectory import Trajectory
 
 
@@ -68,7 +67,7 @@ def _over_bound(plan: CellPlan, result: CellResult, mission: missions.Mission) -
         return {"bound_rms_m": None, "rms_over_bound": None}
     trajectory, _ = mission.seen(plan.content, plan.follower)
     least = least_rms(
-        geometry_of(trajectory, AcousticConfig.of(plan.content, plan.follower), plan.follower),
+        geometry_of(trajectory, plan.content, plan.follower),
         noise_of(plan.content, plan.follower),
     )
     bound = float(np.sqrt(np.mean(least**2)))

@@ -28,7 +28,6 @@ def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | N
     from experiments.campaign.cells import Cell
     from experiments.campaign.missions import mission_of, motion_of
     from experiments.campaign.montecarlo import simulate
-    from sim.sensing.acoustics import AcousticConfig
 
     require_output(out, ".csv")
     scenario = load_flyable(source, assignments)
@@ -41,7 +40,7 @@ def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | N
         mission = mission_of(motion_of(scenario))
         for i, follower in enumerate(scenario.followers):
             trajectory, _ = mission.seen(scenario, i)
-            least = least_rms(geometry_of(trajectory, AcousticConfig.of(scenario, i), i), noise_of(scenario, i))
+            least = least_rms(geometry_of(trajectory, scenario, i), noise_of(scenario, i))
             bounds = [float(np.sqrt(np.mean(part**2))) for part in (*np.array_split(least, _QUARTERS), least)]
             cells = [f"{value:.3f}" for value in bounds]
             if runs:

@@ -84,7 +84,11 @@ def picture(
 
 
 def log_flight(flight: Flight, path: str | Path) -> Path:
-    """Write the log of a flight as `laisn fly` does, but for its film; LogError if it cannot be written."""
+    """Write a flight as an MCAP log, which `read_log`, `laisn replay`, Foxglove and Rerun read; gives its path.
+
+    Raises:
+        LaisnError: the file cannot be written.
+    """
     errors = position_and_bearing_errors(flight)
     summary = json.dumps(summarise(flight, errors), indent=2, allow_nan=False) + "\n"
     writer.write(flight, Path(path), summary=summary, errors=errors, events=flight_events(flight))

@@ -69,17 +69,21 @@ def fly(
     return flight, watch.seconds
 
 
-def navigate_again(flight: Flight, changes: Mapping[str, Any], navigator: NavigatorFactory | None = None) -> Flight:
-    """Navigate once more on the measurements of a flight.
+def navigate_again(
+    flight: Flight, changes: Mapping[str, Any] | None = None, navigator: NavigatorFactory | None = None
+) -> Flight:
+    """Navigate once more on the very measurements of a flight; how it moved and what was measured stay as they were.
 
     Args:
-        flight: how it moved and what was measured is kept.
-        changes: values by dotted key, `navigation.variant` and others of its section.
-        navigator: makes the navigator of a follower; None: the scenario's own.
+        flight: as flown, or as read from a log.
+        changes: of its navigation, by dotted key: {"navigation.variant": "laisn-3-2"}.
+        navigator: makes the navigator of a follower from its settings and its start [x, y, vx, vy]; whatever has
+            `run(measurements) -> Estimates` will do. None: the one of the variant.
 
     Raises:
         ScenarioError: changes are not valid, or touch more than navigation.
     """
+    changes = {} if changes is None else changes
     if not isinstance(changes, Mapping):
         raise ScenarioError(f"changes: expected a table of values by dotted key (given: {changes!r:.80})")
     outside = [key for key in changes if not key.startswith("navigation.")]

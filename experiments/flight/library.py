@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from sim.scenario.file import ScenarioError, assigned, override, read, seen_from, validate
+from sim.scenario.file import ScenarioError, assigned, read, seen_from, validate, values_of
 from sim.scenario.settings import Scenario
 from sim.screen import plain, shortened
 
@@ -67,7 +67,7 @@ def _read(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], str]
     """The table of a scenario with overrides applied, and what to call it in messages."""
     table = table_of(source)
     given = list(assignments)
-    return override(table, given), " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
+    return assigned(table, values_of(given)), " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
 
 
 def load(source: str, assignments: Iterable[str]) -> Scenario:
@@ -95,12 +95,13 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
     return validate(*_read(source, assignments), further=infeasibilities)
 
 
-def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any]) -> Scenario:
-    """A scenario for use from Python, checked as by `load_flyable`.
+def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:
+    """Load a mission and check that it can be flown, filmed and logged.
 
     Args:
-        source: built-in name, TOML file, the table that such a file would hold, or a scenario.
-        changes: values by dotted key, such as `followers.0.depth_m`.
+        source: built-in name ("T5", "following-sea", …), TOML file, the table that such a file would hold, or a
+            scenario.
+        changes: values by dotted key, such as {"followers.0.depth_m": 12.0, "navigation.variant": "laisn-3-2"}.
 
     Raises:
         ScenarioError: names key, value and limit of every fault.
@@ -108,6 +109,7 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
     # as in `load_flyable`
     from sim.feasibility import infeasibilities
 
+    changes = {} if changes is None else changes
     if not isinstance(changes, Mapping):
         raise ScenarioError(f"changes: expected a table of values by dotted key (given: {plain(repr(changes)):.80})")
     if isinstance(source, Scenario):

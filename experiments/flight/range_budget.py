@@ -18,9 +18,9 @@ from laisn.geometry import horizontal_range
 from laisn.messages import LeaderMessage
 from laisn.records import own_arrays
 from sim.flight import Flight, navigation_settings
-from sim.sensing.acoustics import TRANSMITTERS, AcousticConfig, Path, propagate
-from sim.sensing.channel import locked_path
-from sim.sensing.sensors import errors_of
+from sim.sensing.acoustics import TRANSMITTERS, Path, propagate
+from sim.sensing.errors import errors_of
+from sim.sensing.sensors import locked_path
 from sim.trajectory import leveled
 
 
@@ -100,7 +100,7 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
         follower: its index, 0 for the first.
     """
     scenario, trajectory, measured = flight.scenario, flight.trajectory, flight.measurements[follower]
-    sound = propagate(trajectory, AcousticConfig.of(scenario, follower), follower)
+    sound = propagate(trajectory, scenario, follower)
     # sound counts steps from the start of the mission, a flight from its own
     first = round(float(trajectory.time[0]) / measured.dt)
     _, row, kept = np.intersect1d(sound.message_step - first, measured.message_step, return_indices=True)
@@ -114,8 +114,7 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone")[fix]
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
-    errors = errors_of(scenario, follower)
-    path = locked_path(scenario.seed, scenario.run, follower, emission, errors.echo_chance, errors.common_echoes)
+    path = locked_path(scenario.seed, scenario.run, follower, emission, errors_of(scenario, follower))
 
     def taken(values: Floats) -> Floats:
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])

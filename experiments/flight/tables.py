@@ -93,7 +93,12 @@ class Table:
 
 
 def errors_table(flight: Flight) -> Table:
-    """Errors of every follower at its filter steps; `laisn_sim.errors` says what the columns are."""
+    """Errors of a flight's estimates over time, a row for each follower and filter step.
+
+    Columns: `follower`, `time_s`; `e_p_m` and `e_b_deg`, the paper's errors of position and bearing; `east_m`,
+    `north_m`, `depth_m` of the hydrophone and the `estimate_east_m`, `estimate_north_m` of it; `bearing_deg` from the
+    leader's bow clockwise and `distance_m` from the leader; `captured`, whether the estimate is at the mirror image.
+    """
     steps = flight.step_index()
     time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
     heading = flight.trajectory.heading[steps, 0]
@@ -120,7 +125,12 @@ def errors_table(flight: Flight) -> Table:
 
 
 def truth_table(flight: Flight) -> Table:
-    """True motion of every vehicle at its control steps; `laisn_sim.truth` says what the columns are."""
+    """True motion over time, a row for each vehicle and control step.
+
+    Columns: `vehicle`, `time_s`; `east_m`, `north_m`, `depth_m` of the body origin; `heading_deg`, `pitch_deg` (nose
+    up), `roll_deg` (starboard down); `surge_m_s`, speed along the hull through the water; `velocity_east_m_s`,
+    `velocity_north_m_s`, `velocity_up_m_s` over ground; `water_east_m_s`, `water_north_m_s`, `water_up_m_s`.
+    """
     t = flight.trajectory
     parts = []
     for v, name in enumerate(t.names):
@@ -147,7 +157,12 @@ _LEADER = ("time_s", "east_m", "north_m", "heading_deg", "speed_m_s", "depth_m",
 
 
 def measurements_table(flight: Flight) -> Table:
-    """What every follower measured at its filter steps; `laisn_sim.measurements` says what the columns are."""
+    """What the followers measured, a row for each follower and filter step.
+
+    Columns: `follower`, `time_s`; `speed_m_s`, `heading_deg` and `depth_m` of its own sensors; where a message was
+    received, the fields of `laisn.messages.LeaderMessage` as `leader_…` and the slant ranges `range_rear_m`,
+    `range_front_m` and `range_middle_m`; null elsewhere.
+    """
     parts = []
     for name, measured in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
         n = measured.speed.size

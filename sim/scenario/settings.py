@@ -16,7 +16,7 @@ from sim.scenario.formation import Formation, Shape, Station, followers_of, prox
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
 from sim.scenario.section import CONTROL_STEP_S, LISTED, Name, Positive, Section, Timing, is_multiple
-from sim.scenario.sensors import Acoustics, OwnSensors, Sensors
+from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.vehicles import Follower, Leader, Vehicle
 
 __all__ = [
@@ -276,8 +276,8 @@ class Scenario(Section):
         """All vehicles with their keys, the leader first: leader, followers[0] and so on."""
         return [("leader", self.leader), *((f"followers[{i}]", f) for i, f in enumerate(self.followers))]
 
-    def sensors_of(self, follower: int) -> OwnSensors:
-        """Errors of the own sensors of a follower, by its index: those of `[sensors]` unless it has others."""
+    def sensors_of(self, follower: int) -> Sensors:
+        """`[sensors]` with the errors of a follower's own sensors, by its index, in place of those there."""
         own = {name: value for name, value in self.followers[follower].sensors if value is not None}
         return self.sensors.model_copy(update=own)
 

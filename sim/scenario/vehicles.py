@@ -1,9 +1,12 @@
 """What a user may set of the vehicles: routes, depths, hulls."""
 
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from laisn.failure import LaisnError
+from sim.files import read_text
 from sim.scenario.formation import Station
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
 from sim.scenario.section import (
@@ -23,6 +26,11 @@ LONGEST_MODEL = 1_000_000
 """Length of the text of a hull, and size of its file [bytes]."""
 TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
 TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
+
+
+def is_mjcf(model: str) -> bool:
+    """Whether this is the text of a hull, and not the name of its file."""
+    return model.lstrip().startswith("<")
 
 
 class Vehicle(Section):
@@ -63,6 +71,20 @@ class Vehicle(Section):
         if isinstance(data, dict) and data.get("waypoints"):
             return {**data, "route": None}
         return data
+
+    @field_validator("model")
+    @classmethod
+    def _text_of_hull(cls, model: str | None) -> str | None:
+        """The text of a hull that is given by the name of its file."""
+        if model is None or is_mjcf(model):
+            return model
+        try:
+            text = read_text(Path(model), LONGEST_MODEL)
+        except LaisnError as error:
+            raise ValueError(f"cannot be read: {error}") from None
+        if not is_mjcf(text):
+            raise ValueError("cannot be read: it is no XML")
+        return text
 
     @field_validator("waypoints")
     @classmethod

@@ -16,7 +16,7 @@ All of this is the same in every run; random errors, echoes and losses come on t
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,6 @@ from laisn.compiled import elementwise, select
 from laisn.records import own_arrays
 from sim.geometry.attitude import carried
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.drift import BiasDrift, position_drift
-from sim.sensing.own_sensors import OwnSensor, own_sensors
 from sim.trajectory import Trajectory, Truth, pose_between
 from sim.water.sound import SoundProfile, mean_slowness, speed_at
 
@@ -49,87 +47,8 @@ class Path(IntEnum):
 _DIRECT, _SURFACE = int(Path.DIRECT), int(Path.SURFACE)
 
 
-@dataclass(frozen=True, kw_only=True)
-class AcousticConfig:
-    """All of a scenario that reaches `observe` and `propagate`; fields of a scenario's name mean the same.
-
-    These functions are given no scenario. Two missions of equal motion and equal configuration therefore share one
-    truth, and a setting that they come to need must be added here before they can read it.
-    """
-
-    filter_step_s: float
-    message_every: int
-    """Filter steps from one message to the next."""
-    transmitters: int
-    """Number of transmitters that the follower receives, rear and front first: it waits for no others."""
-    broadcast_attitude: bool
-    leader_attitude_feels_acceleration: bool
-    leader_gyro_time_constant_s: float
-    floor_depth_m: float
-    paths: tuple[bool, bool, bool]
-    """Whether each `Path` has a chance to be taken."""
-    travel_time: bool
-    ping_slot_s: float
-    sound_speed_m_s: float
-    sound_speed_bias_m_s: float
-    sound_speed_profile: tuple[tuple[float, float], ...]
-    clock_offset_s: float
-    clock_drift_ppm: float
-    max_range_m: float
-    bias_drift: BiasDrift
-    """Of the follower's log and compass."""
-    leader_drift: tuple[float, float]
-    """Of `position_drift`, [m/s]."""
-    own_sensors: tuple[OwnSensor, ...]
-
-    @classmethod
-    def of(cls, scenario: Scenario, follower: int = 0) -> Self:
-        """That of a follower, by its index."""
-        sensors, acoustics = scenario.sensors, scenario.acoustics
-        return cls(
-            filter_step_s=scenario.timing.filter_step_s,
-            message_every=scenario.message_every,
-            transmitters=scenario.navigation.transmitters,
-            broadcast_attitude=scenario.leader.broadcast_attitude,
-            leader_attitude_feels_acceleration=sensors.leader_attitude_feels_acceleration,
-            leader_gyro_time_constant_s=sensors.leader_gyro_time_constant_s,
-            floor_depth_m=scenario.ocean.floor_depth_m,
-            paths=(True, acoustics.surface_echo_chance > 0.0, acoustics.bottom_echo_chance > 0.0),
-            travel_time=acoustics.travel_time,
-            ping_slot_s=acoustics.ping_slot_s,
-            sound_speed_m_s=acoustics.sound_speed_m_s,
-            sound_speed_bias_m_s=acoustics.sound_speed_bias_m_s,
-            sound_speed_profile=acoustics.sound_speed_profile,
-            clock_offset_s=acoustics.clock_offset_s,
-            clock_drift_ppm=acoustics.clock_drift_ppm,
-            max_range_m=acoustics.max_range_m,
-            bias_drift=BiasDrift.of(scenario.sensors_of(follower), follower),
-            leader_drift=position_drift(sensors),
-            own_sensors=own_sensors(scenario),
-        )
-
-    @property
-    def sound(self) -> "Sound":
-        """The part of it that `arrival_of` needs, for compiled code too."""
-        assumed = self.sound_speed_m_s + self.sound_speed_bias_m_s
-        return Sound(
-            on_grid=not self.travel_time and self.ping_slot_s == 0.0,
-            travels=self.travel_time,
-            slot=float(self.ping_slot_s),
-            paths=self.paths,
-            floor=float(self.floor_depth_m),
-            max_range=float(self.max_range_m or np.inf),
-            profile=SoundProfile.through(self.sound_speed_profile or ((0.0, self.sound_speed_m_s),)),
-            varies=bool(self.sound_speed_profile),
-            ratio=assumed / self.sound_speed_m_s,
-            assumed_speed=assumed,
-            clock_offset=float(self.clock_offset_s),
-            clock_drift=1e-6 * self.clock_drift_ppm,
-        )
-
-
 class Sound(NamedTuple):
-    """What decides how sound gets to a follower; names as in `AcousticConfig`."""
+    """How sound gets to a follower, for compiled code too."""
 
     on_grid: bool
     """All pings leave and arrive at an instant that is recorded."""
@@ -137,6 +56,7 @@ class Sound(NamedTuple):
     slot: float
     """From one ping of a message to the next [s]."""
     paths: tuple[bool, bool, bool]
+    """Whether each `Path` has a chance to be taken."""
     floor: float
     """Depth [m]."""
     max_range: float
@@ -152,6 +72,26 @@ class Sound(NamedTuple):
     """[s]."""
     clock_drift: float
     """[s/s]."""
+
+
+def sound_of(scenario: Scenario) -> Sound:
+    """How sound gets to the followers of a scenario."""
+    a = scenario.acoustics
+    assumed = a.sound_speed_m_s + a.sound_speed_bias_m_s
+    return Sound(
+        on_grid=not a.travel_time and a.ping_slot_s == 0.0,
+        travels=a.travel_time,
+        slot=float(a.ping_slot_s),
+        paths=(True, a.surface_echo_chance > 0.0, a.bottom_echo_chance > 0.0),
+        floor=float(scenario.ocean.floor_depth_m),
+        max_range=float(a.max_range_m or np.inf),
+        profile=SoundProfile.through(a.sound_speed_profile or ((0.0, a.sound_speed_m_s),)),
+        varies=bool(a.sound_speed_profile),
+        ratio=assumed / a.sound_speed_m_s,
+        assumed_speed=assumed,
+        clock_offset=float(a.clock_offset_s),
+        clock_drift=1e-6 * a.clock_drift_ppm,
+    )
 
 
 class Motion(NamedTuple):
@@ -301,7 +241,7 @@ def motion_of(trajectory: Trajectory, follower: int) -> Motion:
     return Motion(truth, float(t.time[0]), t.time.size - 1)
 
 
-def propagate(trajectory: Trajectory, config: AcousticConfig, follower: int = 0) -> Propagation:
+def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Propagation:
     """Follow the sound of all messages of a mission to one follower.
 
     Messages that are not in by the last filter step are left out.
@@ -309,10 +249,11 @@ def propagate(trajectory: Trajectory, config: AcousticConfig, follower: int = 0)
     Args:
         trajectory: of a mission, or a stretch of it that begins at a filter step; messages sent after that are
             followed.
-        config: of its scenario.
+        scenario: of the mission.
         follower: its index, 0 for the first.
     """
-    dt, every, s, known = config.filter_step_s, config.message_every, config.sound, motion_of(trajectory, follower)
+    dt, every = scenario.timing.filter_step_s, scenario.message_every
+    s, known = sound_of(scenario), motion_of(trajectory, follower)
     first = round(known.begin / dt)
     last = first + known.last // round(dt / CONTROL_STEP_S)
     # integers count messages: an accumulated time would drop some
@@ -329,7 +270,7 @@ def propagate(trajectory: Trajectory, config: AcousticConfig, follower: int = 0)
             arrival = arrival_of(s, known, 1, hydrophone, path, sent[:, i], source)
             for values, value in zip(by_path, arrival, strict=True):
                 values[:, i, path] = value
-    complete = np.nanmax(by_path[0, :, : config.transmitters], axis=(1, 2))
+    complete = np.nanmax(by_path[0, :, : scenario.navigation.transmitters], axis=(1, 2))
     message_step = reception_step(complete, dt)
     # Two messages within one filter step: the follower keeps the first.
     kept = (message_step <= last) & (np.diff(message_step, prepend=0) > 0)

@@ -22,7 +22,6 @@ from laisn.compiled import compiled, elementwise, formula
 from laisn.geometry import signed_angle
 from sim.geometry.attitude import pitch_of, roll_of, rotated
 from sim.scenario.settings import CONTROL_STEP_S, Sensors
-from sim.sensing.acoustics import AcousticConfig
 from sim.trajectory import Trajectory
 from sim.water.waves import GRAVITY
 
@@ -38,7 +37,7 @@ class RandomError(NamedTuple):
     """Correlation time; 0: each reading has its own [s]."""
 
 
-def gain(sensors: Sensors | AcousticConfig) -> float:
+def gain(sensors: Sensors) -> float:
     """γ: share of the inclinometer in each step of the filter; 1 without gyros."""
     if sensors.leader_gyro_time_constant_s == 0.0:
         return 1.0
@@ -83,7 +82,7 @@ def apparent_tilt(trajectory: Trajectory) -> Floats:
     return np.column_stack(_shown(trajectory.quaternion[:, 0].T, change.T))
 
 
-def measured_attitude(trajectory: Trajectory, sensors: Sensors | AcousticConfig) -> Floats:
+def measured_attitude(trajectory: Trajectory, sensors: Sensors) -> Floats:
     """Pitch and roll as the leader measures them, but for random errors, shape (n, 2), [rad].
 
     The filter starts without error.

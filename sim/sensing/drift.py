@@ -10,57 +10,35 @@ exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974).
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.compiled import elementwise, formula
-from sim.scenario.sensors import OwnSensors, Sensors
 
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 """The next follower's swings are ahead by this angle, which spreads any number of phases evenly [rad]."""
 
 
-class BiasDrift(NamedTuple):
-    """Sinusoidal drift of the biases of one follower's log and compass."""
-
-    speed: float
-    """Amplitude of the log's bias about its mean [m/s]."""
-    heading: float
-    """Amplitude of the compass's bias about its mean [rad]."""
-    rate: float
-    """Angular rate of both sines [rad/s]."""
-    speed_phase: float
-    """Phase of the log's sine at the start [rad]."""
-    heading_phase: float
-    """Phase of the compass's sine at the start [rad]."""
-
-    @classmethod
-    def of(cls, sensors: OwnSensors, follower: int) -> "BiasDrift":
-        """The drift of a follower, by its index, with the sensors of `Scenario.sensors_of`."""
-        return cls(
-            speed=sensors.speed_drift_m_s,
-            heading=float(np.deg2rad(sensors.heading_drift_deg)),
-            rate=2.0 * np.pi / sensors.drift_period_s,
-            speed_phase=float(np.deg2rad(sensors.speed_drift_phase_deg)) + follower * _GOLDEN,
-            heading_phase=float(np.deg2rad(sensors.heading_drift_phase_deg)) + follower * _GOLDEN,
-        )
-
-
-def position_drift(sensors: Sensors) -> tuple[float, float]:
-    """Rate at which the position that the leader broadcasts departs from the true one, east and north [m/s]."""
-    towards, speed = np.deg2rad(sensors.leader_position_drift_deg), sensors.leader_position_drift_m_s
-    return float(speed * np.sin(towards)), float(speed * np.cos(towards))
-
-
 @elementwise
-def biased(w: BiasDrift, time: Any, speed: Any, heading: Any) -> Any:
-    """Speed [m/s] and heading [rad] with the drift at a time [s]; `w`: also a record with these fields."""
-    if w.speed == 0.0 and w.heading == 0.0:
+def biased(e: Any, follower: int, time: Any, speed: Any, heading: Any) -> Any:
+    """Speed [m/s] and heading [rad] with the drift of a follower's log and compass at a time [s].
+
+    Args:
+        e: record or tuple of `sim.sensing.errors`; the drift's keys are read.
+        follower: its index.
+        time: [s].
+        speed: true [m/s].
+        heading: true [rad].
+    """
+    if e.speed_drift == 0.0 and e.heading_drift == 0.0:
         return speed, heading
-    turned = w.rate * time
-    return speed + w.speed * np.sin(turned + w.speed_phase), heading + w.heading * np.sin(turned + w.heading_phase)
+    turned, ahead = 2.0 * np.pi / e.drift_period * time, follower * _GOLDEN
+    return (
+        speed + e.speed_drift * np.sin(turned + (e.speed_drift_phase + ahead)),
+        heading + e.heading_drift * np.sin(turned + (e.heading_drift_phase + ahead)),
+    )
 
 
 def weights(step: Ints, dt: float, time: float) -> Floats:

@@ -3,36 +3,30 @@
 Formulas and noise are those of `observe` and `measure`, which make the measurements of a finished mission.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints, Record
+from laisn.arrays import Floats, Ints, Record, Records
 from laisn.compiled import compiled, inlined
 from sim.geometry.attitude import carried, heading_of, pitch_of, roll_of
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import ahrs
-from sim.sensing.acoustics import (
-    AcousticConfig,
-    Motion,
-    Sound,
-    arrival_of,
-    is_in_time,
-    range_of,
-    reception_step,
-    site_at,
-)
-from sim.sensing.channel import is_bad, is_lost, loses, path_taken
-from sim.sensing.drift import BiasDrift, advanced, biased
-from sim.sensing.noise import STREAMS, Stream, two_normals, two_units, uniform, words
-from sim.sensing.sensors import (
-    SensorErrors,
+from sim.sensing.acoustics import Motion, Sound, arrival_of, is_in_time, range_of, reception_step, site_at, sound_of
+from sim.sensing.drift import advanced, biased
+from sim.sensing.errors import (
+    ERRORS,
     errors_of,
     heading_reading,
+    is_bad,
+    is_lost,
+    loses,
+    path_taken,
     plain_reading,
     range_readings,
     speed_reading,
 )
+from sim.sensing.noise import STREAMS, Stream, two_normals, two_units, uniform, words
 from sim.trajectory import speed_through_water
 
 _U = np.uint64
@@ -44,9 +38,6 @@ _RANGE_UNIFORM, _RANGE_SCALE, _ECHO, _LOSS = (
 _LEADER_MOTION, _LEADER_DEPTH, _LEADER_ATTITUDE = (
     int(s) for s in (Stream.LEADER_MOTION, Stream.LEADER_DEPTH, Stream.LEADER_ATTITUDE)
 )
-_OWN = tuple(name for name in SensorErrors._fields if not name.startswith(("leader", "range", "echo", "comm", "chan")))
-OWN_ERRORS = np.dtype([(name, np.float64) for name in (*_OWN, *BiasDrift._fields)])
-"""Errors of one follower's own sensors: those of `SensorErrors`, and `BiasDrift`."""
 MESSAGE = 8
 """Columns of a message: those of `LeaderMessage` from timestamp to roll."""
 
@@ -58,14 +49,12 @@ Body = tuple[Floats, Floats, Floats]
 
 
 class SensorModel(NamedTuple):
-    """Sensors and acoustics of a mission as compiled code takes them; names as in `AcousticConfig`."""
+    """Sensors and acoustics of a mission as compiled code takes them."""
 
     seed: np.uint64
     run: np.uint64
-    own: Any
-    """Records of OWN_ERRORS, shape (f,)."""
-    errors: SensorErrors
-    """Of the leader and of the ranges."""
+    errors: Records
+    """Of each follower, of ERRORS, shape (f,)."""
     broadcast_attitude: bool
     feels_acceleration: bool
     """The leader takes accelerations for tilt."""
@@ -78,30 +67,23 @@ class SensorModel(NamedTuple):
     message_every: int
     """Filter steps from one message to the next."""
     sound: Sound
-    leader_drift: tuple[float, float]
-    """Rate at which the broadcast position departs from the true one, east and north [m/s]."""
 
 
 def sensor_model_of(scenario: Scenario) -> SensorModel:
     """Sensors and acoustics of a scenario as compiled code takes them."""
-    config, own = AcousticConfig.of(scenario), np.zeros(len(scenario.followers), dtype=OWN_ERRORS)
-    for i in range(own.size):
-        errors = errors_of(scenario, i)
-        own[i] = (*(getattr(errors, name) for name in _OWN), *BiasDrift.of(scenario.sensors_of(i), i))
+    leader, followers = scenario.leader, range(len(scenario.followers))
     return SensorModel(
         seed=_U(scenario.seed),
         run=_U(scenario.run),
-        own=own.view(np.recarray),
-        errors=errors_of(scenario),
-        broadcast_attitude=config.broadcast_attitude,
-        feels_acceleration=config.broadcast_attitude and config.leader_attitude_feels_acceleration,
-        tilt_share=ahrs.gain(config),
-        transmitters=config.transmitters,
-        dt=config.filter_step_s,
-        stride=round(config.filter_step_s / CONTROL_STEP_S),
-        message_every=config.message_every,
-        sound=config.sound,
-        leader_drift=config.leader_drift,
+        errors=np.array([tuple(errors_of(scenario, i)) for i in followers], ERRORS).view(np.recarray),
+        broadcast_attitude=leader.broadcast_attitude,
+        feels_acceleration=leader.broadcast_attitude and scenario.sensors.leader_attitude_feels_acceleration,
+        tilt_share=ahrs.gain(scenario.sensors),
+        transmitters=scenario.navigation.transmitters,
+        dt=scenario.timing.filter_step_s,
+        stride=round(scenario.timing.filter_step_s / CONTROL_STEP_S),
+        message_every=scenario.message_every,
+        sound=sound_of(scenario),
     )
 
 
@@ -134,8 +116,8 @@ def read_own(s: SensorModel, k: int, follower: int, body: Body, depth_sensor: Fl
     """
     pose, twist, water = body
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    streams, e = STREAMS * follower, s.own[follower]
-    speed, heading = biased(e, k * s.dt, speed_through_water(pose, twist, water), heading_of(w, x, y, z))
+    streams, e = STREAMS * follower, s.errors[follower]
+    speed, heading = biased(e, follower, k * s.dt, speed_through_water(pose, twist, water), heading_of(w, x, y, z))
     first, second = _normals(s, streams + _OWN_MOTION, k)
     reading.speed = speed_reading(speed, e.speed_bias, e.speed_sigma, first)
     reading.heading = heading_reading(heading, e.heading_bias, e.heading_sigma, second)
@@ -187,28 +169,28 @@ def broadcast(s: SensorModel, k: int, body: Body, tilt: Floats, fluctuation: Flo
     """
     pose, twist, water = body
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    e = s.errors
-    first, second = _normals(s, _LEADER_MOTION, k)
+    e = s.errors[0]
+    _, second = _normals(s, _LEADER_MOTION, k)
     message[0] = k * s.dt
-    message[1] = pose[0] + s.leader_drift[0] * message[0]
-    message[2] = pose[1] + s.leader_drift[1] * message[0]
+    message[1] = pose[0] + e.leader_drift_east * message[0]
+    message[2] = pose[1] + e.leader_drift_north * message[0]
     message[3] = heading_reading(heading_of(w, x, y, z), e.leader_heading_bias, e.leader_heading_sigma, second)
     speed = speed_through_water(pose, twist, water)
-    message[4] = speed_reading(speed, e.leader_speed_bias, e.leader_speed_sigma, first)
+    message[4] = speed_reading(speed, e.leader_speed_bias, 0.0, 0.0)
     message[5] = plain_reading(-pose[2], e.leader_depth_sigma, _normals(s, _LEADER_DEPTH, k)[0])
     message[6] = message[7] = np.nan
     if s.broadcast_attitude:
         offset, sigma = _normals(s, _LEADER_ATTITUDE, 0), e.leader_attitude_offset_sigma
         pitch = plain_reading(pitch_of(w, x, y, z) + tilt[0], sigma, offset[0])
         roll = plain_reading(roll_of(w, x, y, z) + tilt[1], sigma, offset[1])
-        message[6] = plain_reading(pitch, e.leader_pitch_sigma, fluctuation[0])
-        message[7] = plain_reading(roll, e.leader_roll_sigma, fluctuation[1])
+        message[6] = plain_reading(pitch, e.leader_tilt_sigma, fluctuation[0])
+        message[7] = plain_reading(roll, e.leader_tilt_sigma, fluctuation[1])
 
 
 @compiled
 def _fluctuate(s: SensorModel, k: int, since: int, fluctuation: Floats) -> None:
     """Bring errors of pitch and roll forward to filter step k from the message before, so many steps ago (0: none)."""
-    kept, time = 0.0, s.errors.leader_attitude_time
+    kept, time = 0.0, s.errors[0].leader_tilt_time
     if since > 0 and time > 0.0:
         kept = np.exp(-since * (s.dt / time))
     fresh, drawn = np.sqrt(1.0 - kept * kept), _normals(s, _LEADER_ATTITUDE, k)
@@ -231,19 +213,19 @@ def read_ranges(s: SensorModel, k: int, sent: int, follower: int, true: Floats, 
     Returns:
         NO_RANGES or RECEIVED.
     """
-    streams, ranges, e = STREAMS * follower, inbox.ranges[follower], s.errors
+    streams, ranges, e = STREAMS * follower, inbox.ranges[follower], s.errors[follower]
     taken = _uniforms(s, streams + _ECHO, sent)
     for i in range(3):
-        ranges[i] = true[i, path_taken(taken[0 if e.common_echoes else i], e.echo_chance[0], e.echo_chance[1])]
+        ranges[i] = true[i, path_taken(taken[0 if e.common_echoes else i], e)]
     drawn, normal = _uniforms(s, streams + _RANGE_UNIFORM, k), _normals(s, streams + _RANGE_SCALE, k)[0]
     ranges[0], ranges[1], ranges[2] = range_readings(
         e, s.transmitters, (ranges[0], ranges[1], ranges[2]), drawn, normal
     )
-    if loses(e.channel):
+    if loses(e):
         fate = _uniforms(s, streams + _LOSS, sent)
-        in_burst = is_bad(inbox.bad[follower] > 0.0, fate[0], e.channel)
+        in_burst = is_bad(inbox.bad[follower] > 0.0, fate[0], e)
         inbox.bad[follower] = 1.0 if in_burst else 0.0
-        if is_lost(in_burst, fate[1], e.channel):
+        if is_lost(in_burst, fate[1], e):
             ranges[:] = np.nan
     return RECEIVED if ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2] else NO_RANGES
 

@@ -6,11 +6,12 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.records import own_arrays, require_shapes
-from sim.scenario.settings import CONTROL_STEP_S
-from sim.sensing.acoustics import AcousticConfig, Path, is_in_time, propagate, range_of
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.acoustics import Path, is_in_time, propagate, range_of, sound_of
 from sim.sensing.ahrs import measured_attitude
 from sim.sensing.drift import biased
-from sim.sensing.own_sensors import FollowerState, OwnSensor
+from sim.sensing.errors import errors_of
+from sim.sensing.own_sensors import FollowerState, OwnSensor, own_sensors
 from sim.trajectory import Trajectory
 
 SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
@@ -83,7 +84,7 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
     return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2] - trajectory.water_velocity[0, v, :2]])
 
 
-def observe(trajectory: Trajectory, config: AcousticConfig, follower: int = 0) -> MissionTruth:
+def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> MissionTruth:
     """What the sensors of one follower see of a trajectory, without errors.
 
     Ranges come from `sim.sensing.acoustics`: with the paper's settings they are distances between the transmitter sites
@@ -91,13 +92,13 @@ def observe(trajectory: Trajectory, config: AcousticConfig, follower: int = 0) -
 
     Args:
         trajectory: of a mission from its start, on the control grid.
-        config: of its scenario.
+        scenario: of the mission.
         follower: its index, 0 for the first.
 
     Raises:
         ValueError: the trajectory begins later, or is too short for one filter step.
     """
-    dt, v, name = config.filter_step_s, follower + 1, trajectory.names[follower + 1]
+    dt, v, name = scenario.timing.filter_step_s, follower + 1, trajectory.names[follower + 1]
     stride = round(dt / CONTROL_STEP_S)
     n = (trajectory.time.size - 1) // stride
     if n < 1:
@@ -106,17 +107,18 @@ def observe(trajectory: Trajectory, config: AcousticConfig, follower: int = 0) -
         raise ValueError(f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all before")
     steps = np.arange(1, n + 1)
     grid = steps * stride
+    errors = errors_of(scenario, follower)
     speed, heading = biased(
-        config.bias_drift, steps * dt, trajectory.forward_speed[grid, v], trajectory.heading[grid, v]
+        errors, follower, steps * dt, trajectory.forward_speed[grid, v], trajectory.heading[grid, v]
     )
-    sound = propagate(trajectory, config, follower)
+    sound = propagate(trajectory, scenario, follower)
     sent = sound.emission_step * stride
     direct, step = sound.arrival.length[:, :, :1], sound.message_step[:, None, None]
-    received = range_of(config.sound, direct, sound.arrival)
+    received = range_of(sound_of(scenario), direct, sound.arrival)
     received[~is_in_time(sound.arrival.time, step, dt)] = np.nan
     attitude = np.full((sent.size, 2), np.nan)
-    if config.broadcast_attitude:
-        attitude = measured_attitude(trajectory, config)[sent]
+    if scenario.leader.broadcast_attitude:
+        attitude = measured_attitude(trajectory, scenario.sensors)[sent]
     leader = trajectory.position[:, 0]
     hydrophone = trajectory.site_path(f"{name}/hydrophone")[grid]
     source = np.full((n, 3, 3), np.nan)
@@ -132,7 +134,6 @@ def observe(trajectory: Trajectory, config: AcousticConfig, follower: int = 0) -
         source=source,
     )
     timestamp = np.asarray(sound.emission_step * dt, dtype=np.float64)
-    drift_east, drift_north = config.leader_drift
     return MissionTruth(
         dt=dt,
         start=start_of(trajectory, follower),
@@ -147,8 +148,8 @@ def observe(trajectory: Trajectory, config: AcousticConfig, follower: int = 0) -
         timestamp=timestamp,
         sent_position=np.column_stack(
             [
-                leader[sent, 0] + drift_east * timestamp,
-                leader[sent, 1] + drift_north * timestamp,
+                leader[sent, 0] + errors.leader_drift_east * timestamp,
+                leader[sent, 1] + errors.leader_drift_north * timestamp,
                 -leader[sent, 2],
             ]
         ),
@@ -157,5 +158,5 @@ def observe(trajectory: Trajectory, config: AcousticConfig, follower: int = 0) -
         sent_attitude=attitude,
         slant_range=received[:, :, Path.DIRECT],
         echo_range=np.stack([received[:, :, path] for path in (Path.SURFACE, Path.BOTTOM)]),
-        own=tuple((sensor, sensor.true(state)) for sensor in config.own_sensors),
+        own=tuple((sensor, sensor.true(state)) for sensor in own_sensors(scenario)),
     )

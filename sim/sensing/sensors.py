@@ -1,8 +1,4 @@
-"""What sensors and ranges add to the truth (paper, Eqs. 26–28): one formula and one entry of a list for each sensor.
-
-`measure` makes the measurements of a finished mission. Compiled code calls the same formulas, at one instant
-(`sim.sensing.instant`) or for runs side by side (`experiments.campaign.lane_sensors`).
-"""
+"""Everything that one follower measures on a finished mission: one entry of a list for each sensor."""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -10,140 +6,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
-from laisn.compiled import formula
+from laisn.arrays import Bools, Floats, Ints
 from laisn.messages import LeaderMessage, Measurements
-from sim.scenario.settings import Scenario
-from sim.sensing.ahrs import random_error
-from sim.sensing.channel import Channel, locked_path, loses, received
 from sim.sensing.drift import gauss_markov
+from sim.sensing.errors import (
+    SensorErrors,
+    heading_reading,
+    is_bad,
+    is_lost,
+    loses,
+    path_taken,
+    plain_reading,
+    range_readings,
+    speed_reading,
+)
 from sim.sensing.noise import STREAMS, Stream, normals, uniforms
 from sim.sensing.observation import MissionTruth
-
-
-class SensorErrors(NamedTuple):
-    """True errors of all sensors, with the paper's values as defaults. No navigator has access to them."""
-
-    speed_bias: float = 0.2
-    """μV of the follower's speed log [m/s]."""
-    speed_sigma: float = 0.2
-    """σV [m/s]."""
-    heading_bias: float = float(np.deg2rad(5.0))
-    """μθ of the follower's compass [rad]."""
-    heading_sigma: float = float(np.deg2rad(2.0))
-    """σθ [rad]."""
-    depth_sigma: float = 0.0
-    """Standard deviation of the follower's pressure sensor [m]."""
-    gyro_sigma: float = float(np.deg2rad(0.1))
-    """Standard deviation of its rates of turn [rad/s]."""
-    tilt_sigma: float = float(np.deg2rad(0.5))
-    """Standard deviation of its inclinometer [rad]."""
-    leader_speed_bias: float = 0.0
-    """Bias of the speed that the leader broadcasts [m/s]."""
-    leader_speed_sigma: float = 0.0
-    leader_heading_bias: float = 0.0
-    """μθ of the heading that the leader broadcasts (0, 2.5° or 5° in the paper) [rad]."""
-    leader_heading_sigma: float = 0.0
-    leader_depth_sigma: float = 0.0
-    """Standard deviation of the depth that the leader broadcasts [m]."""
-    leader_pitch_sigma: float = 0.0
-    """Standard deviation of the pitch that the leader broadcasts [rad]."""
-    leader_roll_sigma: float = 0.0
-    leader_attitude_time: float = 0.0
-    """Correlation time of the errors of broadcast pitch and roll [s]; 0: each message has its own."""
-    leader_attitude_offset_sigma: float = 0.0
-    """Standard deviation of errors of broadcast pitch and roll that stay the same throughout a run [rad]."""
-    range_tau: tuple[float, float, float] = (0.01, 0.01, 0.01)
-    """τ: width of the uniform error of the range to the rear, front and middle transmitter [m]."""
-    range_centre: float = 0.0
-    """What is subtracted from the uniform draw, which lies between 0 and 1: 0 in the paper, ½ for a mean of zero."""
-    range_scale_mean: float = 0.1
-    """μD of ψ, the error that the transmitters share in proportion to their ranges [m]."""
-    range_scale_sigma: float = 0.05
-    """σD of ψ [m]."""
-    echo_chance: tuple[float, float] = (0.0, 0.0)
-    """Chances that a ping's surface echo and its bottom echo is taken for the ping."""
-    common_echoes: bool = False
-    """All pings of a message take the same path."""
-    channel: Channel = Channel()
-    """How messages are lost: none of their pings is received."""
-
-
-def errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
-    """The true errors of a follower's and the leader's sensors in SI units."""
-    own, sensors, acoustics = scenario.sensors_of(follower), scenario.sensors, scenario.acoustics
-    attitude = random_error(sensors)
-    return SensorErrors(
-        speed_bias=own.speed_bias_m_s,
-        speed_sigma=own.speed_sigma_m_s,
-        heading_bias=float(np.deg2rad(own.heading_bias_deg)),
-        heading_sigma=float(np.deg2rad(own.heading_sigma_deg)),
-        depth_sigma=own.depth_sigma_m,
-        gyro_sigma=float(np.deg2rad(own.gyro_sigma_deg_s)),
-        tilt_sigma=float(np.deg2rad(own.tilt_sigma_deg)),
-        leader_speed_bias=sensors.leader_speed_bias_m_s,
-        leader_heading_bias=float(np.deg2rad(sensors.leader_heading_bias_deg)),
-        leader_heading_sigma=float(np.deg2rad(sensors.leader_heading_sigma_deg)),
-        leader_depth_sigma=sensors.leader_depth_sigma_m,
-        leader_pitch_sigma=attitude.sigma,
-        leader_roll_sigma=attitude.sigma,
-        leader_attitude_time=attitude.time,
-        leader_attitude_offset_sigma=float(np.deg2rad(sensors.leader_attitude_offset_sigma_deg)),
-        range_tau=acoustics.range_tau_m,
-        range_centre=0.5 if acoustics.range_error_centred else 0.0,
-        range_scale_mean=acoustics.range_scale_mean_m,
-        range_scale_sigma=acoustics.range_scale_sigma_m,
-        echo_chance=(acoustics.surface_echo_chance, acoustics.bottom_echo_chance),
-        common_echoes=acoustics.common_echoes,
-        channel=Channel(
-            acoustics.loss_chance,
-            acoustics.burst_chance,
-            acoustics.burst_mean_messages,
-            acoustics.burst_loss_chance,
-        ),
-    )
-
-
-@formula
-def speed_reading(true: Any, bias: float, sigma: float, normal: Any) -> Any:
-    """Speed log, never negative (paper, Eq. 26)."""
-    return np.maximum(true + bias + sigma * normal, 0.0)
-
-
-@formula
-def heading_reading(true: Any, bias: float, sigma: float, normal: Any) -> Any:
-    """Compass: the random part adds to the bias, whatever its sign (paper, Eq. 27)."""
-    return true + bias + sigma * np.abs(normal)
-
-
-@formula
-def plain_reading(true: Any, sigma: float, normal: Any) -> Any:
-    """Unbiased normal error: pressure sensor, inclinometer, gyro."""
-    return true + sigma * normal
-
-
-@formula
-def _range_reading(true: Any, longest: Any, tau: float, uniform: Any, psi: Any) -> Any:
-    return true + tau * uniform + psi * (true / (longest + (longest == 0.0)))
-
-
-@formula
-def range_readings(e: SensorErrors, transmitters: int, true: Any, uniform: Any, normal: Any) -> Any:
-    """Ranges of a message to the rear, front and middle transmitter (paper, Eq. 28); NaN where none is received.
-
-    N_T, the number of transmitters in use, is 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). ψ counts in
-    proportion to the longest range to them. The middle one, which LAISN-2 has no use for, is scaled by the longest of
-    all.
-    """
-    psi = plain_reading(e.range_scale_mean, e.range_scale_sigma, normal)
-    of_two = np.fmax(np.fmax(true[0], true[1]), 0.0)
-    of_all = np.fmax(of_two, true[2])
-    longest = of_all if transmitters > 2 else of_two
-    return (
-        _range_reading(true[0], longest, e.range_tau[0], uniform[0] - e.range_centre, psi),
-        _range_reading(true[1], longest, e.range_tau[1], uniform[1] - e.range_centre, psi),
-        _range_reading(true[2], of_all, e.range_tau[2], uniform[2] - e.range_centre, psi),
-    )
 
 
 class Sensor(NamedTuple):
@@ -165,19 +43,42 @@ OWN = (
     Sensor("speed", Stream.OWN_MOTION, 0, ("speed_bias", "speed_sigma"), speed_reading),
     Sensor("heading", Stream.OWN_MOTION, 1, ("heading_bias", "heading_sigma"), heading_reading),
     Sensor("depth", Stream.DEPTH, 0, ("depth_sigma",), plain_reading),
-    Sensor("pitch", Stream.TILT, 0, ("tilt_sigma",), plain_reading),
-    Sensor("turning", Stream.GYRO, 0, ("gyro_sigma",), plain_reading),
-    Sensor("pitching", Stream.GYRO, 1, ("gyro_sigma",), plain_reading),
 )
-"""A follower's own sensors, in the order of its readings; a mission's measurements hold the first three."""
+"""A follower's own sensors; those that only steer it are read in `sim.sensing.instant`."""
 LEADER = (
-    Sensor("speed", Stream.LEADER_MOTION, 0, ("leader_speed_bias", "leader_speed_sigma"), speed_reading),
+    Sensor("speed", Stream.LEADER_MOTION, 0, ("leader_speed_bias",), lambda true, bias, _: np.maximum(true + bias, 0)),
     Sensor("heading", Stream.LEADER_MOTION, 1, ("leader_heading_bias", "leader_heading_sigma"), heading_reading),
     Sensor("depth", Stream.LEADER_DEPTH, 0, ("leader_depth_sigma",), plain_reading),
-    Sensor("pitch", Stream.LEADER_ATTITUDE, 0, ("leader_pitch_sigma",), plain_reading),
-    Sensor("roll", Stream.LEADER_ATTITUDE, 1, ("leader_roll_sigma",), plain_reading),
+    Sensor("pitch", Stream.LEADER_ATTITUDE, 0, ("leader_tilt_sigma",), plain_reading),
+    Sensor("roll", Stream.LEADER_ATTITUDE, 1, ("leader_tilt_sigma",), plain_reading),
 )
 """The leader's; normals of its attitude are those of a Gauss–Markov process."""
+
+
+def received(seed: int, run: int, follower: int, emission_step: Ints, e: SensorErrors) -> Bools:
+    """Whether each message arrives, shape (m,).
+
+    The chain starts in its good state before the first message; all transmitters share a message's fate.
+
+    Args:
+        seed: of the study.
+        run: of the campaign.
+        follower: 0, 1, …
+        emission_step: filter step at which each message was sent, shape (m,), increasing, none left out.
+        e: the chances of loss.
+    """
+    drawn = uniforms(seed, run, Stream.LOSS.number(follower), emission_step)
+    arrived, bad = np.empty(len(drawn), dtype=np.bool_), False
+    for i, (change, fate) in enumerate(drawn[:, :2].tolist()):
+        bad = is_bad(bad, change, e)
+        arrived[i] = not is_lost(bad, fate, e)
+    return arrived
+
+
+def locked_path(seed: int, run: int, follower: int, emission_step: Ints, e: SensorErrors) -> Ints:
+    """`Path` that the receiver takes, for each message and transmitter, shape (m, 3); arguments as of `received`."""
+    drawn = uniforms(seed, run, Stream.ECHO.number(follower), emission_step)
+    return np.asarray(path_taken(drawn[:, [0, 0, 0] if e.common_echoes else [0, 1, 2]], e))
 
 
 def measure(
@@ -206,7 +107,7 @@ def measure(
         leaders = stream in {sensor.stream for sensor in LEADER}
         found = normals(seed, run, stream.number(follower), sent if leaders else steps)
         if stream == Stream.LEADER_ATTITUDE:
-            return gauss_markov(found, sent, truth.dt, errors.leader_attitude_time)
+            return gauss_markov(found, sent, truth.dt, errors.leader_tilt_time)
         return found
 
     def readings(sensors: tuple[Sensor, ...], true: Mapping[str, Floats]) -> dict[str, Floats]:
@@ -255,12 +156,12 @@ def _ranges(truth: MissionTruth, e: SensorErrors, address: tuple[int, int, int],
         return seed, run, stream.number(follower), truth.message_step
 
     true = truth.slant_range
-    if sum(e.echo_chance) > 0.0:
+    if e.surface_echo_chance + e.bottom_echo_chance > 0.0:
         echoes = np.full((2, *true.shape), np.nan) if truth.echo_range is None else truth.echo_range
-        path = locked_path(*address, truth.emission_step, e.echo_chance, e.common_echoes)
+        path = locked_path(*address, truth.emission_step, e)
         true = np.choose(path, [true, *echoes])
     drawn = uniforms(*at(Stream.RANGE_UNIFORM)).T, normals(*at(Stream.RANGE_SCALE))[:, 0]
     read = np.column_stack(range_readings(e, transmitters, true.T, *drawn))
-    if loses(e.channel):
-        read[~received(*address, truth.emission_step, e.channel)] = np.nan
+    if loses(e):
+        read[~received(*address, truth.emission_step, e)] = np.nan
     return read

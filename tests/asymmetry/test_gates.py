@@ -11,9 +11,9 @@ from laisn.estimates import FixKind
 from laisn.navigator import Navigator
 from sim.flight import navigation_settings
 from sim.motion import simulate_motion
-from sim.sensing.acoustics import AcousticConfig
+from sim.sensing.errors import errors_of
 from sim.sensing.observation import observe
-from sim.sensing.sensors import errors_of, measure
+from sim.sensing.sensors import measure
 
 
 def test_the_gate_is_counted_as_the_readable_engine_counts(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,8 +28,8 @@ def test_the_gate_is_counted_as_the_readable_engine_counts(monkeypatch: pytest.M
     one = CALM.scenario(route, offset, duration)
     echoes = one.acoustics.model_copy(update={"surface_echo_chance": 0.05, "bottom_echo_chance": 0.02})
     one = one.model_copy(update={"acoustics": echoes})
-    truth, errors = observe(both, AcousticConfig.of(one)), errors_of(one)
-    silent = errors._replace(echo_chance=(0.0, 0.0))
+    truth, errors = observe(both, one), errors_of(one)
+    silent = errors._replace(surface_echo_chance=0.0, bottom_echo_chance=0.0)
     for row in rows:
         told = replace(navigation_settings(one, both, 0), gate=row.rule)
         counts, off, off_without = np.zeros((2, 2)), [], []

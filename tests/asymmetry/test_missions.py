@@ -88,10 +88,10 @@ def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it(miss
     assert aware == {"level-0.5", "attitude-0", "ahrs-0.5", "attitude-0.5", "attitude-2", "offset-0.5"}
     for arm, degrees in ((REAL, 0.0), (LEVEL, 0.0), (EXACT, 0.0), (READINGS, 0.5), (ROUGH, 2.0), (CONSTANT, 0.0)):
         errors = made[arm].errors
-        assert (errors.leader_pitch_sigma, errors.leader_roll_sigma) == pytest.approx((np.deg2rad(degrees),) * 2)
+        assert errors.leader_tilt_sigma == pytest.approx(np.deg2rad(degrees))
     steadied = made[AHRS].errors
-    assert steadied.leader_pitch_sigma == random_error(SENSORS).sigma > 0.0
-    assert steadied.leader_attitude_time == 30.0
+    assert steadied.leader_tilt_sigma == random_error(SENSORS).sigma > 0.0
+    assert steadied.leader_tilt_time == 30.0
     offsets = {arm: cell.errors.leader_attitude_offset_sigma for arm, cell in made.items()}
     assert offsets == {arm: np.deg2rad(0.5) if arm is CONSTANT else 0.0 for arm in ARMS}
     expected = {arm: getattr(cell.settings, "expected_pitch") for arm, cell in made.items()}  # noqa: B009

@@ -14,8 +14,9 @@ from laisn.compiled import compiled
 from laisn.lane_rows import LANES
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
+from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import SensorErrors, measure
+from sim.sensing.sensors import measure
 
 DT = 0.1
 
@@ -65,17 +66,20 @@ def make_truth(
 
 
 EVERYTHING = SensorErrors(
-    depth_sigma=0.05, leader_speed_bias=0.05, leader_speed_sigma=0.1, leader_heading_bias=0.04,
-    leader_heading_sigma=0.02, leader_depth_sigma=0.04, leader_pitch_sigma=0.01, leader_roll_sigma=0.02,
-    leader_attitude_time=4.0, leader_attitude_offset_sigma=0.015, range_tau=(0.02, 0.03, 0.04), range_scale_mean=0.2,
+    depth_sigma=0.05, leader_speed_bias=0.05, leader_heading_bias=0.04,
+    leader_heading_sigma=0.02, leader_depth_sigma=0.04, leader_tilt_sigma=0.01,
+    leader_tilt_time=4.0, leader_attitude_offset_sigma=0.015, range_tau=(0.02, 0.03, 0.04), range_scale_mean=0.2,
 )  # fmt: skip
+
+
+ECHOES = EVERYTHING._replace(surface_echo_chance=0.2, bottom_echo_chance=0.1, range_error_centred=True)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize(
     ("errors", "offset"),
-    [(SensorErrors(), QUARTER), (SensorErrors(range_tau=(0.06, 0.01, 0.01), range_centre=0.5), QUARTER),
-     (EVERYTHING, QUARTER), (EVERYTHING._replace(echo_chance=(0.2, 0.1), range_centre=0.5), ABEAM),
+    [(SensorErrors(), QUARTER), (SensorErrors(range_tau=(0.06, 0.01, 0.01), range_error_centred=True), QUARTER),
+     (EVERYTHING, QUARTER), (ECHOES, ABEAM),
      (EVERYTHING, ABEAM)],
     ids=["paper", "centred", "everything", "echoes abeam", "abeam"],
 )  # fmt: skip

@@ -15,7 +15,6 @@ from laisn.failure import LaisnError
 from laisn.tight.estimates import TightEstimates
 from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
-from sim.sensing.acoustics import AcousticConfig
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +97,7 @@ def test_its_row_tells_the_ratio_to_the_bound(scenario: Scenario) -> None:
     trajectory = simulate_motion(scenario)
     ((_, row, steps),) = compute(trajectory, [CellPlan(scenario=scenario, runs=4, keep_steps=True)])
     assert steps is not None
-    least = least_rms(geometry_of(trajectory, AcousticConfig.of(scenario)), noise_of(scenario))
+    least = least_rms(geometry_of(trajectory, scenario), noise_of(scenario))
     assert row["bound_rms_m"] == pytest.approx(np.sqrt(np.mean(least**2)))
     rms = np.hypot(row["e_p_mean_m"], row["e_p_std_m"])
     assert row["rms_over_bound"] == pytest.approx(rms / row["bound_rms_m"])

@@ -11,9 +11,10 @@ from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error
 from experiments.pages import range_budget_page
 from sim.flight import Flight, excerpt
 from sim.scenario.settings import Acoustics, Navigation, Scenario
-from sim.sensing.acoustics import AcousticConfig, propagate
+from sim.sensing.acoustics import propagate
+from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.observation import observe
-from sim.sensing.sensors import SensorErrors, errors_of, measure
+from sim.sensing.sensors import measure
 from sim.trajectory import Trajectory
 from tests.straight import make_scenario, make_trajectory
 from tests.synthetic import SITES, make_estimates, make_flight
@@ -24,7 +25,7 @@ QUIET = SensorErrors(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scal
 
 def flight_of(scenario: Scenario, trajectory: Trajectory, errors: SensorErrors | None = None) -> Flight:
     measured = measure(
-        observe(trajectory, AcousticConfig.of(scenario)),
+        observe(trajectory, scenario),
         errors or errors_of(scenario),
         seed=scenario.seed,
         run=scenario.run,
@@ -81,8 +82,8 @@ def test_lever_arm_abeam_is_the_closed_form(slant):
     scenario = make_scenario()
     budget = range_error_budget(flight_of(scenario, trajectory, QUIET))
     slant_error = (
-        propagate(trajectory, AcousticConfig.of(scenario)).range[..., 0]
-        - propagate(make_trajectory((0.0, -abeam, -8.0 - DEPTH_OFFSET)), AcousticConfig.of(scenario)).range[..., 0]
+        propagate(trajectory, scenario).range[..., 0]
+        - propagate(make_trajectory((0.0, -abeam, -8.0 - DEPTH_OFFSET)), scenario).range[..., 0]
     )
     # the front transmitter rises, away from a follower below: longer by Δz (L/2) sin φ / R
     closed_form = DEPTH_OFFSET * HALF * np.sin(PITCH) / slant
@@ -111,7 +112,7 @@ def test_each_acoustic_cause_alone():
         scenario = make_scenario(acoustics)
         flight = flight_of(scenario, trajectory, QUIET)
         if cause is Cause.ECHO:
-            echo = propagate(trajectory, AcousticConfig.of(scenario)).range[..., 1]
+            echo = propagate(trajectory, scenario).range[..., 1]
             flight = Flight(
                 scenario=scenario,
                 trajectory=trajectory,
@@ -130,7 +131,7 @@ def test_random_and_depth_errors_are_what_was_drawn():
     quiet = SensorErrors(range_tau=(0, 0, 0), range_scale_mean=0, range_scale_sigma=0, **depths)
     alone = shares_alone(range_error_budget(flight_of(scenario, trajectory, quiet)), Cause.DEPTH)
     assert np.abs(alone).max() > 1e-3
-    own = measure(observe(trajectory, AcousticConfig.of(scenario)), SensorErrors(**depths), seed=1, run=0)
+    own = measure(observe(trajectory, scenario), SensorErrors(**depths), seed=1, run=0)
     difference = own.message[:, 5] - own.depth[own.message_step - 1]
     level = noisy.level_range
     assert_allclose(alone, np.sqrt(level**2 + 3.0**2 - difference[:, None] ** 2) - level, atol=1e-9)

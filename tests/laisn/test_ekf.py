@@ -10,7 +10,8 @@ from laisn import ekf
 from laisn.arrays import Floats
 from laisn.messages import Measurements
 from laisn.tight.settings import TightSettings
-from sim.sensing.sensors import SensorErrors, measure
+from sim.sensing.errors import SensorErrors
+from sim.sensing.sensors import measure
 from tests.campaign.test_montecarlo import ABEAM, make_truth
 
 SETTINGS = TightSettings()

@@ -18,7 +18,7 @@ from sim.motion import simulate_motion
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
 from sim.scenario.settings import Follower, Leader, Scenario, Station
-from sim.sensing.sensors import SensorErrors, errors_of
+from sim.sensing.errors import SensorErrors, errors_of
 
 MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}
 
@@ -62,7 +62,7 @@ def test_defaults_are_the_papers() -> None:
         ({"senors": {}}, "senors: unknown key; did you mean 'sensors'"),
         ({"sensors": {"speed_bais_m_s": 1.0}}, "sensors.speed_bais_m_s: unknown key; did you mean 'speed_bias_m_s'"),
         ({"seed": "one"}, "seed: Input should be a valid integer"),
-        ({"ocean": {"density_kg_m3": float("nan")}}, "ocean.density_kg_m3: Input should be a valid number"),
+        ({"ocean": {"density_kg_m3": float("nan")}}, "ocean.density_kg_m3: Input should be a finite number"),
         (
             {"leader": {"baseline_m": -2.0}},
             "leader.baseline_m: Input should be greater than or equal to 0.01 (given",
@@ -107,9 +107,8 @@ def test_all_faults_are_told_at_once() -> None:
 
 
 def test_overrides_reach_nested_keys_and_list_items() -> None:
-    table = scenario_file.override(
-        MINIMAL, ["followers.0.depth_m=5", "navigation.variant=laisn-3-1", "ocean.waves.kind=jonswap"]
-    )
+    given = ["followers.0.depth_m=5", "navigation.variant=laisn-3-1", "ocean.waves.kind=jonswap"]
+    table = scenario_file.assigned(MINIMAL, scenario_file.values_of(given))
     scenario = scenario_file.validate(table, "mine.toml")
     assert scenario.followers[0].depth_m == 5.0
     assert scenario.navigation.variant == "laisn-3-1"
@@ -119,8 +118,8 @@ def test_overrides_reach_nested_keys_and_list_items() -> None:
 
 @pytest.mark.parametrize("assignment", ["seed", "=3", "followers.7.depth_m=1", "name.first=x"])
 def test_a_broken_override_is_refused(assignment: str) -> None:
-    with pytest.raises(ScenarioError, match="--set"):
-        scenario_file.override(MINIMAL, [assignment])
+    with pytest.raises(ScenarioError, match=r"--set|is no key"):
+        scenario_file.assigned(MINIMAL, scenario_file.values_of([assignment]))
 
 
 @pytest.mark.parametrize(

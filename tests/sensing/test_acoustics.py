@@ -14,11 +14,11 @@ from experiments.campaign.montecarlo import histories
 from laisn.compiled import compiled
 from laisn.navigator import Navigator
 from sim.flight import navigation_settings
-from sim.scenario.settings import Acoustics
-from sim.sensing.acoustics import TRANSMITTERS, AcousticConfig, Path, image, path_slowness, propagate
-from sim.sensing.channel import Channel, locked_path, received
+from sim.scenario.settings import Acoustics, Navigation
+from sim.sensing.acoustics import TRANSMITTERS, Path, image, path_slowness, propagate
+from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.observation import observe
-from sim.sensing.sensors import errors_of, measure
+from sim.sensing.sensors import locked_path, measure, received
 from sim.water.sound import SoundProfile, mean_slowness, speed_at
 from tests.straight import make_scenario, make_trajectory
 
@@ -35,7 +35,7 @@ def test_without_settings_ranges_are_the_distances_of_the_sites_at_the_ping():
     trajectory = make_trajectory(
         (30.0, -12.0, -11.0), leader_velocity=(1.0, 0.2, 0.0), follower_velocity=(0.9, 0.0, 0.0)
     )
-    truth = observe(trajectory, AcousticConfig.of(make_scenario()))
+    truth = observe(trajectory, make_scenario())
     at = truth.message_step
     assert_array_equal(at, np.arange(10, 201, 10))
     for i, site in enumerate(TRANSMITTERS):
@@ -49,7 +49,7 @@ def test_without_settings_ranges_are_the_distances_of_the_sites_at_the_ping():
 @pytest.mark.parametrize("speed", [-3.0, 0.0, 2.0])
 def test_travel_time_to_a_receding_hydrophone(speed):
     trajectory = make_trajectory((60.0, 0.0, -8.0), follower_velocity=(speed, 0.0, 0.0))
-    sound = propagate(trajectory, AcousticConfig.of(make_scenario(Acoustics(travel_time=True))))
+    sound = propagate(trajectory, make_scenario(Acoustics(travel_time=True)))
     at_ping = 60.0 + speed * sound.emission_time - np.array([-1.0, 1.0, 0.0])
     # (t_a − t_e) c = R + v (t_a − t_e), but for the 5 mm sideways of the middle transmitter's 0.1 m
     assert_allclose(sound.range[:, :2, Path.DIRECT], (at_ping * C / (C - speed))[:, :2], atol=1e-9)
@@ -57,10 +57,11 @@ def test_travel_time_to_a_receding_hydrophone(speed):
 
 def test_a_message_is_available_at_the_first_step_after_its_last_ping():
     trajectory = make_trajectory((74.0, 0.0, -8.0))
-    at_once = propagate(trajectory, AcousticConfig.of(make_scenario(Acoustics(travel_time=True))))
+    at_once = propagate(trajectory, make_scenario(Acoustics(travel_time=True)))
     # 75 m take 0.05 s
     assert_array_equal(at_once.message_step, at_once.emission_step + 1)
-    three = replace(AcousticConfig.of(make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))), transmitters=3)
+    three = make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))
+    three = three.model_copy(update={"navigation": Navigation(variant="laisn-3-1")})
     slots = propagate(trajectory, three)
     assert_array_equal(slots.message_step, slots.emission_step + 5)
     assert slots.message_step[-1] <= 200
@@ -70,7 +71,7 @@ def test_a_message_is_available_at_the_first_step_after_its_last_ping():
 def test_laisn_2_does_not_wait_for_the_third_ping():
     """Once it has stopped listening, it does not hear that ping any more either."""
     trajectory = make_trajectory((74.0, 0.0, -8.0))
-    two = AcousticConfig.of(make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2)))
+    two = make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))
     slots = propagate(trajectory, two)
     # front ping 0.2 s after the rear one, under way for 0.05 s
     assert_array_equal(slots.message_step, slots.emission_step + 3)
@@ -78,15 +79,15 @@ def test_laisn_2_does_not_wait_for_the_third_ping():
     assert np.all(np.isnan(heard[:, MIDDLE]))
     assert not np.any(np.isnan(heard[:, :MIDDLE]))
     # where it comes in time, it is heard
-    at_once = AcousticConfig.of(make_scenario(Acoustics(travel_time=True)))
+    at_once = make_scenario(Acoustics(travel_time=True))
     assert not np.any(np.isnan(observe(trajectory, at_once).slant_range))
 
 
 def test_arrival_does_not_depend_on_the_filter_step():
     trajectory = make_trajectory((40.0, 25.0, -12.0), leader_velocity=(1.0, 0, 0), follower_velocity=(0.3, 1.1, -0.2))
     acoustics = Acoustics(travel_time=True, ping_slot_s=0.05)
-    fine = propagate(trajectory, AcousticConfig.of(make_scenario(acoustics, filter_step=0.1)))
-    coarse = propagate(trajectory, AcousticConfig.of(make_scenario(acoustics, filter_step=1.0)))
+    fine = propagate(trajectory, make_scenario(acoustics, filter_step=0.1))
+    coarse = propagate(trajectory, make_scenario(acoustics, filter_step=1.0))
     assert coarse.range.shape[0] == fine.range.shape[0]
     assert_allclose(coarse.range, fine.range, atol=1e-9)
 
@@ -94,7 +95,7 @@ def test_arrival_does_not_depend_on_the_filter_step():
 def test_pings_leave_from_where_the_transmitter_is_in_its_slot():
     slot, speed = 0.13, 1.7
     trajectory = make_trajectory((0.0, 20.0, -8.0), leader_velocity=(speed, 0, 0))
-    sound = propagate(trajectory, AcousticConfig.of(make_scenario(Acoustics(ping_slot_s=slot))))
+    sound = propagate(trajectory, make_scenario(Acoustics(ping_slot_s=slot)))
     east = speed * sound.emission_step * 0.1
     assert_allclose(sound.transmitter[:, FRONT, 0], east + speed * slot + 1.0, atol=1e-12)
     assert_allclose(sound.transmitter[:, MIDDLE, 0], east + speed * 2 * slot, atol=1e-12)
@@ -125,12 +126,12 @@ def test_sound_has_the_speed_between_and_beyond_the_points_of_a_profile() -> Non
 def test_profile_and_bias_scale_the_range():
     trajectory = make_trajectory((20.0, 0.0, -18.0))
     profile = make_scenario(Acoustics(sound_speed_profile=((0.0, 1480.0), (20.0, 1500.0))))
-    ranges = propagate(trajectory, AcousticConfig.of(profile)).range[:, FRONT, Path.DIRECT]
+    ranges = propagate(trajectory, profile).range[:, FRONT, Path.DIRECT]
     slowness = np.log(1498.0 / 1488.0) / 10.0
     assert_allclose(ranges, np.hypot(19.0, 10.0) * C * slowness, rtol=1e-12)
     biased = make_scenario(Acoustics(sound_speed_bias_m_s=15.0))
     assert_allclose(
-        propagate(trajectory, AcousticConfig.of(biased)).range[:, FRONT, Path.DIRECT],
+        propagate(trajectory, biased).range[:, FRONT, Path.DIRECT],
         np.hypot(19, 10) * 1.01,
         rtol=1e-12,
     )
@@ -138,10 +139,8 @@ def test_profile_and_bias_scale_the_range():
 
 def test_clock_offset_and_drift_shift_all_ranges():
     trajectory = make_trajectory((20.0, 0.0, -8.0))
-    plain = propagate(trajectory, AcousticConfig.of(make_scenario())).range
-    sound = propagate(
-        trajectory, AcousticConfig.of(make_scenario(Acoustics(clock_offset_s=1e-3, clock_drift_ppm=50.0)))
-    )
+    plain = propagate(trajectory, make_scenario()).range
+    sound = propagate(trajectory, make_scenario(Acoustics(clock_offset_s=1e-3, clock_drift_ppm=50.0)))
     shift = C * (1e-3 + 50e-6 * sound.emission_step * 0.1)
     assert_allclose((sound.range - plain)[:, :, Path.DIRECT], np.tile(shift[:, None], 3), atol=1e-10)
 
@@ -150,7 +149,7 @@ def test_clock_offset_and_drift_shift_all_ranges():
 def test_echo_comes_from_the_image(path, height):
     trajectory = make_trajectory((15.0, 9.0, -11.0))
     scenario = make_scenario(Acoustics(surface_echo_chance=0.1, bottom_echo_chance=0.1))
-    sound = propagate(trajectory, AcousticConfig.of(scenario))
+    sound = propagate(trajectory, scenario)
     assert_allclose(sound.range[:, FRONT, path], np.sqrt(14.0**2 + 9.0**2 + height**2), rtol=1e-12)
     assert np.all(sound.range[:, :, path] > sound.range[:, :, Path.DIRECT])
     profile = scenario.model_copy(
@@ -160,7 +159,7 @@ def test_echo_comes_from_the_image(path, height):
             )
         }
     )
-    refracted = propagate(trajectory, AcousticConfig.of(profile)).arrival.ratio[0, FRONT, path] / C
+    refracted = propagate(trajectory, profile).arrival.ratio[0, FRONT, path] / C
     depth = np.linspace(0.0, 11.0, 1_000_001) if path is Path.SURFACE else np.linspace(8.0, 30.0, 1_000_001)
     other = depth[depth <= 8.0] if path is Path.SURFACE else depth[depth >= 11.0]
     slowness = 1 / np.interp(np.concatenate([depth, other]), [0, 10, 30], [1400, 1600, 1450])
@@ -173,20 +172,23 @@ def test_images_of_images_are_the_sources():
         assert image(image(source, path, 25.0), path, 25.0) == source
 
 
+ECHOES = SensorErrors(surface_echo_chance=0.2, bottom_echo_chance=0.05)
+
+
 def test_echoes_come_as_often_as_asked_and_on_their_own():
-    steps, chances = np.arange(1, 200_001), (0.2, 0.05)
-    path = locked_path(1, 0, 0, steps, chances)
+    steps = np.arange(1, 200_001)
+    path = locked_path(1, 0, 0, steps, ECHOES)
     for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05), (Path.DIRECT, 0.75)):
         share = (path == kind).mean(axis=0)
         assert_allclose(share, chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size))
     both = np.mean((path[:, REAR] == Path.SURFACE) & (path[:, FRONT] == Path.SURFACE))
     assert_allclose(both, 0.04, atol=4.5 * np.sqrt(0.04 / steps.size))
-    assert_array_equal(path[1000:1005], locked_path(1, 0, 0, steps[1000:1005], chances))
+    assert_array_equal(path[1000:1005], locked_path(1, 0, 0, steps[1000:1005], ECHOES))
 
 
 def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
-    steps, chances = np.arange(1, 200_001), (0.2, 0.05)
-    path = locked_path(1, 0, 0, steps, chances, True)
+    steps = np.arange(1, 200_001)
+    path = locked_path(1, 0, 0, steps, ECHOES._replace(common_echoes=True))
     assert_array_equal(path, np.repeat(path[:, :1], 3, axis=1))
     for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05)):
         assert_allclose((path == kind).mean(), chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size))
@@ -194,21 +196,20 @@ def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
 
 def test_loss_has_the_rate_and_the_bursts_of_the_chain():
     steps = np.arange(1, 200_001)
-    alone = received(1, 0, 0, steps, Channel(loss_chance=0.3))
+    alone = received(1, 0, 0, steps, SensorErrors(loss_chance=0.3))
     assert_allclose(1 - alone.mean(), 0.3, atol=4.5 * np.sqrt(0.21 / steps.size))
-    bursts = Channel(burst_chance=0.02, burst_mean_messages=8.0)
-    assert bursts.mean_loss == pytest.approx(0.02 / (0.02 + 1 / 8))
+    bursts = SensorErrors(burst_chance=0.02, burst_mean_messages=8.0)
     arrived = received(1, 0, 0, steps, bursts)
     lengths = np.array([len(list(run)) for lost, run in groupby(~arrived) if lost])
     # lengths are geometric: standard deviation √(8 · 7)
     assert_allclose(lengths.mean(), 8.0, atol=4.5 * np.sqrt(56.0 / lengths.size))
-    assert_allclose(1 - arrived.mean(), bursts.mean_loss, atol=0.01)
-    assert received(1, 0, 0, steps, Channel()).all()
+    assert_allclose(1 - arrived.mean(), 0.02 / (0.02 + 1 / 8), atol=0.01)
+    assert received(1, 0, 0, steps, SensorErrors()).all()
 
 
 def test_pings_from_beyond_the_maximum_range_are_not_heard():
     trajectory = make_trajectory((50.0, 0.0, -8.0))
-    ranges = observe(trajectory, AcousticConfig.of(make_scenario(Acoustics(max_range_m=50.0)))).slant_range
+    ranges = observe(trajectory, make_scenario(Acoustics(max_range_m=50.0))).slant_range
     assert np.isnan(ranges[:, REAR]).all()
     assert np.isfinite(ranges[:, FRONT]).all()
 
@@ -239,8 +240,8 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
     )  # fmt: skip
     scenario = make_scenario(acoustics)
     told = replace(navigation_settings(scenario, trajectory, 0), variant=variant)
-    config = replace(AcousticConfig.of(scenario), transmitters=told.transmitters)
-    truth, errors = observe(trajectory, config), errors_of(scenario)
+    scenario = scenario.model_copy(update={"navigation": Navigation(variant=variant)})
+    truth, errors = observe(trajectory, scenario), errors_of(scenario)
     states = histories(Cell(truth=truth, errors=errors, settings=told, runs=range(3)))
     for run in range(3):
         heard = measure(truth, errors, seed=1, run=run, transmitters=told.transmitters)
@@ -251,10 +252,10 @@ def test_a_reading_of_an_echo_is_the_path_of_the_echo():
     trajectory = make_trajectory((15.0, 9.0, -11.0))
     scenario = make_scenario(Acoustics(surface_echo_chance=0.4, bottom_echo_chance=0.3))
     errors = errors_of(scenario)._replace(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
-    truth = observe(trajectory, AcousticConfig.of(scenario))
+    truth = observe(trajectory, scenario)
     read = measure(truth, errors, seed=1, run=2).ranges
-    path = locked_path(1, 2, 0, truth.emission_step, errors.echo_chance)
-    sound = propagate(trajectory, AcousticConfig.of(scenario))
+    path = locked_path(1, 2, 0, truth.emission_step, errors)
+    sound = propagate(trajectory, scenario)
     assert_allclose(read, np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0], rtol=1e-15)
     assert {int(p) for p in np.unique(path)} == {0, 1, 2}
 

@@ -10,10 +10,10 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage
 from sim.geometry import attitude
 from sim.scenario.settings import Sensors
-from sim.sensing.acoustics import AcousticConfig
 from sim.sensing.ahrs import apparent_tilt, measured_attitude, random_error
+from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.observation import MissionTruth, observe
-from sim.sensing.sensors import SensorErrors, errors_of, measure
+from sim.sensing.sensors import measure
 from sim.trajectory import Trajectory
 from tests import straight
 from tests.campaign.test_montecarlo import make_truth
@@ -142,8 +142,8 @@ def pitch_errors(truth: MissionTruth, errors: SensorErrors, runs: int) -> Floats
 
 
 def test_broadcast_errors_die_away_with_time(truth: MissionTruth) -> None:
-    errors = SensorErrors(leader_pitch_sigma=0.01, leader_roll_sigma=0.02, leader_attitude_time=2.0)
-    pitch, roll = np.moveaxis(pitch_errors(truth, errors, 4000) / [0.01, 0.02], -1, 0)
+    errors = SensorErrors(leader_tilt_sigma=0.01, leader_tilt_time=2.0)
+    pitch, roll = np.moveaxis(pitch_errors(truth, errors, 4000) / 0.01, -1, 0)
     # messages come every second
     lag = np.abs(np.subtract.outer(np.arange(6), np.arange(6)))
     for angle in (pitch, roll):
@@ -167,15 +167,13 @@ def test_a_scenario_states_the_sensor_in_degrees() -> None:
     scenario = straight.make_scenario(sensors=sensors)
     errors = errors_of(scenario)
     assert errors.leader_attitude_offset_sigma == pytest.approx(np.deg2rad(0.2))
-    assert errors.leader_attitude_time == 30.0
+    assert errors.leader_tilt_time == 30.0
     # with γ ≪ 1: σ² = γ σ_i² / 2 + q τ / 2
     share, walk = 0.1 / 30.0, (0.3 / 60.0) ** 2
     expected = np.deg2rad(np.sqrt(share * 0.25 / 2 + walk * 30.0 / 2))
-    assert errors.leader_pitch_sigma == errors.leader_roll_sigma == pytest.approx(expected, rel=0.003)
+    assert errors.leader_tilt_sigma == pytest.approx(expected, rel=0.003)
 
     turning = straight.make_trajectory((0.0, 20.0, -10.0), heading_pitch_roll=(0.4, 0.1, 0.05))
     loud = scenario.model_copy(update={"leader": scenario.leader.model_copy(update={"broadcast_attitude": True})})
-    assert observe(turning, AcousticConfig.of(loud)).sent_attitude == pytest.approx(
-        np.tile([0.1, 0.05], (20, 1)), abs=1e-12
-    )
-    assert np.all(np.isnan(observe(turning, AcousticConfig.of(scenario)).sent_attitude))
+    assert observe(turning, loud).sent_attitude == pytest.approx(np.tile([0.1, 0.05], (20, 1)), abs=1e-12)
+    assert np.all(np.isnan(observe(turning, scenario).sent_attitude))

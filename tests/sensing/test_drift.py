@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sim.scenario.sensors import Sensors
-from sim.sensing.acoustics import AcousticConfig
-from sim.sensing.drift import BiasDrift, biased
+from sim.sensing.drift import biased
+from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.observation import observe
 from tests.straight import make_scenario, make_trajectory
 
@@ -15,20 +15,24 @@ TOLD = Sensors(
 )  # fmt: skip
 
 
+def drifting(sensors: Sensors) -> SensorErrors:
+    return errors_of(make_scenario().model_copy(update={"sensors": sensors}))
+
+
 def test_biases_swing_with_their_amplitudes_periods_and_phases() -> None:
-    w = BiasDrift.of(TOLD, 0)
+    w = drifting(TOLD)
     # at the start half of the one and all of the other amplitude, and again after a period
     for time in (0.0, 200.0):
-        assert biased(w, time, 1.0, 0.5) == pytest.approx((1.15, 0.5 + np.deg2rad(4.0)))
+        assert biased(w, 0, time, 1.0, 0.5) == pytest.approx((1.15, 0.5 + np.deg2rad(4.0)))
     # half a period later the other way, after a quarter at √3/2 and 0
-    assert biased(w, 100.0, 1.0, 0.5) == pytest.approx((0.85, 0.5 - np.deg2rad(4.0)))
-    assert biased(w, 50.0, 1.0, 0.5) == pytest.approx((1.0 + 0.3 * np.sqrt(0.75), 0.5))
+    assert biased(w, 0, 100.0, 1.0, 0.5) == pytest.approx((0.85, 0.5 - np.deg2rad(4.0)))
+    assert biased(w, 0, 50.0, 1.0, 0.5) == pytest.approx((1.0 + 0.3 * np.sqrt(0.75), 0.5))
 
 
 @pytest.mark.parametrize("silent", ["speed_drift_m_s", "heading_drift_deg"])
 def test_one_bias_may_swing_alone(silent: str) -> None:
-    w = BiasDrift.of(TOLD.model_copy(update={silent: 0.0}), 0)
-    speed, heading = biased(w, 0.0, 1.0, 0.5)
+    w = drifting(TOLD.model_copy(update={silent: 0.0}))
+    speed, heading = biased(w, 0, 0.0, 1.0, 0.5)
     assert (speed == 1.0, heading == 0.5) == (silent == "speed_drift_m_s", silent == "heading_drift_deg")
 
 
@@ -37,12 +41,12 @@ def test_each_follower_is_ahead_of_the_one_before_by_the_golden_angle() -> None:
     golden = 2 * np.pi * (1 - 2 / (1 + np.sqrt(5)))
     for follower in (1, 2, 5):
         expected = 1.0 + 0.3 * np.sin(np.pi / 6 + 2 * np.pi * 20.0 / 200.0 + follower * golden)
-        assert biased(BiasDrift.of(TOLD, follower), 20.0, 1.0, 0.5)[0] == pytest.approx(expected)
+        assert biased(drifting(TOLD), follower, 20.0, 1.0, 0.5)[0] == pytest.approx(expected)
 
 
 def test_a_motion_is_read_with_the_errors_of_its_instants() -> None:
-    w, time = BiasDrift.of(TOLD, 0), np.array([0.0, 50.0, 100.0])
-    speed, heading = biased(w, time, np.ones(3), np.full(3, 0.5))
+    w, time = drifting(TOLD), np.array([0.0, 50.0, 100.0])
+    speed, heading = biased(w, 0, time, np.ones(3), np.full(3, 0.5))
     np.testing.assert_allclose(speed, 1.0 + 0.3 * np.sin(np.pi / 6 + np.pi * time / 100.0))
     np.testing.assert_allclose(heading, 0.5 + np.deg2rad(4.0) * np.cos(np.pi * time / 100.0))
 
@@ -51,7 +55,7 @@ def test_a_leader_walks_off_towards_a_compass_direction() -> None:
     """By 2 cm/s towards 30°: 1 cm/s east, 1.73 cm/s north, of the time of sending."""
     scenario = make_scenario()
     scenario = scenario.model_copy(update={"sensors": TOLD})
-    truth = observe(make_trajectory((0.0, 40.0, -10.0), leader=(5.0, 6.0, -9.0)), AcousticConfig.of(scenario))
+    truth = observe(make_trajectory((0.0, 40.0, -10.0), leader=(5.0, 6.0, -9.0)), scenario)
     off = truth.sent_position[:, :2] - [5.0, 6.0]
     np.testing.assert_allclose(off, truth.timestamp[:, None] * [0.01, 0.01 * np.sqrt(3.0)], atol=1e-12)
     assert truth.timestamp[-1] > 5.0

@@ -11,7 +11,6 @@ from sim.geometry import attitude
 from sim.scenario.sensors import FollowerSensors
 from sim.scenario.settings import Scenario, Sensors
 from sim.sensing.acoustics import Motion
-from sim.sensing.channel import Channel
 from sim.sensing.instant import (
     NO_RANGES,
     RECEIVED,
@@ -45,7 +44,9 @@ def standing(poses: Floats, instants: int) -> Truth:
 
 
 def with_errors(sensors: SensorModel, **errors: Any) -> SensorModel:
-    return sensors._replace(errors=sensors.errors._replace(**errors))
+    for name, value in errors.items():
+        sensors.errors[name] = value
+    return sensors
 
 
 def read(sensors: SensorModel, steps: int, follower: int = 0) -> Floats:
@@ -97,7 +98,9 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
     """Equation 28 written out, with a τ of its own for each transmitter and the draws of step, run and follower."""
     taus, (mean, sigma), seed, run = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
-    sensors = with_errors(sensors, range_tau=taus, range_centre=centre, range_scale_mean=mean, range_scale_sigma=sigma)
+    sensors = with_errors(
+        sensors, range_tau=taus, range_error_centred=centre > 0.0, range_scale_mean=mean, range_scale_sigma=sigma
+    )
     sensors = sensors._replace(transmitters=used)
     transmitters = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
     hydrophones = np.full((2, 3), [0.0, 0.0, 0.1])
@@ -123,11 +126,11 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
 def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches(common: bool) -> None:
     """All that may happen to a range, written out for 60 messages in a row."""
     taus, (mean, sigma), seed, run, floor, reach = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5, 35.0, 45.2
-    chances, channel = (0.3, 0.2), Channel(0.1, 0.25, 3.0, 0.8)
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     sensors = with_errors(
-        sensors, range_tau=taus, range_scale_mean=mean, range_scale_sigma=sigma, echo_chance=chances,
-        common_echoes=common, channel=channel,
+        sensors, range_tau=taus, range_scale_mean=mean, range_scale_sigma=sigma, surface_echo_chance=0.3,
+        bottom_echo_chance=0.2,
+        common_echoes=common, loss_chance=0.1, burst_chance=0.25, burst_mean_messages=3.0, burst_loss_chance=0.8,
     )._replace(
         transmitters=3,
         sound=sensors.sound._replace(
@@ -173,7 +176,7 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
     """Bias and spread of each, with the draws of step, run and follower; the log feels the water along the hull."""
     seed, run, k = 2, 5, 30
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
-    errors = sensors.own[1]
+    errors = sensors.errors[1]
     errors.speed_bias, errors.speed_sigma, errors.heading_bias, errors.heading_sigma = 0.1, 0.02, 0.05, 0.01
     errors.depth_sigma = 0.3
     turned = attitude.from_euler(1.0, PITCH, 0.2)
@@ -195,8 +198,8 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     seed, run, k = 2, 5, 40
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     sensors = with_errors(
-        sensors, leader_speed_bias=0.1, leader_speed_sigma=0.02, leader_heading_bias=0.05, leader_heading_sigma=0.01,
-        leader_depth_sigma=0.3, leader_attitude_offset_sigma=0.001, leader_pitch_sigma=0.002, leader_roll_sigma=0.004,
+        sensors, leader_speed_bias=0.1, leader_heading_bias=0.05, leader_heading_sigma=0.01,
+        leader_depth_sigma=0.3, leader_attitude_offset_sigma=0.001, leader_tilt_sigma=0.002,
     )._replace(broadcast_attitude=True)  # fmt: skip
     body = np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[0.9, 0.7, 0.2, RATES], np.zeros(3)
     message = np.empty(8)
@@ -206,7 +209,7 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
     expected = [
         k * sensors.dt, 3.0, 4.0, 1.0 + 0.05 + 0.01 * abs(motion[1]),
-        attitude.forward(body[0][3:]) @ body[1][:3] + 0.1 + 0.02 * motion[0], 9.0 + 0.3 * depth[0],
-        PITCH + 0.02 + 0.001 * offset[0] + 0.002 * 0.7, 0.2 - 0.03 + 0.001 * offset[1] - 0.004 * 1.3,
+        attitude.forward(body[0][3:]) @ body[1][:3] + 0.1, 9.0 + 0.3 * depth[0],
+        PITCH + 0.02 + 0.001 * offset[0] + 0.002 * 0.7, 0.2 - 0.03 + 0.001 * offset[1] - 0.002 * 1.3,
     ]  # fmt: skip
     assert message == pytest.approx(expected)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from sim.scenario.settings import Acoustics, Sensors
-from sim.sensing.acoustics import AcousticConfig
+from sim.sensing.errors import errors_of
 from sim.sensing.observation import observe, start_of
-from sim.sensing.sensors import errors_of
 from tests import synthetic
 
 DEEPER_M = 0.05
@@ -23,7 +22,7 @@ def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(step: float, i
     offset = flown.site_offset.copy()
     offset[flown.site("follower2/depth_sensor")] = 0.0, 0.0, -DEEPER_M
     flown = replace(flown, site_offset=offset)
-    truth = observe(flown, AcousticConfig.of(scenario), 1)
+    truth = observe(flown, scenario, 1)
     steps = np.arange(1, round(20.0 / step) + 1)
     at, rows = steps * step, steps * round(step / 0.1)
     radius = synthetic.LEADER_RADIUS_M + 2 * synthetic.LANE_M
@@ -70,10 +69,11 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
         "speed_bias": 0.11, "speed_sigma": 0.12, "heading_bias": np.deg2rad(-1.3), "heading_sigma": np.deg2rad(1.4),
         "depth_sigma": 0.15, "leader_heading_bias": np.deg2rad(-1.6),
         "leader_speed_bias": -0.17, "leader_heading_sigma": np.deg2rad(1.7),
-        "leader_depth_sigma": 0.18, "leader_pitch_sigma": np.deg2rad(1.9), "leader_roll_sigma": np.deg2rad(1.9),
-        "leader_attitude_time": 0.0, "leader_attitude_offset_sigma": np.deg2rad(2.1), "range_tau": (0.01, 0.02, 0.03),
-        "range_centre": 0.5, "range_scale_mean": 0.04, "range_scale_sigma": 0.05, "echo_chance": (0.06, 0.07),
-        "channel": (0.08, 0.09, 4.0, 0.91),
+        "leader_depth_sigma": 0.18, "leader_tilt_sigma": np.deg2rad(1.9),
+        "leader_tilt_time": 0.0, "leader_attitude_offset_sigma": np.deg2rad(2.1), "range_tau": (0.01, 0.02, 0.03),
+        "range_error_centred": True, "range_scale_mean": 0.04, "range_scale_sigma": 0.05, "surface_echo_chance": 0.06,
+        "bottom_echo_chance": 0.07, "loss_chance": 0.08, "burst_chance": 0.09, "burst_mean_messages": 4.0,
+        "burst_loss_chance": 0.91,
     }  # fmt: skip
     for name, value in expected.items():
         assert getattr(errors, name) == pytest.approx(value), name
@@ -86,4 +86,4 @@ def test_a_motion_is_observed_from_its_start() -> None:
     over_time = ("time", "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
     later = replace(whole, **{name: getattr(whole, name)[80:] for name in over_time})
     with pytest.raises(ValueError, match="begins at 8 s"):
-        observe(later, AcousticConfig.of(scenario))
+        observe(later, scenario)

@@ -129,7 +129,7 @@ def test_errors_of_a_hull_come_with_other_obstacles(folder: Path) -> None:
     assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(told.value)
     assert "floor_depth_m" in str(told.value)
     for name, told in (("absent.xml", "No such file"), ("/dev/zero", "it is no plain file"), ("/", "it is a folder")):
-        with pytest.raises(laisn_sim.LaisnError, match=rf"leader\.model: {name}: cannot be read: {told}"):
+        with pytest.raises(laisn_sim.LaisnError, match=rf"leader\.model: cannot be read: {told}"):
             laisn_sim.load("T5", {"leader.model": name})
 
 

@@ -27,8 +27,9 @@ from laisn.filter import Filter
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
+from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import SensorErrors, measure
+from sim.sensing.sensors import measure
 from tools.benchmarks import mission as benchmarks_mission
 from tools.benchmarks.formation import formation
 from tools.benchmarks.navigators import filter_only, tight

@@ -24,8 +24,8 @@ from laisn.settings import GateRule, NavigationSettings, Variant
 from sim.flight import settings_as
 from sim.motion import simulate_motion
 from sim.sensing.acoustics import Path
-from sim.sensing.channel import locked_path
-from sim.sensing.sensors import errors_of, measure
+from sim.sensing.errors import errors_of
+from sim.sensing.sensors import locked_path, measure
 
 TAU_M = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1.6)
 """τ of the rear transmitter; the first is the paper's usual one, 0.03 and 0.06 are those of its Stage 4."""
@@ -178,11 +178,12 @@ def fly_gates(plan: Plan) -> list[GateRow]:
         one = flown.scenario({"timing.message_interval_s": interval, **ECHO_CHANCE})
         (motion, truth), errors = flown.real.seen(one, 0), errors_of(one)
         settings = settings_as(NavigationSettings, one, motion, 0)
-        runs, used, silent = flown.runs(0, _GATE_RUNS), settings.transmitters, errors._replace(echo_chance=(0.0, 0.0))
+        runs, used = flown.runs(0, _GATE_RUNS), settings.transmitters
+        silent = errors._replace(surface_echo_chance=0.0, bottom_echo_chance=0.0)
         heard, quiet = (
             [measure(truth, these, seed=SEED, run=run, transmitters=used) for run in runs] for these in (errors, silent)
         )
-        paths = np.stack([locked_path(SEED, run, 0, truth.emission_step, errors.echo_chance) for run in runs], -1)
+        paths = np.stack([locked_path(SEED, run, 0, truth.emission_step, errors) for run in runs], -1)
         echoed = np.any(paths[:, :2] != int(Path.DIRECT), axis=1)
 
         def mean_error(state: Floats, hydrophone: Floats = truth.hydrophone) -> Interval:

@@ -28,9 +28,9 @@ from sim.flight import settings_as
 from sim.scenario.file import assigned, validate
 from sim.scenario.routes import LEADER_DEPTH, Route, library_route
 from sim.scenario.settings import Scenario
-from sim.sensing.acoustics import AcousticConfig
+from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import SensorErrors, errors_of, measure
+from sim.sensing.sensors import measure
 
 MIDDLE_OFFSET = 0.1
 """H_T of missions, unless it is what is varied [m]."""
@@ -121,7 +121,7 @@ def noise_known(assume: Assume) -> TrueNoise:
 def bound(scenario: Scenario, transmitters: int, assume: Assume, lag: float = 0.0) -> Floats:
     """Least RMS of E_P after each step [m], averaged over all biases, with messages of up to a lag later [s]."""
     trajectory, _ = mission_of(motion_of(scenario)).seen(scenario, 0)
-    geometry = geometry_of(trajectory, AcousticConfig.of(scenario), transmitters=transmitters)
+    geometry = geometry_of(trajectory, scenario, transmitters=transmitters)
     return least_rms(geometry, noise_known(assume), lag)
 
 
@@ -232,7 +232,7 @@ def at_sea(sea: str, route: str, *, runs: int, seed: int) -> Record:
     laisn = asked.model_copy(update={"navigation": asked.navigation.model_copy(update={"variant": "laisn-2"})})
     own = settings_as(NavigationSettings, laisn, trajectory, 0)
     found = fly_both(truth, measured, settings_as(TightSettings, asked, trajectory, 0), asked.message_every, own)
-    least = least_rms(geometry_of(trajectory, AcousticConfig.of(asked)), noise_of(asked))
+    least = least_rms(geometry_of(trajectory, asked), noise_of(asked))
     return found | {"route": route, "interval": asked.timing.message_interval_s, "bound_rms": rms(least)}
 
 
