@@ -51,7 +51,7 @@ from sim.sensing.instant import (
     sensor_model_of,
 )
 from sim.sensing.observation import start_of
-from sim.sensing.proximity import SEEN, Lookout, look, lookout_of
+from sim.sensing.proximity import SIGHTING, look, look_interval
 from sim.simulation import TICK, RouteControl, standing, steer_along_route
 from sim.station_keeping import stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water
@@ -69,7 +69,8 @@ class ClosedLoopState(NamedTuple):
     proximity: Record
     """Settings of `[formation.proximity]`."""
     sensors: SensorModel
-    lookout: Lookout
+    look_every: int
+    """Ticks from one look around to the next; 0: there is none."""
     kinds: Ints
     """ON_ROUTE … ON_STATION of each follower, shape (f,)."""
     estimates_current: bool
@@ -90,8 +91,8 @@ class ClosedLoopState(NamedTuple):
     """Whether a message is in at this filter step, shape (f,)."""
     tilts: Floats
     """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]."""
-    seen: Floats
-    """What each follower's last look around showed, shape (f, v, SEEN)."""
+    seen: Records
+    """What each follower's last look around showed, of SIGHTING, shape (f, v)."""
     estimates: Records
     """Estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)."""
     trails: Records
@@ -139,7 +140,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         formation=scenario.formation.record(),
         proximity=(scenario.formation.proximity or Proximity()).record(),
         sensors=sensor_model_of(scenario),
-        lookout=lookout_of(scenario),
+        look_every=look_interval(scenario),
         kinds=kinds,
         estimates_current="current" in navigation.settings().estimated,
         plan=plan,
@@ -154,7 +155,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         inbox=new_inbox(f),
         arrived=np.zeros(f, dtype=np.bool_),
         tilts=np.zeros((n, 2)),
-        seen=np.full((f, f + 1, SEEN), np.nan),
+        seen=records(SIGHTING, f, f + 1),
         estimates=records(ESTIMATE, f),
         trails=trails,
         counts=counts,
@@ -197,8 +198,8 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
         read_own(a.sensors, step, i, body, a.sites[2][i], a.readings[i])
         on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
-        if k > 0 and a.lookout.every > 0 and k % a.lookout.every == 0 and on_station:
-            look(a.lookout, k, i, truth.pose[k], a.seen[i])
+        if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
+            look((a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i])
             update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         # few calls, for what is handed over costs more than the question

@@ -10,9 +10,9 @@ from laisn.failure import LaisnError
 from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.contact import contacts, first_touch
 from sim.geometry import attitude
-from sim.scenario.point_motion import Limits, plan
+from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.simulation import ControllerFactory, SimulationError, simulate
 from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
@@ -46,9 +46,6 @@ def simulate_points(
     names: tuple[str, ...],
     routes: Sequence[Route],
     duration: float,
-    dt: float = 0.1,
-    limits: Limits | None = None,
-    *,
     sites: Sites | None = None,
 ) -> Trajectory:
     """The point motion of a fleet: hulls level and on their courses, still water, no thrust.
@@ -56,9 +53,7 @@ def simulate_points(
     Args:
         names: of the vehicles, the leader first.
         routes: one for each vehicle.
-        duration: [s]; a multiple of `dt`.
-        dt: time grid [s].
-        limits: of all vehicles.
+        duration: [s]; a multiple of 0.1 s.
         sites: on the hulls; None: no sites.
 
     Raises:
@@ -66,12 +61,12 @@ def simulate_points(
     """
     if len(names) != len(routes):
         raise LaisnError(f"{len(names)} vehicles need as many routes, got {len(routes)}")
-    time: Floats = np.arange(round(duration / dt) + 1, dtype=np.float64) * dt
+    time: Floats = np.arange(round(duration / CONTROL_STEP_S) + 1, dtype=np.float64) * CONTROL_STEP_S
     n, v = time.size, len(routes)
     position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))
     heading, turn_rate = np.empty((n, v)), np.empty((n, v))
     for i, route in enumerate(routes):
-        motion = plan(route, limits).at(time)
+        motion = plan(route).at(time)
         depth, sinking = route.depth.at(time)
         position[:, i] = np.column_stack([motion.east, motion.north, -depth])
         level = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])

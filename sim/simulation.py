@@ -17,7 +17,6 @@ from laisn.failure import LaisnError
 from sim.contact import Ending
 from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, vehicle_state
 from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer, track_current
-from sim.scenario.point_motion import Limits
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory, Truth
@@ -193,7 +192,6 @@ def simulate(
     duration: float,
     depth_control: Sequence[DepthControl] = (),
     *,
-    limits: Sequence[Limits] | None = None,
     make_controller: ControllerFactory | None = None,
     ending: Ending | None = None,
     progress: Callable[[float], None] | None = None,
@@ -205,7 +203,6 @@ def simulate(
         routes: one for each vehicle.
         duration: [s]; a multiple of 0.1 s.
         depth_control: of each vehicle; empty: "pitch" for all.
-        limits: what each vehicle can do; None: the paper's turn rate, acceleration and top speed.
         make_controller: makes another controller than that of routes, compiled or in Python; None: there is none.
         ending: what ends the flight before its time; None: nothing does.
         progress: called with the mission time [s], every 50 s of it.
@@ -228,7 +225,7 @@ def simulate(
         raise ValueError(f"{v} vehicles need as many routes, got {len(routes)}")
     autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
     lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
-    wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, limits, lead)
+    wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, lead)
     memory = records(GUIDANCE_MEMORY, v), records(AUTOPILOT_MEMORY, v)
     along = RouteControl(wanted, autopilots, *memory, np.zeros_like(plant.thrust))
     controller = along if make_controller is None else make_controller(plant, along)

@@ -18,13 +18,22 @@ LOST_M = 10.0
 """A follower that was ever farther than this from its station is called lost [m]."""
 JOINED_M = 2.0
 """A follower has joined when it first is nearer than this to its station [m]."""
+STATION_PLACE = np.dtype(
+    [
+        ("east", np.float64),  # [m]
+        ("north", np.float64),
+        ("heading", np.float64),  # of the formation's frame there [rad]
+        ("rate", np.float64),  # its rate of turn [rad/s]
+    ]
+)
+"""Where a station is at one instant."""
 
 
 @compiled
 def _stations(
-    leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Record, dt: float, out: Floats
+    leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Record, dt: float, out: Records
 ) -> None:
-    """Where stations truly are, shape (n, f, 4): east, north [m], heading of the frame [rad], and its rate [rad/s]."""
+    """Write where stations truly are, of STATION_PLACE, shape (n, f)."""
     n, f = leader.shape[0], stations.shape[0]
     trail, count = np.empty(n, TRAIL), np.zeros(1, dtype=np.int64)
     states = np.zeros(f, FRAME_STATE)
@@ -38,13 +47,13 @@ def _stations(
             if k > 0:
                 turn_frame(formation, stations[i], known, (time - dt, time), dt, states[i])
             target = station_at(formation, stations[i], known, time, states[i])
-            out[k, i, 0], out[k, i, 1] = target.east, target.north
-            out[k, i, 2], out[k, i, 3] = states[i].heading, states[i].rate
+            out[k, i].east, out[k, i].north = target.east, target.north
+            out[k, i].heading, out[k, i].rate = states[i].heading, states[i].rate
 
 
 def stations_along(
     leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Formation, dt: float
-) -> Floats:
+) -> Records:
     """Where stations are if the leader goes along a way.
 
     Args:
@@ -56,9 +65,9 @@ def stations_along(
         dt: between instants [s].
 
     Returns:
-        East, north [m], heading of the formation's frame there [rad] and its rate [rad/s], shape (n, f, 4).
+        Records of STATION_PLACE, shape (n, f).
     """
-    out = np.empty((leader.shape[0], stations.shape[0], 4))
+    out = records(STATION_PLACE, leader.shape[0], stations.shape[0])
     place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
     _stations(place, through, ahead, stations, formation.record(), dt, out)
     return out
@@ -73,7 +82,7 @@ def stations_of(scenario: Scenario) -> Records:
     return stations
 
 
-def true_stations(scenario: Scenario, trajectory: Trajectory) -> Floats:
+def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
     """Where each follower's station truly was: in the leader's true trail, at every instant.
 
     Args:
@@ -81,7 +90,7 @@ def true_stations(scenario: Scenario, trajectory: Trajectory) -> Floats:
         trajectory: as flown.
 
     Returns:
-        East, north [m], heading of the formation's frame there [rad] and its rate [rad/s], shape (n, f, 4).
+        Records of STATION_PLACE, shape (n, f).
     """
     leader, speed = trajectory.position[:, 0, :2], trajectory.forward_speed[:, 0]
     return stations_along(
@@ -105,7 +114,7 @@ class StationKeeping:
     """Whether it was ever more than 10 m off its station, or never joined."""
 
 
-def off_station(scenario: Scenario, trajectory: Trajectory, stations: Floats | None = None) -> Floats:
+def off_station(scenario: Scenario, trajectory: Trajectory, stations: Records | None = None) -> Floats:
     """Horizontal distance of each follower's hydrophone from its station, shape (n, f), [m]; NaN of one without.
 
     Args:
@@ -121,11 +130,11 @@ def off_station(scenario: Scenario, trajectory: Trajectory, stations: Floats | N
     places = true_stations(scenario, trajectory) if stations is None else stations
     for i in kept:
         hydrophone = trajectory.site_path(f"{scenario.followers[i].name}/hydrophone")[:, :2]
-        off[:, i] = np.hypot(*(hydrophone - places[:, i, :2]).T)
+        off[:, i] = np.hypot(hydrophone[:, 0] - places.east[:, i], hydrophone[:, 1] - places.north[:, i])
     return off
 
 
-def off_places(scenario: Scenario, trajectory: Trajectory, stations: Floats | None = None) -> Floats:
+def off_places(scenario: Scenario, trajectory: Trajectory, stations: Records | None = None) -> Floats:
     """Horizontal distance of each follower from its station, or from where its route has it, shape (n, f), [m].
 
     Arguments as of `off_station`.

@@ -87,8 +87,9 @@ def _follow(scenario: Scenario) -> _Followed | None:
     way = np.column_stack([leader.east, leader.north])
     stations = records(STATION, len(places))
     stations.behind, stations.port, stations.depth = places.T
-    found = stations_along(way, through, leader.course, stations, scenario.formation, _STEP_S)[..., :2]
-    return _Followed([i for i, _ in kept] + [-1], pairs, time, found, drift)
+    found = stations_along(way, through, leader.course, stations, scenario.formation, _STEP_S)
+    places = np.stack([found.east, found.north], axis=-1)
+    return _Followed([i for i, _ in kept] + [-1], pairs, time, places, drift)
 
 
 def nearest_stations(scenario: Scenario) -> Encounter | None:

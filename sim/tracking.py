@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from laisn.arrays import Floats
-from sim.scenario.point_motion import Limits, plan
+from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.trajectory import Trajectory
 
@@ -59,19 +59,9 @@ def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     return nearest
 
 
-def off_place(route: Route, time: Floats, position: Floats, limits: Limits | None = None) -> Floats:
-    """Distance to where the point motion along the route is at each instant; other arguments as of `cross_track`.
-
-    Args:
-        route: its waypoints.
-        time: shape (n,), [s].
-        position: east and north, shape (n, 2), [m].
-        limits: with which the route is flown; None: the paper's.
-
-    Returns:
-        Shape (n,), [m].
-    """
-    place = plan(route, limits).at(time)
+def off_place(route: Route, time: Floats, position: Floats) -> Floats:
+    """Distance to where the point motion along the route is, shape (n,), [m]; arguments as of `cross_track`."""
+    place = plan(route).at(time)
     return np.hypot(position[:, 0] - place.east, position[:, 1] - place.north)
 
 
@@ -99,15 +89,12 @@ def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
     return np.array(errors)
 
 
-def tracking(
-    trajectory: Trajectory, routes: Sequence[Route], limits: Sequence[Limits] | None = None
-) -> tuple[TrackingReport, ...]:
+def tracking(trajectory: Trajectory, routes: Sequence[Route]) -> tuple[TrackingReport, ...]:
     """How each vehicle of a trajectory kept to its route.
 
     Args:
         trajectory: of v vehicles.
         routes: that they flew, v of them.
-        limits: that they flew them with; None: the paper's.
 
     Raises:
         ValueError: there is not one route for each vehicle.
@@ -120,7 +107,7 @@ def tracking(
         time, position = trajectory.time[:n], trajectory.position[:n, i, :2]
         off = cross_track(route, time, position)
         late = arrival_errors(route, trajectory.time, trajectory.position[:, i, :2])
-        intended = plan(route, None if limits is None else limits[i]).at(time)
+        intended = plan(route).at(time)
         speed_error = np.hypot(*trajectory.velocity[:n, i, :2].T) - intended.speed
         depth_error = trajectory.depth[:n, i] - route.depth.at(time)[0]
         pitch, roll = trajectory.pitch[:n, i], trajectory.roll[:n, i]

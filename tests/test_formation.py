@@ -27,7 +27,7 @@ from sim.motion import simulate_motion
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
-from sim.sensing.proximity import look, lookout_of
+from sim.sensing.proximity import look
 from sim.station_keeping import (
     off_station,
     true_stations,
@@ -148,9 +148,9 @@ def test_followers_that_sense_each_other_give_way() -> None:
     assert least(wary) > 2.0
     # what they saw at the last look is what the sensor makes of the truth at that instant
     look_at = np.concatenate([wary.position[-1], wary.quaternion[-1]], axis=1)
-    seen = np.empty_like(controller.state.seen[0])
+    proximity, seen = Proximity().record(), np.empty_like(controller.state.seen[0])
     for i in range(2):
-        look(lookout_of(crossing(proximity={})), 600, i, look_at, seen)
+        look((controller.state.sensors.seed, controller.state.sensors.run), proximity, 600, i, look_at, seen)
         np.testing.assert_array_equal(controller.state.seen[i], seen)
 
 
@@ -298,8 +298,8 @@ def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:
         assert not row["lost"]
     # on the last leg stations stand where geometry has them: behind the leader, which goes north
     leader_at = flight.trajectory.position[-1, 0, :2]
-    stations = true_stations(scenario, flight.trajectory)[-1, :, :2]
-    np.testing.assert_allclose(stations[1], leader_at - np.array([0.0, 20.0]), atol=0.05)
+    station = true_stations(scenario, flight.trajectory)[-1, 1]
+    np.testing.assert_allclose([station.east, station.north], leader_at - np.array([0.0, 20.0]), atol=0.05)
 
 
 def test_it_joins_its_station_from_anywhere() -> None:

@@ -76,12 +76,12 @@ def uncertainty_events(flight: Flight) -> list[Event]:
     if len(kept) < 2:
         return []
     steps, events = flight.step_index(), []
-    places = true_stations(flight.scenario, flight.trajectory)[steps, :, :2]
+    places = true_stations(flight.scenario, flight.trajectory)[steps]
     for a, i in enumerate(kept):
         for j in kept[:a]:
             if abs(followers[i].layer_m - followers[j].layer_m) >= LEAST_LAYER_M:
                 continue
-            apart = np.hypot(*(places[:, i] - places[:, j]).T)
+            apart = np.hypot(places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j])
             together = flight.estimates[i].covariance[:, :2, :2] + flight.estimates[j].covariance[:, :2, :2]
             near = apart < SIGMAS * _spread(together)
             if near.any():

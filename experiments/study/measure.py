@@ -112,7 +112,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
             "range_mean_m": float(np.hypot(*(position[:, v, :2] - position[:, 0, :2]).T).mean()),
         }
         if follower.station and stations is not None:
-            row |= _station(own, np.abs(stations[:, v - 1, 3]) > TURNING_RAD_S, time)
+            row |= _station(own, np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S, time)
         else:
             until = time <= routes[v].time[-1] + 1e-9
             aside = cross_track(routes[v], time[until], position[until, v, :2])

@@ -21,15 +21,13 @@ somebody ahead: it slows down.
 
 import numpy as np
 
-from laisn.arrays import Floats, Record
+from laisn.arrays import Record, Records
 from laisn.compiled import compiled
 from sim.control.allocation import clip
 from sim.control.station import Target
 
 CONSTANT_BEARING, ILOS, ALOS = range(3)
 """Values of `formation.law`."""
-DISTANCE, BEARING = range(2)
-"""Columns of what is seen of each vehicle: [m], and to starboard of the own heading [rad]; NaN: nothing."""
 
 
 @compiled
@@ -94,19 +92,19 @@ def approach(
 
 
 @compiled
-def away(p: Record, seen: Floats, heading: float) -> tuple[float, float]:
+def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
     """Velocity away from all vehicles in sight, east and north, no more than the full speed [m/s].
 
     Args:
         p: record of `[formation.proximity]`: R, F and W are `range`, `full` and `give_way`.
-        seen: columns DISTANCE and BEARING of each vehicle, shape (v, 2).
+        seen: `range` [m] and `bearing` of each vehicle, to starboard [rad], shape (v,); NaN: nothing.
         heading: own measured one [rad].
     """
     east, north = 0.0, 0.0
     for j in range(seen.shape[0]):
-        if seen[j, DISTANCE] == seen[j, DISTANCE]:
-            speed = p.give_way * clip((p.range - seen[j, DISTANCE]) / (p.range - p.full), 0.0, 1.0)
-            towards = heading + seen[j, BEARING]
+        if seen[j].range == seen[j].range:
+            speed = p.give_way * clip((p.range - seen[j].range) / (p.range - p.full), 0.0, 1.0)
+            towards = heading + seen[j].bearing
             east, north = east - speed * np.sin(towards), north - speed * np.cos(towards)
     size = np.hypot(east, north)
     if size > p.give_way:

@@ -146,12 +146,12 @@ def extend_silent_trail(
 
 
 @compiled
-def update_avoidance(proximity: Record, seen: Floats, estimate: Record, memory: Record) -> None:
+def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory: Record) -> None:
     """Take a look around by the proximity sensor: from now on the follower gives way to what is nearby.
 
     Args:
         proximity: record of `[formation.proximity]`.
-        seen: columns of `sim.control.approach` for each vehicle, shape (v, 2).
+        seen: as of `sim.control.approach.away`.
         estimate: record of `laisn.swarm.ESTIMATE`.
         memory: record of FOLLOWER_MEMORY; `push` is brought forward, the heading is as measured last.
     """

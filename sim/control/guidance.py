@@ -25,7 +25,7 @@ from laisn.arrays import Floats, Record, Records, records
 from laisn.compiled import compiled
 from laisn.geometry import signed_angle
 from sim.control.allocation import clip
-from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Limits, plan
+from sim.scenario.point_motion import ACCELERATION, TURN_RATE, plan
 from sim.scenario.routes import Route
 
 REFERENCE = np.dtype(
@@ -91,8 +91,8 @@ def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floa
     return (value(time + 0.5 * width) - value(time - 0.5 * width)) / width
 
 
-def _write_reference(route: Route, limits: Limits | None, time: Floats, lead: float, out: Records) -> None:
-    flown = plan(route, limits)
+def _write_reference(route: Route, time: Floats, lead: float, out: Records) -> None:
+    flown = plan(route)
     motion = flown.at(time)
 
     def course(t: Floats) -> Floats:
@@ -114,9 +114,7 @@ def _write_reference(route: Route, limits: Limits | None, time: Floats, lead: fl
     out.depth, out.sinking = _mean(depth, time, DEPTH_SMOOTHING), _rate(depth, time, DEPTH_SMOOTHING)
 
 
-def reference(
-    routes: Sequence[Route], time: Floats, limits: Sequence[Limits] | None = None, lead: Sequence[float] | None = None
-) -> Records:
+def reference(routes: Sequence[Route], time: Floats, lead: Sequence[float] | None = None) -> Records:
     """State in which all vehicles should be: records of REFERENCE, shape (n, v).
 
     Course and depth are smoothed about each instant, for the plan is known ahead; the path is not.
@@ -124,7 +122,6 @@ def reference(
     Args:
         routes: those of the v vehicles.
         time: shape (n,), [s].
-        limits: those of each vehicle; None: the paper's.
         lead: how early each vehicle's accelerations are given, because its thrusters lag [s]; None: 0.
 
     Raises:
@@ -132,7 +129,7 @@ def reference(
     """
     table = records(REFERENCE, time.size, len(routes))
     for i, route in enumerate(routes):
-        _write_reference(route, limits[i] if limits else None, time, lead[i] if lead else 0.0, table[:, i])
+        _write_reference(route, time, lead[i] if lead else 0.0, table[:, i])
     return table
 
 

@@ -109,7 +109,8 @@ class FilmData:
         self.on_stations = any(one.station for one in followers)
         self._stations = np.full((truth.time.size, len(followers), 3), np.nan)
         if self.on_stations:
-            self._stations[..., :2] = true_stations(flight.scenario, truth)[..., :2]
+            places = true_stations(flight.scenario, truth)
+            self._stations[..., 0], self._stations[..., 1] = places.east, places.north
             self._stations[..., 2] = [-one.station.depth_m if one.station else np.nan for one in followers]
             self._stations[:, [one.station is None for one in followers]] = np.nan
         self._estimates = [

@@ -18,6 +18,10 @@ from sim.screen import plain, screenful, shortened
 
 LARGEST_BYTES = 16_000_000
 """Largest scenario file that is read [bytes]: four routes of the most points that a route may have."""
+_DEEPEST = 16
+"""Most tables within tables; a scenario needs five."""
+_WIDEST_BITS = 1024
+"""Most bits of an integer; more is beyond every number of a scenario, and costly to write down."""
 _MODEL_KEY = re.compile(r"(leader|followers\.\d+)\.model")
 _INDEX = re.compile("0|[1-9][0-9]{0,8}")
 """An index of a list within a dotted key."""
@@ -31,21 +35,34 @@ def _no_checks(scenario: Scenario) -> Iterable[str]:
     return ()
 
 
-def _plain(value: Any) -> object:
-    """What JSON lacks: tables and arrays of other types as dictionaries and lists, all else as text."""
+def _json_ready(value: object, depth: int = 0) -> object:
+    """A value with what JSON lacks as text, which validation refuses with its key.
+
+    Raises:
+        RecursionError: tables or lists nest deeper than those of any scenario.
+    """
+    if depth > _DEEPEST:
+        raise RecursionError
+    if hasattr(value, "tolist"):
+        value = value.tolist()  # numbers and arrays of NumPy
     if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, range):
-        return list(value)
-    return value.tolist() if hasattr(value, "tolist") else str(value)
+        return {str(key): _json_ready(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, list | tuple | range):
+        return [_json_ready(item, depth + 1) for item in value]
+    if isinstance(value, int) and value.bit_length() > _WIDEST_BITS:
+        return f"an integer of {value.bit_length()} bits"
+    if isinstance(value, int | float) or value is None:
+        return value
+    # a lone surrogate, which JSON cannot hold, comes from a command line that is no UTF-8
+    return str(value).encode(errors="backslashreplace").decode()
 
 
 def plain_values(table: Mapping[str, Any], source: str) -> Any:
-    """A copy of a table that JSON can hold; ScenarioError if it nests too deep or holds a number that is too long."""
+    """A copy of a table that JSON can hold; ScenarioError if it nests too deep."""
     try:
-        return json.loads(json.dumps(table, default=_plain))
-    except (RecursionError, ValueError):
-        raise ScenarioError(f"{source}: lists or tables nest too deep, or a number has too many digits") from None
+        return _json_ready(table)
+    except RecursionError:
+        raise ScenarioError(f"{source}: lists or tables nest more than {_DEEPEST} deep, a scenario's five") from None
 
 
 def is_model_key(key: str) -> bool:
@@ -75,7 +92,7 @@ def examined(
     All keys are validated first; then what they say together.
     """
     try:
-        scenario = Scenario.model_validate(table, context=KEYS_ALONE)
+        scenario = Scenario.model_validate_json(json.dumps(table), context=KEYS_ALONE)
     except ValidationError as error:
         return None, lines_of(error)
     return scenario, [f"  {text}" for text in (*scenario.inconsistencies(), *further(scenario))]
@@ -105,7 +122,9 @@ def parse(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text, as JSON can hold it; ScenarioError names line and column of a syntax error."""
     try:
         given = tomllib.loads(text)
-    except (RecursionError, ValueError) as error:
+    except RecursionError:
+        raise ScenarioError(f"{source}: not valid TOML: lists or tables nest too deep") from None
+    except ValueError as error:
         raise ScenarioError(f"{source}: not valid TOML: {shortened(plain(error), 300)}") from None
     table: dict[str, Any] = plain_values(given, source)
     return table
@@ -126,7 +145,9 @@ def value_of(text: str, source: str) -> Any:
         return plain_values(tomllib.loads(f"value = {text}"), source)["value"]
     except tomllib.TOMLDecodeError:
         return text
-    except (RecursionError, ValueError) as error:
+    except RecursionError:
+        raise ScenarioError(f"{source}: lists or tables nest too deep") from None
+    except ValueError as error:
         raise ScenarioError(f"{source}: {shortened(plain(error), 300)}") from None
 
 

@@ -31,16 +31,6 @@ SHARPEST_CUT = float(np.deg2rad(135.0))
 """Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far ahead [rad]."""
 
 
-class Limits(NamedTuple):
-    """What a vehicle can do; the paper's values by default."""
-
-    turn_rate: float = TURN_RATE
-    acceleration: float = ACCELERATION
-    speed_max: float = SPEED_MAX
-    sharpest_cut: float = SHARPEST_CUT
-    """0: every turn begins at its waypoint and overshoots the next leg."""
-
-
 class Motion(NamedTuple):
     """Motion on a time grid, each of shape (n,)."""
 
@@ -108,12 +98,12 @@ class _Planner:
         self.east, self.north, self.course, self.speed = (float(value) for value in end[:4])
 
 
-def _turn_towards(planner: _Planner, point: list[float], turn_rate: float) -> float:
+def _turn_towards(planner: _Planner, point: list[float]) -> float:
     """Signed turn [rad] after which the vehicle heads for a point; NaN if the point lies within the turning circle.
 
     The straight line from the circle to the point touches the circle. Clockwise is positive.
     """
-    radius, course = planner.speed / turn_rate, planner.course
+    radius, course = planner.speed / TURN_RATE, planner.course
     dx, dy = point[0] - planner.east, point[1] - planner.north
     side = 1.0 if signed_angle(np.arctan2(dx, dy) - course) >= 0 else -1.0
     # the circle's centre lies abeam; seen from there the point is at distance d and bearing b
@@ -125,35 +115,35 @@ def _turn_towards(planner: _Planner, point: list[float], turn_rate: float) -> fl
     return side * float(turn % (2 * np.pi)) if abs(signed_angle(turn)) > 1e-12 else 0.0
 
 
-def _leg_speed(distance: float, time: float, speed: float, acceleration: float) -> float:
+def _leg_speed(distance: float, time: float, speed: float) -> float:
     """Speed v that, reached from `speed` by a ramp, covers `distance` in `time`; NaN if no ramp is short enough.
 
     distance = v time ∓ (v − speed)² / (2 acceleration): the ramp up loses, the ramp down gains.
     """
     missing = distance - speed * time
-    root = time * time - 2.0 * abs(missing) / acceleration
+    root = time * time - 2.0 * abs(missing) / ACCELERATION
     if time <= 0 or root < 0:
         return float("nan")
-    return speed + float(np.copysign(acceleration * (time - np.sqrt(root)), missing))
+    return speed + float(np.copysign(ACCELERATION * (time - np.sqrt(root)), missing))
 
 
-def _leg_speed_to_rest(distance: float, time: float, speed: float, acceleration: float) -> float:
+def _leg_speed_to_rest(distance: float, time: float, speed: float) -> float:
     """Speed v that, reached from `speed` by a ramp, covers `distance` in `time`, ended by a ramp to rest.
 
     distance = v time ∓ (v − speed)² / (2 acceleration) − v² / (2 acceleration); NaN if no ramps are short enough.
     """
     if time <= 0:
         return float("nan")
-    if distance < speed * time - 0.5 * speed**2 / acceleration:
-        spare = time - speed / acceleration
-        return (distance - 0.5 * speed**2 / acceleration) / spare if spare > 0 else float("nan")
+    if distance < speed * time - 0.5 * speed**2 / ACCELERATION:
+        spare = time - speed / ACCELERATION
+        return (distance - 0.5 * speed**2 / ACCELERATION) / spare if spare > 0 else float("nan")
     # 2 v² − 2 (speed + acceleration time) v + speed² + 2 acceleration distance = 0
-    half = 0.5 * (speed + acceleration * time)
-    root = half**2 - 0.5 * speed**2 - acceleration * distance
+    half = 0.5 * (speed + ACCELERATION * time)
+    root = half**2 - 0.5 * speed**2 - ACCELERATION * distance
     return half - float(np.sqrt(root)) if root >= 0 else float("nan")
 
 
-def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) -> tuple[float, float]:
+def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, float]:
     """Speed [m/s], and time at that speed [s], of the straight way to the turn at waypoint k; LaisnError if impossible.
 
     The planner has left the last turn and heads for the waypoint, where a corner of `cut` [rad] is to be cut, or where
@@ -161,25 +151,25 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float, limits: Limits) ->
     """
     where = f"route {route.name!r}, waypoint {k + 1}"
     mean_speed = route.leg_speed[k - 1]
-    if mean_speed > limits.speed_max * (1 + 1e-9):
-        raise LaisnError(f"{where}: {mean_speed:.3g} m/s required, the limit is {limits.speed_max:.3g} m/s")
+    if mean_speed > SPEED_MAX * (1 + 1e-9):
+        raise LaisnError(f"{where}: {mean_speed:.3g} m/s required, the limit is {SPEED_MAX:.3g} m/s")
     east, north = route.waypoint[k, 0] - planner.east, route.waypoint[k, 1] - planner.north
     straight = float(east * np.sin(planner.course) + north * np.cos(planner.course))
     # along the arc to its middle the way is shorter than to the corner by speed × saved
-    saved = (np.tan(cut / 2) - cut / 2) / limits.turn_rate
+    saved = (np.tan(cut / 2) - cut / 2) / TURN_RATE
     left = float(route.time[k]) - planner.time
     stops = _stops(route, k)
     find = _leg_speed_to_rest if stops else _leg_speed
-    speed = find(straight, left + saved, planner.speed, limits.acceleration)
-    if not SPEED_MIN <= speed <= limits.speed_max * (1 + 1e-9):
+    speed = find(straight, left + saved, planner.speed)
+    if not SPEED_MIN <= speed <= SPEED_MAX * (1 + 1e-9):
         asked = f"{max(straight, 0.0) / left:.3g} m/s on average" if left > 0 else "more time"
         raise LaisnError(
             f"{where}: {asked} required after {planner.speed:.3g} m/s; out of reach with "
-            f"{limits.acceleration:.3g} m/s² and speeds from {SPEED_MIN} to {limits.speed_max:.3g} m/s"
+            f"{ACCELERATION:.3g} m/s² and speeds from {SPEED_MIN} to {SPEED_MAX:.3g} m/s"
         )
-    ramp = abs(speed - planner.speed) / limits.acceleration
-    radius = speed / limits.turn_rate
-    braking = 0.5 * speed**2 / limits.acceleration if stops else 0.0
+    ramp = abs(speed - planner.speed) / ACCELERATION
+    radius = speed / TURN_RATE
+    braking = 0.5 * speed**2 / ACCELERATION if stops else 0.0
     spare = straight - radius * np.tan(cut / 2) - 0.5 * (planner.speed + speed) * ramp - braking
     if spare < -1e-9:
         raise LaisnError(
@@ -195,14 +185,13 @@ def _stops(route: Route, k: int) -> bool:
     return k < route.leg_length.size and route.leg_length[k] == 0
 
 
-def plan(route: Route, limits: Limits | None = None) -> Plan:
+def plan(route: Route) -> Plan:
     """The motion along a route, on time at every waypoint.
 
     Raises:
         LaisnError: the vehicle cannot fly the route; names the route, the waypoint (counted from 1), what it requires
             and the limit.
     """
-    limits = limits or Limits()
     points = route.waypoint.tolist()
     course = np.arctan2(*np.diff(route.waypoint, axis=0).T).tolist()
     start = route.initial_heading
@@ -210,7 +199,7 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
     planner = _Planner(east, north, start, route.start_speed)
     # the turn that leads from the last corner to the next leg; a start off the first leg is such a corner
     begins_aside = not _stops(route, 0) and abs(signed_angle(course[0] - start)) > 1e-12
-    turn = _turn_towards(planner, points[1], limits.turn_rate) if begins_aside else 0.0
+    turn = _turn_towards(planner, points[1]) if begins_aside else 0.0
     for k in range(1, len(points)):
         if _stops(route, k - 1):
             planner.go(float(route.time[k]) - planner.time)
@@ -219,22 +208,22 @@ def plan(route: Route, limits: Limits | None = None) -> Plan:
         if np.isnan(turn):
             raise LaisnError(
                 f"route {route.name!r}, waypoint {k + 1}: it lies within the turning circle of "
-                f"{planner.speed / limits.turn_rate:.3g} m radius that begins at waypoint {k}"
+                f"{planner.speed / TURN_RATE:.3g} m radius that begins at waypoint {k}"
             )
-        planner.go(abs(turn) / limits.turn_rate, turn_rate=float(np.copysign(limits.turn_rate, turn)))
+        planner.go(abs(turn) / TURN_RATE, turn_rate=float(np.copysign(TURN_RATE, turn)))
         corner = signed_angle(course[k] - planner.course) if k < len(course) and not _stops(route, k) else 0.0
-        cut = abs(corner) if abs(corner) <= limits.sharpest_cut else 0.0
-        speed, cruise = _leg(route, k, planner, cut, limits)
+        cut = abs(corner) if abs(corner) <= SHARPEST_CUT else 0.0
+        speed, cruise = _leg(route, k, planner, cut)
         change = speed - planner.speed
-        planner.go(abs(change) / limits.acceleration, acceleration=float(np.copysign(limits.acceleration, change)))
+        planner.go(abs(change) / ACCELERATION, acceleration=float(np.copysign(ACCELERATION, change)))
         planner.speed = speed
         planner.go(cruise)
         if _stops(route, k):
-            planner.go(speed / limits.acceleration, acceleration=-limits.acceleration)
+            planner.go(speed / ACCELERATION, acceleration=-ACCELERATION)
             planner.speed = 0.0
         turn = 0.5 * corner
-        planner.go(0.5 * cut / limits.turn_rate, turn_rate=float(np.copysign(limits.turn_rate, corner)))
+        planner.go(0.5 * cut / TURN_RATE, turn_rate=float(np.copysign(TURN_RATE, corner)))
         if corner and not cut:
-            turn = _turn_towards(planner, points[k + 1], limits.turn_rate)
+            turn = _turn_towards(planner, points[k + 1])
     planner.rows.append((planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0))
     return Plan(*np.array(planner.rows).T)

@@ -9,7 +9,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
-from sim.scenario.point_motion import Limits, Motion, plan
+from sim.scenario.point_motion import Motion, plan
 from sim.scenario.routes import FOLLOWER_DEPTH, Route, library_route
 
 _TRIES = 4000
@@ -35,8 +35,6 @@ class RouteClass(NamedTuple):
     """Relative bearings from the leader, clockwise from its bow [rad]."""
     speed_min: float = 0.3
     """Least mean speed of a leg [m/s]."""
-    speed_max: float = 3.0
-    """Largest speed of the vehicle, at all times [m/s]."""
 
 
 CLASSES: dict[str, RouteClass] = {
@@ -71,7 +69,7 @@ def _acceptable(
     if off.min() > route_class.heading_difference_max:
         return False
     try:
-        motion = plan(route, Limits(speed_max=route_class.speed_max)).at(time[: ends[1] + 1])
+        motion = plan(route).at(time[: ends[1] + 1])
     except LaisnError:
         return False
     n = motion.east.size

@@ -8,11 +8,13 @@ import pytest
 from experiments.flight import events as flight_events
 from experiments.flight.events import _spread, contact_events, giving_way_events, uncertainty_events
 from experiments.flight.fly import fly
+from laisn.arrays import records
 from sim import feasibility
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
 from sim.sensing.proximity import sightings
+from sim.station_keeping import STATION_PLACE
 from tests.synthetic import make_flight
 
 
@@ -45,8 +47,8 @@ def test_stations_are_near_within_three_sigma_of_both(
         flight, scenario=validate(table, "test"),
         estimates=tuple(replace(e, covariance=covariance) for e in flight.estimates),
     )  # fmt: skip
-    places = np.zeros((flight.trajectory.time.size, 2, 4))
-    places[:, 1, 0] = apart
+    places = records(STATION_PLACE, flight.trajectory.time.size, 2)
+    places.east[:, 1] = apart
     monkeypatch.setattr(flight_events, "true_stations", lambda *_: places)
     assert [event.time_s for event in uncertainty_events(known)] == ([pytest.approx(0.1)] if near else [])
 

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, records
 from sim.geometry import attitude
 from sim.scenario.settings import Scenario
 from sim.sensing.noise import Stream, normals
-from sim.sensing.proximity import BEARING, RANGE, SEEN, Lookout, look, lookout_of
+from sim.sensing.proximity import SIGHTING, look, look_interval
 
 STEPS = 4000
 
 
-def sensor(run: int = 0, **keys: float) -> Lookout:
+def sensor(run: int = 0, **keys: float) -> Scenario:
     followers = [{"station": {"behind_m": 20.0, "depth_m": 12.0}}]
-    return lookout_of(Scenario(name="s", seed=5, run=run, followers=followers, formation={"proximity": keys}))
+    return Scenario(name="s", seed=5, run=run, followers=followers, formation={"proximity": keys})
 
 
 EXACT = {"range_sigma_m": 0.0, "bearing_sigma_deg": 0.0}
@@ -26,10 +26,12 @@ def poses(*places: tuple[float, float, float], heading: float = 0.0) -> Floats:
     return np.column_stack([np.array(places), quaternion])
 
 
-def seen(s: Lookout, follower: int, at: Floats, k: int = 1) -> Floats:
-    out = np.zeros((at.shape[0], SEEN))
-    look(s, k, follower, at, out)
-    return out
+def seen(s: Scenario, follower: int, at: Floats, k: int = 1) -> Floats:
+    """Ranges and bearings, shape (v, 2)."""
+    assert s.formation.proximity
+    out = records(SIGHTING, at.shape[0])
+    look((np.uint64(s.seed), np.uint64(s.run)), s.formation.proximity.record(), k, follower, at, out)
+    return np.column_stack([out.range, out.bearing])
 
 
 def test_range_and_bearing_are_those_of_the_hulls_middles() -> None:
@@ -72,17 +74,17 @@ def test_the_error_of_a_look_at_a_vehicle_depends_on_no_other() -> None:
     found = seen(s, 1, poses(*places), 40)[3]
     assert found == pytest.approx([3.0 + 0.2 * draws[0], np.pi / 2 + np.deg2rad(4.0) * draws[1]])
     np.testing.assert_array_equal(found, seen(s, 1, poses(*places[:4]), 40)[3])
-    assert seen(sensor(run=3, range_sigma_m=0.2), 1, poses(*places), 40)[3, RANGE] != found[RANGE]
-    assert found[BEARING] != seen(s, 1, poses(*places), 45)[3, BEARING]
+    assert seen(sensor(run=3, range_sigma_m=0.2), 1, poses(*places), 40)[3, 0] != found[0]
+    assert found[1] != seen(s, 1, poses(*places), 45)[3, 1]
 
 
 def test_no_range_is_negative() -> None:
     s = sensor(range_sigma_m=2.0)
     at = poses((90, 90, -10), (0, 0, -10), (0.01, 0, -10))
-    ranges = np.array([seen(s, 0, at, k)[2, RANGE] for k in range(1, 200)])
+    ranges = np.array([seen(s, 0, at, k)[2, 0] for k in range(1, 200)])
     assert ranges.min() == 0.0
 
 
 def test_who_has_no_sensor_never_looks() -> None:
-    assert lookout_of(Scenario(name="s", followers=[{"route": "T5"}])).every == 0
-    assert sensor(period_s=0.5).every == 5
+    assert look_interval(Scenario(name="s", followers=[{"route": "T5"}])) == 0
+    assert look_interval(sensor(period_s=0.5)) == 5

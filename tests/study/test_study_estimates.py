@@ -250,9 +250,9 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
     # on legs 0.1 to 1 m off, in the turn, the last 11 of 31 instants, up to 1.2 to 12 m
     turning = np.arange(n) >= n - 11
     far = np.where(turning[:, None], np.linspace(-2.4, 1.2, n)[:, None] * each, 0.1 * each)
-    frame = np.zeros((n, 10, 4))
-    frame[turning, :, 3] = -1.1e-3
-    frame[~turning, :, 3] = 0.9e-3
+    frame = records(station_keeping.STATION_PLACE, n, 10)
+    frame.rate[turning] = -1.1e-3
+    frame.rate[~turning] = 0.9e-3
     loop = SimpleNamespace(state=SimpleNamespace(history=estimates), swarm=SimpleNamespace(gated=np.zeros(10, int)))
     monkeypatch.setattr(measure, "simulate_closed_loop", lambda *_: (trajectory, loop))
     monkeypatch.setattr(measure, "off_places", lambda *_: far)
