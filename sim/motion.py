@@ -13,21 +13,9 @@ from sim.geometry import attitude
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.simulation import ControllerFactory, SimulationError, simulate
+from sim.simulation import ControllerFactory, EndedError, simulate
 from sim.trajectory import Trajectory
 from sim.vehicle.plant import Plant
-
-
-class EndedError(LaisnError):
-    """A mission that ended before its time; `trajectory` holds what was flown until then."""
-
-    def __init__(self, message: str, trajectory: Trajectory) -> None:
-        super().__init__(message)
-        self.trajectory = trajectory
-
-
-class DivergedError(EndedError):
-    """The simulation left finite numbers."""
 
 
 class ContactError(EndedError):
@@ -57,10 +45,8 @@ def simulate_points(
         sites: on the hulls; None: no sites.
 
     Raises:
-        LaisnError: a route cannot be flown, or there is not one for each vehicle.
+        LaisnError: a route cannot be flown.
     """
-    if len(names) != len(routes):
-        raise LaisnError(f"{len(names)} vehicles need as many routes, got {len(routes)}")
     time: Floats = np.arange(round(duration / CONTROL_STEP_S) + 1, dtype=np.float64) * CONTROL_STEP_S
     n, v = time.size, len(routes)
     position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))
@@ -115,21 +101,6 @@ def simulate_motion(
         DivergedError: the simulation left finite numbers.
         ContactError: vehicles touched, and that ends the scenario's mission.
     """
-    trajectory = _simulated(scenario, progress, make_controller)
-    met = contacts(trajectory) if scenario.contact == "end" else []
-    if not met:
-        return trajectory
-    time, (one, other) = met[0]
-    touched = f"at {time:g} s {one} and {other} touched, which ended the mission"
-    raise ContactError(touched, trajectory.part(0, max(round(time / trajectory.dt), 1)))
-
-
-def _simulated(
-    scenario: Scenario,
-    progress: Callable[[float], None] | None,
-    make_controller: ControllerFactory | None,
-) -> Trajectory:
-    """The motion of a scenario; where contact ends its mission, it may stop soon after the first."""
     keys = listeners(scenario)
     if keys and make_controller is None:
         raise LaisnError(
@@ -140,18 +111,21 @@ def _simulated(
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
     if scenario.motion == "kinematic":
         sites = Sites(plant.site_names, plant.site_vehicle, plant.site_offset)
-        return simulate_points(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
-    try:
-        return simulate(
+        trajectory = simulate_points(vehicle_names(scenario), routes, scenario.duration_s, sites=sites)
+    else:
+        trajectory = simulate(
             plant,
             routes,
             scenario.duration_s,
             [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
             make_controller=make_controller,
+            # it may stop soon after the first contact
             ending=first_touch if scenario.contact == "end" else None,
             progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
         )
-    except SimulationError as error:
-        if error.trajectory is None:
-            raise
-        raise DivergedError(str(error), error.trajectory) from error
+    met = contacts(trajectory) if scenario.contact == "end" else []
+    if not met:
+        return trajectory
+    time, (one, other) = met[0]
+    touched = f"at {time:g} s {one} and {other} touched, which ended the mission"
+    raise ContactError(touched, trajectory.part(0, max(round(time / trajectory.dt), 1)))

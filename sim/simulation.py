@@ -31,18 +31,16 @@ NAVIGATION_FAILED = -1
 _PROGRESS_TICKS = 500
 
 
-class SimulationError(LaisnError):
-    """A simulation that could not go on.
+class EndedError(LaisnError):
+    """A mission that ended before its time; `trajectory` holds what was flown until then."""
 
-    Attributes:
-        time: at which it stopped [s].
-        trajectory: up to the last good instant; None if there are not two of them.
-    """
-
-    def __init__(self, message: str, time: float, trajectory: Trajectory | None) -> None:
+    def __init__(self, message: str, trajectory: Trajectory) -> None:
         super().__init__(message)
-        self.time = time
         self.trajectory = trajectory
+
+
+class DivergedError(EndedError):
+    """The simulation left finite numbers."""
 
 
 class Controller(Protocol):
@@ -211,18 +209,12 @@ def simulate(
         Truth every 0.1 s, time 0 and `duration` included, or the instant that ended the flight.
 
     Raises:
-        ValueError: there is not one route for each vehicle, a route cannot be flown, or the times do not fit.
-        SimulationError: the simulation left finite numbers; carries the trajectory up to there.
+        LaisnError: a route cannot be flown.
+        DivergedError: the simulation left finite numbers; PlantError if it did so at its start.
         ArithmeticError: naming the follower whose navigator failed.
     """
     substeps, ticks = round(TICK / plant.dt), round(duration / TICK)
-    if substeps < 1 or abs(substeps * plant.dt - TICK) > 1e-9:
-        raise ValueError(f"the plant's step of {plant.dt:g} s does not divide {TICK:g} s")
-    if ticks < 1 or abs(ticks * TICK - duration) > 1e-6:
-        raise ValueError(f"duration {duration:g} s is no positive multiple of {TICK:g} s")
     v = len(plant.names)
-    if len(routes) != v:
-        raise ValueError(f"{v} vehicles need as many routes, got {len(routes)}")
     autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
     lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
     wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, lead)
@@ -241,8 +233,9 @@ def simulate(
         try:
             plant.finish_step(fault)
         except PlantError as error:
-            until = _trajectory(plant, truth, k + 1) if k > 0 else None
-            raise SimulationError(str(error), error.time, until) from error
+            if k < 1:
+                raise
+            raise DivergedError(str(error), _trajectory(plant, truth, k + 1)) from error
         new = truth.pose[first : last + 1]
         end = None if ending is None else ending(new[..., :3], new[..., 3:])
         if end is not None:

@@ -95,12 +95,7 @@ def tracking(trajectory: Trajectory, routes: Sequence[Route]) -> tuple[TrackingR
     Args:
         trajectory: of v vehicles.
         routes: that they flew, v of them.
-
-    Raises:
-        ValueError: there is not one route for each vehicle.
     """
-    if len(routes) != len(trajectory.names):
-        raise ValueError(f"{len(trajectory.names)} vehicles need as many routes, got {len(routes)}")
     reports = []
     for i, (name, route) in enumerate(zip(trajectory.names, routes, strict=True)):
         n = int(np.searchsorted(trajectory.time, route.time[-1] + 1e-9, side="right"))

@@ -137,12 +137,6 @@ class Trajectory(ArrayRecord):
         """Spacing of the grid [s]."""
         return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
 
-    def vehicle(self, name: str) -> int:
-        """Index of a vehicle; ValueError listing the vehicles if there is none of that name."""
-        if name not in self.names:
-            raise ValueError(f"unknown vehicle {name!r}; available: {', '.join(self.names)}")
-        return self.names.index(name)
-
     def site(self, name: str) -> int:
         """Index of a site "vehicle/site"; ValueError listing the sites if there is none of that name."""
         if name not in self.site_names:

@@ -13,12 +13,13 @@ from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
 from laisn.navigators import source_of
-from sim.motion import EndedError, simulate_motion
+from sim.motion import simulate_motion
 from sim.scenario.settings import Leader, Navigation, Scenario
 from sim.sensing.observation import MissionTruth, observe
-from sim.simulation import SimulationError
+from sim.simulation import EndedError
 from sim.trajectory import Trajectory
 from sim.vehicle.mjcf import transmitter_places
+from sim.vehicle.plant import PlantError
 
 Section = TypeVar("Section", bound=BaseModel)
 
@@ -100,7 +101,7 @@ def simulate_mission(scenario: Scenario) -> Trajectory:
     """Motion of a mission's vehicles; CampaignError naming it, and how it ended, if that was before its time."""
     try:
         trajectory = simulate_motion(motion_of(scenario))
-    except (EndedError, SimulationError) as error:
+    except (EndedError, PlantError) as error:
         # They carry the motion so far, which no process can hand to another: what they say is what counts.
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
     if not np.all(np.isfinite(trajectory.position)):

@@ -9,11 +9,11 @@ from typing import Any
 
 from laisn.navigators import NavigatorFactory, find
 from sim.flight import Flight, Outcome, navigate, navigation_settings
-from sim.motion import ContactError, DivergedError, listeners, simulate_motion
+from sim.motion import ContactError, listeners, simulate_motion
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
-from sim.simulation import ControllerFactory
+from sim.simulation import ControllerFactory, DivergedError
 from sim.trajectory import Trajectory
 
 

@@ -9,9 +9,10 @@ from sim.assembly import routes_of
 from sim.closed_loop import simulate_closed_loop
 from sim.contact import contacts
 from sim.flight import Outcome
-from sim.motion import ContactError, DivergedError
+from sim.motion import ContactError
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.simulation import DivergedError
 from sim.station_keeping import off_places, station_keeping, true_stations
 from sim.tracking import cross_track
 from sim.trajectory import Trajectory

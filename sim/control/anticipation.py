@@ -5,6 +5,9 @@ A follower that begins to turn when its station does is late, and several metres
 that of all headings which change no faster than it can is nearest to what the station needs from now on and needed
 just before: the middle of the envelopes that fall and rise at that rate (McShane 1934). A swing in no time becomes a
 turn about the same instant; what changes slowly enough stays as it is.
+
+Functions take the leader's `trail` and how many points it has; `where`, the arc of the station [m] and the pace of the
+leader [m/s]; `turning` of the station; and the `current` as the follower estimates it, east and north [m/s].
 """
 
 import numpy as np
@@ -35,10 +38,6 @@ def _through_water(
     """Velocity through the water that a station needs so much later, east and north [m/s].
 
     Args:
-        trail: of the leader, and how many points it has.
-        where: arc of the station [m] and pace of the leader [m/s].
-        turning: of the station.
-        current: east and north [m/s].
         later: less than 0 is past [s].
     """
     _, _, ahead_east, ahead_north, _ = at(trail[0], trail[1], where[0] + later * where[1])
@@ -57,9 +56,6 @@ def _turns_slowly(
     So it is on straight legs, most of the time, and nothing has to be looked at.
 
     Args:
-        trail: as of `_through_water` …
-        where: … likewise.
-        turning: likewise.
         preview: how much later than now all is looked at [s].
         speed: through the water that is needed then [m/s].
     """
@@ -81,10 +77,6 @@ def _between_envelopes(
     """Heading in the middle of the envelopes.
 
     Args:
-        trail: as of `_through_water` …
-        where: … likewise.
-        turning: likewise.
-        current: likewise.
         preview: how much later than now is looked at [s].
         heading: that is needed then [rad].
     """
@@ -106,11 +98,6 @@ def rate_limited_velocity(
     """Velocity over ground with which a hull stays nearest to its station, east and north [m/s].
 
     Args:
-        f: record of `[formation]`; `preview` is how early all of it is given, for hull and thrusters lag.
-        station: record of STATION.
-        trail: of the leader, and how many points it has, at least one.
-        time: now [s].
-        current: as the follower estimates it [m/s].
         state: record of `sim.control.station.FRAME_STATE`.
     """
     points, count = trail

@@ -17,6 +17,8 @@ that they want close up at a rate c: by what they are commanded their distance c
 to shrink where w(d) = c / 2 and never comes below F while c < 2 W. Hulls lag behind commands, which takes the way of
 some seconds more. Beyond R nothing is changed. A hull keeps its steerage way, so that it does not turn back for
 somebody ahead: it slows down.
+
+Functions take `a` or `f`, the record of `[formation]`, and `p`, that of `[formation.proximity]`.
 """
 
 import numpy as np
@@ -60,11 +62,9 @@ def approach(
     """Velocity through the water that leads to a station.
 
     Args:
-        a: record of `[formation]`: law, gains and speeds.
         t: the station.
         place: where the vehicle takes itself to be [m].
         current: what it takes the current to be [m/s].
-        dt: since the last call [s].
         integral: of the cross-track error, where the law has one.
 
     Returns:
@@ -96,7 +96,6 @@ def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
     """Velocity away from all vehicles in sight, east and north, no more than the full speed [m/s].
 
     Args:
-        p: record of `[formation.proximity]`: R, F and W are `range`, `full` and `give_way`.
         seen: `range` [m] and `bearing` of each vehicle, to starboard [rad], shape (v,); NaN: nothing.
         heading: own measured one [rad].
     """
@@ -117,7 +116,6 @@ def give_way(f: Record, wanted: tuple[float, float], push: tuple[float, float]) 
     """Heading [rad] and speed through the water [m/s] with a velocity added to them, within what a hull can do.
 
     Args:
-        f: record of `[formation]`: `least_way` and `fastest` are read.
         wanted: heading and speed that lead where the follower wants to go.
         push: east and north [m/s].
     """

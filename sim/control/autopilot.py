@@ -95,14 +95,8 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
         Records of DESIGN, shape (v,), read-only.
 
     Raises:
-        ValueError: there is not one mode for each vehicle, or a mode is unknown.
         LaisnError: a vehicle's effectors or hull lack what its autopilot needs; the text names it.
     """
-    if len(depth_control) != len(plant.names) or not set(depth_control) <= {"pitch", "thrust"}:
-        raise ValueError(
-            f"expected a mode of depth control, 'pitch' or 'thrust', for each of {', '.join(plant.names)}; "
-            f"got {depth_control}"
-        )
     model = plant.model
     water = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)
     records = np.zeros(len(plant.names), DESIGN)

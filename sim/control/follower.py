@@ -15,6 +15,9 @@ twice that. After a long silence it circles or surfaces, until it receives again
 Where it may be at either of two places, as with two transmitters on either side of the leader's axis, it steers by the
 likelier one. By their mean it would not steer at all, and both would stay as likely as they are; when it makes for the
 station from one of them, ranges soon tell whether that was the right one.
+
+Functions take records of `[formation]` and `[formation.proximity]`, of STATION, and of `laisn.swarm.READING` and
+`ESTIMATE`; `trail` and `count` as of `sim.control.trail`; and `memory`, of FOLLOWER_MEMORY, which they bring forward.
 """
 
 from typing import NamedTuple
@@ -89,13 +92,8 @@ def extend_trail(
     Since the last message the frame was turned by where the leader was taken to be; now its way there is known.
 
     Args:
-        formation: record of `[formation]`.
-        station: record of STATION.
         message: columns of `laisn.messages.LeaderMessage`.
-        trail: records of TRAIL, shape (room,), begun by `init_memory`.
-        count: points of it, shape (1,).
         clock: time, no earlier than that of the message, and step of the frame [s].
-        memory: record of FOLLOWER_MEMORY; brought forward.
     """
     now, dt = clock
     time, leader_east, leader_north, leader_heading, leader_speed = message[:5]
@@ -116,9 +114,6 @@ def init_memory(leader: Floats, trail: Records, count: Ints, memory: Record) -> 
 
     Args:
         leader: where the leader starts, first five columns of a message.
-        trail: of the leader, empty; begun.
-        count: points of it, shape (1,).
-        memory: record of FOLLOWER_MEMORY; brought forward.
     """
     time, east, north, heading, speed = leader
     memory.frame.heading = memory.kept_frame.heading = heading
@@ -135,10 +130,7 @@ def extend_silent_trail(
 
     Args:
         plan: of the leader, as its messages carry it.
-        trail: records of TRAIL, shape (room,).
-        count: points of it, shape (1,); brought forward.
         clock: control step, and its length [s].
-        memory: record of FOLLOWER_MEMORY; `last_received` and `received_points` are read.
     """
     k, dt = clock
     if plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - memory.last_received > 0.5 * SPACING:
@@ -150,10 +142,7 @@ def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory:
     """Take a look around by the proximity sensor: from now on the follower gives way to what is nearby.
 
     Args:
-        proximity: record of `[formation.proximity]`.
         seen: as of `sim.control.approach.away`.
-        estimate: record of `laisn.swarm.ESTIMATE`.
-        memory: record of FOLLOWER_MEMORY; `push` is brought forward, the heading is as measured last.
     """
     heading = memory.compass - estimate.compass_bias
     memory.push[0], memory.push[1] = away(proximity, seen, heading)
@@ -161,14 +150,7 @@ def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory:
 
 @compiled
 def measured_motion(reading: Record, estimate: Record, dt: float, memory: Record) -> VehicleState:
-    """Own motion by smoothed readings, less their estimated biases.
-
-    Args:
-        reading: record of `laisn.swarm.READING`.
-        estimate: record of `laisn.swarm.ESTIMATE`.
-        dt: since the last call [s].
-        memory: record of FOLLOWER_MEMORY; `log` and `compass` are brought forward.
-    """
+    """Own motion by smoothed readings, less their estimated biases."""
     if memory.log != memory.log:
         memory.log, memory.compass = reading.speed, reading.heading
     memory.log += (reading.speed - memory.log) * dt / _LOG_TIME
@@ -239,12 +221,9 @@ def keep_station(
     """Heading, speed and depth that bring a follower to its station, and its measured motion.
 
     Args:
-        formation: record of `[formation]`.
-        station: record of STATION.
         senses: records of `laisn.swarm.READING` and `laisn.swarm.ESTIMATE`.
         known: the leader's trail as received, records of TRAIL, and how many points it has, at least one.
         clock: time, and time since the last call [s].
-        memory: record of FOLLOWER_MEMORY; brought forward.
         reference: out: of the autopilot, record of REFERENCE; the place is not written.
     """
     (reading, estimate), (now, dt) = senses, clock

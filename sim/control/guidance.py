@@ -15,6 +15,8 @@ integral of the offset from the reference (`integrate_offset`).
 
 Where the route stops, the velocity over ground leads back to the place. In still water the vehicle keeps its course
 and moves ahead and astern; in a current it heads into it.
+
+`dt` is the time since the last call [s].
 """
 
 from collections.abc import Callable, Sequence
@@ -155,7 +157,6 @@ def track_current(current: tuple[float, float], dt: float, memory: Record) -> No
 
     Args:
         current: east and north [m/s].
-        dt: since the last call [s].
         memory: record of GUIDANCE_MEMORY; `current` is brought forward.
     """
     for i in range(2):
@@ -169,7 +170,6 @@ def integrate_offset(reference: Record, position: tuple[float, float], dt: float
     Args:
         reference: of this instant, record of REFERENCE.
         position: true or estimated, east and north [m].
-        dt: since the last call [s].
         memory: record of GUIDANCE_MEMORY; `current` is brought forward.
     """
     place = reference.east, reference.north
@@ -202,7 +202,6 @@ def _hold(
     Args:
         course: of the reference, a unit vector.
         offset: way to the place, east and north [m].
-        dt: since the last call [s].
         memory: as of `steer`.
     """
     through_east = clip(offset[0] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
@@ -220,7 +219,6 @@ def steer(reference: Record, position: tuple[float, float], dt: float, memory: R
     Args:
         reference: of this instant, record of REFERENCE.
         position: true or estimated, east and north [m].
-        dt: since the last call [s].
         memory: record of GUIDANCE_MEMORY; the commands are brought forward, the current is read.
 
     Returns:

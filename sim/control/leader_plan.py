@@ -3,6 +3,8 @@
 A follower that has received a waypoint and its time computes the leader's track to it by the rules of the point motion
 (`sim.scenario.point_motion`), and takes the leader to be as far off that track as it was at the last message. Without
 waypoints it can only assume that the leader keeps its course, and is off by the way that the leader makes after a turn.
+
+`trail` and `count` are those of `sim.control.trail`; `count` has shape (1,) and is brought forward.
 """
 
 from typing import NamedTuple
@@ -59,9 +61,6 @@ def extend_as_planned(
     """Add where the leader is by the plan to its trail, if the last message had the plan for now.
 
     Args:
-        plan: of the leader.
-        trail: records of TRAIL, shape (room,).
-        count: points of it, shape (1,); brought forward.
         received: time of the last message [s], and how many points the trail had with it; the others are planned ones.
         clock: control step, and its length [s].
     """
@@ -86,8 +85,6 @@ def correct_planned(trail: Records, count: Ints, received: int, message: tuple[f
     Its distance from the plan is taken to have grown evenly since the message before.
 
     Args:
-        trail: records of TRAIL, shape (room,).
-        count: points of it, shape (1,); brought forward.
         received: how many points it had after the last message, at least one.
         message: east, north [m] and time [s].
     """

@@ -3,6 +3,9 @@
 A station s behind and y to port stands at trail(S − s) + y · port(ψ). The frame's heading ψ follows the trail no faster
 than the station can be swum: on the inside of a turn the follower must keep way through the water, on the outside it
 must keep up. The leader's instantaneous heading would not do: 80 m astern, a weave of 5° would swing it by 7 m.
+
+Functions take `f`, the record of `[formation]`; `station`, a record of STATION; `trail`, the leader's and how many
+points it has; and `dt`, a time step [s].
 """
 
 from typing import NamedTuple
@@ -65,11 +68,7 @@ def turn_frame(
     """Turn a station's frame from one time to another, along the trail as it is known now.
 
     Args:
-        f: record of `[formation]`: how frames turn.
-        station: record of STATION.
-        trail: of the leader, and how many points it has, at least one.
         span: from and to [s].
-        dt: step [s].
         state: record of FRAME_STATE; brought forward.
     """
     points, count = trail
@@ -88,9 +87,6 @@ def station_at(f: Record, station: Record, trail: tuple[Records, int], time: flo
     """Where a station is, by its frame as it stands.
 
     Args:
-        f: record of `[formation]`: how frames turn.
-        station: record of STATION.
-        trail: of the leader, and how many points it has, at least one.
         time: now [s].
         state: record of FRAME_STATE.
     """

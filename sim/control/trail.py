@@ -2,6 +2,9 @@
 
 A smooth curve leads through the positions (cubic Hermite segments with mean slopes, as Catmull and Rom 1974). Beyond
 its head the leader is taken to go on as it went over the last seconds; before its tail, to have come straight.
+
+Functions take `trail`, records of TRAIL of shape (room,), and `count`, how many points it has, at least one; `extend`
+begins a trail, overwrites it from `count` on, and brings `count`, of shape (1,), forward.
 """
 
 import numpy as np
@@ -105,8 +108,6 @@ def extend(trail: Records, count: Ints, east: float, north: float, time: float, 
     """Add where the leader was to its trail.
 
     Args:
-        trail: records of TRAIL, shape (room,); overwritten from `count` on, and the slopes of the last points.
-        count: how many points it has, shape (1,); brought forward.
         east: [m].
         north: [m].
         time: [s], later than before.
@@ -203,8 +204,6 @@ def turned_since(trail: Records, count: int, arc: float) -> float:
     """By how much the way turns at most from a length of it on, to port and to starboard added up [rad].
 
     Args:
-        trail: records of TRAIL, shape (room,).
-        count: how many points it has, at least 1.
         arc: length of the way, as of `at` [m].
     """
     last = count - 1
@@ -219,8 +218,6 @@ def at(trail: Records, count: int, arc: float) -> Place:
     """The trail at a length of the way.
 
     Args:
-        trail: records of TRAIL, shape (room,).
-        count: how many points it has, at least 1.
         arc: length of the way; less than that of the first point or more than that of the last is straight on [m].
     """
     last = count - 1

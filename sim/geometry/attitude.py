@@ -171,8 +171,3 @@ def between(start: Any, end: Any, fraction: Any) -> Any:
     )
     size = np.sqrt(w * w + x * x + y * y + z * z)
     return w / size, x / size, y / size, z / size
-
-
-def slerp(start: Floats, end: Floats, fraction: Floats) -> Floats:
-    """Spherical interpolation; quaternions of shape (…, 4), fraction in [0, 1] of shape (…,)."""
-    return np.stack(between(_parts(start), _parts(end), fraction), axis=-1)

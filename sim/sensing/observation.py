@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays, require_shapes
+from laisn.records import own_arrays
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import Path, is_in_time, propagate, range_of, sound_of
 from sim.sensing.ahrs import measured_attitude
@@ -20,10 +20,7 @@ SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
 
 @dataclass(frozen=True, kw_only=True)
 class MissionTruth:
-    """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages.
-
-    Raises ValueError if shapes disagree or `message_step` is not increasing within 1 … n.
-    """
+    """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages."""
 
     dt: float
     """Filter step Δt [s]."""
@@ -64,17 +61,7 @@ class MissionTruth:
     """Sensors of the user's own and what they would read without errors, shape (n, …)."""
 
     def __post_init__(self) -> None:
-        n, m = self.speed.size, self.message_step.size
-        expected = {"start": (4,), "hydrophone": (n, 2), "leader_position": (n, 2), "slant_range": (m, 3)}
-        expected |= dict.fromkeys(("speed", "heading", "depth", "leader_heading"), (n,))
-        expected |= dict.fromkeys(("message_step", "emission_step", "timestamp", "sent_heading", "sent_speed"), (m,))
-        expected |= {"sent_position": (m, 3), "sent_attitude": (m, 2)}
-        if self.echo_range is not None:
-            expected["echo_range"] = (2, m, 3)
-        require_shapes(self, expected)
         own_arrays(self)
-        if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
-            raise ValueError(f"MissionTruth.message_step must increase within 1 … {n}")
 
 
 def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:

@@ -15,7 +15,7 @@ from sim.geometry import attitude
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleSetup:
-    """One vehicle of a scenario. Raises LaisnError if a value is not possible."""
+    """One vehicle of a scenario."""
 
     name: str
     model: str
@@ -45,12 +45,6 @@ class VehicleSetup:
     middle_offset_m: float | None = None
     """H_T, distance of the middle transmitter to port; None leaves it where the MJCF has it."""
 
-    def __post_init__(self) -> None:
-        if not self.name or "/" in self.name:
-            raise LaisnError(f"vehicle name {self.name!r} must not be empty or contain '/'")
-        if not self.model.lstrip().startswith("<"):
-            models.path(self.model)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
@@ -75,11 +69,8 @@ def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, 
         looks: with the vehicles' geoms, which have no mass and touch nothing, but which MuJoCo moves at every step.
 
     Raises:
-        LaisnError: two vehicles share a name, there is no vehicle, or a vehicle lacks the site that is to be moved.
+        LaisnError: there is no such model, or a vehicle lacks the site that is to be moved.
     """
-    names = [s.name for s in setups]
-    if not names or len(set(names)) != len(names):
-        raise LaisnError(f"vehicles need distinct names, and there must be one at least; given: {names}")
     spec = _read(models.path("ocean").read_text("utf-8")).copy()
     if floor_depth_m is not None:
         # crests of the relief reach up to the floor's depth, so that what is above it is clear

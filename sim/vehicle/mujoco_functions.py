@@ -34,7 +34,7 @@ class UnavailableError(LaisnError):
 
 @cache
 def library() -> ctypes.CDLL:
-    """The shared library behind the Python package; UnavailableError if it is not there or not the one expected."""
+    """The shared library behind the Python package; UnavailableError if it is not there or not the release expected."""
     if mujoco.__version__ != TRIED:
         raise UnavailableError(f"MuJoCo is {mujoco.__version__}, compiled steps were tried with {TRIED} alone")
     folder = Path(mujoco.__file__).parent
@@ -46,11 +46,6 @@ def library() -> ctypes.CDLL:
         loaded = ctypes.CDLL(str(found[0]))
     except OSError as error:
         raise UnavailableError(f"{found[0]} cannot be loaded: {error}") from error
-    missing = [name for name in (*STAGES, "mj_version", "mj_getState") if not hasattr(loaded, name)]
-    if missing:
-        raise UnavailableError(f"{found[0]} lacks {', '.join(missing)}")
-    if loaded.mj_version() != mujoco.mj_version():
-        raise UnavailableError(f"{found[0]} is version {loaded.mj_version()}, the package's is {mujoco.mj_version()}")
     return loaded
 
 
@@ -62,14 +57,11 @@ def find(model: Any, data: Any) -> Calls:
         data: MjData of it.
 
     Raises:
-        UnavailableError: this release of MuJoCo was not tried, its library or a function is missing, or the library
-            sees another state behind the addresses than Python does.
+        UnavailableError: this release of MuJoCo was not tried, its library is missing, or it sees another state behind
+            the addresses than Python does.
     """
     shared = library()
-    try:
-        model_address, data_address = int(model._address), int(data._address)
-    except AttributeError as error:
-        raise UnavailableError(f"MuJoCo's Python objects do not tell their addresses: {error}") from error
+    model_address, data_address = int(model._address), int(data._address)
     seen, expected = np.full((2, mujoco.mj_stateSize(model, _STATE)), np.nan)
     mujoco.mj_getState(model, data, expected, _STATE)
     pointers = (ctypes.c_void_p(address) for address in (model_address, data_address, seen.ctypes.data))

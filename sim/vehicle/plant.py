@@ -23,21 +23,7 @@ _NO_JOINT_FORCES = mujoco.mjtDisableBit.mjDSBL_SPRING.value | mujoco.mjtDisableB
 
 
 class PlantError(LaisnError):
-    """A simulation that cannot go on: which vehicle, when, and its last good state.
-
-    Attributes:
-        vehicle: name of the vehicle; "" if MuJoCo warned without naming one.
-        time: of the physics step at fault [s].
-        last_pose: position and quaternion of all vehicles after the last good `Plant.step`, shape (v, 7).
-        last_twist: their velocities then, shape (v, 6).
-    """
-
-    def __init__(self, message: str, vehicle: str, time: float, last_pose: Floats, last_twist: Floats) -> None:
-        super().__init__(message)
-        self.vehicle = vehicle
-        self.time = time
-        self.last_pose = last_pose
-        self.last_twist = last_twist
+    """A simulation that cannot go on; the text names vehicle, time and the last good state."""
 
 
 class Plant:
@@ -63,10 +49,8 @@ class Plant:
         """Compose and compile the model, vehicles as `setups` place them.
 
         Raises:
-            ValueError: dt is not positive, or the setups or the models' coefficients are at fault.
+            LaisnError: the setups or the models' coefficients are at fault.
         """
-        if not 0 < dt < np.inf:
-            raise ValueError(f"dt={dt} must be positive")
         spec = compose(setups, ocean.floor_depth_m, looks=False)
         spec.option.timestep = dt
         spec.option.disableflags |= NO_CONTACT | _NO_JOINT_FORCES
@@ -184,15 +168,15 @@ class Plant:
         """Bring the sites to where the vehicles are after `stepping.advance`; PlantError if a fault ended it."""
         what, which = fault
         if what == stepping.WARNED:
-            self._fail(f"MuJoCo warns: {mujoco.mjtWarning(which).name}", "")
+            self._fail(f"MuJoCo warns: {mujoco.mjtWarning(which).name}")
         if what == stepping.NOT_FINITE:
-            self._fail(f"the command of {self.names[which]} is not finite", self.names[which])
+            self._fail(f"the command of {self.names[which]} is not finite")
         if what == stepping.LOST:
-            self._fail(f"the state of {self.names[which]} is lost", self.names[which])
+            self._fail(f"the state of {self.names[which]} is lost")
         mujoco.mj_kinematics(self.model, self.data)
 
-    def _fail(self, what: str, vehicle: str) -> NoReturn:
+    def _fail(self, what: str) -> NoReturn:
         message = f"t = {self.time:.3f} s: {what}; last good pose and twist by vehicle:"
         for name, pose, twist in zip(self.names, self._last_pose, self._last_twist, strict=True):
             message += f"\n  {name}: {np.array2string(pose, precision=4)} {np.array2string(twist, precision=4)}"
-        raise PlantError(message, vehicle, self.time, self._last_pose.copy(), self._last_twist.copy())
+        raise PlantError(message)

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.elementary import exp, sin_cos
-from laisn.failure import LaisnError
 from laisn.records import own_arrays
 from sim.geometry.vectors import Matrix, Vector
 from sim.water.waves import FLOOR_DEPTH_M, Waves
@@ -43,11 +42,7 @@ _LEAST_EXPONENT = -700.0
 
 @dataclass(frozen=True, kw_only=True)
 class Ocean:
-    """Current, waves, density and depth of a sea.
-
-    Raises LaisnError if a value is not finite or not possible, times do not increase, or the waves belong to another
-    depth.
-    """
+    """Current, waves, density and depth of a sea."""
 
     current_speed_m_s: float = 0.0
     """Speed of the current at the surface."""
@@ -61,22 +56,10 @@ class Ocean:
     density_kg_m3: float = 1026.0
     floor_depth_m: float = FLOOR_DEPTH_M
     waves: Waves = field(default_factory=Waves.none)
+    """Made for the same depth."""
 
     def __post_init__(self) -> None:
-        for name in ("density_kg_m3", "floor_depth_m"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise LaisnError(f"Ocean.{name}={getattr(self, name)} must be positive and finite")
-        change = self.current_change
-        if change.ndim != 2 or change.shape[1] != 3 or not np.isfinite(change).all():
-            raise LaisnError(f"Ocean.current_change has shape {change.shape}; expected finite values of shape (m, 3)")
-        if change.size and (change[0, 0] != 0 or np.any(np.diff(change[:, 0]) <= 0)):
-            raise LaisnError(f"times of Ocean.current_change must increase from 0, got {change[:, 0].tolist()} s")
         own_arrays(self)
-        if self.waves.amplitude_m.size and self.waves.floor_depth_m != self.floor_depth_m:
-            raise LaisnError(
-                f"the waves were made for a floor at {self.waves.floor_depth_m:g} m, Ocean.floor_depth_m is "
-                f"{self.floor_depth_m:g} m"
-            )
 
     @classmethod
     def calm(cls) -> "Ocean":
@@ -129,10 +112,6 @@ class Ocean:
         out = np.empty_like(position)
         water_velocity(position, time, self.water, out)
         return out
-
-    def acceleration(self, position: Floats, time: float) -> Floats:
-        """Acceleration Du/Dt of the water particles at points of shape (n, 3), [m]; likewise, [m/s²]."""
-        return _accelerations(position, time, self.water)
 
 
 @compiled
@@ -337,17 +316,4 @@ def _elevations(x: Floats, y: Floats, time: float, water: Water) -> Floats:
     out = np.empty(x.size)
     for i in range(x.size):
         out[i] = elevation_at(x[i], y[i], time, water)
-    return out
-
-
-@compiled
-def _accelerations(position: Floats, time: float, water: Water) -> Floats:
-    out = np.empty(position.shape)
-    ahead = (1.0, 0.0, 0.0)
-    for i in range(position.shape[0]):
-        point = (position[i, 0], position[i, 1], position[i, 2])
-        # along its own path, a particle's change of velocity is its acceleration
-        change = flow(point, velocity_at(point, time, water), ahead, time, water)[1]
-        for j in range(3):
-            out[i, j] = change[j]
     return out

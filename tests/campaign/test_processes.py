@@ -12,7 +12,7 @@ from experiments.campaign.processes import Pool, WorkerDiedError
 from experiments.campaign.store import CampaignError
 from laisn.failure import LaisnError
 from sim.scenario.settings import Follower, Scenario
-from sim.simulation import SimulationError
+from sim.vehicle.plant import PlantError
 
 
 def die(number):
@@ -28,7 +28,7 @@ def test_a_worker_that_dies_is_named_and_costs_nothing_that_was_there():
 
 def lost_flight(_):
     def lost(_):
-        raise SimulationError("t = 3 s: the state is lost", 3.0, None)
+        raise PlantError("t = 3 s: the state is lost")
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(missions, "simulate_motion", lost)

@@ -15,7 +15,7 @@ from experiments.campaign.processes import WorkerDiedError
 from experiments.campaign.store import CampaignError, DamagedResult
 from experiments.command.cli import app
 from laisn.failure import LaisnError
-from sim.simulation import SimulationError
+from sim.vehicle.plant import PlantError
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
     [
         (WorkerDiedError("a worker process died"), "laisn: a worker process died"),
         (CampaignError("the sources changed while it ran"), "laisn: the sources changed while it ran"),
-        (SimulationError("the state of T2 is lost", 0.0, None), "laisn: the state of T2 is lost"),
+        (PlantError("the state of T2 is lost"), "laisn: the state of T2 is lost"),
         (LaisnError("unknown stage 9"), "laisn: unknown stage 9"),
         (LaisnError("one\ntwo \x1b[2J"), "laisn: one\ntwo \\x1b[2J"),
         (OSError(errno.ENOSPC, "No space left on device", "out/a"), "laisn: out/a: No space left on device"),

@@ -199,12 +199,6 @@ def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
     assert report.cross_track_max < radius * (1 - np.cos(SHARPEST_CUT / 2)) + 0.01
 
 
-def test_reports_need_a_route_for_each_vehicle():
-    routes = (library_route("L"), library_route("T2"))
-    with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
-        tracking(simulate_points(NAMES, routes, 20.0), routes[:1])
-
-
 def test_the_record_has_every_vehicle_and_the_extremes_of_all() -> None:
     names, fields = ("leader", "T2", "T3"), TrackingReport.__dataclass_fields__
     reports = [

@@ -183,11 +183,6 @@ def test_a_fleet_moves_level_on_its_course():
     assert flown.site_position[:, 1, 2] == pytest.approx(-11.9)
 
 
-def test_a_fleet_needs_a_route_for_each_vehicle():
-    with pytest.raises(ValueError, match="2 vehicles need as many routes, got 1"):
-        simulate_points(("leader", "follower"), (library_route("L"),), 10.0)
-
-
 def stop(*, first: float = 150.0, until: float = 270.0, corner: float = 90.0, begins: bool = False) -> Route:
     """East for 120 m, a stop, and 100 m on another course."""
     course = np.deg2rad(90.0 + corner)

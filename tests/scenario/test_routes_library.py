@@ -65,27 +65,14 @@ def test_unknown_routes_are_named_with_what_exists():
         routes.library_route("T1")
 
 
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        ([[0, 0, 0]], "at least two waypoints"),
-        ([[0, 0, 0], [10, 0, np.nan]], "not finite"),
-        ([[1, 0, 0], [10, 10, 0]], "waypoint 1 must be at 0 s, got 1 s"),
-        ([[0, 0, 0], [10, 10, 0], [10, 20, 0]], "waypoint 3: its time 10 s is not later than 10 s"),
-        ([[0, 10, 0], [10, 10, 0], [20, 10, 0]], "all waypoints are one place"),
-        ([[0, 0], [10, 10]], r"shape \(n, 3\)"),
-    ],
-)
-def test_malformed_waypoints_are_refused(points, message):
-    with pytest.raises(ValueError, match=message):
-        Route.timed("mine", points, 5.0)
+def test_waypoints_at_one_place_are_refused():
+    with pytest.raises(ValueError, match="all waypoints are one place"):
+        Route.timed("mine", [[0, 10, 0], [10, 10, 0], [20, 10, 0]], 5.0)
 
 
 def test_untimed_waypoints_get_their_times_from_the_speed():
     route = Route.at_speed("mine", [[0, 0], [30, 40], [30, 140]], 2.0, 5.0)
     assert route.time.tolist() == [0, 25, 75]
-    with pytest.raises(ValueError, match="speed is 0"):
-        Route.at_speed("mine", [[0, 0], [30, 40]], 0.0, 5.0)
 
 
 def test_a_route_cannot_be_changed():
@@ -111,15 +98,6 @@ def test_a_saw_tooth_is_a_triangle_wave(time, mean, amplitude, period):
     wave = 2 / np.pi * np.arcsin(np.sin(2 * np.pi * time / period))
     assert depth[0] == pytest.approx(mean + amplitude * wave, abs=1e-6)
     assert abs(rate[0]) == pytest.approx(4 * amplitude / period)
-
-
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [([[0, -1]], "not negative"), ([[1, 5]], "increase from 0"), ([[0, 5], [0, 6]], "increase"), ([1, 2], "shape")],
-)
-def test_malformed_depths_are_refused(points, message):
-    with pytest.raises(ValueError, match=message):
-        DepthProfile.through(points)
 
 
 @examples(20)

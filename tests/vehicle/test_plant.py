@@ -250,9 +250,7 @@ def test_lost_state_names_vehicle_time_and_last_good_state() -> None:
     plant.twist[1, 0] = np.nan
     with pytest.raises(PlantError, match=r"t = 1\.000 s: the state of T2 is lost") as caught:
         plant.step(np.zeros((2, 5)), 5)
-    assert caught.value.vehicle == "T2"
-    assert caught.value.time == pytest.approx(1.0)
-    np.testing.assert_array_equal(caught.value.last_pose, good)
+    assert f"  T2: {np.array2string(good[1], precision=4)}" in str(caught.value)
 
 
 @pytest.mark.parametrize(("vehicle", "name"), [(0, "leader"), (1, "T2")])
@@ -270,8 +268,7 @@ def test_integration_that_fails_is_stopped_before_mujoco_complains(capfd: pytest
     plant.twist[:] = 1.0
     with pytest.raises(PlantError, match=r"the state of \S+ is lost") as caught:
         plant.step(np.full((2, 5), 30.0), 300)
-    assert caught.value.vehicle in plant.names
-    assert np.isfinite(caught.value.last_pose).all()
+    assert "nan" not in str(caught.value)
     assert not plant.data.warning.number.any()
     assert "WARNING" not in "".join(capfd.readouterr())
 

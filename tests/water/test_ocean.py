@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from laisn.arrays import Floats
-from laisn.failure import LaisnError
-from sim.water.ocean import Ocean, flow
+from sim.water.ocean import Ocean, flow, velocity_at
 from sim.water.waves import Waves, wavenumber
 
 G = 9.81
@@ -74,6 +73,12 @@ def textbook_velocity(ocean: Ocean, p: Floats, t: float) -> Floats:
     return u
 
 
+def acceleration_of(ocean: Ocean, point: Floats, time: float) -> Floats:
+    """Acceleration of a particle, which is its change of velocity along its own path [m/s²]."""
+    place, water = tuple(point.tolist()), ocean.water
+    return np.array(flow(place, velocity_at(place, time, water), (1.0, 0.0, 0.0), time, water)[1])
+
+
 @given(period=st.floats(0.5, 60), depth=st.floats(0.5, 5000))
 def test_wavenumber_solves_the_dispersion_relation(period: float, depth: float) -> None:
     omega = 2 * np.pi / period
@@ -125,7 +130,9 @@ def test_a_linear_ramp_of_the_current() -> None:
     points = np.array([[3.0, 4.0, -2.0], [9.0, -9.0, -20.0]])
     for t, speed, acceleration, run in ((0.0, 0.1, 0.002, 0.0), (50.0, 0.2, 0.002, 7.5), (300.0, 0.5, 0.0, 110.0)):
         np.testing.assert_allclose(ocean.velocity(points, t), [[speed, 0, 0]] * 2, atol=1e-15)
-        np.testing.assert_allclose(ocean.acceleration(points, t), [[acceleration, 0, 0]] * 2, atol=1e-15)
+        np.testing.assert_allclose(
+            np.array([acceleration_of(ocean, point, t) for point in points]), [[acceleration, 0, 0]] * 2, atol=1e-15
+        )
         assert ocean.run(t) == pytest.approx((run, 0.0), abs=1e-12)
 
 
@@ -135,20 +142,6 @@ def test_elevation_is_carried_along_with_a_changing_current() -> None:
     assert moved.run(71.0) == pytest.approx(tuple(run), rel=1e-12)
     x, y = np.array([0.0, 7.0, -30.0]), np.array([5.0, 5.0, 2.0])
     np.testing.assert_allclose(moved.elevation(x + run[0], y + run[1], 71.0), still.elevation(x, y, 71.0), atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ([[0.0, 1.0]], "shape"),
-        ([[0.0, np.nan, 0.0]], "finite"),
-        ([[1.0, 0.0, 0.0]], "from 0"),
-        ([[0.0, 0.0, 0.0]] * 2, "from 0"),
-    ],
-)
-def test_an_impossible_change_of_the_current_is_refused(change: list[list[float]], expected: str) -> None:
-    with pytest.raises(LaisnError, match=expected):
-        Ocean(current_change=np.array(change))
 
 
 def test_no_water_passes_the_floor() -> None:
@@ -194,7 +187,7 @@ def test_acceleration_is_the_particles_own(z: float) -> None:
     p, t, h = np.array([4.0, -7.0, z]), 11.0, 1e-4
     u = textbook_velocity(ocean, p, t)
     expected = (textbook_velocity(ocean, p + h * u, t + h) - textbook_velocity(ocean, p - h * u, t - h)) / (2 * h)
-    np.testing.assert_allclose(ocean.acceleration(p[None], t)[0], expected, atol=1e-6)
+    np.testing.assert_allclose(acceleration_of(ocean, p, t), expected, atol=1e-6)
 
 
 def test_surface_moves_with_its_particles() -> None:
@@ -296,12 +289,6 @@ def test_sea_is_a_function_of_its_seed() -> None:
 def test_faults_are_named() -> None:
     with pytest.raises(ValueError, match=r"height_m=3\.0 must lie between 0 and 2 m"):
         Waves.regular(height_m=3.0, period_s=3.0)
-    with pytest.raises(ValueError, match="peak_period_s"):
-        Waves.jonswap(np.random.default_rng(0), significant_height_m=1.0, peak_period_s=0.0)
-    with pytest.raises(ValueError, match="density_kg_m3"):
-        Ocean(density_kg_m3=-1.0)
-    with pytest.raises(ValueError, match=r"floor at 40 m, Ocean.floor_depth_m is 30 m"):
-        Ocean(floor_depth_m=30.0, waves=Waves.regular(height_m=0.5, period_s=4.0))
     with pytest.raises(ValueError, match=r"wavenumber_1_m has shape \(2,\), expected \(1, 2\)"):
         Waves(amplitude_m=np.ones(1), wavenumber_1_m=np.ones(2), omega_rad_s=np.ones(1), phase_rad=np.ones(1))
 
