@@ -20,25 +20,9 @@ from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.vehicles import Follower, Leader, Vehicle
 
 __all__ = [
-    "CAMERAS",
-    "CONTROL_STEP_S",
-    "KEYS_ALONE",
-    "Acoustics",
-    "Assume",
-    "Follower",
-    "Formation",
-    "Leader",
-    "Name",
-    "Navigation",
-    "Ocean",
-    "Scenario",
-    "Sensors",
-    "Station",
-    "Timing",
-    "Vehicle",
-    "Video",
-    "Waves",
-]
+    "CAMERAS", "CONTROL_STEP_S", "KEYS_ALONE", "Acoustics", "Assume", "Follower", "Formation", "Leader", "Name",
+    "Navigation", "Ocean", "Scenario", "Sensors", "Station", "Timing", "Vehicle", "Video", "Waves",
+]  # fmt: skip
 
 
 CAMERAS = {

@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 
-from laisn.arrays import Floats
+from laisn.arrays import Records
 from sim.control.approach import away, give_way
 from sim.scenario.formation import Formation, Proximity
+from sim.sensing.proximity import SIGHTING
 
 LAW, FORMATION = Proximity(range_m=5.0, full_m=3.0, give_way_m_s=0.8).record(), Formation().record()
 
 
-def at(east: float, north: float, heading: float = 0.0) -> Floats:
+def at(east: float, north: float, heading: float = 0.0) -> Records:
     """Something seen so far away by a hull on a heading."""
-    return np.array([[np.hypot(east, north), np.arctan2(east, north) - heading]])
+    return np.array([(np.hypot(east, north), np.arctan2(east, north) - heading)], SIGHTING).view(np.recarray)
 
 
 @pytest.mark.parametrize(
@@ -25,13 +26,14 @@ def test_the_push_grows_from_the_sensors_range_to_that_of_full_speed(distance: f
 
 
 def test_who_sees_nobody_is_pushed_nowhere() -> None:
-    assert away(LAW, np.full((3, 2), np.nan), 1.0) == (0.0, 0.0)
+    assert away(LAW, np.concatenate([at(np.nan, 0.0)] * 3).view(np.recarray), 1.0) == (0.0, 0.0)
 
 
 def test_pushes_add_up_to_full_speed_at_most() -> None:
-    two = np.vstack([at(2.0, 0.0), at(0.0, 2.0)])
+    two = np.concatenate([at(2.0, 0.0), at(0.0, 2.0)]).view(np.recarray)
     assert away(LAW, two, 0.0) == pytest.approx((-0.8 * np.sqrt(0.5), -0.8 * np.sqrt(0.5)))
-    assert away(LAW, np.vstack([at(4.0, 0.0), at(-4.0, 0.0)]), 0.0) == pytest.approx((0.0, 0.0))
+    both = np.concatenate([at(4.0, 0.0), at(-4.0, 0.0)]).view(np.recarray)
+    assert away(LAW, both, 0.0) == pytest.approx((0.0, 0.0))
 
 
 @pytest.mark.parametrize("closing", [0.4, 1.0, 1.5])
