@@ -114,13 +114,7 @@ def _kind(on_station: bool, by_estimate: bool) -> int:
 
 
 def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> ClosedLoopState:
-    """The state of a closed loop at its start.
-
-    Args:
-        scenario: whose followers sense and navigate under way.
-        plant: at its start.
-        routes: control along its routes.
-    """
+    """The state of a closed loop at its start."""
     f, n = len(scenario.followers), routes.reference.shape[0]
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
@@ -180,8 +174,6 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     Between filter steps followers dead-reckon.
 
     Args:
-        k: instant.
-        truth: motion until then.
         a: readings, inbox, arrivals, trails and estimated positions are brought forward.
     """
     stride = a.sensors.stride
@@ -259,9 +251,9 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
 def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
     """Find the commands of all vehicles that hold from instant k until k + 1.
 
+    Of the truth until then only that of the leader and of followers that steer by the truth is read.
+
     Args:
-        k: instant.
-        truth: motion until then, of which only that of the leader and of followers that steer by the truth is read.
         a: memories and commands are brought forward; estimates are recorded.
     """
     routes = a.routes
@@ -331,9 +323,6 @@ def closed_loop_of(
     """The closed loop of a scenario, at its start.
 
     Args:
-        scenario: mission.
-        plant: at its start.
-        routes: control along its routes.
         make_swarm: makes the followers' navigators; None: the scenario's own.
 
     Raises:
@@ -360,7 +349,6 @@ def simulate_closed_loop(
     """Simulate a scenario whose followers all navigate under way, also those that steer by the truth.
 
     Args:
-        scenario: mission.
         make_swarm: makes the followers' navigators; None: the scenario's own.
 
     Returns:

@@ -206,8 +206,6 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
 
     Args:
         flight: the whole mission; its scenario is kept as it is.
-        start: first instant [s].
-        end: last instant [s].
 
     Raises:
         ValueError: that stretch is empty or leaves the mission.

@@ -39,8 +39,6 @@ def simulate_points(
     """The point motion of a fleet: hulls level and on their courses, still water, no thrust.
 
     Args:
-        names: of the vehicles, the leader first.
-        routes: one for each vehicle.
         duration: [s]; a multiple of 0.1 s.
         sites: on the hulls; None: no sites.
 

@@ -85,9 +85,7 @@ def stations_of(scenario: Scenario) -> Records:
 def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
     """Where each follower's station truly was: in the leader's true trail, at every instant.
 
-    Args:
-        scenario: its followers' stations; one without a station has that of the leader itself, and means nothing.
-        trajectory: as flown.
+    A follower without a station has that of the leader itself, which means nothing.
 
     Returns:
         Records of STATION_PLACE, shape (n, f).
@@ -118,8 +116,6 @@ def off_station(scenario: Scenario, trajectory: Trajectory, stations: Records | 
     """Horizontal distance of each follower's hydrophone from its station, shape (n, f), [m]; NaN of one without.
 
     Args:
-        scenario: its followers' stations.
-        trajectory: as flown.
         stations: of `true_stations`; None: they are found here.
     """
     off = np.full((trajectory.time.size, len(scenario.followers)), np.nan)

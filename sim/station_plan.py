@@ -109,7 +109,6 @@ def hardest_crossing(scenario: Scenario, reach_m: float) -> Crossing | None:
     Who gives way loses way through the water, and keeps steerage way: in a following current little is left to lose.
 
     Args:
-        scenario: mission.
         reach_m: distance at which followers sense each other.
 
     Returns:

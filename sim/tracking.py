@@ -90,12 +90,7 @@ def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
 
 
 def tracking(trajectory: Trajectory, routes: Sequence[Route]) -> tuple[TrackingReport, ...]:
-    """How each vehicle of a trajectory kept to its route.
-
-    Args:
-        trajectory: of v vehicles.
-        routes: that they flew, v of them.
-    """
+    """How each vehicle of a trajectory kept to its route."""
     reports = []
     for i, (name, route) in enumerate(zip(trajectory.names, routes, strict=True)):
         n = int(np.searchsorted(trajectory.time, route.time[-1] + 1e-9, side="right"))

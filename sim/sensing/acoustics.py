@@ -249,8 +249,6 @@ def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> 
     Args:
         trajectory: of a mission, or a stretch of it that begins at a filter step; messages sent after that are
             followed.
-        scenario: of the mission.
-        follower: its index, 0 for the first.
     """
     dt, every = scenario.timing.filter_step_s, scenario.message_every
     s, known = sound_of(scenario), motion_of(trajectory, follower)

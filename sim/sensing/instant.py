@@ -1,6 +1,9 @@
 """What followers read and receive at one instant, in compiled code: for followers that steer by it.
 
 Formulas and noise are those of `observe` and `measure`, which make the measurements of a finished mission.
+
+Functions take `s`, the sensors; `k`, a filter step, from 1; and `follower`, an index; the follower's vehicle is the one
+after.
 """
 
 from typing import NamedTuple
@@ -107,10 +110,6 @@ def read_own(s: SensorModel, k: int, follower: int, body: Body, depth_sensor: Fl
     """Read a follower's own sensors at filter step k.
 
     Args:
-        s: sensors.
-        k: step, from 1.
-        follower: index.
-        body: of the follower.
         depth_sensor: its offset, shape (3,), [m].
         reading: out: record of `laisn.swarm.READING`, those of `sensors.OWN`.
     """
@@ -160,9 +159,6 @@ def broadcast(s: SensorModel, k: int, body: Body, tilt: Floats, fluctuation: Flo
     """Make the message that the leader sends at filter step k.
 
     Args:
-        s: sensors.
-        k: step, from 1.
-        body: of the leader.
         tilt: what accelerations add to measured pitch and roll, shape (2,), [rad].
         fluctuation: Gauss–Markov errors of pitch and roll, of unit variance, shape (2,).
         message: out: columns of `LeaderMessage` from timestamp to roll, shape (MESSAGE,).
@@ -203,10 +199,7 @@ def read_ranges(s: SensorModel, k: int, sent: int, follower: int, true: Floats, 
     """Read the ranges of a message that is in.
 
     Args:
-        s: sensors.
-        k: filter step.
         sent: filter step at which it was sent.
-        follower: index.
         true: range of each ping by each path, shape (3, 3), [m]; NaN for pings that are not received.
         inbox: ranges and state of the channel are brought forward.
 
@@ -235,10 +228,8 @@ def _follow(s: SensorModel, known: Motion, sites: tuple[Floats, Floats], followe
     """Follow the sound of a message to one follower, as far as the motion is known.
 
     Args:
-        s: how sound travels.
         known: the motion.
         sites: as of `receive`.
-        follower: index; its vehicle is the one after.
         sent: filter step at which it was sent.
         true: out: range of each ping by each path before random errors, shape (3, 3), [m]; NaN for pings that are not
             received.
@@ -284,9 +275,6 @@ def receive(
     """Take up the message that is in at filter step k, if there is one.
 
     Args:
-        s: sensors.
-        k: filter step, from 1; steps must come one by one.
-        follower: index; its vehicle is the one after.
         sites: offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m].
         known: the motion until now.
         tilts: what accelerations add to the leader's measured pitch and roll at each instant, shape (n, 2), [rad].

@@ -79,8 +79,6 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
 
     Args:
         trajectory: of a mission from its start, on the control grid.
-        scenario: of the mission.
-        follower: its index, 0 for the first.
 
     Raises:
         ValueError: the trajectory begins later, or is too short for one filter step.

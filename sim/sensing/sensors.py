@@ -87,8 +87,6 @@ def measure(
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
     Args:
-        truth: of the mission.
-        errors: of the sensors.
         seed: key of all random numbers.
         run: of the campaign, 0, 1, …
         follower: index of the follower; followers share the leader's errors and nothing else.

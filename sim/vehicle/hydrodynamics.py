@@ -124,8 +124,6 @@ def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tu
         c: record of `sim.vehicle.coefficients.RECORD`.
         pose: position [m] and quaternion, shape (7,).
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], shape (6,).
-        time: [s].
-        water: current and waves.
 
     Returns:
         force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed. All
@@ -238,8 +236,6 @@ def apply(
         coefficients: records of `sim.vehicle.coefficients.RECORD`, shape (v,).
         pose: position and quaternion, shape (v, 7).
         twist: velocity in the world, angular velocity in the body, shape (v, 6).
-        time: [s].
-        water: current and waves.
         solver: where wrench and added mass go; `applied` is overwritten.
 
     Returns:

@@ -39,14 +39,11 @@ def load(
 ) -> int:
     """Bring velocities from the middle of the last step to now, then `effectors.turn` and `hydrodynamics.apply`.
 
-    All in one call: to get into compiled code costs as much as a hull's forces.
+    All in one call: to get into compiled code costs as much as a hull's forces. Other arguments are those of `apply`.
 
     Args:
-        coefficients: as of `apply`.
         state: pose and twist; acceleration of the last step and, overwritten, what it adds to the twist, shape (v, 6).
         clock: time and half a step [s].
-        water: as of `apply`.
-        solver: as of `apply`.
         push: unit wrenches and moments of `turn`.
     """
     pose, twist, acceleration, gain = state

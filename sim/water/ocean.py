@@ -212,8 +212,6 @@ def flow(
         position: of the point [m].
         velocity: of the point [m/s].
         axis: unit vector of a hull.
-        time: [s].
-        water: current, waves and change.
 
     Returns:
         velocity u of the water [m/s]; its rate of change as met along the point's path [m/s²]; its gradient, rows
