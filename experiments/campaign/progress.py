@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol
 
 from rich.console import Console
@@ -17,6 +17,7 @@ from sim.screen import plain
 _LINE_EVERY_S = 10.0
 _COMPILING = "compiling (once)"
 _COUNT_EVERY_S = 0.5
+_COLUMNS = TextColumn("{task.description:<9}"), BarColumn(), TimeRemainingColumn(elapsed_when_finished=True)
 
 
 class Advance(Protocol):
@@ -58,27 +59,31 @@ def show_table(
 
 
 @contextmanager
-def compiling_shown(console: Console | None = None, bars: Bars | None = None) -> Iterator[None]:
-    """Print once that code is compiled, on standard error unless a console is given; bars count the functions.
+def compiling_shown(bars: Bars | None = None) -> Iterator[None]:
+    """Report that code is compiled: on a terminal with the number of functions, and in a log with one line.
 
-    Counts what this process and those beside it store in the folder of compiled code.
+    Counts what this process and those beside it store in the folder of compiled code. Without bars, the report is on
+    standard error.
     """
     # a process that only shows progress does not load the compiler
     from laisn.compiled import count_stored
 
-    out, ended, before = console or Console(stderr=True), threading.Event(), count_stored()
+    errors = Console(stderr=True)
+    shown = bars or Bars(*_COLUMNS, console=errors, disable=not errors.is_terminal)
+    ended, before = threading.Event(), count_stored()
 
     def watch() -> None:
         done = False
         while not (functions := count_stored() - before) and not done:
             done = ended.wait(_COUNT_EVERY_S)
-        if functions and (bars is None or bars.disable):
-            out.print(_COMPILING)
-        elif functions and bars is not None:
-            task = bars.add_task(_COMPILING, total=None)
-            while not ended.wait(_COUNT_EVERY_S):
-                bars.update(task, description=f"{_COMPILING}: {count_stored() - before} functions")
-            bars.update(task, total=1.0, completed=1)
+        if functions and shown.disable:
+            shown.console.print(_COMPILING)
+        elif functions:
+            with nullcontext() if bars else shown:
+                task = shown.add_task(_COMPILING, total=None)
+                while not ended.wait(_COUNT_EVERY_S):
+                    shown.update(task, description=f"{_COMPILING}: {count_stored() - before} functions")
+                shown.update(task, total=1.0, completed=1)
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
@@ -92,8 +97,7 @@ def compiling_shown(console: Console | None = None, bars: Bars | None = None) ->
 @contextmanager
 def phases(console: Console) -> Iterator[Phase]:
     """A bar for each phase of a flight, with the time left or taken; none in a log."""
-    columns = TextColumn("{task.description:<9}"), BarColumn(), TimeRemainingColumn(elapsed_when_finished=True)
-    with Bars(*columns, console=console, disable=not console.is_terminal) as bars, compiling_shown(console, bars):
+    with Bars(*_COLUMNS, console=console, disable=not console.is_terminal) as bars, compiling_shown(bars):
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:

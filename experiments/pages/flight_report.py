@@ -10,11 +10,13 @@ from experiments.flight.summary import flight_bounds
 from experiments.pages import flight_figures, flight_text, range_budget_page
 from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
-from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words, write
+from experiments.pages.page import Cell, Code, Figures, Film, Notice, Table, number, words, write
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, TRANSMITTERS
+from experiments.pages.template import page_of
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
+from laisn.messages import Ranges
 from laisn.navigators import find
 from sim.contact import contacts
 from sim.flight import Flight, Outcome
@@ -32,51 +34,30 @@ def _drawn(flight: Flight) -> range:
     return range(min(len(flight.estimates), DRAWN_FOLLOWERS))
 
 
-def _all_drawn(flight: Flight) -> str:
-    followers, drawn = len(flight.estimates), len(_drawn(flight))
-    return "" if drawn == followers else f" The first {drawn} of {followers} followers are drawn."
-
-
-def _overview(flight: Flight, errors: Errors) -> list[Figures | Table]:
-    """Position errors over time, of the follower or of the worst beside the others, and their table."""
+def _overview(flight: Flight, errors: Errors) -> Figures:
+    """Position errors over time, of the follower or of the worst beside the others."""
     names = flight.trajectory.names[1:]
     worst = max(range(len(names)), key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))
     figure = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
     legend = [(ESTIMATE, names[worst])] + ([(MUTED, "other followers")] if len(names) > 1 else [])
-    curves = Figures(panels=[svg(figure, "overview", "Position errors over time")], legend=legend)
-    return [curves, *_overview_table(flight)]
+    return Figures(panels=[svg(figure, "overview", "Position errors over time")], legend=legend)
 
 
-def _overview_table(flight: Flight) -> list[Table]:
+def _error_rows(flight: Flight) -> list[list[Cell]]:
     """Position error and consistency of each follower; nothing where estimates are not finite."""
     if not all(np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates):
         return []
-    rows: list[list[Cell]] = []
+    rows = list[list[Cell]]()
     for i, name in enumerate(flight.trajectory.names[1:]):
         one = flight_text.estimate_errors(flight, i)
         k = int(one.error.argmax())
         numbers = [float(one.error.mean()), float(np.percentile(one.error, 95)), float(one.error[k])]
         cells = [*map(number, numbers), number(float(one.time[k]), 0), number(100 * float(one.outside.mean()), 1)]
         rows.append([words(name), *cells])
-    heads = ("follower", "mean [m]", "95 % below [m]", "largest [m]", "at [s]", "outside 2σ [%]")
-    caption = (
-        "Position error of the estimate, and share of the time for which the truth is outside the filter's 2σ ellipse "
-        f"({flight_text.percent(flight_text.CONSISTENT_SHARE)} for a consistent filter)."
-    )
-    return [Table(heads=heads, rows=rows, caption=caption)]
+    return rows
 
 
-def _routes(flight: Flight) -> list[Section]:
-    """All vehicles on one map; nothing for a single follower, whose row has a map."""
-    if len(flight.estimates) == 1:
-        return []
-    figure = flight_figures.track_map(flight, range(len(flight.estimates)), width=FULL, height=6.0)
-    panels = [svg(figure, "map", "Routes of leader and followers, and the estimates")]
-    caption = "True and estimated routes; a dot marks where the mission ended."
-    return [Section(title="Routes", blocks=[Figures(panels=panels, caption=caption, legend=VEHICLES)])]
-
-
-def _error_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) -> Figures:
+def _follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) -> Figures:
     """Errors of one follower over time, its map, and estimate less truth: side by side."""
     name = flight.trajectory.names[follower + 1]
     figures = (
@@ -91,45 +72,37 @@ def _error_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) -> 
     )
 
 
-def _errors(flight: Flight, errors: Errors) -> Section:
-    about = (
-        "E_P is the distance of estimate and hydrophone, E_B the angle between them as seen from the leader's true "
-        "pose, and B the bearing of the follower from the leader: 0 ahead, 180° astern. Grey: within "
-        f"{ON_AXIS_DEG:g}° of the leader's axis, where ranges say little about the direction. 2σ is the larger half "
-        "axis of the filter's own ellipse."
-    )
-    rows = [_error_row(flight, i, errors[i]) for i in _drawn(flight)]
-    return Section(title="Errors", blocks=[Text(text=about + _all_drawn(flight)), *rows])
-
-
-def _stations(flight: Flight) -> list[Section]:
-    """Distances from stations over time; nothing where all followers keep to routes."""
+def _figures(flight: Flight) -> dict[str, Figures | None]:
+    """Map of several followers, distances from stations, and motion; None for what there is none of."""
+    names, followers = flight.trajectory.names[1:], range(len(flight.estimates))
     on_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
-    if not on_station:
-        return []
-    figures = flight_figures.station_errors(flight, on_station)
-    panels = [
-        svg(figure, f"station{i}", f"Distance from the station over time: {flight.trajectory.names[i + 1]}")
-        for i, figure in zip(on_station, figures, strict=True)
-    ]
-    caption = "Horizontal distance of the hydrophone from the station, a place in the leader's true trail."
-    return [Section(title="Stations", blocks=[Figures(panels=panels, caption=caption + _all_drawn(flight))])]
+    shown: dict[str, Figures | None] = {"map": None, "stations": None}
+    if len(followers) > 1:
+        figure = flight_figures.track_map(flight, followers, width=FULL, height=6.0)
+        panel = svg(figure, "map", "Routes of leader and followers, and the estimates")
+        shown["map"] = Figures(panels=[panel], legend=VEHICLES)
+    if on_station:
+        figures = zip(on_station, flight_figures.station_errors(flight, on_station), strict=True)
+        panels = [svg(f, f"station{i}", f"Distance from the station over time: {names[i]}") for i, f in figures]
+        shown["stations"] = Figures(panels=panels)
+    moved = flight_figures.motion(flight)
+    panels = [svg(figure, f"motion-{title.lower()}", f"{title} of all vehicles over time") for title, figure in moved]
+    return shown | {"motion": Figures(panels=panels, legend=VEHICLES[:2])}
 
 
-def _final_states(flight: Flight) -> list[Table]:
-    """Final estimates of biases, current and offsets, where a navigator has them."""
-    rows: list[list[Cell]] = []
+def final_states(flight: Flight) -> list[list[Cell]]:
+    """Final estimates of biases, current and offsets with their σ, where a navigator has them."""
+    rows = list[list[Cell]]()
     for i in _drawn(flight):
         for name, value, sigma in flight.estimates[i].further_states():
             if np.isfinite(value):
                 per = 180.0 / np.pi if name in _IN_DEGREES else 1.0
                 cells = [words(flight.trajectory.names[i + 1]), words(_IN_DEGREES.get(name, name))]
                 rows.append([*cells, number(per * value), number(per * sigma)])
-    caption = "Estimates of sensor errors and current after the last message."
-    return [Table(heads=["follower", "state", "estimate", "σ"], rows=rows, caption=caption)] if rows else []
+    return rows
 
 
-def bound_section(flight: Flight, errors: Errors, bounds: Sequence[Floats]) -> Section:
+def bound_figures(flight: Flight, errors: Errors, bounds: Sequence[Floats]) -> Figures:
     """Error, its standard deviation by the filter and the bound, of shape (n,) of each follower [m], over time."""
     names, drawn = flight.trajectory.names[1:], _drawn(flight)
     width = HALF if len(drawn) > 1 else FULL
@@ -140,37 +113,22 @@ def bound_section(flight: Flight, errors: Errors, bounds: Sequence[Floats]) -> S
         for i in drawn
         if (weights := flight_figures.hypothesis_weights(flight, i, width))
     ]
-    figures = Figures(
-        panels=panels,
-        caption="E_P, the root of the trace of the filter's position covariance, and the Cramér–Rao bound: the least "
-        "RMS error of dead reckoning with log and compass, corrected by these ranges, with constant biases.",
-        legend=[(ESTIMATE, "E_P"), (INK, "σ by the filter"), (MUTED, "bound")],
-    )
-    return Section(title="Cramér–Rao bound", blocks=[figures, *_final_states(flight)])
+    return Figures(panels=panels, legend=[(ESTIMATE, "E_P"), (INK, "σ by the filter"), (MUTED, "bound")])
 
 
-def _motion(flight: Flight) -> Section:
-    drawn = flight_figures.motion(flight)
-    panels = [svg(figure, f"motion-{title.lower()}", f"{title} of all vehicles over time") for title, figure in drawn]
-    return Section(title="Motion", blocks=[Figures(panels=panels, caption="Truth.", legend=VEHICLES[:2])])
-
-
-def _ranges(flight: Flight) -> Section:
-    used = flight.scenario.navigation.transmitters
-    names = range_budget_page.TRANSMITTERS
-    rows = [
+def _ranges(flight: Flight) -> list[Figures]:
+    used = range(flight.scenario.navigation.transmitters)
+    return [
         Figures(
             panels=[
                 svg(flight_figures.ranges(flight, i), f"ranges{i}", f"Measured ranges of {name}"),
                 svg(flight_figures.fixes(flight, i), f"fixes{i}", f"Kinds of fix of {name} over time"),
             ],
-            legend=[(TRANSMITTERS[j], f"from the {names[j]} transmitter") for j in range(used)] if i == 0 else (),
+            legend=[(TRANSMITTERS[j], f"from the {Ranges._fields[j]} transmitter") for j in used] if i == 0 else (),
             title=name if len(flight.estimates) > 1 else "",
         )
         for i, name in enumerate(flight.trajectory.names[1:][:DRAWN_FOLLOWERS])
     ]
-    about = Text(text="Ranges as measured, and a mark for every fix, by its kind." + _all_drawn(flight))
-    return Section(title="Ranges and fixes", blocks=[about, *rows])
 
 
 def _results(summary: Mapping[str, Any]) -> Table:
@@ -250,15 +208,6 @@ def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _scenario(flight: Flight) -> Section:
-    about = (
-        "Everything that was flown, defaults written out. `laisn fly scenario.toml` with this text gives the same "
-        "bytes with the same version."
-    )
-    code = Code(text=flight.scenario.toml(), title="scenario.toml", folded=True)
-    return Section(title="Scenario", blocks=[Text(text=about), code])
-
-
 def flight_report(
     flight: Flight,
     errors: Errors,
@@ -280,23 +229,26 @@ def flight_report(
     Raises:
         OSError: the file cannot be written.
     """
-    films = [Film(path=film, caption="The film of the mission.")] if film else []
-    first, *others = flight_text.sentences(flight) or [f"{flight.outcome.value.capitalize()}."]
-    page = Page(
-        title=f"Flight {flight.scenario.name}",
-        summary=first,
-        facts=_facts(flight, summary),
-        sections=[
-            Section(title="Result", blocks=[*_troubles(flight, errors), *_overview(flight, errors), *films]),
-            Section(title="Details", blocks=[*(Text(text=text) for text in others), _results(summary)]),
-            *_routes(flight),
-            *_stations(flight),
-            _errors(flight, errors),
-            bound_section(flight, errors, bounds or flight_bounds(flight)),
-            _ranges(flight),
-            range_budget_page.section(flight),
-            _motion(flight),
-            _scenario(flight),
-        ],
-    )
+    sentences = flight_text.sentences(flight) or [f"{flight.outcome.value.capitalize()}."]
+    values = {
+        "name": flight.scenario.name,
+        "followers": len(flight.estimates),
+        "drawn": len(_drawn(flight)),
+        "sentences": sentences,
+        "notices": _troubles(flight, errors),
+        "overview": _overview(flight, errors),
+        "errors": _error_rows(flight),
+        "consistent": flight_text.percent(flight_text.CONSISTENT_SHARE),
+        "films": [Film(path=film, caption="The film of the mission.")] if film else [],
+        "results": _results(summary),
+        "on_axis_deg": f"{ON_AXIS_DEG:g}",
+        "rows": [_follower_row(flight, i, errors[i]) for i in _drawn(flight)],
+        "bound": bound_figures(flight, errors, bounds or flight_bounds(flight)),
+        "states": final_states(flight),
+        "ranges": _ranges(flight),
+        "use_attitude": flight.scenario.navigation.use_attitude,
+        "budget": range_budget_page.values(flight),
+        "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
+    }
+    page = page_of("experiments.pages", _facts(flight, summary), values | _figures(flight), name="flight_report.md.j2")
     write(page, path)

@@ -1,13 +1,14 @@
 """The error budget of a flight's ranges in its report: tables and curves."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.flight.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
 from experiments.pages.figures import Line, panel, svg
-from experiments.pages.page import Block, Figures, Notice, Section, Table, Text, number, words
+from experiments.pages.page import Figures, Table, number, words
 from experiments.pages.style import FULL, HALF, SERIES, WIDTH, Colour
 from laisn.arrays import Floats
 from sim.flight import Flight
@@ -66,35 +67,25 @@ def legend_of(causes: Sequence[Cause]) -> list[tuple[Colour, str]]:
     return [(COLOUR[cause], LABELS[cause]) for cause in causes]
 
 
-def section(flight: Flight) -> Section:
-    """Why the ranges of a flight were off: for its report."""
-    names = flight.trajectory.names[1:]
-    assumption = "assume that it is level"
-    if flight.scenario.navigation.use_attitude:
-        assumption = "use the broadcast pitch and roll, so that lever arm and foreshortening do not affect their fixes"
-    blocks: list[Block] = [
-        Text(
-            text="Against the ranges to a level leader, each measured one is off for causes that add up exactly. What "
-            "they do to the difference of bow and stern turns a fix about the leader; what they do to both alike "
-            f"moves it to and fro along its ray. Followers here {assumption}. `laisn range-budget` writes every share "
-            "of every ping."
-        )
-    ]
-    drawn, panels, tables = set(), [], []
-    width, used = FULL if len(names) == 1 else HALF, flight.scenario.navigation.transmitters
+def values(flight: Flight) -> dict[str, Any]:
+    """What the flight's report shows of it: followers without a ping, figure and tables."""
+    names, used = flight.trajectory.names[1:], flight.scenario.navigation.transmitters
+    silent, drawn, panels, tables = list[str](), set[Cause](), list[str](), list[Table]()
+    width = FULL if len(names) == 1 else HALF
     for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
         budget = range_error_budget(flight, i)
         if not np.isfinite(budget.error).any():
-            blocks.append(Notice(text=f"{name} received no ping."))
+            silent.append(name)
             continue
         title = name if len(names) > 1 else ""
         shares = {cause: share for cause in COLOUR if _largest(share := budget.asymmetry[:, cause]) > _NOTICEABLE_M}
         drawn |= set(shares)
         panels.append(svg(asymmetry_over_time(budget.time, shares, title, width), f"budget{i}"))
         tables.append(share_table(budget, f"{name}. " if len(names) > 1 else "", used))
-    if panels:
-        first = "" if len(names) <= _DRAWN_FOLLOWERS else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers."
-        caption = f"What each cause does to the difference of front and rear range.{first}"
-        legend = legend_of([cause for cause in COLOUR if cause in drawn])
-        blocks.append(Figures(panels=panels, caption=caption, legend=legend))
-    return Section(title="Range error budget", blocks=[*blocks, *tables])
+    legend = legend_of([cause for cause in COLOUR if cause in drawn])
+    return {
+        "silent": silent,
+        "figure": Figures(panels=panels, legend=legend) if panels else None,
+        "first": "" if len(names) <= _DRAWN_FOLLOWERS else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers.",
+        "tables": tables,
+    }

@@ -41,8 +41,13 @@ def _numbers(findings: Findings | None) -> Callable[..., str]:
     return number
 
 
+def _line(text: str) -> str:
+    """Text on one line; no-break spaces stay."""
+    return re.sub(r"[ \t\n]+", " ", text).strip(" ")
+
+
 def _paragraph(text: str) -> Text | Notice:
-    words = " ".join(text.split())
+    words = _line(text)
     tone, colon, rest = words.removeprefix(">").strip().partition(": ")
     if text.startswith(">") and colon and tone in _TONES:
         return Notice(text=rest, tone=tone)  # type: ignore[arg-type]
@@ -99,11 +104,15 @@ def paragraphs(
     Raises:
         jinja2.UndefinedError: the template names what is neither a value nor a filter.
     """
-    return [re.sub(r"[ \n]+", " ", part) for part in _render(package, name, values, filters)]
+    return [_line(part) for part in _render(package, name, values, filters)]
 
 
 def page_of(
-    package: str, facts: Sequence[tuple[str, str]], values: Mapping[str, Any], findings: Findings | None = None
+    package: str,
+    facts: Sequence[tuple[str, str]],
+    values: Mapping[str, Any],
+    findings: Findings | None = None,
+    name: str = NAME,
 ) -> Page:
     """The page of a template.
 
@@ -112,6 +121,7 @@ def page_of(
         facts: of the page.
         values: what the template names: text, numbers, or blocks of the page.
         findings: numbers that it prints with `n`.
+        name: of the template.
 
     Raises:
         LaisnError: there is no finding of a name.
@@ -131,17 +141,17 @@ def page_of(
         marks = (f"{_MARK}{i}" for i in range(len(placed) - len(blocks), len(placed)))
         return "\n\n" + "\n\n".join(marks) + "\n\n"
 
-    caption = {"caption": lambda block, text: replace(block, caption=" ".join(text.split()))}
-    parts = _render(package, NAME, {**values, "n": _numbers(findings)}, caption, finalize=place)
+    caption = {"caption": lambda block, text: replace(block, caption=_line(text))}
+    parts = _render(package, name, {**values, "n": _numbers(findings)}, caption, finalize=place)
     title, *rest = parts or [""]
     if not title.startswith("# ") or not rest:
-        raise ValueError(f"{package}: {NAME} does not start with a title and a summary")
+        raise ValueError(f"{package}: {name} does not start with a title and a summary")
     sections: list[tuple[str, list[Block]]] = []
     for part in rest[1:]:
         if part.startswith("## "):
-            sections.append((" ".join(part.removeprefix("## ").split()), []))
+            sections.append((_line(part.removeprefix("## ")), []))
         elif not sections:
-            raise ValueError(f"{package}: {NAME} has more than a summary before its first section")
+            raise ValueError(f"{package}: {name} has more than a summary before its first section")
         elif part.startswith("|"):
             sections[-1][1].append(_table(part, placed))
         elif part.startswith(_MARK):
@@ -150,7 +160,7 @@ def page_of(
             sections[-1][1].append(_paragraph(part))
     return Page(
         title=title.removeprefix("# "),
-        summary=" ".join(rest[0].split()),
+        summary=_line(rest[0]),
         facts=facts,
         sections=[Section(title=head, blocks=blocks) for head, blocks in sections],
     )

@@ -50,10 +50,13 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
         # a channel without a message is not in the file
         messages = log.require(topic, type_.fields, type_.schema if type_.steps else None)
         step = np.searchsorted(grid_ns, messages.time_ns).astype(np.int64)
-        regular = np.all(step < grid_ns.size) and np.array_equal(grid_ns[step], messages.time_ns)
-        if not regular or (not type_.steps and step.size != grid_ns.size):
+        complete = step.size == grid_ns.size
+        if type_.steps:
+            # of channels with the same steps each has a message at all of them
+            complete = np.array_equal(found.setdefault(type_.steps, step + 1), step + 1)
+        if not complete or np.any(step == grid_ns.size) or np.any(grid_ns[step] != messages.time_ns):
             raise LogError(f"{log.path}: the messages of {topic} are not at the times of a flight, without a gap")
-        found |= type_.arrays(messages.table) | ({type_.steps: step + 1} if type_.steps else {})
+        found |= type_.arrays(messages.table)
         # hours of messages would fill the memory beside their numbers
         log.topics.pop(topic, None)
     return found

@@ -40,7 +40,9 @@ def test_compiling_is_reported_once_and_not_where_the_cache_has_it(tmp_path: Pat
     assert [answer.stderr for answer in told] == ["compiling (once)\n", ""]
 
 
-def test_a_terminal_counts_the_functions_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("flight", [True, False])
+def test_a_terminal_counts_the_functions_compiled(monkeypatch: pytest.MonkeyPatch, flight: bool) -> None:
+    """With the phases of a flight, and of commands without phases."""
     stored, enough = iter([3, 3, 4, *[10] * 1000]), threading.Event()
 
     def count_stored() -> int:
@@ -52,7 +54,8 @@ def test_a_terminal_counts_the_functions_compiled(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("laisn.compiled.count_stored", count_stored)
     monkeypatch.setattr(progress, "_COUNT_EVERY_S", 0.01)
     console = Console(file=io.StringIO(), force_terminal=True, width=80, color_system=None)
-    with progress.phases(console) as phase, phase("simulate"):
+    monkeypatch.setattr(progress, "Console", lambda stderr: console)
+    with progress.phases(console) if flight else progress.compiling_shown():
         assert enough.wait(10.0)
         time.sleep(0.3)
     assert "compiling (once): 7 functions" in console.file.getvalue()  # type: ignore[attr-defined]

@@ -8,8 +8,7 @@ import pytest
 
 from experiments.flight.range_budget import Cause, RangeErrorBudget
 from experiments.pages import flight_figures, flight_report, flight_text, range_budget_page
-from experiments.pages.flight_report import _facts, _final_states, _results, _troubles, bound_section
-from experiments.pages.page import Figures, Table
+from experiments.pages.flight_report import _facts, _results, _troubles, bound_figures, final_states
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.tight.estimates import TightEstimates
@@ -101,9 +100,7 @@ def test_beliefs_of_sensors_are_told_in_degrees_where_they_are_angles(flight: Fl
     for name, value in told.items():
         object.__setattr__(found, name, value)
     known = dataclasses.replace(flight, estimates=(found,))
-    (table,) = _final_states(known)
-    assert isinstance(table, Table)
-    assert [texts(row) for row in table.rows] == [
+    assert [texts(row) for row in final_states(known)] == [
         ["follower", "log_bias_m_s", "0.30", "0.03"], ["follower", "compass_bias_deg", "4.00", "0.50"],
     ]  # fmt: skip
 
@@ -117,9 +114,7 @@ def test_the_panel_of_the_bound_has_error_sigma_and_bound(flight: Flight, monkey
         flight, estimates=(dataclasses.replace(flight.estimates[0], covariance=covariance),)
     )  # fmt: skip
     monkeypatch.setattr(flight_report, "svg", lambda figure, *_: figure)
-    section = bound_section(known, [(np.full(n, 2.0), np.zeros(n))], [np.full(n, 0.5)])
-    (block,) = section.blocks
-    assert isinstance(block, Figures)
+    block = bound_figures(known, [(np.full(n, 2.0), np.zeros(n))], [np.full(n, 0.5)])
     (figure,) = block.panels
     drawn = {line.get_color(): line for line in figure.axes[0].lines}  # type: ignore[attr-defined]
     for (colour, text), expected in zip(block.legend, (2.0, 5.0, 0.5), strict=True):
