@@ -1,18 +1,26 @@
-"""Mixtures of Gaussians in arrays, as the tightly coupled navigators have them: Cholesky factors, halves, merging,
-moments, and the ring of positions that one range allows.
+"""Mixtures of Gaussians: weights, pruning, merging, halves, moments, and the ring of positions that one range allows.
 
-The first two states of a component are its position x, y [m].
+A mixture consists of hypotheses, and each of these of one Gaussian *component* for every mode of the motion: component
+`hypothesis · modes + mode`. The first two states of a component are its position x, y [m]. Compiled functions change a
+mixture in place; the number of its hypotheses is the caller's.
 """
 
 import math
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled
+from laisn.compiled import compiled, copy_values
+
+Mixture: TypeAlias = Any
+"""A record or NamedTuple with arrays of c components: `state`, shape (c, n), `covariance`, shape (c, n, n), `weight`,
+shape (c,), and `outcome`, shape (c,), records of the result of the last update, which copies keep."""
 
 _SQRT_HALF = math.sqrt(0.5)
 _PER_SQRT_TURN = 1.0 / math.sqrt(2.0 * math.pi)
 _SAME = 0.3
-"""Squared Mahalanobis distance below which two positions are one."""
+"""Squared Mahalanobis distance below which two positions are one; likewise of another state."""
 _OVERLAP = 0.6
 """Standard deviation of a bearing's Gaussian as a share of their spacing on a ring, for which their sum is nearly
 even."""
@@ -62,6 +70,149 @@ def blend(mean: Floats, covariance: Floats, one: int, other: int, share: float, 
 
 
 @compiled
+def copy_component(b: Mixture, source: int, target: int) -> None:
+    """Copy a component."""
+    b.weight[target], b.outcome[target] = b.weight[source], b.outcome[source]
+    copy_values(b.state[source], b.state[target])
+    for i in range(b.state.shape[1]):
+        copy_values(b.covariance[source, i], b.covariance[target, i])
+
+
+@compiled
+def copy_hypothesis(b: Mixture, modes: int, source: int, target: int) -> None:
+    """Copy all components of a hypothesis."""
+    for mode in range(modes):
+        copy_component(b, source * modes + mode, target * modes + mode)
+
+
+@compiled
+def heaviest(b: Mixture, modes: int, h: int) -> int:
+    """Component with the most weight of a hypothesis."""
+    best: int = h * modes
+    for k in range(h * modes + 1, (h + 1) * modes):
+        if b.weight[k] > b.weight[best]:
+            best = k
+    return best
+
+
+@compiled
+def hypothesis_weight(b: Mixture, modes: int, h: int) -> float:
+    """Weight of a hypothesis over its modes."""
+    total = 0.0
+    for k in range(h * modes, (h + 1) * modes):
+        total += b.weight[k]
+    return total
+
+
+@compiled
+def heaviest_hypothesis(b: Mixture, modes: int, count: int) -> int:
+    """Hypothesis with the most weight of the first `count`, the earlier one among equals."""
+    top = 0
+    for h in range(1, count):
+        if hypothesis_weight(b, modes, h) > hypothesis_weight(b, modes, top):
+            top = h
+    return top
+
+
+@compiled
+def _lightest_hypothesis(b: Mixture, modes: int, count: int) -> int:
+    least = 0
+    for h in range(1, count):
+        if hypothesis_weight(b, modes, h) < hypothesis_weight(b, modes, least):
+            least = h
+    return least
+
+
+@compiled
+def normalise(weight: Floats, count: int) -> float:
+    """Scale the first `count` weights to a sum of 1; their sum before."""
+    total = 0.0
+    for k in range(count):
+        total += weight[k]
+    for k in range(count):
+        weight[k] /= total
+    return total
+
+
+@compiled
+def _merge(b: Mixture, modes: int, g: int, h: int) -> None:
+    """Merge hypothesis h into g, mode by mode, keeping mean and covariance of both together."""
+    for mode in range(modes):
+        i, j = g * modes + mode, h * modes + mode
+        total = b.weight[i] + b.weight[j]
+        if total > 0.0:
+            if b.weight[j] > b.weight[i]:
+                b.outcome[i] = b.outcome[j]
+            blend(b.state, b.covariance, i, j, b.weight[j] / total, b.state.shape[1])
+        b.weight[i] = total
+
+
+@compiled
+def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
+    """Whether two hypotheses are nearer than their mean spread, by the positions of their heaviest components.
+
+    Those with different values of the state `further` are not merged: their predictions differ.
+    """
+    i, j = heaviest(b, modes, g), heaviest(b, modes, h)
+    x, P = b.state, b.covariance
+    if further >= 0:
+        apart, variance = x[i, further] - x[j, further], 0.5 * (P[i, further, further] + P[j, further, further])
+        if not apart * apart <= _SAME * variance:
+            return False
+    dx, dy = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1]
+    xx, xy = 0.5 * (P[i, 0, 0] + P[j, 0, 0]), 0.5 * (P[i, 0, 1] + P[j, 0, 1])
+    yy = 0.5 * (P[i, 1, 1] + P[j, 1, 1])
+    return bool(dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < _SAME * (xx * yy - xy * xy))
+
+
+@compiled
+def prune_and_merge(b: Mixture, modes: int, count: int, least_weight: float, kept: int, further: int) -> int:
+    """Prune light hypotheses, merge those at one position, and keep the heaviest; the last fills a gap.
+
+    Args:
+        b: the mixture; its weights are not scaled to a sum of 1 again.
+        modes: components of a hypothesis.
+        count: hypotheses.
+        least_weight: lighter ones are pruned.
+        kept: most hypotheses to keep.
+        further: index of a state in which merged hypotheses agree, too; −1 for none.
+
+    Returns:
+        How many hypotheses are left.
+    """
+    h = 0
+    while h < count:
+        if hypothesis_weight(b, modes, h) < least_weight:
+            count -= 1
+            copy_hypothesis(b, modes, count, h)
+        else:
+            h += 1
+    g = 0
+    while g < count:
+        h = g + 1
+        while h < count:
+            if _is_same(b, modes, g, h, further):
+                _merge(b, modes, g, h)
+                count -= 1
+                copy_hypothesis(b, modes, count, h)
+            else:
+                h += 1
+        g += 1
+    while count > kept:
+        h = _lightest_hypothesis(b, modes, count)
+        count -= 1
+        copy_hypothesis(b, modes, count, h)
+    return count
+
+
+def mixture_moments(weight: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """Mean and covariance, shapes (n,) and (n, n), of k Gaussians of weights with the sum 1."""
+    centre = weight @ mean
+    off = mean - centre
+    return centre, np.einsum("k,kij->ij", weight, covariance + off[:, :, None] * off[:, None, :])
+
+
+@compiled
 def half_moments(z: float) -> tuple[float, float, float]:
     """Moments of the half u > 0 of a normal variable u with mean z and variance 1.
 
@@ -75,21 +226,6 @@ def half_moments(z: float) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
     shift = _PER_SQRT_TURN * math.exp(-0.5 * z * z) / mass
     return mass, shift, shift * (shift + z)
-
-
-@compiled
-def is_same(apart: float, variance: float) -> bool:
-    """Whether two components are nearer to each other in one state than their mean variance resolves."""
-    return apart * apart <= _SAME * variance
-
-
-@compiled
-def is_same_place(mean: Floats, covariance: Floats, i: int, j: int) -> bool:
-    """Whether the positions of two components are nearer than their mean spread."""
-    dx, dy = mean[i, 0] - mean[j, 0], mean[i, 1] - mean[j, 1]
-    xx, xy = 0.5 * (covariance[i, 0, 0] + covariance[j, 0, 0]), 0.5 * (covariance[i, 0, 1] + covariance[j, 0, 1])
-    yy = 0.5 * (covariance[i, 1, 1] + covariance[j, 1, 1])
-    return bool(dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < _SAME * (xx * yy - xy * xy))
 
 
 @compiled

@@ -17,10 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn import mixture
+from laisn.arrays import Floats, Ints, Records
 from laisn.beacons.settings import BeaconSettings
 from laisn.compiled import compiled
-from laisn.mixture import add_moments, blend, is_same_place, place_on_ring
+from laisn.mixture import add_moments, copy_component, heaviest_hypothesis, normalise, place_on_ring
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
 """Indices of the states that all beacons share."""
@@ -48,6 +49,8 @@ class Belief(NamedTuple):
     """Its covariance, shape (ROOM, n, n)."""
     weight: Floats
     """Its weight, shape (ROOM,); sum 1 over those alive."""
+    outcome: Records
+    """Whether it used the last range: field `used`, shape (ROOM,)."""
     alive: Ints
     """How many components there are, shape (1,)."""
     evidence: Floats
@@ -77,6 +80,7 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
         state=np.zeros((ROOM, n)),
         covariance=np.zeros((ROOM, n, n)),
         weight=np.zeros(ROOM),
+        outcome=np.zeros(ROOM, dtype=[("used", np.bool_)]),
         alive=np.zeros(1, dtype=np.int64),
         evidence=np.zeros(1),
         fresh=_fresh_variances(settings, 0),
@@ -108,14 +112,6 @@ def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
         rejected=np.append(belief.rejected, 0),
         gain=np.zeros(fresh.size),
     )
-
-
-@compiled
-def copy(b: Belief, source: int, target: int) -> None:
-    """Copy a component."""
-    b.state[target] = b.state[source]
-    b.covariance[target] = b.covariance[source]
-    b.weight[target] = b.weight[source]
 
 
 @compiled
@@ -260,18 +256,18 @@ def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
 
 
 @compiled
-def update(b: Belief, k: int, z: Ranging) -> tuple[bool, float]:
-    """Update component k with a range, unless that is more likely a wrong one.
+def update(b: Belief, k: int, z: Ranging) -> float:
+    """Update component k with a range, unless that is more likely a wrong one; logarithm of its probability density.
 
-    Returns:
-        Whether it was used, and the logarithm of its probability density.
+    Sets `outcome`.
     """
     n = b.fresh.size
     residual, expected, _ = predict_range(b, k, z)
     variance = expected + b.variance[z.beacon]
     density = z.accepted - 0.5 * (residual * residual / variance + math.log(2.0 * math.pi * variance))
+    b.outcome[k].used = not density < z.wrong
     if density < z.wrong:
-        return False, z.wrong
+        return z.wrong
     x, P, gain = b.state[k], b.covariance[k], b.gain
     for i in range(n):
         share = gain[i] / variance
@@ -279,7 +275,7 @@ def update(b: Belief, k: int, z: Ranging) -> tuple[bool, float]:
         for j in range(i + 1):
             P[i, j] -= share * gain[j]
             P[j, i] = P[i, j]
-    return True, density
+    return density
 
 
 @compiled
@@ -330,7 +326,7 @@ def _split_component(b: Belief, k: int, z: Ranging) -> None:
     b.weight[k] *= 0.5
     for side in (-1.0, 1.0):
         other = b.alive[0]
-        copy(b, k, other)
+        copy_component(b, k, other)
         b.weight[other] *= 0.5
         b.state[other] += side * column
         b.alive[0] += 1
@@ -349,49 +345,17 @@ def split(b: Belief, z: Ranging) -> None:
 
 
 @compiled
-def _merge(b: Belief, i: int, j: int) -> None:
-    """Merge component j into i, keeping mean and covariance of both together."""
-    total = b.weight[i] + b.weight[j]
-    blend(b.state, b.covariance, i, j, b.weight[j] / total, b.fresh.size)
-    b.weight[i] = total
-
-
-@compiled
-def _remove(b: Belief, k: int) -> None:
-    """Remove a component: the last one takes its place."""
-    b.alive[0] -= 1
-    if k != b.alive[0]:
-        copy(b, b.alive[0], k)
-
-
-@compiled
 def prune_and_merge(b: Belief) -> None:
-    """Prune components without weight, merge those at one position, keep the heaviest ones, the heaviest first."""
-    k = 0
-    while k < b.alive[0]:
-        if b.weight[k] < _LEAST_WEIGHT:
-            _remove(b, k)
-        else:
-            k += 1
-    i = 0
-    while i < b.alive[0]:
-        j = i + 1
-        while j < b.alive[0]:
-            if is_same_place(b.state, b.covariance, i, j):
-                _merge(b, i, j)
-                _remove(b, j)
-            else:
-                j += 1
-        i += 1
-    while b.alive[0] > KEPT:
-        _remove(b, int(b.weight[: b.alive[0]].argmin()))
-    top = int(b.weight[: b.alive[0]].argmax())
+    """Prune and merge components, keep the heaviest ones, and put the heaviest of all first."""
+    count = mixture.prune_and_merge(b, 1, b.alive[0], _LEAST_WEIGHT, KEPT, -1)
+    top = heaviest_hypothesis(b, 1, count)
     if top > 0:
         spare = ROOM - 1
-        copy(b, 0, spare)
-        copy(b, top, 0)
-        copy(b, spare, top)
-    b.weight[: b.alive[0]] /= b.weight[: b.alive[0]].sum()
+        copy_component(b, 0, spare)
+        copy_component(b, top, 0)
+        copy_component(b, spare, top)
+    normalise(b.weight, count)
+    b.alive[0] = count
 
 
 @compiled
@@ -427,7 +391,7 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
         b.weight[k] = weight / BEARINGS
         update(b, k, z)
         b.alive[0] += 1
-    b.weight[: b.alive[0]] /= b.weight[: b.alive[0]].sum()
+    normalise(b.weight, b.alive[0])
 
 
 @compiled
@@ -445,18 +409,15 @@ def receive(b: Belief, z: Ranging, starter: int) -> bool:
     Returns:
         Whether the heaviest component used it.
     """
-    used, total = False, 0.0
+    used = False
     if b.alive[0] > 0:
         split(b, z)
         if b.weight[0] > _SURE:
             adapt_variance(b, z)
         for k in range(b.alive[0]):
-            is_used, density = update(b, k, z)
-            used = is_used if k == 0 else used
-            b.weight[k] *= math.exp(density - z.wrong)
-        total = b.weight[: b.alive[0]].sum()
-        b.evidence[0] += math.log(total) + z.wrong
-        b.weight[: b.alive[0]] /= total
+            b.weight[k] *= math.exp(update(b, k, z) - z.wrong)
+        used = b.outcome[0].used
+        b.evidence[0] += math.log(normalise(b.weight, b.alive[0])) + z.wrong
         b.rejected[z.beacon] = 0 if used else b.rejected[z.beacon] + 1
     if starter >= 0:
         add_ring(b, z, math.exp(min((starter + 1) * z.wrong - b.evidence[0], 700.0)), False)

@@ -8,7 +8,8 @@ import numpy as np
 from laisn.compiled import compiled
 from laisn.elementary import half_turn_angle, sin_cos
 from laisn.geometry import hull_to_world
-from laisn.tight.hypotheses import add_ring, normalise, prune_and_merge, reinitialise_if_inconsistent, split
+from laisn.mixture import normalise
+from laisn.tight.hypotheses import add_ring, prune_and_merge, reinitialise_if_inconsistent, split
 from laisn.tight.leader import average_leader_heading, update_current_from_leader_track
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, refresh_output
 from laisn.tight.own_motion import begin_interval, move
@@ -184,7 +185,7 @@ def _reweigh(b: Belief, m: Model) -> bool:
         return False
     for k in range(components):
         b.weight[k] *= math.exp(b.evidence[k] - best)
-    normalise(b, m)
+    normalise(b.weight, components)
     return True
 
 
@@ -213,7 +214,7 @@ def _check_health(b: Belief, m: Model, heard: Heard, received: int, used: int) -
     """Smooth the NIS, and reinitialise or inflate a belief that the ranges do not fit; False if that failed."""
     normalised_innovation = 0.0
     for k in range(b.alive * m.modes):
-        normalised_innovation += b.weight[k] * b.normalised_innovation[k]
+        normalised_innovation += b.weight[k] * b.outcome[k].normalised_innovation
     b.smoothed_nis += _SMOOTHING * (normalised_innovation - b.smoothed_nis)
     if received > 1 and not reinitialise_if_inconsistent(b, m, heard):
         return False
@@ -234,8 +235,8 @@ def _begin(b: Belief, m: Model, heard: Heard, received: int) -> int:
     if not add_ring(b, m, heard, 1.0):
         return -1
     # all of them were used, but nothing had been expected of them that they could have missed
-    b.taken[: b.alive * m.modes] = received
-    b.squared[: b.alive * m.modes] = np.nan
+    for k in range(b.alive * m.modes):
+        b.outcome[k].taken, b.outcome[k].squared = received, np.nan
     begin_interval(b)
     refresh_output(b, m)
     return received

@@ -11,9 +11,10 @@ left on either side of the axis is gathered as one hypothesis.
 
 import math
 
-from laisn.compiled import compiled, inlined
+from laisn import mixture
+from laisn.compiled import compiled
 from laisn.elementary import sin_cos
-from laisn.mixture import blend, half_moments, is_same, is_same_place, place_on_ring
+from laisn.mixture import copy_component, copy_hypothesis, half_moments, heaviest, normalise, place_on_ring
 from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.model import ABSENT, CAPACITY, Belief, Model, X, Y, refresh_output
 from laisn.tight.ranging import Heard, update
@@ -41,31 +42,6 @@ def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, f
     qx, qy = x[k, X] - heard.east, x[k, Y] - heard.north
     ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
     return tx * oy - ty * ox, -ty, tx, -(tx * qx + ty * qy), math.sqrt(qx * qx + qy * qy)
-
-
-@inlined
-def _copy_outcome(b: Belief, source: int, target: int) -> None:
-    """Copy the result of the last update."""
-    b.taken[target], b.squared[target] = b.taken[source], b.squared[source]
-    b.normalised_innovation[target] = b.normalised_innovation[source]
-
-
-@compiled
-def copy(b: Belief, m: Model, source: int, target: int) -> None:
-    """Copy a component."""
-    b.weight[target], b.evidence[target] = b.weight[source], b.evidence[source]
-    _copy_outcome(b, source, target)
-    for g in range(m.states):
-        b.state[target, g] = b.state[source, g]
-        for h in range(m.states):
-            b.covariance[target, g, h] = b.covariance[source, g, h]
-
-
-@compiled
-def _copy_hypothesis(b: Belief, m: Model, source: int, target: int) -> None:
-    """Copy all components of a hypothesis."""
-    for mode in range(m.modes):
-        copy(b, m, source * m.modes + mode, target * m.modes + mode)
 
 
 @compiled
@@ -107,124 +83,23 @@ def _reaches_across(b: Belief, m: Model, k: int, heard: Heard) -> bool:
 
 
 @compiled
-def heaviest(b: Belief, m: Model, h: int) -> int:
-    """Component with the most weight of a hypothesis."""
-    best: int = h * m.modes
-    for mode in range(1, m.modes):
-        if b.weight[h * m.modes + mode] > b.weight[best]:
-            best = h * m.modes + mode
-    return best
-
-
-@compiled
-def hypothesis_weight(b: Belief, m: Model, h: int) -> float:
-    """Weight of a hypothesis over its modes."""
-    total = 0.0
-    for mode in range(m.modes):
-        total += b.weight[h * m.modes + mode]
-    return total
-
-
-@compiled
-def heaviest_hypothesis(b: Belief, m: Model) -> int:
-    """Hypothesis with the most weight, the earlier one among equals."""
-    top = 0
-    for h in range(1, b.alive):
-        if hypothesis_weight(b, m, h) > hypothesis_weight(b, m, top):
-            top = h
-    return top
-
-
-@compiled
 def split(b: Belief, m: Model, heard: Heard) -> None:
     """Split every hypothesis that reaches across the leader's axis."""
     for h in range(b.alive):
-        if b.alive < CAPACITY and _reaches_across(b, m, heaviest(b, m, h), heard):
+        if b.alive < CAPACITY and _reaches_across(b, m, heaviest(b, m.modes, h), heard):
             other = b.alive
             b.alive += 1
-            _copy_hypothesis(b, m, h, other)
+            copy_hypothesis(b, m.modes, h, other)
             for mode in range(m.modes):
                 _keep_half(b, m, h * m.modes + mode, heard, 1.0)
                 _keep_half(b, m, other * m.modes + mode, heard, -1.0)
 
 
 @compiled
-def _remove(b: Belief, m: Model, h: int) -> None:
-    """Remove a hypothesis: the last one takes its place."""
-    b.alive -= 1
-    if h != b.alive:
-        _copy_hypothesis(b, m, b.alive, h)
-
-
-@compiled
-def normalise(b: Belief, m: Model) -> None:
-    """Scale the weights to a sum of 1."""
-    total = 0.0
-    for k in range(b.alive * m.modes):
-        total += b.weight[k]
-    for k in range(b.alive * m.modes):
-        b.weight[k] /= total
-
-
-@compiled
-def _same_place(b: Belief, m: Model, g: int, h: int) -> bool:
-    """Whether two hypotheses are nearer than their mean spread, by their heaviest components' positions and b_L.
-
-    Hypotheses at one position with different leader headings are not merged: their predictions differ.
-    """
-    i, j = heaviest(b, m, g), heaviest(b, m, h)
-    x, P = b.state, b.covariance
-    if m.leader != ABSENT:
-        apart, spread = x[i, m.leader] - x[j, m.leader], P[i, m.leader, m.leader] + P[j, m.leader, m.leader]
-        if not is_same(apart, 0.5 * spread):
-            return False
-    return is_same_place(x, P, i, j)
-
-
-@compiled
-def _merge(b: Belief, m: Model, g: int, h: int) -> None:
-    """Merge hypothesis h into g, mode by mode, keeping mean and covariance of both together."""
-    for mode in range(m.modes):
-        i, j = g * m.modes + mode, h * m.modes + mode
-        total = b.weight[i] + b.weight[j]
-        if total > 0.0:
-            if b.weight[j] > b.weight[i]:
-                _copy_outcome(b, j, i)
-            blend(b.state, b.covariance, i, j, b.weight[j] / total, m.states)
-        b.weight[i] = total
-    _remove(b, m, h)
-
-
-@compiled
-def _lightest(b: Belief, m: Model) -> int:
-    least = 0
-    for h in range(1, b.alive):
-        if hypothesis_weight(b, m, h) < hypothesis_weight(b, m, least):
-            least = h
-    return least
-
-
-@compiled
 def prune_and_merge(b: Belief, m: Model) -> None:
-    """Prune hypotheses without weight, merge those at the same position, and keep the heaviest few."""
-    h = 0
-    while h < b.alive:
-        if b.alive > 1 and hypothesis_weight(b, m, h) < _LEAST_WEIGHT:
-            _remove(b, m, h)
-        else:
-            h += 1
-    g = 0
-    while g < b.alive:
-        h = g + 1
-        while h < b.alive:
-            if _same_place(b, m, g, h):
-                _merge(b, m, g, h)
-            else:
-                h += 1
-        g += 1
-    while b.alive > HYPOTHESES:
-        _remove(b, m, _lightest(b, m))
-    normalise(b, m)
+    """Prune and merge hypotheses, and keep the heaviest few; those with different leader headings are not merged."""
+    b.alive = mixture.prune_and_merge(b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader)
+    normalise(b.weight, b.alive * m.modes)
 
 
 _BEARINGS = 96
@@ -362,14 +237,14 @@ def add_ring(b: Belief, m: Model, heard: Heard, weight: float) -> bool:
         k = b.alive * m.modes
         if h == 1 and k == first:
             # nothing was left on the other side
-            copy(b, m, first + m.modes, first)
+            copy_component(b, first + m.modes, first)
         if b.weight[k] > 0.0:
             _finish(b, m, k, heard)
             b.weight[k] *= weight / (total * m.modes)
             for mode in range(1, m.modes):
-                copy(b, m, k, k + mode)
+                copy_component(b, k, k + mode)
             b.alive += 1
-    normalise(b, m)
+    normalise(b.weight, b.alive * m.modes)
     prune_and_merge(b, m)
     return True
 

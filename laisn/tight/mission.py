@@ -14,10 +14,10 @@ from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
 from laisn.geometry import Triple
 from laisn.messages import Measurements
+from laisn.mixture import heaviest, heaviest_hypothesis, hypothesis_weight
 from laisn.navigators import MissionResult
 from laisn.tight.estimates import kind_of
 from laisn.tight.estimator import count_received, place_arms, receive
-from laisn.tight.hypotheses import heaviest, heaviest_hypothesis, hypothesis_weight
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, model_of, new_belief
 from laisn.tight.own_motion import advance, moments, position, reckon, velocity
 from laisn.tight.ranging import Heard, new_heard
@@ -52,9 +52,9 @@ def record_outcome(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats
     outcome[0] = count_received(m, heard)
     outcome[1], outcome[2] = 0, np.nan
     if used > 0 and b.alive > 0:
-        k = heaviest(b, m, heaviest_hypothesis(b, m))
-        outcome[1] = b.taken[k]
-        outcome[2] = b.squared[k] if b.taken[k] > 0 else np.nan
+        k = heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.alive))
+        outcome[1] = b.outcome[k].taken
+        outcome[2] = b.outcome[k].squared if b.outcome[k].taken > 0 else np.nan
 
 
 @compiled
@@ -176,14 +176,14 @@ def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> t
     """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where they are one place."""
     first, second, most, next_most = 0, -1, -1.0, -1.0
     for h in range(b.alive):
-        weight = hypothesis_weight(b, m, h)
+        weight = hypothesis_weight(b, m.modes, h)
         if weight > most:
             first, second, most, next_most = h, first if h > 0 else -1, weight, most
         elif weight > next_most:
             second, next_most = h, weight
     if second < 0:
         return 0.0, 0.0
-    i, j = heaviest(b, m, first), heaviest(b, m, second)
+    i, j = heaviest(b, m.modes, first), heaviest(b, m.modes, second)
     east, north = b.state[i, X] - b.state[j, X], b.state[i, Y] - b.state[j, Y]
     apart = math.sqrt(east * east + north * north)
     if apart == 0.0:

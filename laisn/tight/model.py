@@ -202,15 +202,17 @@ _WORK = np.dtype([
     ("share", np.float64),  # square of its excess over a range
     ("common", np.float64, _T),  # its direction in units of the root, of length 1
 ])  # fmt: skip
+_OUTCOME = np.dtype([
+    ("taken", np.int64),  # ranges that were used
+    ("squared", np.float64),  # their squared residuals, in units of S
+    ("normalised_innovation", np.float64),  # the same for each range received, an echo counting as what it costs
+])  # fmt: skip
 _BELIEF = np.dtype((np.record, np.dtype([
     ("state", np.float64, (_COMPONENTS, MOST_STATES)),  # mean of each component: `hypothesis · modes + mode`
     ("covariance", np.float64, (_COMPONENTS, MOST_STATES, MOST_STATES)),
     ("weight", np.float64, _COMPONENTS),  # sum 1 over those alive
     ("evidence", np.float64, _COMPONENTS),  # logarithm of what a message says for each component
-    ("taken", np.int64, _COMPONENTS),  # ranges that each used
-    ("squared", np.float64, _COMPONENTS),  # their squared residuals, in units of S
-    # the same for each range received, an echo counting as what it costs
-    ("normalised_innovation", np.float64, _COMPONENTS),
+    ("outcome", _OUTCOME, _COMPONENTS),  # of its last update
     ("turn_excess", np.float64, _COMPONENTS),  # by how much `leader_variance` should be larger [rad²]
     ("alive", np.int64),  # hypotheses
     ("smoothed_nis", np.float64),  # NIS over some messages

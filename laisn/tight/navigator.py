@@ -11,6 +11,7 @@ from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.geometry import place_on_body
 from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.mixture import mixture_moments
 from laisn.navigators import FARTHEST, OnlineNavigator, require_readings, require_time
 from laisn.tight import estimator, own_motion
 from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
@@ -229,20 +230,18 @@ class TightNavigator(OnlineNavigator):
         of_side = by_side.sum(axis=1)
         sides = sorted(range(of_side.size), key=lambda h: -of_side[h])
         top = sides[0] * modes + int(np.argmax(by_side[sides[0]]))
-        taken = int(b["taken"][0, top]) if used else 0
+        taken = int(b["outcome"]["taken"][0, top]) if used else 0
         where, spread = [], []
         for h in sides:
             part = slice(h * modes, (h + 1) * modes)
-            share = by_side[h] / of_side[h]
-            centre = share @ states[part, :2]
-            off = states[part, :2] - centre
+            centre, covariance = mixture_moments(by_side[h] / of_side[h], states[part, :2], covariances[part, :2, :2])
             where.append(centre)
-            spread.append(np.einsum("k,kij->ij", share, covariances[part, :2, :2] + off[:, :, None] * off[:, None, :]))
+            spread.append(covariance)
         return Update(
             step=self._step,
             received=received,
             used=taken,
-            nis=float(b["squared"][0, top]) if taken else float("nan"),
+            nis=float(b["outcome"]["squared"][0, top]) if taken else float("nan"),
             full_state=full_state,
             full_sigma=full_sigma,
             weight=of_side[sides],

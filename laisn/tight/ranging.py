@@ -337,7 +337,7 @@ def _choose(b: Belief, m: Model, k: int, heard: Heard, received: int, density: f
 def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
     """Update component k with the ranges of a message, of which it leaves out those that look like echoes.
 
-    Sets `taken`, `evidence`, `squared`, `normalised_innovation` and `turn_excess` of it. Where the leader's heading
+    Sets `outcome`, `evidence` and `turn_excess` of it. Where the leader's heading
     errs at random and the ranges determine by how much, they are linearised about that: about the broadcast heading,
     the derivatives would err together with the residuals, which in hundreds of messages adds up to a bias.
 
@@ -347,7 +347,9 @@ def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
     v = b.leader_variance
     b.work.shared = 0
     received = predict_ranges(b, m, k, heard, 0.0, v)
-    b.taken[k], b.evidence[k], b.normalised_innovation[k], b.turn_excess[k] = 0, 0.0, 0.0, 0.0
+    outcome = b.outcome[k]
+    outcome.taken, outcome.normalised_innovation = 0, 0.0
+    b.evidence[k] = b.turn_excess[k] = 0.0
     if received == 0:
         return 0
     density, squared = _likelihood(b, received)
@@ -362,8 +364,8 @@ def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
             squared -= _ignore_common(b, used)[1]
     # a common echo costs one number
     numbers: int = used - b.work.shared
-    b.taken[k], b.squared[k] = numbers, squared
-    b.normalised_innovation[k] = (squared + 2.0 * (received - numbers) * (m.log_accepted - m.log_rejected)) / received
+    echo_cost = 2.0 * (received - numbers) * (m.log_accepted - m.log_rejected)
+    outcome.taken, outcome.squared, outcome.normalised_innovation = numbers, squared, (squared + echo_cost) / received
     if m.leader != ABSENT and used > 0:
         turn, left = _leader_turn(b, used)
         b.turn_excess[k] = turn * turn + left - v

@@ -14,6 +14,7 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.mixture import mixture_moments
 from laisn.tight.estimates import TightEstimates
 from laisn.tight.estimator import inflate_bias_covariance, mix_modes
 from laisn.tight.model import COMPASS, LOG, Belief, Model
@@ -112,10 +113,7 @@ def _leave(rest: ScalarRecord, whole: ScalarRecord, part: ScalarRecord) -> None:
 def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
     """Mean and covariance of a belief's mixture, shapes (s,) and (s, s)."""
     count, n = int(b.alive) * m.modes, m.states
-    weight, states = b.weight[:count], b.state[:count, :n]
-    mean = weight @ states
-    off = states - mean
-    return mean, np.einsum("k,kij->ij", weight, b.covariance[:count, :n, :n] + off[:, :, None] * off[:, None, :])
+    return mixture_moments(b.weight[:count], b.state[:count, :n], b.covariance[:count, :n, :n])
 
 
 class _Leg:

@@ -136,7 +136,8 @@ def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
     far = 1e7 - made.state[0, Y] + made.state[0, SHARED + 2] + made.state[0, SHARED]
     z = ranging(place, far + 0.3)
     other.update(np.array([[z.range - far]]) + row @ other.x, H=row)
-    used, _ = update(made, 0, z)
+    update(made, 0, z)
+    used = made.outcome[0]["used"]
     assert used
     np.testing.assert_allclose(made.state[0], other.x[:, 0], atol=1e-8)
     np.testing.assert_allclose(made.covariance[0], other.P, atol=1e-9)

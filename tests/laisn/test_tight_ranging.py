@@ -165,9 +165,15 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
 def test_a_message_of_which_nothing_came_teaches_nothing() -> None:
     made, model = belief(some_covariance(0.01))
     before = made.state.copy(), made.covariance.copy()
-    made.evidence[0] = made.normalised_innovation[0] = made.turn_excess[0] = 7.0
+    outcome = made.outcome[0]
+    made.evidence[0] = outcome["normalised_innovation"] = made.turn_excess[0] = 7.0
     assert update(made, model, 0, heard(np.full(3, np.nan))) == 0
-    assert (made.evidence[0], made.normalised_innovation[0], made.turn_excess[0], made.taken[0]) == (0.0, 0.0, 0.0, 0)
+    assert (
+        made.evidence[0],
+        made.outcome["normalised_innovation"][0],
+        made.turn_excess[0],
+        made.outcome["taken"][0],
+    ) == (0.0, 0.0, 0.0, 0)
     np.testing.assert_array_equal(made.state, before[0])
     np.testing.assert_array_equal(made.covariance, before[1])
 
@@ -200,4 +206,4 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     variance = slope**2 * sigma**2 + 2.0 * told.range_sigma**2 + (3.0 / rho * 0.04) ** 2
     assert made.state[0, 1] == pytest.approx(slope * sigma**2 / variance * 0.04, rel=0.05)
     assert made.covariance[0, 1, 1] == pytest.approx(sigma**2 - (slope * sigma**2) ** 2 / variance, abs=1e-4)
-    assert made.squared[0] == pytest.approx(0.04**2 / variance, rel=0.05)
+    assert made.outcome[0]["squared"] == pytest.approx(0.04**2 / variance, rel=0.05)
