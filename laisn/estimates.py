@@ -1,6 +1,7 @@
 """What a navigator concludes: the kinds of fix, and the record of a mission."""
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -90,6 +91,22 @@ class FurtherState(NamedTuple):
     """Standard deviation; both are NaN for what is no state."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class FixRecord:
+    """The result of one fix, or of a message whose ranges a navigator uses themselves."""
+
+    step: int
+    position: Floats
+    """z, or the estimate after the message, shape (2,), [m]; NaN for none."""
+    sigma: float
+    """σp as the filter was given it, or the root of half the trace of the estimate's covariance [m]."""
+    kind: FixKind
+    innovation: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    """Fix less predicted position, shape (2,), [m]; NaN where no position was used."""
+    innovation_covariance: Floats = field(default_factory=lambda: np.full((2, 2), np.nan))
+    """Covariance of `innovation`, shape (2, 2), [m²]."""
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimates(ArrayRecord):
     """The estimates of one follower in one mission: n steps (k = 1 … n) and f fixes.
@@ -118,9 +135,26 @@ class Estimates(ArrayRecord):
     innovation_covariance: Floats
     """S of the position update, shape (f, 2, 2), [m²]; of one range alone, its variance times the unit matrix."""
 
+    @classmethod
+    def of(cls, state: Floats, covariance: Floats, fixes: Sequence[FixRecord], **more: Any) -> Self:
+        """Estimates of n states and f fixes; `more` are the arrays that a subclass adds."""
+        f = len(fixes)
+        return cls(
+            state=state,
+            covariance=covariance,
+            fix_step=np.array([fix.step for fix in fixes], dtype=np.int64),
+            fix_position=np.array([fix.position for fix in fixes], dtype=np.float64).reshape(f, 2),
+            fix_sigma=np.array([fix.sigma for fix in fixes], dtype=np.float64),
+            fix_kind=np.array([fix.kind for fix in fixes], dtype=np.int64),
+            innovation=np.array([fix.innovation for fix in fixes]).reshape(f, 2),
+            innovation_covariance=np.array([fix.innovation_covariance for fix in fixes]).reshape(f, 2, 2),
+            **more,
+        )
+
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Shape that each array must have."""
         n, f = self.state.shape[0], self.fix_step.size
+        details = self.DETAILS.columns if self.DETAILS else ()
         return {
             "state": (n, 4),
             "covariance": (n, 4, 4),
@@ -130,6 +164,7 @@ class Estimates(ArrayRecord):
             "fix_kind": (f,),
             "innovation": (f, 2),
             "innovation_covariance": (f, 2, 2),
+            **{column.attribute: (f, *column.shape) for column in details},
         }
 
     @property

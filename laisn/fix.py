@@ -1,8 +1,9 @@
-"""The fix of a pair of transmitters from the ranges to them: formulas for all engines (paper, Sections 2.2 and 2.3).
+"""The fix of a pair of transmitters from the ranges to them (paper, Sections 2.2 and 2.3).
 
-A *pair* of transmitters gives two circles. Where they meet in two points well apart, the one nearest to the
-prediction is taken; otherwise the follower is put onto the pair's axis behind the leader. How pairs are combined is the
-matter of `variants`.
+A *pair* of transmitters gives two circles. Where they meet in two points well apart, the one nearest to the prediction
+is taken; otherwise the follower is put onto the pair's axis behind the leader. `variants` combines pairs. Formulas are
+for all engines; `to_circles` and `RangeCircles` prepare and use them for one follower, with transmitters on a hull or
+anywhere.
 """
 
 import math
@@ -10,9 +11,9 @@ from typing import NamedTuple
 
 from laisn.compiled import formula
 from laisn.estimates import FixKind
-from laisn.geometry import Arms, Point, Turn, common_chord, horizontal_range
-from laisn.messages import Ranges
-from laisn.settings import Tuning
+from laisn.geometry import Arms, Point, Turn, common_chord, horizontal_range, tilted_arms, turn
+from laisn.messages import Ranges, Reception, broadcast_tilt, given_transmitters
+from laisn.settings import NavigationSettings, Tuning
 
 TWO_POINTS = float(FixKind.TWO_POINTS)
 TANGENT = float(FixKind.TANGENT)
@@ -87,24 +88,6 @@ def circles(origin: Point, arms: Arms, ranges: Ranges, depth_difference: float) 
 
 
 @formula
-def rear_front(heard: Circles) -> Pair:
-    """The main pair (1, 2)."""
-    return Pair(heard.rear, heard.front, False)
-
-
-@formula
-def rear_middle(heard: Circles) -> Pair:
-    """The pair (1, 3)."""
-    return Pair(heard.rear, heard.middle, False)
-
-
-@formula
-def middle_front(heard: Circles) -> Pair:
-    """The pair (2, 3), whose rear transmitter is the middle one."""
-    return Pair(heard.middle, heard.front, True)
-
-
-@formula
 def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     """Fix of a pair (paper, Section 2.2 and Eq. 23); LOST if one of its ranges is missing.
 
@@ -150,3 +133,94 @@ def fix_variance(sigma: float, depth_difference: float, t: Tuning) -> float:
     vertical = depth_difference * t.sine_of_pitch
     least = t.sigma_floor if sigma < t.sigma_floor else sigma
     return vertical * vertical + least * least
+
+
+def _on_line(pair: Pair, kind: float) -> Fix:
+    """The point of the line through two transmitters, apart from each other, that fits both ranges best.
+
+    Where the circles lie apart or within each other, it is midway between them; where they meet in two points close
+    together, between these. The rule that the follower is behind the leader has no meaning for beacons, and would be
+    wrong by up to twice the range between them.
+    """
+    (rear, d_rear), (front, d_front) = pair.rear, pair.front
+    way = front.east - rear.east, front.north - rear.north
+    length = math.hypot(*way)
+    if d_rear + d_front < length:
+        along = 0.5 * (d_rear + length - d_front)
+    elif d_rear - d_front > length:
+        along = 0.5 * (d_rear + length + d_front)
+    elif d_front - d_rear > length:
+        along = 0.5 * (length - d_rear - d_front)
+    else:
+        along = (length**2 + d_rear**2 - d_front**2) / (2.0 * length)
+    share = along / length
+    return Fix(rear.east + share * way[0], rear.north + share * way[1], 0.0, kind, -1.0)
+
+
+class RangeCircles(NamedTuple):
+    """Circles about the transmitters that a reception gives for the follower's horizontal position."""
+
+    circles: Circles
+    heading: Turn
+    """The leader's."""
+    depth_difference: float
+    """Δz, depth of the hydrophone less that of the leader [m]."""
+    off_hull: bool = False
+    """The transmitters are on no leader's hull, so that the follower's side of them is unknown."""
+
+    def pairs(self) -> tuple[Pair, Pair, Pair]:
+        """(1, 2), (1, 3) and (2, 3); the rear transmitter of the last one is the middle one."""
+        rear, front, middle = self.circles
+        return Pair(rear, front, False), Pair(rear, middle, False), Pair(middle, front, True)
+
+    def fix(self, pair: Pair, predicted: Point, t: Tuning) -> Fix:
+        """Fix of a pair by `pair_fix`; off a hull P_D is replaced by the point on the line through the pair."""
+        found = pair_fix(pair, self.heading, predicted, t)
+        on_line = self.off_hull and found.kind == ASTERN and pair.rear.centre != pair.front.centre
+        return _on_line(pair, found.kind) if on_line else found
+
+
+def to_circles(reception: Reception, own_depth: float, settings: NavigationSettings) -> RangeCircles:
+    """Circles about the transmitters where message or settings place them, with the horizontal ranges to them.
+
+    A slant range shorter than the depth difference counts as a horizontal range of 0, and one to a transmitter whose
+    position is unknown as not received.
+    """
+    message, places = reception.message, given_transmitters(reception, settings)
+    hydrophone, heading = own_depth - settings.hydrophone_height, turn(message.heading)
+    depth_difference = hydrophone - message.depth
+    if places is None:
+        pitch, roll = map(turn, broadcast_tilt(message, settings))
+        arms = tilted_arms(settings.baseline, settings.middle_offset, heading, pitch, roll)
+        found = circles(Point(message.east, message.north), arms, reception.ranges, depth_difference)
+    else:
+        rows = zip(places.tolist(), reception.ranges, strict=True)
+        found = Circles(
+            *(Circle(Point(east, north), horizontal_range(r, hydrophone - depth)) for (east, north, depth), r in rows)
+        )
+    return RangeCircles(found, heading, depth_difference, off_hull=places is not None)
+
+
+class OneRange(NamedTuple):
+    """Position of the follower along one line, by one range."""
+
+    place: Point
+    axis: Point
+    """Unit vector from the transmitter to the prediction."""
+
+
+def one_range(circles: Circles, predicted: Point) -> OneRange | None:
+    """The point nearest to the prediction on the circle of the first range that was received; None if none was.
+
+    The paper has no use for one range alone. Its P_D for the rear transmitter, dead astern of the leader, would be one,
+    but is wrong by up to twice the range for a follower that is elsewhere. Here the range corrects what it measures,
+    the distance, and leaves the direction to the prediction.
+    """
+    for centre, radius in circles:
+        east, north = predicted.east - centre.east, predicted.north - centre.north
+        distance = math.hypot(east, north)
+        if math.isnan(radius) or math.isnan(distance) or distance == 0.0:
+            continue
+        axis = Point(east / distance, north / distance)
+        return OneRange(Point(centre.east + radius * axis.east, centre.north + radius * axis.north), axis)
+    return None

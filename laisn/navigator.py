@@ -1,42 +1,26 @@
 """One follower, online, step by step: the readable specification of LAISN. It could run on a vehicle as it is."""
 
 import math
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
 from laisn import POSITION
 from laisn.arrays import Floats
-from laisn.estimates import Estimates, FixKind
+from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
 from laisn.filter import Filter, Gate, expected_acceleration, larger, speed_share, turn_share
-from laisn.fix import Fix, fix_variance
+from laisn.fix import Fix, RangeCircles, fix_variance, one_range, to_circles
 from laisn.geometry import Point
-from laisn.hearing import RangeCircles, one_range, pair_fix, to_circles
-from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
+from laisn.messages import LeaderMessage, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator, require_own, require_time
 from laisn.settings import NavigationSettings, Tuning
 from laisn.variants import SEQUENTIAL, SINGLE
 
 LOST = Fix(np.nan, np.nan, np.nan, float(FixKind.LOST), -1.0)
 
-_UNKNOWN = np.full(2, np.nan), np.full((2, 2), np.nan)
 
-
-class FixRecord(NamedTuple):
-    """What became of one fix."""
-
-    step: int
-    position: tuple[float, float]
-    sigma: float
-    kind: FixKind
-    innovation: Floats
-    """Fix less predicted position, shape (2,), [m]."""
-    innovation_covariance: Floats
-    """Covariance of `innovation`, shape (2, 2), [m²]."""
-
-
-class Navigator(OnlineNavigator):
+class Navigator(OnlineNavigator[Estimates]):
     """LAISN on one follower: predict, position update if a message arrived, speed update (paper, Section 2.1)."""
 
     def __init__(self, settings: NavigationSettings, start: Floats) -> None:
@@ -50,8 +34,7 @@ class Navigator(OnlineNavigator):
             ValueError: the start is not four finite numbers.
             NotImplementedError: naming a choice that no formula implements.
         """
-        super().__init__(start, settings.position_sigma0)
-        self.settings = settings
+        super().__init__(settings, start, settings.position_sigma0)
         sigma0 = np.repeat([settings.position_sigma0, settings.velocity_sigma0], 2)
         self._filter = Filter(settings.dt, self._state, sigma0)
         self._tuning = Tuning.of(settings)
@@ -72,20 +55,7 @@ class Navigator(OnlineNavigator):
     def step(
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
     ) -> list[FixRecord]:
-        """Advance by one filter step.
-
-        Args:
-            own: measured at the end of the step; of a missing depth (NaN) the last one is used.
-            reception: message and ranges, if one arrived in the step.
-            duration: of this step, if it is another one than the settings' Δt [s].
-
-        Returns:
-            What became of the fixes: none without a message, one with it, up to three with LAISN-3(1).
-
-        Raises:
-            ValueError: an own measurement or the leader's pose is not finite, a range or the place of a transmitter is
-                infinite, or the duration is not positive.
-        """
+        """Advance by one filter step; see `OnlineNavigator.step`. LAISN-3(1) makes up to three fixes of a message."""
         self._step += 1
         require_own(self._step, own)
         own = self._with_depth(own)
@@ -107,27 +77,6 @@ class Navigator(OnlineNavigator):
         self._filter.update_speed(own.speed, own.heading, settings.sigma_speed, settings.sigma_heading)
         self._own = own
         return records
-
-    def run(self, measurements: Measurements) -> Estimates:
-        """Estimates of a whole mission from the start, step by step; the same to the bit as `step` in a loop.
-
-        Raises:
-            ValueError: the measurements have another filter step than the settings, or the navigator is under way.
-        """
-        state, covariance, records = self._take(measurements, self.settings.dt)
-        f = len(records)
-        return Estimates(
-            state=state,
-            covariance=covariance,
-            fix_step=np.array([r.step for r in records], dtype=np.int64),
-            fix_position=np.array([r.position for r in records], dtype=np.float64).reshape(f, 2),
-            fix_sigma=np.array([r.sigma for r in records], dtype=np.float64),
-            fix_kind=np.array([r.kind for r in records], dtype=np.int64),
-            innovation=np.array([r.innovation for r in records], dtype=np.float64).reshape(f, 2),
-            innovation_covariance=np.array([r.innovation_covariance for r in records], dtype=np.float64).reshape(
-                f, 2, 2
-            ),
-        )
 
     def _acceleration(self, own: OwnMotion, reception: Reception | None) -> float:
         """σa [m/s²].
@@ -152,40 +101,45 @@ class Navigator(OnlineNavigator):
         return Point(*self._filter.state[POSITION].tolist())
 
     def _update_position(self, own: OwnMotion, reception: Reception) -> list[FixRecord]:
-        heard = to_circles(reception, own.depth, self.settings)
+        circles = to_circles(reception, own.depth, self.settings)
         if self.settings.variant != SEQUENTIAL:
             predicted = self._position()
-            first, second, third = (pair_fix(pair, heard, predicted, self._tuning) for pair in heard.pairs())
-            records = [self._use(SINGLE[self.settings.variant]((first, second, third), predicted), heard, own)]
+            first, second, third = (circles.fix(pair, predicted, self._tuning) for pair in circles.pairs())
+            records = [self._use(SINGLE[self.settings.variant]((first, second, third), predicted), circles, own)]
         else:
             # LAISN-3(1): one update after the other, the state carried along (paper, Section 2.3.1)
             records = []
-            for pair in heard.pairs():
-                found = pair_fix(pair, heard, self._position(), self._tuning)
+            for pair in circles.pairs():
+                found = circles.fix(pair, self._position(), self._tuning)
                 if found.kind != FixKind.LOST:
-                    records.append(self._use(found, heard, own))
-            records = records or [self._use(LOST, heard, own)]
+                    records.append(self._use(found, circles, own))
+            records = records or [self._use(LOST, circles, own)]
         # one range leaves the way across open, which the gate's bound must go on to cover
         if any(record.kind not in (FixKind.GATED, FixKind.LOST, FixKind.ONE_RANGE) for record in records):
             self._gate.accept(self._position(), self._step)
         return records
 
-    def _use(self, found: Fix, heard: RangeCircles, own: OwnMotion) -> FixRecord:
+    def _use(self, found: Fix, circles: RangeCircles, own: OwnMotion) -> FixRecord:
         """Gate a fix and update the filter with it; where there is none, with one range alone, if that may be."""
         one = None
         place, kind = Point(found.east, found.north), FixKind(int(found.kind))
         if kind is FixKind.LOST:
-            one = one_range(heard.circles, self._position()) if self.settings.use_single_range else None
+            one = one_range(circles.circles, self._position()) if self.settings.use_single_range else None
             if one is None:
-                return FixRecord(self._step, (np.nan, np.nan), np.nan, kind, *_UNKNOWN)
+                return FixRecord(step=self._step, position=np.full(2, np.nan), sigma=np.nan, kind=kind)
             place, kind = one.place, FixKind.ONE_RANGE
         sigma_p = 0.0 if one is not None else found.sigma
-        sigma = math.sqrt(fix_variance(sigma_p, heard.depth_difference, self._tuning))
+        sigma = math.sqrt(fix_variance(sigma_p, circles.depth_difference, self._tuning))
+        record = FixRecord(step=self._step, position=np.array(place), sigma=sigma, kind=FixKind.GATED)
         if not self._gate.passes(place, self._step, own.speed):
-            return FixRecord(self._step, place, sigma, FixKind.GATED, *_UNKNOWN)
+            return record
         if one is None:
             innovation = self._filter.update_position(place, sigma)
         else:
             innovation = self._filter.update_along(place, one.axis, sigma)
-        kind = kind if innovation.applied else FixKind.SINGULAR
-        return FixRecord(self._step, place, sigma, kind, innovation.residual, innovation.covariance)
+        return replace(
+            record,
+            kind=kind if innovation.applied else FixKind.SINGULAR,
+            innovation=innovation.residual,
+            innovation_covariance=innovation.covariance,
+        )

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.estimates import Estimates
+from laisn.estimates import Estimates, FixRecord
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.settings import VARIANTS, NavigationSettings, Settings
@@ -246,20 +246,24 @@ def require_readings(step: int, own: OwnMotion, reception: Reception | None, log
             raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
 
 
-class OnlineNavigator(ABC):
+Result = TypeVar("Result", bound=Estimates)
+
+
+class OnlineNavigator(ABC, Generic[Result]):
     """A navigator under way: at a step, with a state and its covariance. Its `step` begins with `require_readings`."""
 
-    def __init__(self, start: Floats | None, start_sigma: float) -> None:
+    def __init__(self, settings: Any, start: Floats | None, start_sigma: float) -> None:
         """Begin at a known start, or anywhere.
 
         Args:
+            settings: of the navigator; `dt` is read here.
             start: x, y [m], vx, vy [m/s], shape (4,); None: unknown.
             start_sigma: standard deviation of its place along each axis [m].
 
         Raises:
             ValueError: the start is not four finite numbers.
         """
-        self._step, self._depth = 0, math.nan
+        self.settings, self._step, self._depth = settings, 0, math.nan
         self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
         if start is not None:
             self._state = require_start(start)
@@ -293,28 +297,38 @@ class OnlineNavigator(ABC):
         return own
 
     @abstractmethod
-    def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> Sequence[Any]:
-        """Advance by one filter step; what a message changed, if there was one."""
-
-    def _take(self, measurements: Measurements, dt: float) -> tuple[Floats, Floats, list[Any]]:
-        """Take a whole mission step by step.
+    def step(
+        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
+    ) -> Sequence[FixRecord]:
+        """Advance by one filter step; the fixes of its message, if there was one.
 
         Args:
-            measurements: n steps.
-            dt: filter step that they must have [s].
-
-        Returns:
-            State and covariance after each step, shapes (n, 4) and (n, 4, 4), and all that `step` gave.
+            own: measured in the step; of a missing depth (NaN) the last one is used.
+            reception: message and ranges, if one arrived in the step; NaN for a missing range.
+            duration: time that this step took, if it is another one than the settings' Δt [s].
 
         Raises:
-            ValueError: the measurements have another filter step, or the navigator is under way.
+            LaisnError: a reading is not finite or out of its range, or a duration not positive.
+            ArithmeticError: the covariance is not positive definite any more; the navigator cannot be used further.
         """
-        measurements.require_fresh(self._step, dt)
+
+    def run(self, measurements: Measurements) -> Result:
+        """Estimates of a whole mission of n steps from the start; the same to the bit as `step` in a loop.
+
+        Raises:
+            ValueError: the measurements have another filter step than the settings, or the navigator is under way.
+            LaisnError: as `step`.
+        """
+        measurements.require_fresh(self._step, self.settings.dt)
         n = measurements.speed.size
         state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
-        updates: list[Any] = []
+        fixes: list[Any] = []
         durations = [None] * n if measurements.durations is None else measurements.durations.tolist()
         for i, (own, reception) in enumerate(measurements.steps()):
-            updates += self.step(own, reception, durations[i])
+            fixes += self.step(own, reception, durations[i])
             state[i], covariance[i] = self.state, self.covariance
-        return state, covariance, updates
+        return self._estimates(state, covariance, fixes)
+
+    def _estimates(self, state: Floats, covariance: Floats, fixes: Sequence[Any]) -> Result:
+        """The record of a mission: states, shape (n, 4), covariances, shape (n, 4, 4), and all that `step` gave."""
+        return cast(Result, Estimates.of(state, covariance, fixes))

@@ -264,7 +264,7 @@ def update(b: Belief, k: int, z: Ranging) -> float:
     n = b.fresh.size
     residual, expected, _ = predict_range(b, k, z)
     variance = expected + b.variance[z.beacon]
-    density = z.accepted - 0.5 * (residual * residual / variance + math.log(2.0 * math.pi * variance))
+    density: float = z.accepted - 0.5 * (residual * residual / variance + math.log(2.0 * math.pi * variance))
     b.outcome[k].used = not density < z.wrong
     if density < z.wrong:
         return z.wrong

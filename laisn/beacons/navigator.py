@@ -1,34 +1,20 @@
 """One vehicle among beacons, online, step by step: odometry and ranges in, estimates out."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Floats
 from laisn.beacons.estimator import STARTERS, Belief, Ranging, advance, moments, new_belief, receive, with_beacon
 from laisn.beacons.settings import BeaconSettings
-from laisn.estimates import Estimates, FixKind
+from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator, require_readings, require_time
 
 MOST_BEACONS = 64
 """More places than this are not those of beacons at rest."""
-
-
-class Update(NamedTuple):
-    """What a message changed."""
-
-    step: int
-    kind: FixKind
-    """`ONE_RANGE` if the heaviest component used a range, `GATED` if it used none, `LOST` if there was none."""
-    position: Floats
-    """Mean over the mixture, shape (2,), [m]."""
-    sigma: float
-    """Root of half the trace of its covariance [m]."""
 
 
 def _heard(reception: Reception) -> list[tuple[Floats, float]]:
@@ -38,22 +24,7 @@ def _heard(reception: Reception) -> list[tuple[Floats, float]]:
     return [(place, measured) for place, measured in pairs if np.isfinite(measured + place.sum())]
 
 
-def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> Estimates:
-    """The record of a mission of its states and messages."""
-    m = len(updates)
-    return Estimates(
-        state=state,
-        covariance=covariance,
-        fix_step=np.array([u.step for u in updates], dtype=np.int64),
-        fix_position=np.array([u.position for u in updates]).reshape(m, 2),
-        fix_sigma=np.array([u.sigma for u in updates], dtype=np.float64),
-        fix_kind=np.array([u.kind for u in updates], dtype=np.int64),
-        innovation=np.full((m, 2), np.nan),
-        innovation_covariance=np.full((m, 2, 2), np.nan),
-    )
-
-
-class BeaconNavigator(OnlineNavigator):
+class BeaconNavigator(OnlineNavigator[Estimates]):
     """The tightly coupled navigator of one vehicle among beacons at rest.
 
     A reading of its own motion is the mean speed over the step that it ends, and the direction of the way in it.
@@ -70,8 +41,7 @@ class BeaconNavigator(OnlineNavigator):
         Raises:
             ValueError: the start is not four finite numbers.
         """
-        super().__init__(start if settings.known_start else None, settings.start_sigma)
-        self.settings = settings
+        super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._belief: Belief = new_belief(settings, self._start)
         self._beacons: dict[tuple[float, float], int] = {}
         self._starter = 0 if self._start is None else -1
@@ -84,20 +54,13 @@ class BeaconNavigator(OnlineNavigator):
         """
         return float(self._belief.evidence[0])
 
-    def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
-        """Advance by one filter step.
+    def step(
+        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
+    ) -> list[FixRecord]:
+        """Advance by one filter step; see `OnlineNavigator.step`.
 
-        Args:
-            own: measured in the step; of a missing depth (NaN) the last one is used.
-            reception: ranges and the places of their beacons, if any arrived; NaN for none.
-            duration: time that this step took, if it is another one than the settings' Δt [s].
-
-        Returns:
-            What the message changed, if there was one.
-
-        Raises:
-            LaisnError: a reading is not finite or absurd, or there are more places than of beacons at rest.
-            ArithmeticError: the estimate is not finite any more; the navigator is not to be used further.
+        The kind of a fix is `ONE_RANGE` if the heaviest component used a range, `GATED` if it used none, and `LOST` if
+        there was none. LaisnError also if a message does not place its transmitters, or there are too many places.
         """
         self._step += 1
         time = self.settings.dt if duration is None else duration
@@ -114,19 +77,18 @@ class BeaconNavigator(OnlineNavigator):
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
         if self._belief.alive[0] and not np.isfinite(self._covariance).all():
             raise ArithmeticError(f"step {self._step}: the covariance is not finite after {reception}")
-        return [] if reception is None else [self._update(used)]
+        if reception is None:
+            return []
+        kind = FixKind.ONE_RANGE if any(used) else (FixKind.GATED if used else FixKind.LOST)
+        sigma = math.sqrt(0.5 * (self._covariance[0, 0] + self._covariance[1, 1]))
+        return [FixRecord(step=self._step, position=self._state[:2], sigma=sigma, kind=kind)]
 
     def run(self, measurements: Measurements) -> Estimates:
-        """Estimates of a whole mission from the start, step by step; the same to the bit as `step` in a loop.
-
-        Raises:
-            ValueError: the navigator is under way.
-            LaisnError: as `step`.
-        """
-        # it takes steps of any length
-        if measurements.durations is None:
-            measurements = replace(measurements, durations=np.full(measurements.speed.size, measurements.dt))
-        return _estimates(*self._take(measurements, measurements.dt))
+        """Estimates of a whole mission, whose filter step may differ from the settings'; see `OnlineNavigator.run`."""
+        durations = measurements.durations
+        if durations is None:
+            durations = np.full(measurements.speed.size, measurements.dt)
+        return super().run(replace(measurements, dt=self.settings.dt, durations=durations))
 
     def _beacon(self, place: tuple[float, float]) -> int:
         """Number of the beacon at a surveyed place; a new place is a new beacon."""
@@ -156,9 +118,3 @@ class BeaconNavigator(OnlineNavigator):
         if self._starter >= 0:
             self._starter = self._starter + 1 if self._starter + 1 < STARTERS else -1
         return bool(used)
-
-    def _update(self, used: Sequence[bool]) -> Update:
-        """What a message changed, of which each range was used or not."""
-        kind = FixKind.ONE_RANGE if any(used) else (FixKind.GATED if used else FixKind.LOST)
-        variance = 0.5 * (self._covariance[0, 0] + self._covariance[1, 1])
-        return Update(self._step, kind, self._state[:2].copy(), math.sqrt(variance))

@@ -15,9 +15,9 @@ _STATES = (
 _KEPT = range(1, HYPOTHESES + 1)
 
 
-def kind_of(received: int, used: int, begun: bool = True) -> FixKind:
-    """What became of a message of which so many ranges were received, and used; `begun`: there is an estimate."""
-    if received == 0 or not begun:
+def kind_of(received: int, used: int) -> FixKind:
+    """Kind of a message by the number of ranges that were received with an estimate to test them, and used."""
+    if received == 0:
         return FixKind.LOST
     if used == 0:
         return FixKind.GATED
@@ -69,19 +69,6 @@ class TightEstimates(Estimates):
     """Position of each, shape (f, HYPOTHESES, 2), [m]; NaN for none."""
     hypothesis_covariance: Floats
     """Its covariance, shape (f, HYPOTHESES, 2, 2), [m²]; NaN for none."""
-
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shape that each array must have."""
-        f, s, h = self.fix_step.size, len(self.names), HYPOTHESES
-        return super().shapes() | {
-            "used": (f,),
-            "nis": (f,),
-            "full_state": (f, s),
-            "full_sigma": (f, s),
-            "weight": (f, h),
-            "hypothesis": (f, h, 2),
-            "hypothesis_covariance": (f, h, 2, 2),
-        }
 
     @property
     def hypotheses(self) -> Hypotheses:

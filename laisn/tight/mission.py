@@ -32,8 +32,8 @@ class Found(NamedTuple):
     covariance: Floats
     """Covariance of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out."""
     outcome: Floats
-    """For each message: ranges received, ranges that the heaviest hypothesis used, and their squared residuals in units
-    of S (NaN if none was used), shape (m, 3); of shape (0, 3), it is left out."""
+    """For each message: ranges received (0 where there is no estimate), ranges that the heaviest hypothesis used, and
+    their squared residuals in units of S (NaN if none was used), shape (m, 3); of shape (0, 3), it is left out."""
 
 
 @compiled
@@ -48,10 +48,10 @@ def _receive(b: Belief, m: Model, heard: Heard, message: Floats, ranges: Triple,
 
 @compiled
 def record_outcome(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
-    """Note what became of a message: a row of `Found.outcome`, shape (3,); `used` is what `receive` gave."""
-    outcome[0] = count_received(m, heard)
+    """Record the result of a message: a row of `Found.outcome`, shape (3,); `used` is what `receive` gave."""
+    outcome[0] = count_received(m, heard) if b.alive > 0 else 0
     outcome[1], outcome[2] = 0, np.nan
-    if used > 0 and b.alive > 0:
+    if used > 0:
         k = heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.alive))
         outcome[1] = b.outcome[k].taken
         outcome[2] = b.outcome[k].squared if b.outcome[k].taken > 0 else np.nan
@@ -251,8 +251,7 @@ class TightSwarm(NamedTuple):
                 if used < 0:
                     return i + 1
                 record_outcome(b, m, heard, used, outcome)
-                # ranges were received, there was an estimate to test them against, and none was used
-                gated[i] += outcome[0] > 0.0 and outcome[1] == 0.0 and b.alive > 0
+                gated[i] += outcome[0] > 0.0 and outcome[1] == 0.0
                 _write_outputs(b, m, estimate)
             estimate.position[0], estimate.position[1] = position(b)
             estimate.velocity[0], estimate.velocity[1] = velocity(b)

@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
+from laisn.estimates import FixKind, FixRecord
 from laisn.failure import LaisnError
-from laisn.geometry import place_on_body
-from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.messages import OwnMotion, Reception, given_transmitters
 from laisn.mixture import mixture_moments
 from laisn.navigators import FARTHEST, OnlineNavigator, require_readings, require_time
 from laisn.tight import estimator, own_motion
@@ -52,28 +53,25 @@ def receive(b: ScalarRecord, m: ScalarRecord, heard: ScalarRecord) -> int:
     return estimator.receive(b[0], m[0], heard[0])
 
 
-_NOTHING = np.empty(0), np.empty((0, 2)), np.empty((0, 2, 2))
+@dataclass(frozen=True, kw_only=True)
+class Update(FixRecord):
+    """The result of a message: position and σ are those of the mean over the mixture."""
 
-
-class Update(NamedTuple):
-    """What a message changed."""
-
-    step: int
     received: int
     """Ranges that were received from transmitters that are used."""
-    used: int
+    used: int = 0
     """Ranges that the heaviest hypothesis used."""
-    nis: float
+    nis: float = math.nan
     """Squared residuals of the ranges used, in units of S; NaN if none was used."""
     full_state: Floats
     """Mean over the mixture, shape (12,), in the order of `TightEstimates.names`; NaN for what is no state."""
     full_sigma: Floats
     """Standard deviations of `full_state`, shape (12,)."""
-    weight: Floats
+    weight: Floats = field(default_factory=lambda: np.empty(0))
     """Weights of the hypotheses, heaviest first, shape (h,)."""
-    hypothesis: Floats
+    hypothesis: Floats = field(default_factory=lambda: np.empty((0, 2)))
     """Positions of the hypotheses, shape (h, 2), [m]."""
-    hypothesis_covariance: Floats
+    hypothesis_covariance: Floats = field(default_factory=lambda: np.empty((0, 2, 2)))
     """Covariances of the hypotheses' positions, shape (h, 2, 2), [m²]."""
 
 
@@ -91,36 +89,7 @@ def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
         raise LaisnError(f"step {step}: the leader is at {message}, farther than {1e3 * FARTHEST:g} m")
 
 
-def _estimates(state: Floats, covariance: Floats, updates: Sequence[Update]) -> TightEstimates:
-    """The record of a mission of its states and messages."""
-    m, s, h = len(updates), len(TightEstimates.names), HYPOTHESES
-    weight, where, spread = np.zeros((m, h)), np.full((m, h, 2), np.nan), np.full((m, h, 2, 2), np.nan)
-    for i, update in enumerate(updates):
-        sides = slice(update.weight.size)
-        weight[i, sides], where[i, sides] = update.weight, update.hypothesis
-        spread[i, sides] = update.hypothesis_covariance
-    full_state = np.array([u.full_state for u in updates]).reshape(m, s)
-    full_sigma = np.array([u.full_sigma for u in updates]).reshape(m, s)
-    return TightEstimates(
-        state=state,
-        covariance=covariance,
-        fix_step=np.array([u.step for u in updates], dtype=np.int64),
-        fix_position=full_state[:, :2],
-        fix_sigma=np.sqrt(0.5 * np.sum(full_sigma[:, :2] ** 2, axis=1)),
-        fix_kind=np.array([kind_of(u.received, u.used, bool(u.weight.size)) for u in updates], dtype=np.int64),
-        innovation=np.full((m, 2), np.nan),
-        innovation_covariance=np.full((m, 2, 2), np.nan),
-        used=np.array([u.used for u in updates], dtype=np.int64),
-        nis=np.array([u.nis for u in updates], dtype=np.float64),
-        full_state=full_state,
-        full_sigma=full_sigma,
-        weight=weight,
-        hypothesis=where,
-        hypothesis_covariance=spread,
-    )
-
-
-class TightNavigator(OnlineNavigator):
+class TightNavigator(OnlineNavigator[TightEstimates]):
     """The tightly coupled navigator on one follower."""
 
     def __init__(self, settings: TightSettings, start: Floats | None) -> None:
@@ -135,8 +104,7 @@ class TightNavigator(OnlineNavigator):
         Raises:
             ValueError: the start is not four finite numbers.
         """
-        super().__init__(start if settings.known_start else None, settings.start_sigma)
-        self.settings = settings
+        super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._model = model = model_of(settings)
         self._places = canonical(model)
         self._heard = scalar_record(new_heard())
@@ -146,20 +114,7 @@ class TightNavigator(OnlineNavigator):
         self._sizes = int(model.modes), int(model.states)
 
     def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
-        """Advance by one filter step.
-
-        Args:
-            own: measured at the end of the step; of a missing depth (NaN) the last one is used.
-            reception: message and ranges, if one arrived in the step.
-            duration: time that this step took, if it is another one than the settings' Δt [s].
-
-        Returns:
-            What the message changed, if there was one.
-
-        Raises:
-            LaisnError: a reading is not finite or absurd, or a duration not positive; a missing range is NaN.
-            ArithmeticError: the covariance is not positive definite any more; the navigator is not to be used further.
-        """
+        """Advance by one filter step; see `OnlineNavigator.step`."""
         self._step += 1
         _check(self._step, own, reception)
         own = self._with_depth(own)
@@ -170,45 +125,43 @@ class TightNavigator(OnlineNavigator):
         self._state, self._covariance = (moment.copy() for moment in self._moments)
         return updates
 
-    def run(self, measurements: Measurements) -> TightEstimates:
-        """Estimates of a whole mission from the start, step by step; the same to the bit as `step` in a loop.
+    def _estimates(self, state: Floats, covariance: Floats, fixes: Sequence[Update]) -> TightEstimates:
+        f = len(fixes)
+        details: dict[str, Any] = {
+            "used": np.array([u.used for u in fixes], dtype=np.int64),
+            "nis": np.array([u.nis for u in fixes], dtype=np.float64),
+            "full_state": np.array([u.full_state for u in fixes]).reshape(f, -1 if f else len(TightEstimates.names)),
+            "full_sigma": np.array([u.full_sigma for u in fixes]).reshape(f, -1 if f else len(TightEstimates.names)),
+            "weight": np.zeros((f, HYPOTHESES)),
+            "hypothesis": np.full((f, HYPOTHESES, 2), np.nan),
+            "hypothesis_covariance": np.full((f, HYPOTHESES, 2, 2), np.nan),
+        }
+        for name in ("weight", "hypothesis", "hypothesis_covariance"):
+            for i, update in enumerate(fixes):
+                details[name][i, : update.weight.size] = getattr(update, name)
+        return TightEstimates.of(state, covariance, fixes, **details)
 
-        Raises:
-            ValueError: the measurements have another filter step than the settings, or the navigator is under way.
-            LaisnError: as `step`.
-        """
-        return _estimates(*self._take(measurements, self.settings.dt))
-
-    def _place_anywhere(self, own: OwnMotion, reception: Reception) -> bool:
-        """Place transmitters that are on no hull, or elsewhere on it; False if there are none."""
-        message, settings, places = reception.message, self.settings, reception.transmitters
-        if places is None and not settings.transmitter_offsets:
-            return False
+    def _place_transmitters(self, own: OwnMotion, reception: Reception) -> None:
+        """Fill in the arms of the transmitters; a range to one whose position is unknown counts as not received."""
+        message, settings, heard = reception.message, self.settings, self._heard
+        hydrophone, places = own.depth - settings.hydrophone_height, given_transmitters(reception, settings)
         if places is None:
-            offsets = np.full((3, 3), np.nan)
-            offsets[: len(settings.transmitter_offsets)] = settings.transmitter_offsets
-            known = settings.use_attitude and not np.isnan(message.pitch + message.roll)
-            tilt = (message.pitch, message.roll) if known else (0.0, 0.0)
-            places = place_on_body((message.east, message.north, message.depth), (message.heading, *tilt), offsets)
-        elif not settings.assume.exact_leader:
+            place_arms(heard, self._records[1], message.pitch, message.roll, message.depth - hydrophone)
+            return
+        if reception.transmitters is not None and not settings.assume.exact_leader:
             raise LaisnError(
                 f"step {self._step}: the message places its transmitters, whom no compass of a leader turns; set "
                 "assume.exact_leader"
             )
-        hydrophone = own.depth - settings.hydrophone_height
-        self._heard["arms"][0] = places - np.array([message.east, message.north, hydrophone])
-        self._heard["ranges"][0, np.any(np.isnan(self._heard["arms"][0]), axis=1)] = np.nan
-        return True
+        heard["arms"][0] = places - np.array([message.east, message.north, hydrophone])
+        heard["ranges"][0, np.any(np.isnan(heard["arms"][0]), axis=1)] = np.nan
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
-        message, settings = reception.message, self.settings
-        heard, (belief, model) = self._heard, self._records
+        message, heard, (belief, model) = reception.message, self._heard, self._records
         heard["time"], heard["east"], heard["north"] = message.timestamp, message.east, message.north
         heard["heading"], heard["speed"], heard["ranges"] = message.heading, message.speed, reception.ranges
-        if not self._place_anywhere(own, reception):
-            deeper = message.depth - (own.depth - settings.hydrophone_height)
-            place_arms(heard, model, message.pitch, message.roll, deeper)
-        received = int(np.count_nonzero(np.isfinite(heard["ranges"][0, : settings.transmitters])))
+        self._place_transmitters(own, reception)
+        received = int(np.count_nonzero(np.isfinite(heard["ranges"][0, : self.settings.transmitters])))
         used = receive(belief, model, heard)
         if used < 0:
             raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
@@ -219,7 +172,10 @@ class TightNavigator(OnlineNavigator):
         components = int(b["alive"][0]) * modes
         full_state, full_sigma = np.full((2, len(TightEstimates.names)), np.nan)
         if not components:
-            return Update(self._step, received, 0, np.nan, full_state, full_sigma, *_NOTHING)
+            return Update(
+                step=self._step, position=full_state[:2], sigma=math.nan, kind=FixKind.LOST, received=received,
+                full_state=full_state, full_sigma=full_sigma,
+            )  # fmt: skip
         weight, states = b["weight"][0, :components], b["state"][0, :components, :n]
         covariances = b["covariance"][0, :components, :n, :n]
         mean = weight @ states
@@ -239,6 +195,9 @@ class TightNavigator(OnlineNavigator):
             spread.append(covariance)
         return Update(
             step=self._step,
+            position=full_state[:2],
+            sigma=float(np.sqrt(0.5 * np.sum(full_sigma[:2] ** 2))),
+            kind=kind_of(received, taken),
             received=received,
             used=taken,
             nis=float(b["outcome"]["squared"][0, top]) if taken else float("nan"),

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from laisn.estimates import FixKind
-from laisn.fix import Circle, Circles, Fix, fix_variance
+from laisn.fix import Circle, Circles, Fix, RangeCircles, fix_variance, to_circles
 from laisn.geometry import Point, turn
-from laisn.hearing import RangeCircles, pair_fix, to_circles
 from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 from laisn.variants import SINGLE, laisn_3_2
@@ -37,7 +36,7 @@ def pair_fixes(
     circles: RangeCircles, predicted: tuple[float, float], settings: NavigationSettings = SETTINGS
 ) -> tuple[Fix, Fix, Fix]:
     """Fixes of the pairs (1, 2), (1, 3) and (2, 3)."""
-    a, b, c = (pair_fix(pair, circles, Point(*predicted), Tuning.of(settings)) for pair in circles.pairs())
+    a, b, c = (circles.fix(pair, Point(*predicted), Tuning.of(settings)) for pair in circles.pairs())
     return a, b, c
 
 

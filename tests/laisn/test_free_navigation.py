@@ -8,13 +8,12 @@ from filterpy.kalman import update
 from hypothesis import given
 from hypothesis import strategies as st
 
-from laisn import hearing, lanes
+from laisn import lanes
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.filter import Filter, Gate
-from laisn.fix import Circle, Circles
+from laisn.fix import Circle, Circles, RangeCircles, one_range
 from laisn.geometry import Point, place_on_body, transmitter_positions, turn
-from laisn.hearing import RangeCircles
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Tuning, Variant
@@ -149,7 +148,7 @@ def free(*radius: float) -> RangeCircles:
 def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(rear: float, front: float, east: float) -> None:
     """The paper's point dead astern, −40 m in the first case, would be 81 m off."""
     heard = free(rear, front, np.nan)
-    found = hearing.pair_fix(heard.pairs()[0], heard, Point(41.0, 1.0), Tuning.of(NavigationSettings()))
+    found = heard.fix(heard.pairs()[0], Point(41.0, 1.0), Tuning.of(NavigationSettings()))
     np.testing.assert_allclose((found.east, found.north), (east, 0.0), atol=1e-6)
     assert found.kind == FixKind.ASTERN
 
@@ -157,14 +156,14 @@ def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(rear: floa
 def test_one_range_moves_the_prediction_onto_its_circle_along_the_line_of_sight() -> None:
     predicted = Point(130.0, 40.0)
     # from (100, 0) towards (130, 40): 50 m of 50 m
-    whole, half = (hearing.one_range(free(np.nan, r, 3.0).circles, predicted) for r in (50.0, 25.0))
+    whole, half = (one_range(free(np.nan, r, 3.0).circles, predicted) for r in (50.0, 25.0))
     assert whole is not None
     assert half is not None
     np.testing.assert_allclose(whole.place, (130.0, 40.0))
     np.testing.assert_allclose(half.place, (115.0, 20.0))
     np.testing.assert_allclose(half.axis, (0.6, 0.8))
-    assert hearing.one_range(free(np.nan, np.nan, np.nan).circles, Point(1.0, 1.0)) is None
-    assert hearing.one_range(free(3.0, np.nan, np.nan).circles, Point(0.0, 0.0)) is None
+    assert one_range(free(np.nan, np.nan, np.nan).circles, Point(1.0, 1.0)) is None
+    assert one_range(free(3.0, np.nan, np.nan).circles, Point(0.0, 0.0)) is None
 
 
 @given(seed=st.integers(0, 2**32 - 1), sigma=st.floats(0.01, 10.0))
