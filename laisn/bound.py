@@ -17,7 +17,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.records import require_numbers
-from laisn.tight.smoothing import Chain, smooth
+from laisn.rts import Chain, smooth
 
 _LINE, _SHARES = np.polynomial.hermite_e.hermegauss(5)
 _NODES = np.stack(np.meshgrid(_LINE, _LINE), axis=2).reshape(-1, 2)

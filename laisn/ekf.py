@@ -15,11 +15,10 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.messages import Measurements
+from laisn.tight.model import STEADY_COMPASS, STEADY_LOG
 from laisn.tight.settings import TightSettings
 
 STATES = 5
-_LOG_WALK, _COMPASS_WALK = 2e-4, 1.5e-4
-"""How fast biases that are called constant may wander, as in `laisn.tight.model` [m/s/√s], [rad/√s]."""
 
 
 class Filtered(NamedTuple):
@@ -67,7 +66,7 @@ def predict(
     speed = now[:, 0, None]
     spread = settings.speed_sigma * along, settings.heading_sigma * speed * across
     Q[:, :2, :2] = dt**2 * sum(part[:, :, None] * part[:, None, :] for part in spread)
-    Q[:, 2, 2], Q[:, 3, 3] = _LOG_WALK**2 * dt, _COMPASS_WALK**2 * dt
+    Q[:, 2, 2], Q[:, 3, 3] = STEADY_LOG**2 * dt, STEADY_COMPASS**2 * dt
     return x, F @ P @ F.transpose(0, 2, 1) + Q
 
 

@@ -17,7 +17,7 @@ from laisn.compiled import compiled_lanes, copy_values
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from laisn.messages import LeaderMessage, Measurements
+from laisn.messages import LeaderMessage, Measurements, message_of
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 from laisn.variants import SEQUENTIAL
 
@@ -186,10 +186,11 @@ class LaneSwarm(NamedTuple):
             block[row.SPEED + lane], block[row.HEADING + lane] = readings[i].speed, readings[i].heading
             block[row.DEPTH + lane] = readings[i].depth
             if any_received:
-                block[row.EAST + lane], block[row.NORTH + lane] = messages[i, 1], messages[i, 2]
-                block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = messages[i, 3], messages[i, 4]
-                block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = messages[i, 5], messages[i, 6]
-                block[row.ROLL + lane] = messages[i, 7]
+                message = message_of(messages[i])
+                block[row.EAST + lane], block[row.NORTH + lane] = message.east, message.north
+                block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = message.heading, message.speed
+                block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = message.depth, message.pitch
+                block[row.ROLL + lane] = message.roll
                 # a message without ranges has the same effect as none
                 block[row.R1 + lane] = ranges[i, 0] if received[i] else np.nan
                 block[row.R2 + lane] = ranges[i, 1] if received[i] else np.nan

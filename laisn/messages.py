@@ -8,6 +8,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from laisn.arrays import Floats, Ints
+from laisn.compiled import inlined
 from laisn.geometry import place_on_body
 from laisn.records import ArrayRecord, own_arrays, require_shapes
 from laisn.settings import Settings
@@ -33,6 +34,12 @@ class LeaderMessage(NamedTuple):
     """Measured roll, positive starboard down [rad]."""
     heading_sigma: float = np.nan
     """Standard deviation that the leader gives for its heading [rad]."""
+
+
+@inlined
+def message_of(row: Floats) -> LeaderMessage:
+    """Columns of a message from timestamp to roll, by name; for compiled code."""
+    return LeaderMessage(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], np.nan)
 
 
 class Ranges(NamedTuple):

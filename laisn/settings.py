@@ -170,26 +170,15 @@ class Tuning(NamedTuple):
     @classmethod
     def of(cls, settings: NavigationSettings) -> Self:
         """Settings as numbers; NotImplementedError naming a choice that no formula implements."""
-        return cls(
-            variant=_number("variant", settings.variant, _VARIANTS),
-            gate=_number("gate", settings.gate, _GATES),
-            predicted_side=_number("side_rule", settings.side_rule, _SIDES),
-            use_attitude=settings.use_attitude,
-            transmitters=settings.transmitters,
-            dt=settings.dt,
-            baseline=settings.baseline,
-            middle_offset=settings.middle_offset,
-            hydrophone_height=settings.hydrophone_height,
-            threshold=settings.threshold,
-            beta=settings.beta,
-            sigma_floor=settings.sigma_floor,
-            alpha=settings.alpha,
-            sigma_a0=settings.sigma_a0,
-            speed_variance=settings.sigma_speed**2,
-            heading_variance=settings.sigma_heading**2,
-            position_variance0=settings.position_sigma0**2,
-            velocity_variance0=settings.velocity_sigma0**2,
-            leader_speed_max=settings.leader_speed_max,
-            follower_speed_max=settings.follower_speed_max,
-            sine_of_pitch=float(np.sin(settings.expected_pitch)),
-        )
+        same = {name: getattr(settings, name) for name in cls._fields if hasattr(settings, name)}
+        derived = {
+            "variant": _number("variant", settings.variant, _VARIANTS),
+            "gate": _number("gate", settings.gate, _GATES),
+            "predicted_side": _number("side_rule", settings.side_rule, _SIDES),
+            "speed_variance": settings.sigma_speed**2,
+            "heading_variance": settings.sigma_heading**2,
+            "position_variance0": settings.position_sigma0**2,
+            "velocity_variance0": settings.velocity_sigma0**2,
+            "sine_of_pitch": float(np.sin(settings.expected_pitch)),
+        }
+        return cls(**same | derived)

@@ -107,7 +107,7 @@ def _begin(b: Belief, heard: Heard) -> None:
 
 
 @compiled
-def _learn_component(
+def _update_component(
     b: Belief, m: Model, k: int, seen: tuple[float, float], logged: tuple[float, float], variance: float
 ) -> None:
     """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once; `logged` is v_L u(θ_L)."""
@@ -162,6 +162,6 @@ def update_current_from_leader_track(b: Belief, m: Model, heard: Heard) -> None:
             logged = (per * o.logged_x, per * o.logged_y)
             seen = (per * (heard.east - o.window_x) - logged[0], per * (heard.north - o.window_y) - logged[1])
             for k in range(b.alive * m.modes):
-                _learn_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
+                _update_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
             _begin(b, heard)
-    o.velocity_x, o.velocity_y, o.last_time, o.last_heading = sx, sy, heard.time, heard.heading
+    o.velocity_x, o.velocity_y, o.last_time = sx, sy, heard.time

@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Records
+from laisn.arrays import Bools, Floats, Ints, Records, records
 from laisn.compiled import compiled, compiled_run, copy_values
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
-from laisn.geometry import Triple
-from laisn.messages import Measurements
+from laisn.messages import LeaderMessage, Measurements, message_of
 from laisn.mixture import heaviest, heaviest_hypothesis, hypothesis_weight
 from laisn.navigators import MissionResult
 from laisn.tight.estimates import kind_of
@@ -23,38 +22,46 @@ from laisn.tight.own_motion import advance, moments, position, reckon, velocity
 from laisn.tight.ranging import Heard, new_heard
 from laisn.tight.settings import TightSettings
 
+OUTCOME = np.dtype(
+    [
+        ("received", np.int64),  # ranges received; 0 where there is no estimate to test them
+        ("used", np.int64),  # ranges that the heaviest hypothesis used
+        ("squared", np.float64),  # their squared residuals in units of S; NaN if none was used
+    ]
+)
+"""Result of a message."""
+
 
 class Found(NamedTuple):
-    """What comes of a mission of n steps and m messages."""
+    """Estimates of a mission of n steps and m messages."""
 
     state: Floats
     """Mean x, y [m], vx, vy [m/s] after each step, shape (n, 4); shape (n, 2) without covariances."""
     covariance: Floats
     """Covariance of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out."""
-    outcome: Floats
-    """For each message: ranges received (0 where there is no estimate), ranges that the heaviest hypothesis used, and
-    their squared residuals in units of S (NaN if none was used), shape (m, 3); of shape (0, 3), it is left out."""
+    outcome: Records
+    """Records of OUTCOME for each message, shape (m,); of shape (0,), they are left out."""
 
 
 @compiled
-def _receive(b: Belief, m: Model, heard: Heard, message: Floats, ranges: Triple, depth: float) -> int:
-    """Take a message, columns of `LeaderMessage` from timestamp to roll, at the follower's depth [m]; see `receive`."""
-    heard.time, heard.east, heard.north = message[0], message[1], message[2]
-    heard.heading, heard.speed = message[3], message[4]
-    heard.ranges[0], heard.ranges[1], heard.ranges[2] = ranges
-    place_arms(heard, m, message[6], message[7], message[5] - (depth - m.hydrophone_height))
+def _receive(b: Belief, m: Model, heard: Heard, message: LeaderMessage, ranges: Floats, depth: float) -> int:
+    """Take a message and its ranges, shape (3,), at the follower's depth [m]; see `receive`."""
+    heard.time, heard.east, heard.north = message.timestamp, message.east, message.north
+    heard.heading, heard.speed = message.heading, message.speed
+    copy_values(ranges, heard.ranges)
+    place_arms(heard, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height))
     return receive(b, m, heard)
 
 
 @compiled
-def record_outcome(b: Belief, m: Model, heard: Heard, used: int, outcome: Floats) -> None:
-    """Record the result of a message: a row of `Found.outcome`, shape (3,); `used` is what `receive` gave."""
-    outcome[0] = count_received(m, heard) if b.alive > 0 else 0
-    outcome[1], outcome[2] = 0, np.nan
+def record_outcome(b: Belief, m: Model, heard: Heard, used: int, outcome: Any) -> None:
+    """Write the result of a message into a record of OUTCOME; `used` is what `receive` gave."""
+    outcome.received = count_received(m, heard) if b.alive > 0 else 0
+    outcome.used, outcome.squared = 0, np.nan
     if used > 0:
-        k = heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.alive))
-        outcome[1] = b.outcome[k].taken
-        outcome[2] = b.outcome[k].squared if b.outcome[k].taken > 0 else np.nan
+        last = b.outcome[heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.alive))]
+        outcome.used = last.taken
+        outcome.squared = last.squared if last.taken > 0 else np.nan
 
 
 @compiled
@@ -72,7 +79,7 @@ def filter_mission(
     speed: Floats,
     heading: Floats,
     message_step: Ints,
-    messages: Floats,
+    messages: tuple[Floats, Floats, Floats],
     found: Found,
 ) -> int:
     """Estimate a whole mission.
@@ -84,22 +91,21 @@ def filter_mission(
         speed: log after each step, shape (n,), [m/s].
         heading: compass after each step, shape (n,), [rad].
         message_step: shape (m,), from 1.
-        messages: columns of `LeaderMessage` from timestamp to roll, the three ranges, and the follower's depth;
-            shape (m, 12).
+        messages: rows of `LeaderMessage`, shape (m, 9), of `Ranges`, shape (m, 3), and the follower's depth at each
+            message, shape (m,), [m].
         found: overwritten.
 
     Returns:
         The step at which a covariance was not positive definite; 0 if none was.
     """
-    i, states, covariances, outcome = 0, found.state, found.covariance, found.outcome
+    i, (message, ranges, depth), (states, covariances, outcome) = 0, messages, found
     n = speed.shape[0]
     sine, cosine = np.empty(n), np.empty(n)
     _sines(heading, sine, cosine)
     for k in range(n):
         reckon(b, m, speed[k], sine[k], cosine[k], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
-            row = messages[i]
-            used = _receive(b, m, heard, row, (row[8], row[9], row[10]), row[11])
+            used = _receive(b, m, heard, message_of(message[i]), ranges[i], depth[i])
             if used < 0:
                 return k + 1
             if outcome.shape[0] > 0:
@@ -136,12 +142,12 @@ def run_mission(
     if measurements.durations is not None or measurements.transmitters is not None or settings.transmitter_offsets:
         raise LaisnError("campaigns know steps of equal length, and transmitters on the leader's hull only")
     model, n = model_of(settings), measurements.speed.size
-    messages_told = len(measurements.message) if covariance else 0
-    found = Found(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)),
-                  np.empty((messages_told, 3)))  # fmt: skip
+    outcome = records(OUTCOME, len(measurements.message) if covariance else 0)
+    found = Found(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome)
     speed, heading = np.ascontiguousarray(measurements.speed), np.ascontiguousarray(measurements.heading)
     step = measurements.message_step
-    messages = np.column_stack([measurements.message[:, :8], measurements.ranges, measurements.last_depth[step - 1]])
+    sent, ranges = np.ascontiguousarray(measurements.message), np.ascontiguousarray(measurements.ranges)
+    messages = sent, ranges, measurements.last_depth[step - 1]
     known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
     belief = new_belief(settings, model, known)
     failed = filter_mission(belief, model, new_heard(), speed, heading, step, messages, found)
@@ -153,10 +159,10 @@ def run_mission(
 def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> MissionResult:
     """One run of a campaign; errors as of `run_mission`. The mean of an update's squared residuals is its ranges."""
     found = run_mission(settings, measurements, start)
-    received, used, squared = found.outcome.T
-    known = np.isfinite(squared)
-    kinds = [kind_of(int(r), int(u)) for r, u in zip(received, used, strict=True)]
-    return MissionResult(found.state, found.covariance, kinds, squared[known].sum(), used[known].sum())
+    outcome = found.outcome
+    kinds = [kind_of(received, used) for received, used, _ in outcome.tolist()]
+    known = outcome[np.isfinite(outcome.squared)]
+    return MissionResult(found.state, found.covariance, kinds, known.squared.sum(), known.used.sum())
 
 
 _APART = 2.0
@@ -229,6 +235,8 @@ class TightSwarm(NamedTuple):
     """Of all of them."""
     heard: Heard
     """Room for a message."""
+    outcome: Records
+    """Room for its result, shape (1,)."""
     gated: Ints
     """See `Swarm.gated`."""
 
@@ -240,18 +248,17 @@ class TightSwarm(NamedTuple):
 
         The step's number is not read.
         """
-        beliefs, m, heard, gated = self
-        outcome = np.empty(3)
+        beliefs, m, heard, outcomes, gated = self
+        outcome = outcomes[0]
         for i in range(beliefs.size):
-            b, message, estimate = beliefs[i], messages[i], estimates[i]
+            b, estimate = beliefs[i], estimates[i]
             advance(b, m, readings[i].speed, readings[i].heading, m.dt)
             if received[i]:
-                measured = (ranges[i, 0], ranges[i, 1], ranges[i, 2])
-                used = _receive(b, m, heard, message, measured, readings[i].depth)
+                used = _receive(b, m, heard, message_of(messages[i]), ranges[i], readings[i].depth)
                 if used < 0:
                     return i + 1
                 record_outcome(b, m, heard, used, outcome)
-                gated[i] += outcome[0] > 0.0 and outcome[1] == 0.0
+                gated[i] += outcome.received > 0 and outcome.used == 0
                 _write_outputs(b, m, estimate)
             estimate.position[0], estimate.position[1] = position(b)
             estimate.velocity[0], estimate.velocity[1] = velocity(b)
@@ -265,8 +272,6 @@ def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
     """
     model = model_of(settings)
     known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
-    beliefs = [new_belief(settings, model, start) for start in known]
-    together = np.zeros(len(beliefs), dtype=beliefs[0].dtype)
-    for i, belief in enumerate(beliefs):
-        together[i] = belief
-    return TightSwarm(together.view(np.recarray), model, new_heard(), np.zeros(len(beliefs), dtype=np.int64))
+    beliefs = np.stack([new_belief(settings, model, start) for start in known]).view(np.recarray)
+    gated = np.zeros(len(beliefs), dtype=np.int64)
+    return TightSwarm(beliefs, model, new_heard(), records(OUTCOME, 1), gated)

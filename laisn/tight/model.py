@@ -34,7 +34,7 @@ ABSENT = -1
 
 # How fast what is called constant may wander, in a second. Biases of real sensors are never quite constant, and a
 # filter that takes them as constant loses track of them for good.
-_STEADY_LOG, _STEADY_COMPASS = 2e-4, 1.5e-4  # [m/s/√s], [rad/√s]
+STEADY_LOG, STEADY_COMPASS = 2e-4, 1.5e-4  # [m/s/√s], [rad/√s]
 _DRIFTING_LOG, _DRIFTING_COMPASS = 2.5e-3, 1.7e-3
 _MODES = (0.25, 2.5)
 """Slow and quick drift, as multiples of these."""
@@ -47,96 +47,77 @@ _DEVIATION = 0.03
 """Change of a compass's bias in a turn, as a share of the turn, where it has a deviation."""
 
 
-_MODEL = np.dtype((np.record, np.dtype([
-    ("states", np.int64),  # n, how many there are
-    ("modes", np.int64),
-    ("leader", np.int64),  # index of b_L, bias of the leader's heading, in the state, or `ABSENT`
-    ("current", np.int64),  # index of the current's east component, or `ABSENT`; its north component comes next
-    ("offset", np.int64),  # index of d_2, the second transmitter's constant error, or `ABSENT`
-    ("clock", np.int64),  # index of τ, the clocks' offset, or `ABSENT`; τ̇ comes next
-    ("transmitters", np.int64),
-    ("use_attitude", np.bool_),
-    ("dt", np.float64),
-    ("baseline", np.float64), ("middle_offset", np.float64), ("hydrophone_height", np.float64),
-    ("speed_variance", np.float64), ("heading_variance", np.float64),
-    ("slip_rate", np.float64),  # variance of position that motion unseen by the log adds in a second [m²/s]
-    ("log_walk", np.float64, 2),  # variance that b_v gains in a second, by mode [m²/s³]
-    ("compass_walk", np.float64, 2),  # variance that b_θ gains in a second, by mode [rad²/s]
-    ("current_walk", np.float64),
-    ("leader_walk", np.float64),  # variance that b_L gains in a second [rad²/s]
-    ("clock_walk", np.float64),  # variance that τ̇ gains in a second [m²/s³]
-    ("mode_switches", np.float64),  # rate of changes of the mode [1/s]
-    ("deviation", np.float64),
-    ("range_sigma", np.float64), ("range_scale_variance", np.float64),
-    ("leader_variance", np.float64),  # of a message's heading [rad²]: first and largest value of the estimate
-    ("log_accepted", np.float64),  # logarithm of the chance that a range is a direct one
-    ("outlier_span", np.float64),  # largest excess of an echo [m]
-    ("log_rejected", np.float64),  # logarithm of the probability density of an echo's excess, in [1/m]
-], align=True)))  # fmt: skip
-
 Model: TypeAlias = Any
-"""`TightSettings` as compiled code takes them: a record with the fields of `_MODEL`, so that calls pass a pointer."""
+"""`TightSettings` as compiled code takes them: a record with the fields of `model_of`, so that calls pass a pointer."""
+
+_OPTIONAL = {"leader": 5, "current": 6, "offset": 8, "clock": 10}
+"""Optional states, by the field of `Model` with their first index, and where they are in `TightEstimates.names`."""
+
+
+def _optional_states(settings: TightSettings) -> dict[str, list[float]]:
+    """Standard deviations before the mission of the optional states that there are, in their order in the state."""
+    s, assume = settings, settings.assume
+    sigmas = {
+        "leader": [] if assume.exact_leader else [s.leader_heading_bias_sigma],
+        "current": [s.current_sigma] * 2 * assume.current,
+        "offset": [s.offset_sigma] * (s.transmitters - 1) * assume.offsets,
+        "clock": [s.clock_offset_sigma, s.clock_drift_sigma] * assume.clock,
+    }
+    return {name: sigma for name, sigma in sigmas.items() if sigma}
 
 
 def model_of(settings: TightSettings) -> Model:
     """Settings as compiled code takes them."""
-    assume = settings.assume
-    size, leader, current, offset, clock = 5, ABSENT, ABSENT, ABSENT, ABSENT
-    if not assume.exact_leader:
-        leader, size = size, size + 1
-    if assume.current:
-        current, size = size, size + 2
-    if assume.offsets:
-        offset, size = size, size + settings.transmitters - 1
-    if assume.clock:
-        clock, size = size, size + 2
-    log_walk, compass_walk = (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (_STEADY_LOG, _STEADY_COMPASS)
+    s, assume = settings, settings.assume
+    size, first = 5, dict.fromkeys(_OPTIONAL, ABSENT)
+    for name, sigmas in _optional_states(settings).items():
+        first[name], size = size, size + len(sigmas)
+    log_walk, compass_walk = (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (STEADY_LOG, STEADY_COMPASS)
     slow, quick = _MODES if assume.drift else (1.0, 1.0)
-    fields = {
-        "states": size,
+    integers = {
+        "states": size,  # n, how many there are
         "modes": 2 if assume.drift else 1,
-        "leader": leader,
-        "current": current,
-        "offset": offset,
-        "clock": clock,
-        "transmitters": settings.transmitters,
-        "use_attitude": settings.use_attitude,
-        "dt": settings.dt,
-        "baseline": settings.baseline,
-        "middle_offset": settings.middle_offset,
-        "hydrophone_height": settings.hydrophone_height,
-        "speed_variance": settings.speed_sigma**2,
-        "heading_variance": settings.heading_sigma**2,
-        "slip_rate": settings.slip**2,
-        "log_walk": ((slow * log_walk) ** 2, (quick * log_walk) ** 2),
-        "compass_walk": ((slow * compass_walk) ** 2, (quick * compass_walk) ** 2),
-        "current_walk": _CURRENT_WALK**2,
-        "leader_walk": _LEADER_COMPASS**2,
-        "clock_walk": _CLOCK_WALK**2,
-        "mode_switches": _MODE_SWITCHES,
-        "deviation": _DEVIATION**2 if assume.deviation else 0.0,
-        "range_sigma": settings.range_sigma,
-        "range_scale_variance": settings.range_scale_sigma**2,
-        "leader_variance": 0.0 if assume.exact_leader else settings.leader_heading_sigma**2,
-        "log_accepted": math.log1p(-settings.outlier_chance),
-        "outlier_span": settings.outlier_span,
-        "log_rejected": math.log(settings.outlier_chance / settings.outlier_span),
+        "leader": first["leader"],  # index of b_L, bias of the leader's heading, in the state, or `ABSENT`
+        "current": first["current"],  # index of the current's east component; its north component comes next
+        "offset": first["offset"],  # index of d_2, the second transmitter's constant error
+        "clock": first["clock"],  # index of τ, the clocks' offset; τ̇ comes next
+        "transmitters": s.transmitters,
+        "use_attitude": s.use_attitude,
     }
-    return np.array([tuple(fields[name] for name in _MODEL.names or ())], dtype=_MODEL)[0]
+    numbers: dict[str, Any] = {
+        "dt": s.dt,
+        "baseline": s.baseline,
+        "middle_offset": s.middle_offset,
+        "hydrophone_height": s.hydrophone_height,
+        "speed_variance": s.speed_sigma**2,
+        "heading_variance": s.heading_sigma**2,
+        "slip_rate": s.slip**2,  # variance of position that motion unseen by the log adds in a second [m²/s]
+        "log_walk": ((slow * log_walk) ** 2, (quick * log_walk) ** 2),  # b_v gains in a second, by mode [m²/s³]
+        "compass_walk": ((slow * compass_walk) ** 2, (quick * compass_walk) ** 2),  # b_θ likewise [rad²/s]
+        "current_walk": _CURRENT_WALK**2,
+        "leader_walk": _LEADER_COMPASS**2,  # b_L likewise [rad²/s]
+        "clock_walk": _CLOCK_WALK**2,  # τ̇ likewise [m²/s³]
+        "mode_switches": _MODE_SWITCHES,  # rate of changes of the mode [1/s]
+        "deviation": _DEVIATION**2 if assume.deviation else 0.0,
+        "range_sigma": s.range_sigma,
+        "range_scale_variance": s.range_scale_sigma**2,
+        # of a message's heading [rad²]: first and largest value of the estimate
+        "leader_variance": 0.0 if assume.exact_leader else s.leader_heading_sigma**2,
+        "log_accepted": math.log1p(-s.outlier_chance),  # logarithm of the chance that a range is a direct one
+        "outlier_span": s.outlier_span,  # largest excess of an echo [m]
+        "log_rejected": math.log(s.outlier_chance / s.outlier_span),  # of the density of an echo's excess, in [1/m]
+    }
+    types: list[Any] = [(name, np.int64) for name in integers]
+    types += [(name, np.float64, np.shape(value)) for name, value in numbers.items()]
+    record = np.dtype((np.record, np.dtype(types, align=True)))
+    return np.array([(*integers.values(), *numbers.values())], dtype=record)[0]
 
 
-def canonical(model: Model) -> Ints:
-    """Where each state of a model stands among all that there can be (`TightEstimates.names`), shape (size,)."""
-    places = [X, Y, LOG, COMPASS, SCALE]
-    if model.leader != ABSENT:
-        places.append(5)
-    if model.current != ABSENT:
-        places += [6, 7]
-    if model.offset != ABSENT:
-        places += [8, 9][: model.transmitters - 1]
-    if model.clock != ABSENT:
-        places += [10, 11]
-    return np.array(places, dtype=np.int64)
+def canonical(settings: TightSettings) -> Ints:
+    """Where each state stands among all that there can be (`TightEstimates.names`), shape (n,)."""
+    optional = _optional_states(settings).items()
+    places = [_OPTIONAL[name] + i for name, sigmas in optional for i in range(len(sigmas))]
+    return np.array([X, Y, LOG, COMPASS, SCALE, *places], dtype=np.int64)
 
 
 CAPACITY = 2 * HYPOTHESES
@@ -170,7 +151,7 @@ _LEADER = np.dtype(
         "window_time", "window_x", "window_y",  # where the window began; the time is NaN before the first message
         "logged_x", "logged_y",  # Σ s_L u(θ_L) Δt since then [m]
         "velocity_x", "velocity_y",  # s_L u(θ_L) of the last message [m/s]
-        "first_heading", "last_heading",  # at the window's beginning and in the last message [rad]
+        "first_heading",  # at the window's beginning [rad]
         "first_time", "last_time",  # of the first message of all and of the last one [s]
         "at_x", "at_y", "track",  # place [m] at the last message, and direction of the way there [rad]
         "leg",  # messages on the leg so far; 0: it turns, or that is unknown
@@ -259,24 +240,15 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     None: the start is unknown, and there is no hypothesis before the first message with two ranges.
     """
     # by key, as attributes of a record are slow outside of compiled code
-    modes, leader, current, offset, clock, leader_variance = m[
-        ["modes", "leader", "current", "offset", "clock", "leader_variance"]
-    ].item()
-    sigma = np.zeros(MOST_STATES)
-    sigma[:LOG] = settings.start_sigma
-    sigma[LOG], sigma[COMPASS] = settings.speed_bias_sigma, settings.heading_bias_sigma
-    sigma[SCALE] = settings.range_scale_bias_sigma
-    if leader != ABSENT:
-        sigma[leader] = settings.leader_heading_bias_sigma
-    if current != ABSENT:
-        sigma[current : current + 2] = settings.current_sigma
-    if offset != ABSENT:
-        sigma[offset : offset + settings.transmitters - 1] = settings.offset_sigma
-    if clock != ABSENT:
-        sigma[clock : clock + 2] = settings.clock_offset_sigma, settings.clock_drift_sigma
+    modes, leader_variance = m[["modes", "leader_variance"]].item()
+    sigmas = [settings.start_sigma] * 2
+    sigmas += [settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma]
+    sigmas += [sigma for optional in _optional_states(settings).values() for sigma in optional]
+    fresh = np.zeros(MOST_STATES)
+    fresh[: len(sigmas)] = np.square(sigmas)
     made = np.zeros(1, dtype=_BELIEF)
     belief: Belief = made[0]
-    made["smoothed_nis"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, sigma**2
+    made["smoothed_nis"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, fresh
     made["motion"]["speed"] = np.nan
     about = made["leader"]
     about["window_time"] = about["at_x"] = about["track"] = np.nan
@@ -286,7 +258,7 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
         return belief
     made["alive"] = 1
     made["state"][0, :modes, :LOG] = start
-    made["covariance"][0, :modes] = np.diag(sigma**2)
+    made["covariance"][0, :modes] = np.diag(fresh)
     made["weight"][0, :modes] = 1.0 / modes
     # no bias turns or shortens the way
     made["output"]["x"], made["output"]["y"] = start

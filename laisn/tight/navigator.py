@@ -106,7 +106,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._model = model = model_of(settings)
-        self._places = canonical(model)
+        self._places = canonical(settings)
         self._heard = scalar_record(new_heard())
         self._records = b, _ = scalar_record(new_belief(settings, model, self._start)), scalar_record(model)
         self._belief: Belief = b[0]

@@ -60,6 +60,15 @@ def _way(o: Any, log_bias: float, compass_bias: float) -> tuple[float, float, fl
     return c, s, way_x, way_y, -along_x, -along_y
 
 
+@inlined
+def _turned_noise(o: Any, c: float, s: float) -> tuple[float, float, float]:
+    """Covariance xx, xy, yy of the random errors of the way, turned by a compass bias [m²]."""
+    nxx, nxy, nyy = o.nxx, o.nxy, o.nyy
+    xx = c * c * nxx - 2.0 * c * s * nxy + s * s * nyy
+    yy = s * s * nxx + 2.0 * c * s * nxy + c * c * nyy
+    return xx, c * s * (nxx - nyy) + (c * c - s * s) * nxy, yy
+
+
 @compiled
 def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> None:
     """Move component k by the way since the last message, linearised at some biases.
@@ -97,11 +106,11 @@ def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> N
     mode = k % m.modes
     q_log, q_compass, q_current = m.log_walk[mode], m.compass_walk[mode], m.current_walk
     third, half = time / 3.0, time / 2.0
-    nxx, nxy, nyy = o.nxx, o.nxy, o.nyy
+    nxx, nxy, nyy = _turned_noise(o, c, s)
     slip = m.slip_rate * time
-    px += c * c * nxx - 2.0 * c * s * nxy + s * s * nyy + slip
-    pxy += c * s * (nxx - nyy) + (c * c - s * s) * nxy
-    py += s * s * nxx + 2.0 * c * s * nxy + c * c * nyy + slip
+    px += nxx + slip
+    pxy += nxy
+    py += nyy + slip
     px += third * (q_log * by_log_x * by_log_x + q_compass * by_compass_x * by_compass_x)
     pxy += third * (q_log * by_log_x * by_log_y + q_compass * by_compass_x * by_compass_y)
     py += third * (q_log * by_log_y * by_log_y + q_compass * by_compass_y * by_compass_y)
@@ -182,12 +191,11 @@ def _add_component(b: Belief, m: Model, k: int) -> None:
     add_moments(mean, covariance, weight, here, rows, P[k, :n, :n])
     mode = k % m.modes
     q_log, q_compass = m.log_walk[mode] * time / 3.0, m.compass_walk[mode] * time / 3.0
-    nxx, nxy, nyy = o.nxx, o.nxy, o.nyy
-    cross = c * s * (nxx - nyy) + (c * c - s * s) * nxy
-    cross += q_log * by_log_x * by_log_y - q_compass * way_x * way_y
-    covariance[0, 0] += weight * (c * c * nxx - 2.0 * c * s * nxy + s * s * nyy + slip)
+    nxx, nxy, nyy = _turned_noise(o, c, s)
+    cross = nxy + (q_log * by_log_x * by_log_y - q_compass * way_x * way_y)
+    covariance[0, 0] += weight * (nxx + slip)
     covariance[0, 0] += weight * (q_log * by_log_x * by_log_x + q_compass * way_y * way_y)
-    covariance[1, 1] += weight * (s * s * nxx + 2.0 * c * s * nxy + c * c * nyy + slip)
+    covariance[1, 1] += weight * (nyy + slip)
     covariance[1, 1] += weight * (q_log * by_log_y * by_log_y + q_compass * way_x * way_x)
     covariance[0, 1] += weight * cross
     covariance[1, 0] += weight * cross

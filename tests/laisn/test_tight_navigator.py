@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, records
 from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.tight.estimates import TightEstimates
-from laisn.tight.mission import Found, filter_mission, run_mission
+from laisn.tight.mission import OUTCOME, Found, filter_mission, run_mission
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.ranging import new_heard
@@ -122,8 +122,8 @@ def test_online_steps_a_run_and_a_compiled_loop_agree_to_the_bit(assume: Assume,
     found = run_mission(setting, measurements, mission.start)
     assert found.state.tobytes() == result.state.tobytes()
     assert found.covariance[:, 1].tobytes() == result.covariance[:, 0, 1].tobytes()
-    assert found.outcome[:, 1].tolist() == result.used.tolist()
-    assert found.outcome[:, 2].tobytes() == result.nis.tobytes()
+    assert found.outcome.used.tolist() == result.used.tolist()
+    assert found.outcome.squared.tobytes() == result.nis.tobytes()
 
 
 def test_errors_are_as_large_as_the_covariance_says_and_as_small_as_the_bound() -> None:
@@ -162,8 +162,8 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     belief = new_belief(setting, model, (mission.start[0], mission.start[1]))
     measurements = mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
     speed, heading, step = measurements.speed, measurements.heading, measurements.message_step
-    messages = np.column_stack([measurements.message[:, :8], measurements.ranges, measurements.depth[step - 1]])
-    found = Found(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
+    messages = measurements.message, measurements.ranges, measurements.depth[step - 1]
+    found = Found(np.empty((10_000, 2)), np.empty((0, 3)), records(OUTCOME, 0))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
         assert filter_mission(belief, model, new_heard(), speed, heading, step, messages, found) == 0

@@ -9,10 +9,11 @@ import pytest
 from laisn.arrays import Floats, Ints
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.metrics import nees
+from laisn.rts import Chain, smooth
 from laisn.tight.model import COMPASS, LOG, X, Y
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import Assume, TightSettings
-from laisn.tight.smoothing import Chain, SmoothingNavigator, _Leg, smooth
+from laisn.tight.smoothing import SmoothingNavigator, _Leg
 from tests.laisn.tight_mission import EVERYTHING, Mission
 
 LAG = 4

@@ -175,7 +175,7 @@ def fly_both(
         states, spread, outcome = run_mission(settings, given, truth.start)
         error = metrics.position_errors(states[:, :2], truth.hydrophone)
         laisn_error = metrics.position_errors(other, truth.hydrophone)
-        normalised, used = nees(states[:, :2] - truth.hydrophone, spread), np.isfinite(outcome[:, 2])
+        normalised, used = nees(states[:, :2] - truth.hydrophone, spread), np.isfinite(outcome.squared)
         total += normalised
         rows.append(
             {
@@ -185,7 +185,7 @@ def fly_both(
                 "tight_squares": np.mean(error**2),
                 "largest": error.max(),
                 "normalised": normalised.mean(),
-                "residuals": outcome[used, 2].sum() / max(outcome[used, 1].sum(), 1.0),
+                "residuals": outcome.squared[used].sum() / max(outcome.used[used].sum(), 1.0),
                 "laisn_lost": float(_captured(other, truth, message_steps)),
                 "tight_lost": float(_captured(states[:, :2], truth, message_steps)),
             }
