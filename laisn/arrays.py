@@ -1,6 +1,8 @@
-"""Names of the array types that this project annotates with (docstrings give shapes), and records with named fields."""
+"""Array types for annotations (docstrings give shapes), records with named fields, and checked, frozen dataclasses."""
 
-from typing import Any
+from collections.abc import Collection, Mapping
+from dataclasses import fields
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,3 +20,88 @@ Records = Any
 def records(dtype: npt.DTypeLike, *shape: int) -> Records:
     """Records of a structured dtype, all zero."""
     return np.zeros(shape, dtype).view(np.recarray)
+
+
+Offset = tuple[float, float, float]
+"""Forward, port and up from a body's origin [m]."""
+
+
+class ArrayRecord:
+    """A dataclass of arrays that prints their shapes in place of their values."""
+
+    def __repr__(self) -> str:
+        parts = []
+        for field in fields(cast(Any, self)):
+            value = getattr(self, field.name)
+            is_array = isinstance(value, np.ndarray)
+            parts.append(f"{field.name} {value.shape}" if is_array else f"{field.name}={value!r}"[:100])
+        return f"<{type(self).__name__}: {', '.join(parts)}>"
+
+
+def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None:
+    """ValueError naming the first array of a record, by its field, whose shape is not the expected one."""
+    for name, shape in expected.items():
+        given = getattr(record, name).shape
+        if given != shape:
+            raise ValueError(f"{type(record).__name__}.{name} has shape {given}, expected {shape}")
+
+
+def require_numbers(record: Any, *, positive: Collection[str] = (), signed: Collection[str] = ()) -> None:
+    """ValueError naming the first number of a record that is not finite, or less than may be.
+
+    Args:
+        record: a dataclass; only its floats are looked at.
+        positive: fields that must not be zero.
+        signed: fields that may be negative.
+    """
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if not isinstance(value, float):
+            continue
+        enough = field.name in signed or value > 0.0 or (value == 0.0 and field.name not in positive)
+        if not np.isfinite(value) or not enough:
+            bound = "" if field.name in signed else ", positive" if field.name in positive else ", zero or more"
+            raise ValueError(f"{field.name} is {value}, expected a finite number{bound}")
+
+
+def require_chance(name: str, value: float) -> None:
+    """ValueError naming a chance that is not between 0 and 1."""
+    if not 0.0 < value < 1.0:
+        raise ValueError(f"{name} is {value}, expected a number between 0 and 1")
+
+
+def require_offsets(name: str, offsets: Collection[Offset]) -> None:
+    """ValueError unless there are offsets of two or three transmitters, the first two apart when level, or none."""
+    places = list(offsets)
+    if places and (
+        len(places) not in (2, 3)
+        or any(len(place) != 3 or not np.all(np.isfinite(place)) for place in places)
+        or places[0][:2] == places[1][:2]
+    ):
+        raise ValueError(
+            f"{name} is {offsets}, expected (forward, port, up) of the rear and the front one, one before, behind or "
+            "beside the other, and perhaps of the middle one"
+        )
+
+
+def _is_settled(array: npt.NDArray[Any]) -> bool:
+    """Whether an array lies in one piece, and neither it nor what it is a part of can be written."""
+    whole: Any = array
+    while isinstance(whole, np.ndarray) and not whole.flags.writeable:
+        whole = whole.base
+    return whole is None and array.flags.forc
+
+
+def own_arrays(record: Any) -> None:
+    """Give a frozen record copies of the arrays that it was made of, which nobody can write.
+
+    Whoever made it keeps arrays of its own: they stay writable, and writing them changes no record. An array that
+    nobody can write any more, such as another record's, needs no copy. To be called from `__post_init__`.
+    """
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if isinstance(value, np.ndarray) and not _is_settled(value):
+            # in the order of the given one, so that sums over it round alike
+            own = value.copy(order="K")
+            own.flags.writeable = False
+            object.__setattr__(record, field.name, own)

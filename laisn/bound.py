@@ -15,8 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
-from laisn.records import require_numbers
+from laisn.arrays import Floats, Ints, require_numbers
 from laisn.rts import Chain, smooth
 
 _LINE, _SHARES = np.polynomial.hermite_e.hermegauss(5)

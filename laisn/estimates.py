@@ -7,8 +7,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
-from laisn.records import ArrayRecord, own_arrays, require_shapes
+from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
 
 
 class FixKind(IntEnum):

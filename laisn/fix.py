@@ -11,8 +11,18 @@ from typing import NamedTuple
 
 from laisn.compiled import formula
 from laisn.estimates import FixKind
-from laisn.geometry import Arms, Point, Turn, common_chord, horizontal_range, tilted_arms, turn
-from laisn.messages import Ranges, Reception, broadcast_tilt, given_transmitters
+from laisn.geometry import (
+    Arms,
+    Point,
+    Turn,
+    broadcast_tilt,
+    common_chord,
+    given_transmitters,
+    horizontal_range,
+    tilted_arms,
+    turn,
+)
+from laisn.messages import Ranges, Reception
 from laisn.settings import NavigationSettings, Tuning
 
 TWO_POINTS = float(FixKind.TWO_POINTS)

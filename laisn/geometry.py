@@ -7,6 +7,8 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled, formula
+from laisn.messages import LeaderMessage, Reception
+from laisn.settings import Settings
 
 Triple = tuple[float, float, float]
 Angle = TypeVar("Angle", float, Floats)
@@ -175,6 +177,25 @@ def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
     forward, port = (np.array(hull_to_world(*unit, attitude)) for unit in ((1.0, 0.0), (0.0, 1.0)))
     moved = offsets @ np.stack([forward, port, np.cross(forward, port)])
     return np.asarray(np.array(origin) + moved * [1.0, 1.0, -1.0])
+
+
+def broadcast_tilt(message: LeaderMessage, settings: Settings) -> tuple[float, float]:
+    """The leader's pitch and roll, if they are broadcast and used; otherwise (0, 0) of a level leader [rad]."""
+    used = settings.use_attitude and not math.isnan(message.pitch + message.roll)
+    return (message.pitch, message.roll) if used else (0.0, 0.0)
+
+
+def given_transmitters(reception: Reception, settings: Settings) -> Floats | None:
+    """Transmitters (east, north, depth) that the message or the settings' offsets place, shape (3, 3), [m].
+
+    NaN for one that is not there; None: they are on the leader's hull, by baseline and middle offset.
+    """
+    if reception.transmitters is not None or not settings.transmitter_offsets:
+        return reception.transmitters
+    message, offsets = reception.message, np.full((3, 3), np.nan)
+    offsets[: len(settings.transmitter_offsets)] = settings.transmitter_offsets
+    attitude = (message.heading, *broadcast_tilt(message, settings))
+    return place_on_body((message.east, message.north, message.depth), attitude, offsets)
 
 
 @formula

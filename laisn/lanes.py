@@ -17,8 +17,9 @@ from laisn.compiled import compiled_lanes, copy_values
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from laisn.messages import LeaderMessage, Measurements, message_of
+from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
+from laisn.swarm import message_of
 from laisn.variants import SEQUENTIAL
 
 _SEQUENTIAL = VARIANTS.index(SEQUENTIAL)

@@ -1,17 +1,12 @@
 """All that a follower receives and measures: the only input of a navigator."""
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
-from laisn.compiled import inlined
-from laisn.geometry import place_on_body
-from laisn.records import ArrayRecord, own_arrays, require_shapes
-from laisn.settings import Settings
+from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
 
 
 class LeaderMessage(NamedTuple):
@@ -34,12 +29,6 @@ class LeaderMessage(NamedTuple):
     """Measured roll, positive starboard down [rad]."""
     heading_sigma: float = np.nan
     """Standard deviation that the leader gives for its heading [rad]."""
-
-
-@inlined
-def message_of(row: Floats) -> LeaderMessage:
-    """Columns of a message from timestamp to roll, by name; for compiled code."""
-    return LeaderMessage(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], np.nan)
 
 
 class Ranges(NamedTuple):
@@ -69,25 +58,6 @@ class Reception(NamedTuple):
     transmitters: Floats | None = None
     """Where the rear, front and middle transmitter were, if the message says so: rows of east, north, depth,
     shape (3, 3), [m]; NaN for one that is not there. None: where the settings place them about the leader."""
-
-
-def broadcast_tilt(message: LeaderMessage, settings: Settings) -> tuple[float, float]:
-    """The leader's pitch and roll, if they are broadcast and used; otherwise (0, 0) of a level leader [rad]."""
-    used = settings.use_attitude and not math.isnan(message.pitch + message.roll)
-    return (message.pitch, message.roll) if used else (0.0, 0.0)
-
-
-def given_transmitters(reception: Reception, settings: Settings) -> Floats | None:
-    """Transmitters (east, north, depth) that the message or the settings' offsets place, shape (3, 3), [m].
-
-    NaN for one that is not there; None: they are on the leader's hull, by baseline and middle offset.
-    """
-    if reception.transmitters is not None or not settings.transmitter_offsets:
-        return reception.transmitters
-    message, offsets = reception.message, np.full((3, 3), np.nan)
-    offsets[: len(settings.transmitter_offsets)] = settings.transmitter_offsets
-    attitude = (message.heading, *broadcast_tilt(message, settings))
-    return place_on_body((message.east, message.north, message.depth), attitude, offsets)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

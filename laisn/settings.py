@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, NamedTuple, Self, TypeVar, get_args
 
 import numpy as np
 
-from laisn.records import Offset, require_numbers, require_offsets
+from laisn.arrays import Offset, require_numbers, require_offsets
 
 Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main"]
 GateRule = Literal["off", "v-max", "v-measured"]

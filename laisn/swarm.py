@@ -12,6 +12,7 @@ from numba import types
 from numba.extending import overload_method
 
 from laisn.arrays import Bools, Floats, Ints, Records
+from laisn.compiled import inlined
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import Settings
 
@@ -41,6 +42,12 @@ READING = np.dtype(
     ]
 )
 """Readings of one follower's own sensors; navigators read the first three."""
+
+
+@inlined
+def message_of(row: Floats) -> LeaderMessage:
+    """Columns of a message from timestamp to roll, by name; for compiled code."""
+    return LeaderMessage(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], np.nan)
 
 
 class Swarm(Protocol):

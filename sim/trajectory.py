@@ -9,9 +9,8 @@ from typing import Any, BinaryIO, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
 from laisn.compiled import elementwise
-from laisn.records import ArrayRecord, own_arrays, require_shapes
 from sim.geometry import attitude
 
 

@@ -8,14 +8,13 @@ import numpy as np
 
 from experiments.campaign import lane_metrics as metric
 from experiments.campaign.missions import Mission, mission_of, motion_of
-from laisn.arrays import Bools, Floats, Ints
+from laisn.arrays import Bools, Floats, Ints, own_arrays
 from laisn.compiled import compiled_lanes
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.metrics import Summary
 from laisn.navigators import NavigatorSpec, find, spec_of
-from laisn.records import own_arrays
 from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
 from sim.scenario.settings import Scenario

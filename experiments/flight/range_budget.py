@@ -13,10 +13,9 @@ from enum import IntEnum
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, own_arrays
 from laisn.geometry import horizontal_range
 from laisn.messages import LeaderMessage
-from laisn.records import own_arrays
 from sim.flight import Flight, navigation_settings
 from sim.sensing.acoustics import TRANSMITTERS, Path, propagate
 from sim.sensing.errors import errors_of

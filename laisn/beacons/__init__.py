@@ -6,5 +6,5 @@ starts. Takes `Measurements` whose receptions place their transmitters; gives `E
 covariances.
 
 Imports: laisn.arrays laisn.compiled laisn.estimates laisn.failure laisn.messages
-laisn.mixture laisn.navigators laisn.records
+laisn.mixture laisn.navigators
 """

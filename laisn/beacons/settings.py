@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from laisn.records import require_chance, require_numbers
+from laisn.arrays import require_chance, require_numbers
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,9 +12,10 @@ from laisn.arrays import Bools, Floats, Ints, Records, records
 from laisn.compiled import compiled, compiled_run, copy_values
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
-from laisn.messages import LeaderMessage, Measurements, message_of
+from laisn.messages import LeaderMessage, Measurements
 from laisn.mixture import heaviest, heaviest_hypothesis, hypothesis_weight
 from laisn.navigators import MissionResult
+from laisn.swarm import message_of
 from laisn.tight.estimates import kind_of
 from laisn.tight.estimator import count_received, place_arms, receive
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, model_of, new_belief

@@ -11,7 +11,8 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.estimates import FixKind, FixRecord
 from laisn.failure import LaisnError
-from laisn.messages import OwnMotion, Reception, given_transmitters
+from laisn.geometry import given_transmitters
+from laisn.messages import OwnMotion, Reception
 from laisn.mixture import mixture_moments
 from laisn.navigators import FARTHEST, OnlineNavigator, require_readings, require_time
 from laisn.tight import estimator, own_motion

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from laisn.records import require_chance
+from laisn.arrays import require_chance
 from laisn.settings import Settings
 
 

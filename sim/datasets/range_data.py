@@ -7,9 +7,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints
+from laisn.arrays import Bools, Floats, Ints, own_arrays
 from laisn.failure import LaisnError
-from laisn.records import own_arrays
 from sim.files import read_text
 
 _LARGEST_BYTES = 500_000_000

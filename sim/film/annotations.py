@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats
-from laisn.records import own_arrays
+from laisn.arrays import Floats, own_arrays
 
 RGB = tuple[float, float, float]
 """Red, green, blue, each in [0, 1]."""

@@ -9,9 +9,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, own_arrays
 from laisn.failure import LaisnError
-from laisn.records import own_arrays
 
 START_SPEED = 1.0
 """Speed at which missions begin [m/s] (paper, Section 3.1)."""

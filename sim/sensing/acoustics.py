@@ -20,9 +20,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats, Ints, own_arrays
 from laisn.compiled import elementwise, select
-from laisn.records import own_arrays
 from sim.geometry.attitude import carried
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.trajectory import Trajectory, Truth, pose_between

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
-from laisn.records import own_arrays
+from laisn.arrays import Floats, Ints, own_arrays
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import Path, is_in_time, propagate, range_of, sound_of
 from sim.sensing.ahrs import measured_attitude

@@ -13,10 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, own_arrays
 from laisn.compiled import compiled
 from laisn.elementary import exp, sin_cos
-from laisn.records import own_arrays
 from sim.geometry.vectors import Matrix, Vector
 from sim.water.waves import FLOOR_DEPTH_M, Waves
 

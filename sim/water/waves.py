@@ -10,9 +10,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, own_arrays, require_shapes
 from laisn.failure import LaisnError
-from laisn.records import own_arrays, require_shapes
 
 GRAVITY = 9.81
 """Gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]."""
