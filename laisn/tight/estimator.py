@@ -13,7 +13,7 @@ from laisn.tight.hypotheses import add_ring, prune_and_merge, reinitialise_if_in
 from laisn.tight.leader import average_leader_heading, update_current_from_leader_track
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, refresh_output
 from laisn.tight.own_motion import begin_interval, move
-from laisn.tight.ranging import Heard, update
+from laisn.tight.ranging import Signal, update
 
 _BEND = 0.003
 """A compass bias so uncertain that the way bends by more than this is taken from the message first [m]."""
@@ -34,23 +34,23 @@ _SETTLED = 10.0
 
 
 @compiled
-def place_arms(heard: Heard, m: Model, pitch: float, roll: float, deeper: float) -> None:
+def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: float) -> None:
     """Fill in the arms of the transmitters at the broadcast heading.
 
     Args:
-        heard: a message; `arms` is overwritten, and without a depth no range counts as received.
+        signal: a message; `arms` is overwritten, and without a depth no range counts as received.
         m: settings.
         pitch: as broadcast [rad] …
         roll: … likewise; the leader is taken as level where either is NaN.
         deeper: how much deeper the leader's origin is than the hydrophone [m]; NaN if that is not known.
     """
-    arms = heard.arms
+    arms = signal.arms
     if deeper != deeper:
-        heard.ranges[:] = np.nan
-    sine, cosine = sin_cos(heard.heading)
+        signal.ranges[:] = np.nan
+    sine, cosine = sin_cos(signal.heading)
     ahead, aside = (sine, cosine, 0.0), (-cosine, sine, 0.0)
     if m.use_attitude and pitch == pitch and roll == roll:
-        attitude = (heard.heading, pitch, roll)
+        attitude = (signal.heading, pitch, roll)
         ahead, aside = hull_to_world(1.0, 0.0, attitude), hull_to_world(0.0, 1.0, attitude)
     half = 0.5 * m.baseline
     for i in range(m.transmitters):
@@ -120,7 +120,7 @@ def _gained(turn: Any, direction: tuple[float, float], least: float, time: float
 
 
 @compiled
-def deviate(b: Belief, m: Model, heard: Heard) -> None:
+def deviate(b: Belief, m: Model, signal: Signal) -> None:
     """Widen the compasses' biases by what turns since the last message may have changed of them.
 
     A compass errs by another bias on another heading. What a turn may have changed of it is a share of the whole turn,
@@ -129,7 +129,7 @@ def deviate(b: Belief, m: Model, heard: Heard) -> None:
     o = b.motion
     own, leader = _gained(b.turn, (o.sin, o.cos), _TURN, o.time), 0.0
     if m.leader != ABSENT:
-        leader = _gained(b.leader_turn, sin_cos(heard.heading), _LEADER_TURN, o.time)
+        leader = _gained(b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.time)
     for k in range(b.alive * m.modes):
         b.covariance[k, COMPASS, COMPASS] += m.deviation * own
         if m.leader != ABSENT:
@@ -137,20 +137,20 @@ def deviate(b: Belief, m: Model, heard: Heard) -> None:
 
 
 @compiled
-def inflate_bias_covariance(b: Belief, m: Model, heard: Heard) -> None:
+def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
     """Inflate bias covariances before an update: by deviations, and by the error of the heading that stands for the
     broadcast one, with which b_L moves.
     """
     if m.deviation > 0.0:
-        deviate(b, m, heard)
+        deviate(b, m, signal)
     if m.leader != ABSENT:
         for k in range(b.alive * m.modes):
-            b.state[k, m.leader] += heard.shift
-            b.covariance[k, m.leader, m.leader] += heard.wander
+            b.state[k, m.leader] += signal.shift
+            b.covariance[k, m.leader, m.leader] += signal.added_variance
 
 
 @compiled
-def _propagate_iterated(b: Belief, m: Model, k: int, heard: Heard) -> bool:
+def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
     """Predict component k; where its compass bias bends the way too much, at the biases of a first update."""
     way = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
     x, P, n = b.state, b.covariance, m.states
@@ -163,7 +163,7 @@ def _propagate_iterated(b: Belief, m: Model, k: int, heard: Heard) -> bool:
         for j in range(n):
             b.before_covariance[i, j] = P[k, i, j]
     move(b, m, k, log_bias, compass_bias)
-    healthy = update(b, m, k, heard) >= 0
+    healthy = update(b, m, k, signal) >= 0
     log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
     for i in range(n):
         x[k, i] = b.before_state[i]
@@ -200,23 +200,23 @@ def update_leader_variance(b: Belief, m: Model) -> None:
 
 
 @compiled
-def count_received(m: Model, heard: Heard) -> int:
+def count_received(m: Model, signal: Signal) -> int:
     """How many ranges of transmitters that are used there are."""
     count = 0
     for i in range(m.transmitters):
-        if heard.ranges[i] == heard.ranges[i]:
+        if signal.ranges[i] == signal.ranges[i]:
             count += 1
     return count
 
 
 @compiled
-def _check_health(b: Belief, m: Model, heard: Heard, received: int, used: int) -> bool:
+def _check_health(b: Belief, m: Model, signal: Signal, received: int, used: int) -> bool:
     """Smooth the NIS, and reinitialise or inflate a belief that the ranges do not fit; False if that failed."""
     normalised_innovation = 0.0
     for k in range(b.alive * m.modes):
         normalised_innovation += b.weight[k] * b.outcome[k].normalised_innovation
     b.smoothed_nis += _SMOOTHING * (normalised_innovation - b.smoothed_nis)
-    if received > 1 and not reinitialise_if_inconsistent(b, m, heard):
+    if received > 1 and not reinitialise_if_inconsistent(b, m, signal):
         return False
     b.missed_updates = 0.0 if used > 0 else b.missed_updates + 1.0
     if b.missed_updates >= _PATIENCE:
@@ -228,11 +228,11 @@ def _check_health(b: Belief, m: Model, heard: Heard, received: int, used: int) -
 
 
 @compiled
-def _begin(b: Belief, m: Model, heard: Heard, received: int) -> int:
+def _begin(b: Belief, m: Model, signal: Signal, received: int) -> int:
     """Begin with this message, if it is enough; what `receive` returns."""
     if received < 2:
         return 0
-    if not add_ring(b, m, heard, 1.0):
+    if not add_ring(b, m, signal, 1.0):
         return -1
     # all of them were used, but nothing had been expected of them that they could have missed
     for k in range(b.alive * m.modes):
@@ -243,33 +243,33 @@ def _begin(b: Belief, m: Model, heard: Heard, received: int) -> int:
 
 
 @compiled
-def receive(b: Belief, m: Model, heard: Heard) -> int:
+def receive(b: Belief, m: Model, signal: Signal) -> int:
     """Take a message: predict all components to its instant and update them with its ranges.
 
-    A message of which no ping was heard says nothing: the way since the last one goes on. With an unknown start the
+    A message without ranges changes nothing: the way since the last one continues. With an unknown start the
     first message with two ranges makes the belief.
 
     Returns:
         The most ranges that a hypothesis used; −1 if a covariance was not positive definite, after which the belief is
         not to be used any more.
     """
-    received = count_received(m, heard)
+    received = count_received(m, signal)
     if received == 0:
         return 0
     if b.alive == 0:
-        return _begin(b, m, heard, received)
+        return _begin(b, m, signal, received)
     mix_modes(b, m)
     if m.leader != ABSENT:
-        average_leader_heading(b, m, heard)
-    inflate_bias_covariance(b, m, heard)
+        average_leader_heading(b, m, signal)
+    inflate_bias_covariance(b, m, signal)
     for k in range(b.alive * m.modes):
-        if not _propagate_iterated(b, m, k, heard):
+        if not _propagate_iterated(b, m, k, signal):
             return -1
-    if not math.isnan(heard.ranges[0] + heard.ranges[1]):
-        split(b, m, heard)
+    if not math.isnan(signal.ranges[0] + signal.ranges[1]):
+        split(b, m, signal)
     most = 0
     for k in range(b.alive * m.modes):
-        used = update(b, m, k, heard)
+        used = update(b, m, k, signal)
         if used < 0:
             return -1
         if used > most:
@@ -280,10 +280,10 @@ def receive(b: Belief, m: Model, heard: Heard) -> int:
         update_leader_variance(b, m)
     if b.alive > 1:
         prune_and_merge(b, m)
-    if not _check_health(b, m, heard, received, most):
+    if not _check_health(b, m, signal, received, most):
         return -1
     if m.current != ABSENT or m.leader != ABSENT:
-        update_current_from_leader_track(b, m, heard)
+        update_current_from_leader_track(b, m, signal)
     begin_interval(b)
     refresh_output(b, m)
     return most

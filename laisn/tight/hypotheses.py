@@ -17,7 +17,7 @@ from laisn.elementary import sin_cos
 from laisn.mixture import copy_component, copy_hypothesis, half_moments, heaviest, normalise, place_on_ring
 from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.model import ABSENT, CAPACITY, Belief, Model, X, Y, refresh_output
-from laisn.tight.ranging import Heard, update
+from laisn.tight.ranging import Signal, update
 
 _SPLIT = 0.3
 """Least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis matters."""
@@ -27,28 +27,28 @@ _LEAST_WEIGHT = 1e-5
 
 
 @compiled
-def _lateral(b: Belief, m: Model, k: int, heard: Heard) -> tuple[float, float, float, float, float]:
+def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float, float, float, float]:
     """Distance ℓ of component k to the left of the line from transmitter 1 to 2, and its derivatives.
 
     Returns:
         ℓ [m], its derivatives by x, y and b_L, and the distance from the leader's origin [m].
     """
-    x, arms = b.state, heard.arms
+    x, arms = b.state, signal.arms
     bias = x[k, m.leader] if m.leader != ABSENT else 0.0
     s, c = sin_cos(bias)
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
     per_length = 1.0 / math.sqrt(ex * ex + ey * ey)
     tx, ty = (c * ex - s * ey) * per_length, (s * ex + c * ey) * per_length
-    qx, qy = x[k, X] - heard.east, x[k, Y] - heard.north
+    qx, qy = x[k, X] - signal.east, x[k, Y] - signal.north
     ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
     return tx * oy - ty * ox, -ty, tx, -(tx * qx + ty * qy), math.sqrt(qx * qx + qy * qy)
 
 
 @compiled
-def _keep_half(b: Belief, m: Model, k: int, heard: Heard, side: float) -> None:
+def _keep_half(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None:
     """Replace component k by its part on one side of the axis: left for +1, right for −1; with its exact moments."""
     x, P, n = b.state, b.covariance, m.states
-    lateral, gx, gy, gl, _ = _lateral(b, m, k, heard)
+    lateral, gx, gy, gl, _ = _lateral(b, m, k, signal)
     column = b.before_state
     for i in range(n):
         column[i] = P[k, i, X] * gx + P[k, i, Y] * gy
@@ -69,30 +69,30 @@ def _keep_half(b: Belief, m: Model, k: int, heard: Heard, side: float) -> None:
 
 
 @compiled
-def _reaches_across(b: Belief, m: Model, k: int, heard: Heard) -> bool:
+def _reaches_across(b: Belief, m: Model, k: int, signal: Signal) -> bool:
     """Whether component k is wide enough at the axis for both of its sides to matter."""
     P = b.covariance
-    lateral, gx, gy, gl, distance = _lateral(b, m, k, heard)
+    lateral, gx, gy, gl, distance = _lateral(b, m, k, signal)
     variance = gx * gx * P[k, X, X] + 2.0 * gx * gy * P[k, X, Y] + gy * gy * P[k, Y, Y]
     if m.leader != ABSENT:
         variance += gl * (2.0 * (gx * P[k, X, m.leader] + gy * P[k, Y, m.leader]) + gl * P[k, m.leader, m.leader])
-    ex, ey = heard.arms[1, 0] - heard.arms[0, 0], heard.arms[1, 1] - heard.arms[0, 1]
+    ex, ey = signal.arms[1, 0] - signal.arms[0, 0], signal.arms[1, 1] - signal.arms[0, 1]
     # where the difference of both ranges has bent by 1.4 of their errors
     critical = distance * math.sqrt(2.8 * m.range_sigma / math.sqrt(ex * ex + ey * ey))
     return variance > (_SPLIT * critical) ** 2 and abs(lateral) < _REACH * math.sqrt(variance)
 
 
 @compiled
-def split(b: Belief, m: Model, heard: Heard) -> None:
+def split(b: Belief, m: Model, signal: Signal) -> None:
     """Split every hypothesis that reaches across the leader's axis."""
     for h in range(b.alive):
-        if b.alive < CAPACITY and _reaches_across(b, m, heaviest(b, m.modes, h), heard):
+        if b.alive < CAPACITY and _reaches_across(b, m, heaviest(b, m.modes, h), signal):
             other = b.alive
             b.alive += 1
             copy_hypothesis(b, m.modes, h, other)
             for mode in range(m.modes):
-                _keep_half(b, m, h * m.modes + mode, heard, 1.0)
-                _keep_half(b, m, other * m.modes + mode, heard, -1.0)
+                _keep_half(b, m, h * m.modes + mode, signal, 1.0)
+                _keep_half(b, m, other * m.modes + mode, signal, -1.0)
 
 
 @compiled
@@ -128,15 +128,15 @@ def _reset(b: Belief, m: Model, k: int) -> None:
 
 
 @compiled
-def _try_bearing(b: Belief, m: Model, k: int, heard: Heard, nearest: int, distance: float, bearing: float) -> bool:
+def _try_bearing(b: Belief, m: Model, k: int, signal: Signal, nearest: int, distance: float, bearing: float) -> bool:
     """Update component k from a prior at a bearing from north [rad] of the nearest transmitter, about a distance [m].
 
     False if that failed.
     """
     _reset(b, m, k)
-    centre = (heard.arms[nearest, 0], heard.arms[nearest, 1])
+    centre = (signal.arms[nearest, 0], signal.arms[nearest, 1])
     place_on_ring(b.state[k], b.covariance[k], centre, distance, sin_cos(bearing), (_RADIAL_VARIANCE, _BEARINGS))
-    return update(b, m, k, heard) >= 0
+    return update(b, m, k, signal) >= 0
 
 
 @compiled
@@ -151,7 +151,7 @@ def _gather(b: Belief, m: Model, source: int, target: int, weight: float) -> Non
 
 
 @compiled
-def _finish(b: Belief, m: Model, k: int, heard: Heard) -> None:
+def _finish(b: Belief, m: Model, k: int, signal: Signal) -> None:
     """Make a component of gathered moments, turn it by what the leader's compass may be off, and move it in place."""
     x, P, per = b.state, b.covariance, 1.0 / b.weight[k]
     for i in range(m.states):
@@ -169,8 +169,8 @@ def _finish(b: Belief, m: Model, k: int, heard: Heard) -> None:
         P[k, X, m.leader] = P[k, m.leader, X] = bias * by_bias_x
         P[k, Y, m.leader] = P[k, m.leader, Y] = bias * by_bias_y
         P[k, m.leader, m.leader] = bias
-    x[k, X] += heard.east
-    x[k, Y] += heard.north
+    x[k, X] += signal.east
+    x[k, Y] += signal.north
 
 
 @compiled
@@ -183,20 +183,20 @@ def _nearness(b: Belief, k: int, here: tuple[float, float]) -> float:
 
 
 @compiled
-def _walk_round(b: Belief, m: Model, heard: Heard, first: int, here: tuple[float, float]) -> bool:
+def _walk_round(b: Belief, m: Model, signal: Signal, first: int, here: tuple[float, float]) -> bool:
     """Gather what all bearings become into the first components of two hypotheses, left of the axis and right of it."""
     nearest, shortest = 0, math.inf
     for i in range(m.transmitters):
-        if heard.ranges[i] < shortest:
-            nearest, shortest = i, heard.ranges[i]
-    deeper = heard.arms[nearest, 2]
+        if signal.ranges[i] < shortest:
+            nearest, shortest = i, signal.ranges[i]
+    deeper = signal.arms[nearest, 2]
     distance = math.sqrt(max(shortest * shortest - deeper * deeper, 1.0))
-    ax, ay = heard.arms[0, 0], heard.arms[0, 1]
-    ex, ey = heard.arms[1, 0] - ax, heard.arms[1, 1] - ay
+    ax, ay = signal.arms[0, 0], signal.arms[0, 1]
+    ex, ey = signal.arms[1, 0] - ax, signal.arms[1, 1] - ay
     trial, healthy, best = (CAPACITY - 1) * m.modes, True, -math.inf
     for gathering in (False, True):
         for j in range(_BEARINGS):
-            healthy &= _try_bearing(b, m, trial, heard, nearest, distance, 2.0 * math.pi * (j + 0.5) / _BEARINGS)
+            healthy &= _try_bearing(b, m, trial, signal, nearest, distance, 2.0 * math.pi * (j + 0.5) / _BEARINGS)
             evidence = b.evidence[trial] + _nearness(b, trial, here)
             if gathering:
                 left = ex * (b.state[trial, Y] - ay) - ey * (b.state[trial, X] - ax) > 0.0
@@ -207,27 +207,27 @@ def _walk_round(b: Belief, m: Model, heard: Heard, first: int, here: tuple[float
 
 
 @compiled
-def add_ring(b: Belief, m: Model, heard: Heard, weight: float) -> bool:
+def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
     """Add two hypotheses of a message with two ranges or more; False if a covariance was not positive definite.
 
     Args:
         b: the belief; there must be room for three hypotheses more.
         m: settings.
-        heard: the message.
+        signal: the message.
         weight: of both together; that of all others is scaled to the rest.
     """
     first = b.alive * m.modes
-    here = (b.output.x - heard.east, b.output.y - heard.north)
+    here = (b.output.x - signal.east, b.output.y - signal.north)
     for h in range(2):
         k = first + h * m.modes
         _reset(b, m, k)
         for i in range(m.states):
             b.covariance[k, i, i] = 0.0
-    east, north, variance = heard.east, heard.north, b.leader_variance
+    east, north, variance = signal.east, signal.north, b.leader_variance
     # about the leader, and with its heading as broadcast: both are put right at the end
-    heard.east = heard.north = b.leader_variance = 0.0
-    healthy = _walk_round(b, m, heard, first, here)
-    heard.east, heard.north, b.leader_variance = east, north, variance
+    signal.east = signal.north = b.leader_variance = 0.0
+    healthy = _walk_round(b, m, signal, first, here)
+    signal.east, signal.north, b.leader_variance = east, north, variance
     total = b.weight[first] + b.weight[first + m.modes]
     if not healthy or not total > 0.0:
         return False
@@ -239,7 +239,7 @@ def add_ring(b: Belief, m: Model, heard: Heard, weight: float) -> bool:
             # nothing was left on the other side
             copy_component(b, first + m.modes, first)
         if b.weight[k] > 0.0:
-            _finish(b, m, k, heard)
+            _finish(b, m, k, signal)
             b.weight[k] *= weight / (total * m.modes)
             for mode in range(1, m.modes):
                 copy_component(b, k, k + mode)
@@ -250,10 +250,10 @@ def add_ring(b: Belief, m: Model, heard: Heard, weight: float) -> bool:
 
 
 @compiled
-def reinitialise_if_inconsistent(b: Belief, m: Model, heard: Heard) -> bool:
+def reinitialise_if_inconsistent(b: Belief, m: Model, signal: Signal) -> bool:
     """Add the hypotheses of this message alone where the smoothed NIS is too large; False as of `add_ring`."""
     if b.smoothed_nis < _ALARM:
         return True
     b.smoothed_nis = 1.0
     refresh_output(b, m)
-    return add_ring(b, m, heard, _SECOND_THOUGHT)
+    return add_ring(b, m, signal, _SECOND_THOUGHT)

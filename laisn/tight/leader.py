@@ -18,7 +18,7 @@ from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, wrap_angle
 from laisn.tight.model import ABSENT, Belief, Model
-from laisn.tight.ranging import Heard
+from laisn.tight.ranging import Signal
 
 _STRAIGHT = 0.005
 """Way that bends by less from message to message is straight [rad]."""
@@ -32,37 +32,37 @@ _LITTLE = 0.1
 
 
 @compiled
-def _bend(b: Belief, heard: Heard) -> float:
+def _bend(b: Belief, signal: Signal) -> float:
     """By how much the leader's way turned at the last message [rad]; NaN if that is unknown."""
     o = b.leader
-    dx, dy = heard.east - o.at_x, heard.north - o.at_y
+    dx, dy = signal.east - o.at_x, signal.north - o.at_y
     before = o.track
-    o.at_x, o.at_y = heard.east, heard.north
+    o.at_x, o.at_y = signal.east, signal.north
     o.track = math.atan2(dx, dy) if dx * dx + dy * dy > _LEAST_WAY * _LEAST_WAY else math.nan
     return wrap_angle(o.track - before)
 
 
 @compiled
-def _turn_arms(heard: Heard, angle: float) -> None:
+def _turn_arms(signal: Signal, angle: float) -> None:
     """Turn the arms clockwise."""
     s, c = sin_cos(angle)
     for i in range(3):
-        ax, ay = heard.arms[i, 0], heard.arms[i, 1]
-        heard.arms[i, 0], heard.arms[i, 1] = c * ax + s * ay, c * ay - s * ax
+        ax, ay = signal.arms[i, 0], signal.arms[i, 1]
+        signal.arms[i, 0], signal.arms[i, 1] = c * ax + s * ay, c * ay - s * ax
 
 
 @compiled
-def average_leader_heading(b: Belief, m: Model, heard: Heard) -> None:
-    """Replace the heading of a message by the leg's, with the arms; sets `heard.shift` and `heard.wander`."""
+def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
+    """Replace the heading of a message by the leg's, with the arms; sets `signal.shift` and `signal.added_variance`."""
     o, given = b.leader, m.leader_variance
-    bend = _bend(b, heard)
+    bend = _bend(b, signal)
     straight = abs(bend) < _STRAIGHT
-    heard.shift = heard.wander = 0.0
-    error = wrap_angle(heard.heading - o.leg_heading - bend)
+    signal.shift = signal.added_variance = 0.0
+    error = wrap_angle(signal.heading - o.leg_heading - bend)
     if o.leg > 0.0 and not (straight and error * error <= _AGREES * _AGREES * given):
         if o.steady > 0.0:
             # from here on b_L is again without the mean's random error
-            heard.wander = o.scatter / o.leg
+            signal.added_variance = o.scatter / o.leg
             o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
         o.leg = o.steady = 0.0
         return
@@ -70,22 +70,22 @@ def average_leader_heading(b: Belief, m: Model, heard: Heard) -> None:
         return
     o.leg += 1.0
     shift = error / o.leg if o.leg > 1.0 else 0.0
-    o.leg_heading = o.leg_heading + bend + shift if o.leg > 1.0 else heard.heading
+    o.leg_heading = o.leg_heading + bend + shift if o.leg > 1.0 else signal.heading
     if o.leg > 1.0:
         o.squares += error * (error - shift)
         o.compared += 1.0
         o.scatter = min((given + o.squares) / (1.0 + o.compared), given)
     if o.steady > 0.0:
         # the way bends half an interval earlier than the heading
-        heard.shift, heard.wander = shift, 0.25 * bend * bend
+        signal.shift, signal.added_variance = shift, 0.25 * bend * bend
     elif o.leg >= _ENOUGH or o.scatter < _LITTLE * o.leg * b.covariance[0, m.leader, m.leader]:
-        heard.wander = o.scatter / o.leg
+        signal.added_variance = o.scatter / o.leg
         o.steady = 1.0
         o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
     if o.steady > 0.0:
-        change = wrap_angle(o.leg_heading - heard.heading)
-        heard.heading += change
-        _turn_arms(heard, change)
+        change = wrap_angle(o.leg_heading - signal.heading)
+        signal.heading += change
+        _turn_arms(signal, change)
 
 
 _WINDOW = 10.0
@@ -99,11 +99,11 @@ CURRENT_SIGMA = 0.05
 
 
 @compiled
-def _begin(b: Belief, heard: Heard) -> None:
+def _begin(b: Belief, signal: Signal) -> None:
     o = b.leader
-    o.window_time, o.window_x, o.window_y = heard.time, heard.east, heard.north
+    o.window_time, o.window_x, o.window_y = signal.time, signal.east, signal.north
     o.logged_x = o.logged_y = 0.0
-    o.first_heading = heard.heading
+    o.first_heading = signal.heading
 
 
 @compiled
@@ -141,27 +141,27 @@ def _update_component(
 
 
 @compiled
-def update_current_from_leader_track(b: Belief, m: Model, heard: Heard) -> None:
+def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> None:
     """Take a message's pose and speed; at the end of a window update all components with the current it shows."""
     o = b.leader
-    sx, sy = heard.speed * math.sin(heard.heading), heard.speed * math.cos(heard.heading)
+    sx, sy = signal.speed * math.sin(signal.heading), signal.speed * math.cos(signal.heading)
     if o.window_time != o.window_time:
-        o.first_time = heard.time
-        _begin(b, heard)
+        o.first_time = signal.time
+        _begin(b, signal)
     else:
-        elapsed = heard.time - o.last_time
+        elapsed = signal.time - o.last_time
         o.logged_x += 0.5 * elapsed * (o.velocity_x + sx)
         o.logged_y += 0.5 * elapsed * (o.velocity_y + sy)
-        turn = angle_between(heard.heading, o.first_heading)
-        window = heard.time - o.window_time
-        wanted = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (heard.time - o.first_time))
+        turn = angle_between(signal.heading, o.first_heading)
+        window = signal.time - o.window_time
+        wanted = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (signal.time - o.first_time))
         if turn > _TURN:
-            _begin(b, heard)
+            _begin(b, signal)
         elif window >= wanted - 1e-6:
             per = 1.0 / window
             logged = (per * o.logged_x, per * o.logged_y)
-            seen = (per * (heard.east - o.window_x) - logged[0], per * (heard.north - o.window_y) - logged[1])
+            seen = (per * (signal.east - o.window_x) - logged[0], per * (signal.north - o.window_y) - logged[1])
             for k in range(b.alive * m.modes):
                 _update_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
-            _begin(b, heard)
-    o.velocity_x, o.velocity_y, o.last_time = sx, sy, heard.time
+            _begin(b, signal)
+    o.velocity_x, o.velocity_y, o.last_time = sx, sy, signal.time

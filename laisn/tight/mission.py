@@ -10,7 +10,6 @@ import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Records, records
 from laisn.compiled import compiled, compiled_run, copy_values
-from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements
 from laisn.mixture import heaviest, heaviest_hypothesis, hypothesis_weight
@@ -19,8 +18,8 @@ from laisn.swarm import message_of
 from laisn.tight.estimates import kind_of
 from laisn.tight.estimator import count_received, place_arms, receive
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, model_of, new_belief
-from laisn.tight.own_motion import advance, moments, position, reckon, velocity
-from laisn.tight.ranging import Heard, new_heard
+from laisn.tight.own_motion import advance, moments, position, velocity
+from laisn.tight.ranging import Signal, new_signal
 from laisn.tight.settings import TightSettings
 
 OUTCOME = np.dtype(
@@ -45,19 +44,19 @@ class Found(NamedTuple):
 
 
 @compiled
-def _receive(b: Belief, m: Model, heard: Heard, message: LeaderMessage, ranges: Floats, depth: float) -> int:
+def _receive(b: Belief, m: Model, signal: Signal, message: LeaderMessage, ranges: Floats, depth: float) -> int:
     """Take a message and its ranges, shape (3,), at the follower's depth [m]; see `receive`."""
-    heard.time, heard.east, heard.north = message.timestamp, message.east, message.north
-    heard.heading, heard.speed = message.heading, message.speed
-    copy_values(ranges, heard.ranges)
-    place_arms(heard, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height))
-    return receive(b, m, heard)
+    signal.time, signal.east, signal.north = message.timestamp, message.east, message.north
+    signal.heading, signal.speed = message.heading, message.speed
+    copy_values(ranges, signal.ranges)
+    place_arms(signal, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height))
+    return receive(b, m, signal)
 
 
 @compiled
-def record_outcome(b: Belief, m: Model, heard: Heard, used: int, outcome: Any) -> None:
+def record_outcome(b: Belief, m: Model, signal: Signal, used: int, outcome: Any) -> None:
     """Write the result of a message into a record of OUTCOME; `used` is what `receive` gave."""
-    outcome.received = count_received(m, heard) if b.alive > 0 else 0
+    outcome.received = count_received(m, signal) if b.alive > 0 else 0
     outcome.used, outcome.squared = 0, np.nan
     if used > 0:
         last = b.outcome[heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.alive))]
@@ -65,18 +64,11 @@ def record_outcome(b: Belief, m: Model, heard: Heard, used: int, outcome: Any) -
         outcome.squared = last.squared if last.taken > 0 else np.nan
 
 
-@compiled
-def _sines(heading: Floats, sine: Floats, cosine: Floats) -> None:
-    """Sines and cosines of all headings in one loop, which is vectorised; shape (n,)."""
-    for k in range(heading.shape[0]):
-        sine[k], cosine[k] = sin_cos(heading[k])
-
-
 @compiled_run
 def filter_mission(
     b: Belief,
     m: Model,
-    heard: Heard,
+    signal: Signal,
     speed: Floats,
     heading: Floats,
     message_step: Ints,
@@ -88,7 +80,7 @@ def filter_mission(
     Args:
         b: a new belief.
         m: settings.
-        heard: room for a message.
+        signal: room for a message.
         speed: log after each step, shape (n,), [m/s].
         heading: compass after each step, shape (n,), [rad].
         message_step: shape (m,), from 1.
@@ -100,17 +92,14 @@ def filter_mission(
         The step at which a covariance was not positive definite; 0 if none was.
     """
     i, (message, ranges, depth), (states, covariances, outcome) = 0, messages, found
-    n = speed.shape[0]
-    sine, cosine = np.empty(n), np.empty(n)
-    _sines(heading, sine, cosine)
-    for k in range(n):
-        reckon(b, m, speed[k], sine[k], cosine[k], m.dt)
+    for k in range(speed.size):
+        advance(b, m, speed[k], heading[k], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
-            used = _receive(b, m, heard, message_of(message[i]), ranges[i], depth[i])
+            used = _receive(b, m, signal, message_of(message[i]), ranges[i], depth[i])
             if used < 0:
                 return k + 1
             if outcome.shape[0] > 0:
-                record_outcome(b, m, heard, used, outcome[i])
+                record_outcome(b, m, signal, used, outcome[i])
             i += 1
         if covariances.shape[0] > 0:
             moments(b, m)
@@ -151,7 +140,7 @@ def run_mission(
     messages = sent, ranges, measurements.last_depth[step - 1]
     known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
     belief = new_belief(settings, model, known)
-    failed = filter_mission(belief, model, new_heard(), speed, heading, step, messages, found)
+    failed = filter_mission(belief, model, new_signal(), speed, heading, step, messages, found)
     if failed:
         raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
     return found
@@ -234,7 +223,7 @@ class TightSwarm(NamedTuple):
     """`Belief` of each follower, shape (f,)."""
     model: Model
     """Of all of them."""
-    heard: Heard
+    signal: Signal
     """Room for a message."""
     outcome: Records
     """Room for its result, shape (1,)."""
@@ -249,16 +238,16 @@ class TightSwarm(NamedTuple):
 
         The step's number is not read.
         """
-        beliefs, m, heard, outcomes, gated = self
+        beliefs, m, signal, outcomes, gated = self
         outcome = outcomes[0]
         for i in range(beliefs.size):
             b, estimate = beliefs[i], estimates[i]
             advance(b, m, readings[i].speed, readings[i].heading, m.dt)
             if received[i]:
-                used = _receive(b, m, heard, message_of(messages[i]), ranges[i], readings[i].depth)
+                used = _receive(b, m, signal, message_of(messages[i]), ranges[i], readings[i].depth)
                 if used < 0:
                     return i + 1
-                record_outcome(b, m, heard, used, outcome)
+                record_outcome(b, m, signal, used, outcome)
                 gated[i] += outcome.received > 0 and outcome.used == 0
                 _write_outputs(b, m, estimate)
             estimate.position[0], estimate.position[1] = position(b)
@@ -275,4 +264,4 @@ def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
     known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
     beliefs = np.stack([new_belief(settings, model, start) for start in known]).view(np.recarray)
     gated = np.zeros(len(beliefs), dtype=np.int64)
-    return TightSwarm(beliefs, model, new_heard(), records(OUTCOME, 1), gated)
+    return TightSwarm(beliefs, model, new_signal(), records(OUTCOME, 1), gated)

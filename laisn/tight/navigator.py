@@ -18,7 +18,7 @@ from laisn.navigators import FARTHEST, OnlineNavigator, require_readings, requir
 from laisn.tight import estimator, own_motion
 from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
 from laisn.tight.model import Belief, canonical, model_of, new_belief
-from laisn.tight.ranging import new_heard
+from laisn.tight.ranging import new_signal
 from laisn.tight.settings import TightSettings
 
 ScalarRecord: TypeAlias = Any
@@ -43,15 +43,15 @@ def moments(b: ScalarRecord, m: ScalarRecord) -> None:
 
 
 @compiled
-def place_arms(heard: ScalarRecord, m: ScalarRecord, pitch: float, roll: float, deeper: float) -> None:
+def place_arms(signal: ScalarRecord, m: ScalarRecord, pitch: float, roll: float, deeper: float) -> None:
     """`laisn.tight.estimator.place_arms` of a message."""
-    estimator.place_arms(heard[0], m[0], pitch, roll, deeper)
+    estimator.place_arms(signal[0], m[0], pitch, roll, deeper)
 
 
 @compiled
-def receive(b: ScalarRecord, m: ScalarRecord, heard: ScalarRecord) -> int:
+def receive(b: ScalarRecord, m: ScalarRecord, signal: ScalarRecord) -> int:
     """`laisn.tight.estimator.receive` of a message."""
-    return estimator.receive(b[0], m[0], heard[0])
+    return estimator.receive(b[0], m[0], signal[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +108,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._model = model = model_of(settings)
         self._places = canonical(settings)
-        self._heard = scalar_record(new_heard())
+        self._signal = scalar_record(new_signal())
         self._records = b, _ = scalar_record(new_belief(settings, model, self._start)), scalar_record(model)
         self._belief: Belief = b[0]
         self._moments = b["now"][0], b["now_covariance"][0]
@@ -144,26 +144,26 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
 
     def _place_transmitters(self, own: OwnMotion, reception: Reception) -> None:
         """Fill in the arms of the transmitters; a range to one whose position is unknown counts as not received."""
-        message, settings, heard = reception.message, self.settings, self._heard
+        message, settings, signal = reception.message, self.settings, self._signal
         hydrophone, places = own.depth - settings.hydrophone_height, given_transmitters(reception, settings)
         if places is None:
-            place_arms(heard, self._records[1], message.pitch, message.roll, message.depth - hydrophone)
+            place_arms(signal, self._records[1], message.pitch, message.roll, message.depth - hydrophone)
             return
         if reception.transmitters is not None and not settings.assume.exact_leader:
             raise LaisnError(
                 f"step {self._step}: the message places its transmitters, whom no compass of a leader turns; set "
                 "assume.exact_leader"
             )
-        heard["arms"][0] = places - np.array([message.east, message.north, hydrophone])
-        heard["ranges"][0, np.any(np.isnan(heard["arms"][0]), axis=1)] = np.nan
+        signal["arms"][0] = places - np.array([message.east, message.north, hydrophone])
+        signal["ranges"][0, np.any(np.isnan(signal["arms"][0]), axis=1)] = np.nan
 
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
-        message, heard, (belief, model) = reception.message, self._heard, self._records
-        heard["time"], heard["east"], heard["north"] = message.timestamp, message.east, message.north
-        heard["heading"], heard["speed"], heard["ranges"] = message.heading, message.speed, reception.ranges
+        message, signal, (belief, model) = reception.message, self._signal, self._records
+        signal["time"], signal["east"], signal["north"] = message.timestamp, message.east, message.north
+        signal["heading"], signal["speed"], signal["ranges"] = message.heading, message.speed, reception.ranges
         self._place_transmitters(own, reception)
-        received = int(np.count_nonzero(np.isfinite(heard["ranges"][0, : self.settings.transmitters])))
-        used = receive(belief, model, heard)
+        received = int(np.count_nonzero(np.isfinite(signal["ranges"][0, : self.settings.transmitters])))
+        used = receive(belief, model, signal)
         if used < 0:
             raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
         return self._update(received, used)

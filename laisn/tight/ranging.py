@@ -23,27 +23,28 @@ _SHORTEST = 0.01
 """Nearer to a transmitter than this the direction to it means nothing [m]."""
 
 
-_HEARD = np.dtype((np.record, np.dtype([
+_SIGNAL = np.dtype((np.record, np.dtype([
     ("time", np.float64),  # of emission, on the leader's clock [s]
     ("east", np.float64), ("north", np.float64),  # of the leader's origin [m]
     ("heading", np.float64),  # of the leader [rad] …
     ("speed", np.float64),  # … and its speed through the water [m/s]
     ("arms", np.float64, (3, 3)),  # from the origin to each transmitter: east, north, how much deeper than we [m]
     ("ranges", np.float64, 3),  # slant ranges [m]; NaN where nothing was received
-    ("shift", np.float64), ("wander", np.float64),  # what b_L and its variance grow by at this message [rad], [rad²]
+    ("shift", np.float64),  # what b_L grows by at this message [rad] …
+    ("added_variance", np.float64),  # … and its variance [rad²]
 ])))  # fmt: skip
 
-Heard: TypeAlias = Any
-"""A message and its ranges: a record with the fields of `_HEARD`."""
+Signal: TypeAlias = Any
+"""A message and its ranges as a record with the fields of `_SIGNAL`."""
 
 
-def new_heard() -> Heard:
+def new_signal() -> Signal:
     """Room for a message."""
-    return np.zeros(1, dtype=_HEARD)[0]
+    return np.zeros(1, dtype=_SIGNAL)[0]
 
 
 @compiled
-def predict_ranges(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_variance: float) -> int:
+def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, turn_variance: float) -> int:
     """Residuals of the ranges for component k, with rows of derivatives and covariances; all into `b.work`.
 
     Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001 (second-order EKF): ½ tr(H P) in the mean and
@@ -53,7 +54,7 @@ def predict_ranges(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_
         b: the belief; `b.work` is overwritten.
         m: settings.
         k: the component.
-        heard: the message.
+        signal: the message.
         turn: random error of the leader's heading about which to linearise [rad].
         turn_variance: what is left of its variance for the second-order terms [rad²].
 
@@ -64,20 +65,20 @@ def predict_ranges(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_
     turning = m.leader != ABSENT
     bias = x[k, m.leader] + turn if turning else 0.0
     s, c = sin_cos(bias)
-    qx, qy = x[k, X] - heard.east, x[k, Y] - heard.north
+    qx, qy = x[k, X] - signal.east, x[k, Y] - signal.north
     pxx, pxy, pyy = P[k, X, X], P[k, X, Y], P[k, Y, Y]
     count, farthest = 0, 0.0
     for i in range(m.transmitters):
-        if heard.ranges[i] == heard.ranges[i]:
+        if signal.ranges[i] == signal.ranges[i]:
             w.used[count] = i
             count += 1
-            farthest = max(farthest, heard.ranges[i])
+            farthest = max(farthest, signal.ranges[i])
     per_farthest = 1.0 / max(farthest, _SHORTEST)
     for j in range(count):
         i = w.used[j]
-        ax, ay = heard.arms[i, 0], heard.arms[i, 1]
+        ax, ay = signal.arms[i, 0], signal.arms[i, 1]
         sx, sy = c * ax - s * ay, s * ax + c * ay
-        dx, dy, dz = qx - sx, qy - sy, heard.arms[i, 2]
+        dx, dy, dz = qx - sx, qy - sy, signal.arms[i, 2]
         rho = max(math.sqrt(dx * dx + dy * dy + dz * dz), _SHORTEST)
         per_rho = 1.0 / rho
         hx, hy = dx * per_rho, dy * per_rho
@@ -112,7 +113,7 @@ def predict_ranges(b: Belief, m: Model, k: int, heard: Heard, turn: float, turn_
             expected += x[k, m.offset + i - 1]
         if m.clock != ABSENT:
             expected += x[k, m.clock]
-        w.residual[i] = heard.ranges[i] - expected
+        w.residual[i] = signal.ranges[i] - expected
         for h in range(m.states):
             gain = P[k, h, X] * hx + P[k, h, Y] * hy + P[k, h, SCALE] * share
             if turning:
@@ -194,16 +195,16 @@ def _ignore_common(b: Belief, count: int) -> tuple[float, float, float]:
 
 
 @inlined
-def _mean_range(b: Belief, heard: Heard, count: int) -> float:
+def _mean_range(b: Belief, signal: Signal, count: int) -> float:
     """Mean of the ranges in `work.used` [m]."""
     total = 0.0
     for j in range(count):
-        total += heard.ranges[b.work.used[j]]
+        total += signal.ranges[b.work.used[j]]
     return total / count
 
 
 @compiled
-def _tilt_common(b: Belief, heard: Heard, count: int, share: float) -> None:
+def _tilt_common(b: Belief, signal: Signal, count: int, share: float) -> None:
     """Add to S what a common echo of excess e may do to the differences of the ranges in `work.used`.
 
     A late ping leaves them as they are. A reflection at the surface or the floor adds the same to the square of each
@@ -211,15 +212,15 @@ def _tilt_common(b: Belief, heard: Heard, count: int, share: float) -> None:
 
     Args:
         b: `work.spread` is changed.
-        heard: the message.
+        signal: the message.
         count: how many ranges.
         share: (e / ρ̄)².
     """
-    w, mean = b.work, _mean_range(b, heard, count)
+    w, mean = b.work, _mean_range(b, signal, count)
     for j in range(count):
         for h in range(count):
             i, g = w.used[j], w.used[h]
-            w.spread[i, g] += share * (heard.ranges[i] - mean) * (heard.ranges[g] - mean)
+            w.spread[i, g] += share * (signal.ranges[i] - mean) * (signal.ranges[g] - mean)
 
 
 @inlined
@@ -285,7 +286,7 @@ def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
 
 
 @compiled
-def _choose(b: Belief, m: Model, k: int, heard: Heard, received: int, density: float) -> int:
+def _choose(b: Belief, m: Model, k: int, signal: Signal, received: int, density: float) -> int:
     """Leave out the ranges that look like echoes: the likeliest of all subsets, or all ranges with a common echo.
 
     Sets `b.evidence[k]` and `b.work.shared`; `density` is that of all ranges together. Returns how many stay in
@@ -313,8 +314,8 @@ def _choose(b: Belief, m: Model, k: int, heard: Heard, received: int, density: f
         w.used[0], w.used[1], w.used[2] = i0, i1, i2
         for i in range(w.spread.shape[0]):
             copy_values(w.spread[i], w.direct_spread[i])
-        w.share = (excess / max(_mean_range(b, heard, received) - excess, _SHORTEST)) ** 2
-        _tilt_common(b, heard, received, w.share)
+        w.share = (excess / max(_mean_range(b, signal, received) - excess, _SHORTEST)) ** 2
+        _tilt_common(b, signal, received, w.share)
         density, _ = _likelihood(b, received)
         _, less, log_size = _ignore_common(b, received)
         total = density + m.log_rejected + received * m.log_accepted + 0.5 * (less + _LOG_TURN - log_size)
@@ -334,7 +335,7 @@ def _choose(b: Belief, m: Model, k: int, heard: Heard, received: int, density: f
 
 
 @compiled
-def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
+def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
     """Update component k with the ranges of a message, of which it leaves out those that look like echoes.
 
     Sets `outcome`, `evidence` and `turn_excess` of it. Where the leader's heading
@@ -346,7 +347,7 @@ def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
     """
     v = b.leader_variance
     b.work.shared = 0
-    received = predict_ranges(b, m, k, heard, 0.0, v)
+    received = predict_ranges(b, m, k, signal, 0.0, v)
     outcome = b.outcome[k]
     outcome.taken, outcome.normalised_innovation = 0, 0.0
     b.evidence[k] = b.turn_excess[k] = 0.0
@@ -358,7 +359,7 @@ def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
     used = received
     b.evidence[k] = density + received * m.log_accepted
     if not _certain(b, m, received, squared):
-        used = _choose(b, m, k, heard, received, density)
+        used = _choose(b, m, k, signal, received, density)
         density, squared = _likelihood(b, used)
         if b.work.shared:
             squared -= _ignore_common(b, used)[1]
@@ -371,10 +372,10 @@ def update(b: Belief, m: Model, k: int, heard: Heard) -> int:
         b.turn_excess[k] = turn * turn + left - v
         if left < _INFORMATIVE * v:
             u0, u1, u2 = b.work.used[0], b.work.used[1], b.work.used[2]
-            predict_ranges(b, m, k, heard, turn, left)
+            predict_ranges(b, m, k, signal, turn, left)
             b.work.used[0], b.work.used[1], b.work.used[2] = u0, u1, u2
             if b.work.shared:
-                _tilt_common(b, heard, used, b.work.share)
+                _tilt_common(b, signal, used, b.work.share)
             density, squared = _likelihood(b, used)
             if density != density:
                 return -1

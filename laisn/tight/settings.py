@@ -1,7 +1,6 @@
 """What the tightly coupled navigator takes its sensors to be, as a data sheet would say it."""
 
-from dataclasses import dataclass, field, replace
-from typing import Self
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -84,10 +83,6 @@ class TightSettings(Settings):
             "clock": assume.clock,
         }
         return frozenset(name for name, is_state in states.items() if is_state)
-
-    def assuming(self, assume: Assume, transmitters: int) -> Self:
-        """Settings of these same sensors with other assumptions."""
-        return replace(self, assume=assume, transmitters=transmitters)
 
     def __post_init__(self) -> None:
         if self.transmitters not in (2, 3):

@@ -47,7 +47,7 @@ def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
 class _Leg:
     """The way from one message to the next, linearised at the biases that the next one leaves."""
 
-    def __init__(self, b: ScalarRecord, heard: ScalarRecord, m: Model, biases: tuple[float, float]) -> None:
+    def __init__(self, b: ScalarRecord, signal: ScalarRecord, m: Model, biases: tuple[float, float]) -> None:
         """Take the belief just before a message, which is used up, and the message."""
         self._biases, self._n, count = biases, int(m.states), int(m.modes)
         self._records, before = (b, scalar_record(m)), b[0]
@@ -64,7 +64,7 @@ class _Leg:
         before.weight[:count] = self._modes
         self.onward = self.covariance @ self._matrix().T
         self._begin()
-        inflate_bias_covariance(before, m, heard[0])
+        inflate_bias_covariance(before, m, signal[0])
         self.predicted, self.predicted_covariance = self._moved()
 
     def _begin(self) -> None:
@@ -141,7 +141,7 @@ class SmoothingNavigator(TightNavigator):
         if self._records[0]["motion"]["time"][0] == 0.0:
             self._steps.append(self._step)
             if before["alive"][0]:
-                self._before.append((before, self._heard.copy()))
+                self._before.append((before, self._signal.copy()))
         return update
 
     def run(self, measurements: Measurements) -> TightEstimates:
@@ -170,8 +170,8 @@ class SmoothingNavigator(TightNavigator):
         nothing = np.zeros_like(covariance)
         beliefs, predicted, onward, legs = [(mean, covariance)], [], [nothing], []
         # from the end: a way is linearised at the biases that stand at its end
-        for before, heard in reversed(self._before):
-            leg = _Leg(before, heard, self._model, (float(mean[LOG]), float(mean[COMPASS])))
+        for before, signal in reversed(self._before):
+            leg = _Leg(before, signal, self._model, (float(mean[LOG]), float(mean[COMPASS])))
             mean = leg.mean
             beliefs.append((leg.mean, leg.covariance))
             predicted.append((leg.predicted, leg.predicted_covariance))

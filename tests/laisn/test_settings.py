@@ -68,6 +68,3 @@ def test_nothing_but_the_sensors_is_assumed_unless_said_otherwise() -> None:
     """docs/tight.md: an exact leader, no drift, no current, no offsets."""
     assert Assume() == Assume(exact_leader=True, drift=False, current=False, offsets=False)
     assert TightSettings().assume == Assume()
-    sensors = TightSettings(speed_sigma=0.5, slip=0.02)
-    other = sensors.assuming(Assume(drift=True), 2)
-    assert (other.assume.drift, other.transmitters, other.speed_sigma, other.slip) == (True, 2, 0.5, 0.02)

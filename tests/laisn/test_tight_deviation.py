@@ -6,7 +6,7 @@ import pytest
 from laisn.tight.estimator import deviate
 from laisn.tight.model import COMPASS, model_of, new_belief
 from laisn.tight.own_motion import advance, begin_interval
-from laisn.tight.ranging import new_heard
+from laisn.tight.ranging import new_signal
 from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.tight_mission import DT
 
@@ -18,7 +18,7 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
 
     Both vehicles head where `headings` has it, by time [s], straight lines between.
     """
-    model, heard = model_of(DEVIATING), new_heard()
+    model, heard = model_of(DEVIATING), new_signal()
     belief = new_belief(DEVIATING, model, (0.0, 0.0))
     before = belief.covariance[0].diagonal().copy()
     for k in range(1, round(60.0 / DT) + 1):

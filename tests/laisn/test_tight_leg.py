@@ -8,7 +8,7 @@ from laisn.tight.estimator import inflate_bias_covariance, update_leader_varianc
 from laisn.tight.hypotheses import prune_and_merge
 from laisn.tight.leader import average_leader_heading
 from laisn.tight.model import Belief, Model, model_of, new_belief
-from laisn.tight.ranging import Heard, new_heard
+from laisn.tight.ranging import Signal, new_signal
 from laisn.tight.settings import Assume, TightSettings
 
 SETTINGS = TightSettings(assume=Assume(exact_leader=False))
@@ -24,8 +24,8 @@ def made(bias_sigma: float = 0.1) -> tuple[Belief, Model]:
     return belief, model
 
 
-def message(step: int, heading: float, course: float = COURSE, way: float = 1.0) -> Heard:
-    heard = new_heard()
+def message(step: int, heading: float, course: float = COURSE, way: float = 1.0) -> Signal:
+    heard = new_signal()
     heard.east, heard.north = way * step * np.sin(course), way * step * np.cos(course)
     heard.heading, heard.arms = heading, ARMS
     return heard
@@ -99,7 +99,7 @@ def test_a_leg_ends_where_the_leader_turns_and_b_l_loses_the_means_error(
     np.testing.assert_array_equal(turned.arms, ARMS)
     assert float(turned.shift) == 0.0
     # variance of the mean of the eight readings of the leg, which scatter as they do
-    assert float(turned.wander) == pytest.approx(scatter(ERRORS[2:]) / 8.0, rel=1e-12)
+    assert float(turned.added_variance) == pytest.approx(scatter(ERRORS[2:]) / 8.0, rel=1e-12)
 
 
 def test_hypotheses_in_one_place_that_differ_in_b_l_stay_two() -> None:

@@ -16,7 +16,7 @@ from laisn.tight.hypotheses import prune_and_merge, split
 from laisn.tight.leader import update_current_from_leader_track
 from laisn.tight.model import Belief, Model, model_of, new_belief, refresh_output
 from laisn.tight.own_motion import advance, begin_interval, moments, move, position
-from laisn.tight.ranging import Heard, new_heard
+from laisn.tight.ranging import Signal, new_signal
 from laisn.tight.settings import Assume, TightSettings
 
 SETTINGS = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, clock=True), slip=0.02)
@@ -169,8 +169,8 @@ def test_moments_of_a_half_equal_quadrature(z: float) -> None:
     assert 1.0 - narrowing == pytest.approx(density[2] / density[0] - mean**2, abs=1e-5)
 
 
-def message(ranges: Floats) -> Heard:
-    heard = new_heard()
+def message(ranges: Floats) -> Signal:
+    heard = new_signal()
     heard.east, heard.north, heard.heading, heard.speed = 40.0, 1.0, np.pi / 2, 1.0
     heard.arms, heard.ranges = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]], ranges
     return heard
@@ -256,7 +256,7 @@ def test_a_leaders_way_tells_the_current_as_filterpy_has_it(exact: bool) -> None
         belief.state[0, model.leader] = 0.1
     kalman = KalmanFilter(dim_x=n, dim_z=2)
     kalman.x, kalman.P = belief.state[0, :n].copy(), belief.covariance[0, :n, :n].copy()
-    heard = new_heard()
+    heard = new_signal()
     heading, speed, drift = 0.7, 1.3, np.array([0.2, -0.1])
     heard.heading, heard.speed = heading, speed
     logged = speed * np.array([np.sin(heading), np.cos(heading)])
@@ -283,7 +283,7 @@ def test_a_leader_that_turns_says_nothing_of_the_current(turn: float, says: bool
     settings = TightSettings(assume=Assume(current=True))
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
-    before, heard = belief.state.copy(), new_heard()
+    before, heard = belief.state.copy(), new_signal()
     for t in range(2):
         heard.time, heard.east, heard.north = 1.25 * t, 2.0 * t, 0.0
         heard.heading, heard.speed = 0.7 + turn * t, 1.3

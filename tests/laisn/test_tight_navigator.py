@@ -15,7 +15,7 @@ from laisn.tight.estimates import TightEstimates
 from laisn.tight.mission import OUTCOME, Found, filter_mission, run_mission
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import TightNavigator
-from laisn.tight.ranging import new_heard
+from laisn.tight.ranging import new_signal
 from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.tight_mission import DT, EVERYTHING, Mission
 
@@ -166,7 +166,7 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     found = Found(np.empty((10_000, 2)), np.empty((0, 3)), records(OUTCOME, 0))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
-        assert filter_mission(belief, model, new_heard(), speed, heading, step, messages, found) == 0
+        assert filter_mission(belief, model, new_signal(), speed, heading, step, messages, found) == 0
         for k in range(int(belief.alive) * model.modes):
             covariance = belief.covariance[k, : model.states, : model.states]
             np.testing.assert_array_equal(covariance, covariance.T)

@@ -16,7 +16,7 @@ from laisn.tight.estimator import place_arms, receive
 from laisn.tight.hypotheses import prune_and_merge
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import TightNavigator, Update
-from laisn.tight.ranging import new_heard
+from laisn.tight.ranging import new_signal
 from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.tight_mixture import SCALE, heaviest, moments, weight_of
 from tests.laisn.tight_oracle import Oracle
@@ -183,7 +183,7 @@ def test_an_independent_navigator_agrees(told: TightSettings, voyage: Voyage) ->
 def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(use_attitude: bool, known: bool) -> None:
     """A leader whose attitude is not broadcast, or not used, is level."""
     told = TightSettings(baseline=3.0, middle_offset=0.4, use_attitude=use_attitude)
-    heard, heading, pitch, roll = new_heard(), 0.7, 0.2, -0.3
+    heard, heading, pitch, roll = new_signal(), 0.7, 0.2, -0.3
     heard.heading = heading
     place_arms(heard, model_of(told), pitch, roll if known else np.nan, 1.5)
     tilt = (pitch, roll) if use_attitude and known else (0.0, 0.0)
@@ -196,7 +196,7 @@ def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(use_attitude: bool, 
 def test_a_start_whose_covariance_is_not_positive_definite_is_refused() -> None:
     """As `receive` says: −1."""
     told = replace(THREE, known_start=False)
-    belief, model, heard = new_belief(told, model_of(told), None), model_of(told), new_heard()
+    belief, model, heard = new_belief(told, model_of(told), None), model_of(told), new_signal()
     heard.ranges = 20.0, 20.5, 20.2
     place_arms(heard, model, 0.0, 0.0, 1.0)
     belief.fresh[SCALE] = -1.0

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from laisn.arrays import Floats
 from laisn.tight.model import Belief, Model, model_of, new_belief
-from laisn.tight.ranging import Heard, new_heard, predict_ranges, update
+from laisn.tight.ranging import Signal, new_signal, predict_ranges, update
 from laisn.tight.settings import Assume, TightSettings
 
 EVERYTHING = TightSettings(assume=Assume(exact_leader=False, drift=False, current=True, offsets=True, clock=True))
@@ -43,8 +43,8 @@ def belief(covariance: Floats, mean: Floats = STATE, settings: TightSettings = E
     return made, model
 
 
-def heard(ranges: Floats) -> Heard:
-    message = new_heard()
+def heard(ranges: Floats) -> Signal:
+    message = new_signal()
     message.east, message.north, message.heading, message.speed = *LEADER, 0.3, 1.0
     message.arms, message.ranges = ARMS, ranges
     return message
@@ -193,7 +193,7 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     """
     told = TightSettings(transmitters=2, range_scale_sigma=0.0)
     model, sigma, rho = model_of(told), 0.3, np.sqrt(101.0)
-    made, message = new_belief(told, model, (10.0, 0.0)), new_heard()
+    made, message = new_belief(told, model, (10.0, 0.0)), new_signal()
     made.covariance[0, :2, :2] = sigma**2 * np.eye(2)
     made.covariance[0, 4, 4] = 0.0
     message.arms = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -215,7 +216,8 @@ def compare(
         As of `fly_both`, and the RMS of the bound [m], None where the case has none.
     """
     truth, errors = mission(route, interval, case.leader_heading_deg, middle_offset, weave)
-    given = (settings or TightSettings(middle_offset=middle_offset)).assuming(case.assume, case.transmitters)
+    sensors = settings or TightSettings(middle_offset=middle_offset)
+    given = replace(sensors, assume=case.assume, transmitters=case.transmitters)
     measured = [with_errors(measure(truth, errors, seed=seed, run=run), case, seed, run) for run in range(runs)]
     found = fly_both(truth, measured, given, round(interval / truth.dt))
     bounded = scenario_of(route, interval, 0.0, middle_offset, weave), case.transmitters, case.assume
@@ -250,7 +252,7 @@ def plain_filter(case: Case, route: str, interval: float, *, runs: int, seed: in
         Of each run `means`, `normalised` and `lost` as in `fly_both`.
     """
     truth, errors = mission(route, interval)
-    settings = TightSettings(middle_offset=MIDDLE_OFFSET).assuming(case.assume, case.transmitters)
+    settings = TightSettings(middle_offset=MIDDLE_OFFSET, assume=case.assume, transmitters=case.transmitters)
     measured = [measure(truth, errors, seed=seed, run=run) for run in range(runs)]
     found, steps = filter_runs(settings, measured, truth.start), round(interval / truth.dt)
     estimates = list(zip(found.position, found.covariance, strict=True))
@@ -291,7 +293,7 @@ def clock_cost(route: str, interval: float, transmitters: int, *, runs: int, see
     parts = slice(0, round(turn / truth.dt)), slice(round((turn + SETTLED_S) / truth.dt), truth.speed.size)
     means = []
     for case in (_EXACT_CLOCK, _UNKNOWN_CLOCK):
-        settings = TightSettings(middle_offset=MIDDLE_OFFSET).assuming(case.assume, transmitters)
+        settings = TightSettings(middle_offset=MIDDLE_OFFSET, assume=case.assume, transmitters=transmitters)
         for run in range(runs):
             measured = with_errors(measure(truth, errors, seed=seed, run=run), case, seed, run)
             found = run_mission(settings, measured, truth.start, covariance=False).state
