@@ -13,7 +13,7 @@ from laisn.filter import Filter, Gate, expected_acceleration, larger, speed_shar
 from laisn.fix import Fix, RangeCircles, fix_variance, one_range, to_circles
 from laisn.geometry import Point
 from laisn.messages import LeaderMessage, OwnMotion, Reception
-from laisn.navigators import OnlineNavigator, require_own, require_time
+from laisn.navigators import OnlineNavigator
 from laisn.settings import NavigationSettings, Tuning
 from laisn.variants import SEQUENTIAL, SINGLE
 
@@ -56,10 +56,7 @@ class Navigator(OnlineNavigator[Estimates]):
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
     ) -> list[FixRecord]:
         """Advance by one filter step; see `OnlineNavigator.step`. LAISN-3(1) makes up to three fixes of a message."""
-        self._step += 1
-        require_own(self._step, own)
-        own = self._with_depth(own)
-        require_time(self._step, duration)
+        own = self._begin_step(own, duration)
         if reception is not None:
             if not np.all(np.isfinite(reception.message[:6])):
                 raise LaisnError(f"step {self._step}: leader message {reception.message} is not finite")

@@ -215,42 +215,20 @@ FARTHEST = 1e5
 """A range beyond this is broken, not far [m]."""
 
 
-def require_start(start: Floats) -> Floats:
-    """A start x, y [m], vx, vy [m/s], shape (4,); ValueError unless its four numbers are finite."""
-    own = np.array(start, dtype=np.float64)
-    if own.shape != (4,) or not np.all(np.isfinite(own)):
-        raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
-    return own
-
-
-def require_time(step: int, duration: float | None) -> None:
-    """LaisnError unless a step takes a positive time [s], or that of all steps (None)."""
-    if duration is not None and not 0.0 < duration < math.inf:
-        raise LaisnError(f"step {step}: it takes {duration} s, expected a positive time")
-
-
-def require_own(step: int, own: OwnMotion) -> None:
-    """LaisnError unless a step's own motion is of finite numbers; a missing depth is NaN."""
-    if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
-        raise LaisnError(f"step {step}: own motion {own} is not finite")
-
-
 def require_readings(step: int, own: OwnMotion, reception: Reception | None, log: str) -> None:
-    """LaisnError naming what of a step's readings cannot be; `log` is what measures the speed."""
-    require_own(step, own)
+    """LaisnError naming a speed or range that is out of its bounds; `log` is what measures the speed."""
     if not -FASTEST <= own.speed <= FASTEST:
         raise LaisnError(f"step {step}: the {log} reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
     ranges = () if reception is None else reception.ranges
-    for value in ranges:
-        if value < 0.0 or value > FARTHEST:
-            raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
+    if any(value < 0.0 or value > FARTHEST for value in ranges):
+        raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
 
 
 Result = TypeVar("Result", bound=Estimates)
 
 
 class OnlineNavigator(ABC, Generic[Result]):
-    """A navigator under way: at a step, with a state and its covariance. Its `step` begins with `require_readings`."""
+    """A navigator under way: at a step, with a state and its covariance. Its `step` begins with `_begin_step`."""
 
     def __init__(self, settings: Any, start: Floats | None, start_sigma: float) -> None:
         """Begin at a known start, or anywhere.
@@ -266,7 +244,9 @@ class OnlineNavigator(ABC, Generic[Result]):
         self.settings, self._step, self._depth = settings, 0, math.nan
         self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
         if start is not None:
-            self._state = require_start(start)
+            self._state = np.array(start, dtype=np.float64)
+            if self._state.shape != (4,) or not np.all(np.isfinite(self._state)):
+                raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
             self._covariance = np.diag(np.repeat([start_sigma**2, 0.0], 2))
 
     @property
@@ -285,12 +265,17 @@ class OnlineNavigator(ABC, Generic[Result]):
         """Covariance of `state` over the mixture, shape (4, 4)."""
         return self._covariance.copy()
 
-    def _with_depth(self, own: OwnMotion) -> OwnMotion:
-        """Own motion, with the last depth that was read in place of a missing one (NaN).
+    def _begin_step(self, own: OwnMotion, duration: float | None) -> OwnMotion:
+        """Count a step and check its own motion and duration; own motion, of a missing depth (NaN) with the last one.
 
         A depth enters a range by its square beside the distance's, and changes little in a few steps. Before the first
         reading it stays NaN, and ranges cannot be used.
         """
+        self._step += 1
+        if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
+            raise LaisnError(f"step {self._step}: own motion {own} is not finite")
+        if duration is not None and not 0.0 < duration < math.inf:
+            raise LaisnError(f"step {self._step}: it takes {duration} s, expected a positive time")
         if math.isnan(own.depth):
             return own._replace(depth=self._depth)
         self._depth = own.depth

@@ -11,14 +11,14 @@ from laisn.beacons.settings import BeaconSettings
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.navigators import OnlineNavigator, require_readings, require_time
+from laisn.navigators import OnlineNavigator, require_readings
 
 MOST_BEACONS = 64
 """More places than this are not those of beacons at rest."""
 
 
-def _heard(reception: Reception) -> list[tuple[Floats, float]]:
-    """Places of the beacons that were heard, shape (3,) [m], and the ranges to them [m]."""
+def _received_ranges(reception: Reception) -> list[tuple[Floats, float]]:
+    """Places of the beacons, shape (3,) [m], with the ranges to them [m], of ranges that were received."""
     places = np.empty((0, 3)) if reception.transmitters is None else reception.transmitters
     pairs = zip(places, map(float, reception.ranges), strict=False)
     return [(place, measured) for place, measured in pairs if np.isfinite(measured + place.sum())]
@@ -62,18 +62,16 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         The kind of a fix is `ONE_RANGE` if the heaviest component used a range, `GATED` if it used none, and `LOST` if
         there was none. LaisnError also if a message does not place its transmitters, or there are too many places.
         """
-        self._step += 1
-        time = self.settings.dt if duration is None else duration
+        own = self._begin_step(own, duration)
         require_readings(self._step, own, reception, "odometry")
-        require_time(self._step, time)
-        own = self._with_depth(own)
+        time = self.settings.dt if duration is None else duration
         if reception is not None and reception.transmitters is None:
             raise LaisnError(
                 f"step {self._step}: the message does not place its transmitters; this navigator needs beacons"
             )
         advance(self._belief, (self.settings.slip, self.settings.heading_walk), own.speed, own.heading, time)
-        heard = [] if reception is None or math.isnan(own.depth) else _heard(reception)
-        used = [self._receive(place, measured, own.depth) for place, measured in heard]
+        received = [] if reception is None or math.isnan(own.depth) else _received_ranges(reception)
+        used = [self._receive(place, measured, own.depth) for place, measured in received]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
         if self._belief.alive[0] and not np.isfinite(self._covariance).all():
             raise ArithmeticError(f"step {self._step}: the covariance is not finite after {reception}")

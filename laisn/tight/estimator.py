@@ -7,7 +7,7 @@ import numpy as np
 
 from laisn.compiled import compiled
 from laisn.elementary import half_turn_angle, sin_cos
-from laisn.geometry import hull_to_world
+from laisn.geometry import Turn, level_arms, tilted_arms, turn
 from laisn.mixture import normalise
 from laisn.tight.hypotheses import add_ring, prune_and_merge, reinitialise_if_inconsistent, split
 from laisn.tight.leader import average_leader_heading, update_current_from_leader_track
@@ -44,21 +44,16 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
         roll: … likewise; the leader is taken as level where either is NaN.
         deeper: how much deeper the leader's origin is than the hydrophone [m]; NaN if that is not known.
     """
-    arms = signal.arms
     if deeper != deeper:
         signal.ranges[:] = np.nan
-    sine, cosine = sin_cos(signal.heading)
-    ahead, aside = (sine, cosine, 0.0), (-cosine, sine, 0.0)
+    heading = Turn(*sin_cos(signal.heading))
+    placed = level_arms(m.baseline, m.middle_offset, heading)
     if m.use_attitude and pitch == pitch and roll == roll:
-        attitude = (signal.heading, pitch, roll)
-        ahead, aside = hull_to_world(1.0, 0.0, attitude), hull_to_world(0.0, 1.0, attitude)
-    half = 0.5 * m.baseline
-    for i in range(m.transmitters):
-        forward = -half if i == 0 else (half if i == 1 else 0.0)
-        port = m.middle_offset if i == 2 else 0.0
-        arms[i, 0] = forward * ahead[0] + port * aside[0]
-        arms[i, 1] = forward * ahead[1] + port * aside[1]
-        arms[i, 2] = deeper - (forward * ahead[2] + port * aside[2])
+        placed = tilted_arms(m.baseline, m.middle_offset, heading, turn(pitch), turn(roll))
+    (east, north, up), (middle_east, middle_north, middle_up), arms = placed.front, placed.middle, signal.arms
+    arms[0, 0], arms[0, 1], arms[0, 2] = -east, -north, deeper + up
+    arms[1, 0], arms[1, 1], arms[1, 2] = east, north, deeper - up
+    arms[2, 0], arms[2, 1], arms[2, 2] = middle_east, middle_north, deeper - middle_up
 
 
 @compiled

@@ -10,6 +10,7 @@ import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Records, records
 from laisn.compiled import compiled, compiled_run, copy_values
+from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements
 from laisn.mixture import heaviest, heaviest_hypothesis, hypothesis_weight
@@ -18,7 +19,7 @@ from laisn.swarm import message_of
 from laisn.tight.estimates import kind_of
 from laisn.tight.estimator import count_received, place_arms, receive
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, model_of, new_belief
-from laisn.tight.own_motion import advance, moments, position, velocity
+from laisn.tight.own_motion import advance, moments, position, reckon, velocity
 from laisn.tight.ranging import Signal, new_signal
 from laisn.tight.settings import TightSettings
 
@@ -64,6 +65,13 @@ def record_outcome(b: Belief, m: Model, signal: Signal, used: int, outcome: Any)
         outcome.squared = last.squared if last.taken > 0 else np.nan
 
 
+@compiled
+def _sines(heading: Floats, sine: Floats, cosine: Floats) -> None:
+    """Sines and cosines of all headings in one loop, which is vectorised; shape (n,)."""
+    for k in range(heading.shape[0]):
+        sine[k], cosine[k] = sin_cos(heading[k])
+
+
 @compiled_run
 def filter_mission(
     b: Belief,
@@ -92,8 +100,11 @@ def filter_mission(
         The step at which a covariance was not positive definite; 0 if none was.
     """
     i, (message, ranges, depth), (states, covariances, outcome) = 0, messages, found
-    for k in range(speed.size):
-        advance(b, m, speed[k], heading[k], m.dt)
+    n = speed.shape[0]
+    sine, cosine = np.empty(n), np.empty(n)
+    _sines(heading, sine, cosine)
+    for k in range(n):
+        reckon(b, m, speed[k], sine[k], cosine[k], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
             used = _receive(b, m, signal, message_of(message[i]), ranges[i], depth[i])
             if used < 0:

@@ -14,7 +14,7 @@ from laisn.failure import LaisnError
 from laisn.geometry import given_transmitters
 from laisn.messages import OwnMotion, Reception
 from laisn.mixture import mixture_moments
-from laisn.navigators import FARTHEST, OnlineNavigator, require_readings, require_time
+from laisn.navigators import FARTHEST, OnlineNavigator, require_readings
 from laisn.tight import estimator, own_motion
 from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
 from laisn.tight.model import Belief, canonical, model_of, new_belief
@@ -116,10 +116,8 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
 
     def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
         """Advance by one filter step; see `OnlineNavigator.step`."""
-        self._step += 1
+        own = self._begin_step(own, duration)
         _check(self._step, own, reception)
-        own = self._with_depth(own)
-        require_time(self._step, duration)
         advance(*self._records, own.speed, own.heading, self.settings.dt if duration is None else duration)
         updates = [] if reception is None else [self._receive(own, reception)]
         moments(*self._records)

@@ -10,13 +10,9 @@ from laisn.mixture import add_moments
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y
 
 
-@compiled
-def advance(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
-    """One filter step of so many seconds, with the readings of log [m/s] and compass [rad] at its end.
-
-    The way is that of the mean velocity of both ends: a turn would otherwise be a step late.
-    """
-    sine, cosine = sin_cos(heading)
+@inlined
+def reckon(b: Belief, m: Model, speed: float, sine: float, cosine: float, dt: float) -> None:
+    """As `advance`, with sine and cosine of the compass's reading."""
     o = b.motion
     if o.speed != o.speed:
         o.speed, o.sin, o.cos = speed, sine, cosine
@@ -35,6 +31,16 @@ def advance(b: Belief, m: Model, speed: float, heading: float, dt: float) -> Non
     o.nyy += across + more * cosine * cosine
     o.time += dt
     o.speed, o.sin, o.cos = speed, sine, cosine
+
+
+@compiled
+def advance(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
+    """One filter step of so many seconds, with the readings of log [m/s] and compass [rad] at its end.
+
+    The way is that of the mean velocity of both ends: a turn would otherwise be a step late.
+    """
+    sine, cosine = sin_cos(heading)
+    reckon(b, m, speed, sine, cosine, dt)
 
 
 @inlined
