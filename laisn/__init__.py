@@ -20,7 +20,7 @@ Symbols
 State
     x = [x, y, vx, vy], and covariance (4, 4) in the same order; `POSITION` and `VELOCITY` are its slices.
 
-SI units and radians throughout; names say so where they do not.
+SI units and radians throughout; other units are in names.
 """
 
 POSITION = slice(0, 2)

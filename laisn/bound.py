@@ -6,7 +6,7 @@ message to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H. All deriva
 `laisn.tight`: position, biases of log and compass, common scale error of ranges, and what else is unknown.
 
 It bounds every estimator of this model and no other. The model assumes nothing about the vehicle's motion: the speed at
-one step says nothing about the speed at the next. An estimator that assumes slowly varying speed averages the log's
+one step gives no information on that at the next. An estimator that assumes slowly varying speed averages the log's
 noise and can be below this bound where the speed does vary slowly: on T3 such a filter reached 0.80 of it.
 """
 
@@ -95,7 +95,7 @@ class Geometry:
     """Transmitters from the same origin: east, north, and how much deeper they are than the hydrophone, shape
     (m, t, 3), [m]; NaN where nothing is received."""
     leader_velocity: Floats | None = None
-    """Velocity of the leader through the water at emission: east and north, shape (m, 2), [m/s]; None: untold."""
+    """Velocity of the leader through the water at emission: east and north, shape (m, 2), [m/s]; None: not sent."""
 
 
 def _states(noise: TrueNoise, transmitters: int) -> tuple[Floats, dict[str, int]]:
@@ -163,7 +163,7 @@ def _expected_information(
 
 
 def _of_leaders_way(velocity: Floats, time: float, noise: TrueNoise, first: dict[str, int], size: int) -> Floats:
-    """Information of the leader's way since the last message, so many seconds ago, shape (size, size)."""
+    """Information of the leader's way since the last message, `time` seconds ago, shape (size, size)."""
     rows = np.zeros((2, size))
     if "leader_heading_bias" in first:
         rows[:, first["leader_heading_bias"]] = -velocity[1], velocity[0]

@@ -84,14 +84,14 @@ def update(
         transmitters: east, north and depth below the hydrophone, negative above, shape (R, 3, 3), [m].
         ranges: slant ranges, shape (R, 3), [m]; NaN where nothing was received.
     """
-    heard = np.isfinite(ranges)
+    received = np.isfinite(ranges)
     away = np.concatenate([x[:, None, :2] - transmitters[..., :2], transmitters[..., 2:]], axis=-1)
     rho = np.linalg.norm(away, axis=-1)
-    share = np.where(heard, rho / np.max(np.where(heard, ranges, 1.0), axis=1, keepdims=True), 0.0)
+    share = np.where(received, rho / np.max(np.where(received, ranges, 1.0), axis=1, keepdims=True), 0.0)
     H = np.zeros((*ranges.shape, STATES))
-    H[..., :2] = np.where(heard, 1.0 / rho, 0.0)[..., None] * away[..., :2]
+    H[..., :2] = np.where(received, 1.0 / rho, 0.0)[..., None] * away[..., :2]
     H[..., 4] = share
-    innovation = np.where(heard, ranges - rho - share * x[:, 4:], 0.0)
+    innovation = np.where(received, ranges - rho - share * x[:, 4:], 0.0)
     R = settings.range_sigma**2 * np.eye(3) + settings.range_scale_sigma**2 * share[:, :, None] * share[:, None, :]
     HP = H @ P
     S = HP @ H.transpose(0, 2, 1) + R

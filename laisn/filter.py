@@ -170,7 +170,7 @@ def is_beyond(place: Point, start: Point, bound: float) -> bool:
 
 
 class Gate:
-    """Remembers the last accepted position: the state right after the update that was accepted."""
+    """Gate around the last accepted position: the state right after the update that was accepted."""
 
     def __init__(self, tuning: Tuning, start: Point) -> None:
         self._tuning = tuning
@@ -179,7 +179,7 @@ class Gate:
         self._extra = 0.0
 
     def lengthen(self, extra: float) -> None:
-        """Say that the step that begins takes so much longer than Δt [s]."""
+        """Account for a step that takes longer than Δt by `extra` [s]."""
         self._extra += extra
 
     def bound(self, step: int, speed: float) -> float:

@@ -39,14 +39,14 @@ def own_motion(block: Floats, t: Tuning) -> None:
 
 @compiled_lanes
 def leader_motion(block: Floats, t: Tuning) -> None:
-    """Take a message's speed and heading, if a ping of it is heard: γ becomes that of the vehicle that changed most."""
+    """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that changed most."""
     for lane in range(LANES):
         rear, front, middle = block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane]
-        heard = rear == rear or front == front or middle == middle
+        received = rear == rear or front == front or middle == middle
         last_speed, last_heading = block[row.LAST_LEADER_SPEED + lane], block[row.LAST_LEADER_HEADING + lane]
-        # what was not heard repeats what was
-        speed = block[row.LEADER_SPEED + lane] if heard else last_speed
-        heading = block[row.LEADER_HEADING + lane] if heard else last_heading
+        # a message without ranges repeats the last one
+        speed = block[row.LEADER_SPEED + lane] if received else last_speed
+        heading = block[row.LEADER_HEADING + lane] if received else last_heading
         of_speed = speed_share(last_speed, speed, t.leader_speed_max)
         of_heading = turn_share(last_heading, heading)
         block[row.GAMMA_V + lane] = larger(of_speed, block[row.GAMMA_V + lane])
@@ -146,7 +146,7 @@ def update(block: Floats, t: Tuning, k: int) -> None:
         kind = kind if lost else (_GATED if gated else (_SINGULAR if singular else kind))
         used = not (lost or gated or singular)
         block[row.KIND + lane] = kind
-        block[row.ANSWERED + lane] = 1.0 if not (lost or gated) else block[row.ANSWERED + lane]
+        block[row.PASSED + lane] = 1.0 if not (lost or gated) else block[row.PASSED + lane]
 
         per_det = 1.0 / (sxx * syy - pxy * pxy)
         ixx, ixy, iyy = syy * per_det, -pxy * per_det, sxx * per_det
@@ -173,14 +173,14 @@ def update(block: Floats, t: Tuning, k: int) -> None:
 
 
 @compiled_lanes
-def remember_accepted(block: Floats, k: int) -> None:
+def update_gate(block: Floats, k: int) -> None:
     """Make the gate measure from the position and step of this message, in the lanes that accepted it."""
     for lane in range(LANES):
-        answered = block[row.ANSWERED + lane] > 0.0
-        block[row.ACCEPTED_X + lane] = block[row.X + lane] if answered else block[row.ACCEPTED_X + lane]
-        block[row.ACCEPTED_Y + lane] = block[row.Y + lane] if answered else block[row.ACCEPTED_Y + lane]
-        block[row.ACCEPTED_STEP + lane] = float(k) if answered else block[row.ACCEPTED_STEP + lane]
-        block[row.ANSWERED + lane] = 0.0
+        passed = block[row.PASSED + lane] > 0.0
+        block[row.ACCEPTED_X + lane] = block[row.X + lane] if passed else block[row.ACCEPTED_X + lane]
+        block[row.ACCEPTED_Y + lane] = block[row.Y + lane] if passed else block[row.ACCEPTED_Y + lane]
+        block[row.ACCEPTED_STEP + lane] = float(k) if passed else block[row.ACCEPTED_STEP + lane]
+        block[row.PASSED + lane] = 0.0
 
 
 Choose = Callable[[Floats, Tuning], None]
@@ -219,10 +219,10 @@ def place_transmitters(block: Floats, t: Tuning) -> None:
             pitched, rolled = _turn(pitch if known else 0.0), _turn(roll if known else 0.0)
             arms = tilted_arms(t.baseline, t.middle_offset, heading, pitched, rolled)
         ranges = Ranges(block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane])
-        heard = circles(row.point_at(block, row.EAST, lane), arms, ranges, depth_difference)
-        _put_circle(block, row.X1, lane, heard.rear)
-        _put_circle(block, row.X2, lane, heard.front)
-        _put_circle(block, row.X3, lane, heard.middle)
+        placed = circles(row.point_at(block, row.EAST, lane), arms, ranges, depth_difference)
+        _put_circle(block, row.X1, lane, placed.rear)
+        _put_circle(block, row.X2, lane, placed.front)
+        _put_circle(block, row.X3, lane, placed.middle)
 
 
 @inlined
@@ -262,7 +262,7 @@ def take(block: Floats, fix: int) -> None:
 
 @compiled_lanes
 def give_back(block: Floats, fix: int) -> None:
-    """What became of the chosen fix goes where it was taken from."""
+    """Copy the chosen fix, with its kind and NIS, back to its rows."""
     for i in range(6 * LANES):
         block[fix + i] = block[row.ZX + i]
 

@@ -42,7 +42,7 @@ ZX13, ZY13, SIGMA13, KIND13, SEP13, NIS13 = (next(_row) for _ in range(6))
 ZX23, ZY23, SIGMA23, KIND23, SEP23, NIS23 = (next(_row) for _ in range(6))
 ZX, ZY, SIGMA, KIND, SEP, NIS = (next(_row) for _ in range(6))
 # 1 where an update of this message passed the gate.
-ANSWERED = next(_row)
+PASSED = next(_row)
 SIZE = next(_row)
 """Numbers of a block."""
 
@@ -57,7 +57,7 @@ def tuning(settings: Settings) -> Tuning:
     laisn = cast(NavigationSettings, settings)
     if laisn.use_single_range or laisn.transmitter_offsets:
         raise LaisnError(
-            "use_single_range and transmitter offsets are for single vehicles and their logs; campaigns know "
+            "use_single_range and transmitter offsets are for single vehicles and their logs; campaigns take "
             "transmitters on the leader's hull only, and drop a range that arrives alone"
         )
     return Tuning.of(laisn)

@@ -52,7 +52,7 @@ def position_update(block: Floats, t: Tuning, k: int) -> None:
             lane_passes.fix_middle_front(block, t)
         lane_passes.choose(block, t)
         lane_passes.update(block, t, k)
-    lane_passes.remember_accepted(block, k)
+    lane_passes.update_gate(block, k)
 
 
 @compiled_lanes
@@ -150,7 +150,7 @@ def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: Na
         if mission.speed.size != first.speed.size or not np.array_equal(mission.message_step, first.message_step):
             raise ValueError(f"mission {number} has other steps or other message steps than mission 0")
         if mission.durations is not None or mission.transmitters is not None:
-            raise ValueError(f"mission {number} has steps or transmitters of its own; lanes know equal ones only")
+            raise ValueError(f"mission {number} has steps or transmitters of its own; lanes take equal ones only")
         sensed = (mission.speed, mission.heading, mission.message[:, :6])
         if not all(np.all(np.isfinite(values)) for values in sensed) or np.any(np.isinf(mission.depth)):
             raise ValueError(f"mission {number}: an own measurement or the leader's pose is not finite")

@@ -56,7 +56,7 @@ class Reception(NamedTuple):
     message: LeaderMessage
     ranges: Ranges
     transmitters: Floats | None = None
-    """Where the rear, front and middle transmitter were, if the message says so: rows of east, north, depth,
+    """Where the rear, front and middle transmitter were, if the message has them: rows of east, north, depth,
     shape (3, 3), [m]; NaN for one that is not there. None: where the settings place them about the leader."""
 
 
@@ -84,7 +84,7 @@ class Measurements(ArrayRecord):
     durations: Floats | None = None
     """How long each filter step took, shape (n,), [s]; None: Δt each."""
     transmitters: Floats | None = None
-    """Transmitters (east, north, depth) of each reception, shape (m, 3, 3), [m]; None: no reception says."""
+    """Transmitters (east, north, depth) of each reception, shape (m, 3, 3), [m]; None: no message has them."""
     own: Mapping[str, Floats] = field(default_factory=dict)
     """Readings of sensors of the user's own by their names, shape (n, …); NaN where there is none."""
 

@@ -197,7 +197,7 @@ def longest_capture(captured: Bools) -> int:
 
 
 def was_captured(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats, steps: int) -> bool:
-    """Whether a run was at the mirror image for so many steps in a row; other arguments as of `captured_steps`."""
+    """Whether a run was at the mirror image for `steps` steps in a row; other arguments as of `captured_steps`."""
     return longest_capture(captured_steps(estimate, truth, leader, leader_heading)) >= steps
 
 

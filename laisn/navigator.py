@@ -79,7 +79,7 @@ class Navigator(OnlineNavigator[Estimates]):
         """σa [m/s²].
 
         The leader's changes are those from message to message, in the step in which the later one arrives. A message
-        none of whose pings is heard says nothing.
+        without ranges is not used.
         """
         t = self._tuning
         speed_change = turn = 0.0

@@ -133,7 +133,7 @@ Choice = TypeVar("Choice")
 
 
 def _number(name: str, chosen: str, known: dict[str, Choice]) -> Choice:
-    """What formulas know a choice as."""
+    """Number or flag of a choice in formulas."""
     if chosen not in known:
         raise NotImplementedError(f"no formula implements the {name} {chosen!r}; there are: {', '.join(known)}")
     return known[chosen]

@@ -1,7 +1,7 @@
 """The variants of LAISN: how the fixes of three pairs of transmitters become the one fix of a message.
 
-Each variant of `laisn.settings.Variant` is the function here whose name is the variant's, with underscores. Each is
-given what the pairs (1, 2), (1, 3) and (2, 3) say, and the prediction. LAISN-3(1) has none: it updates the filter with
+Each variant of `laisn.settings.Variant` is the function here whose name is the variant's, with underscores. Each takes
+the fixes of the pairs (1, 2), (1, 3) and (2, 3), and the prediction. LAISN-3(1) has none: it updates the filter with
 one pair after the other.
 """
 

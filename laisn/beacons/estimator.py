@@ -193,7 +193,7 @@ _SHORTEST = 0.1
 _ADAPTATION_GAIN = 0.02
 """Share of a range in the estimated variance of its beacon."""
 _LARGEST = 16.0
-"""A range adds to that at most so many times the variance."""
+"""A range adds to that at most this times the variance."""
 _LEAST, _MOST = 0.25, 16.0
 """Bounds of the estimated variance, as multiples of the settings'."""
 
@@ -294,7 +294,7 @@ _LEAST_WEIGHT = 1e-8
 BEARINGS = 48
 """Gaussians of a ring."""
 STARTERS = 8
-"""So many of the first ranges may be the one that an unknown start is found by."""
+"""Number of first ranges, each of which may be the one that gives an unknown start."""
 _SURE = 0.9
 """Errors of ranges are estimated where one component has more weight than this."""
 _PATIENCE = 8
@@ -399,7 +399,7 @@ def receive(b: Belief, z: Ranging, starter: int) -> bool:
     """Take a range.
 
     With an unknown start each of the first ranges may be the first right one: the ring of the m-th has the weight of
-    all earlier ones being wrong, beside what the components so far say of them.
+    all earlier ones being wrong, beside the evidence of the components so far.
 
     Args:
         b: the belief.

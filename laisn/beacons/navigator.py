@@ -35,7 +35,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
 
         Args:
             settings: sensors, and what is known.
-            start: receiver's x, y [m] and velocity [m/s] at step 0, shape (4,); None, or settings that say so: unknown,
+            start: receiver's x, y [m] and velocity [m/s] at step 0, shape (4,); None, or `known_start` False: unknown,
                 so that estimates are NaN until the first range. The heading is known either way.
 
         Raises:
@@ -50,7 +50,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
     def evidence(self) -> float:
         """Logarithm of the probability density that the settings gave to all ranges so far: the larger, the likelier.
 
-        Of an unknown start's first ranges it counts only what those before them say.
+        Of an unknown start's first ranges it counts only what follows from those before them.
         """
         return float(self._belief.evidence[0])
 

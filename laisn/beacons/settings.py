@@ -1,4 +1,4 @@
-"""What the navigator among beacons takes its odometry and its ranges to be, as a data sheet would say it."""
+"""Errors of odometry and ranges that the navigator among beacons assumes, in the terms of a data sheet."""
 
 from dataclasses import dataclass
 from typing import ClassVar

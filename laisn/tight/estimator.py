@@ -93,7 +93,7 @@ def mix_modes(b: Belief, m: Model) -> None:
 
 @compiled
 def _gained(turn: Any, direction: tuple[float, float], least: float, time: float) -> float:
-    """By how much the square of the angle of a turn has grown in so many seconds [rad²].
+    """Growth of the square of the angle of a turn in a time [rad²].
 
     Args:
         turn: its record, brought forward.

@@ -107,11 +107,11 @@ _RADIAL_VARIANCE = 25.0
 """Variance of a hypothesis's distance before the update [m²]: wide beside all errors of a range."""
 _ALARM = 3.0
 """Smoothed NIS, of which 1 is expected, above which the mixture is inconsistent."""
-_SECOND_THOUGHT = 0.002
+_RING_WEIGHT = 0.002
 """Weight that the hypotheses of the ring are given after an alarm."""
-_ASTRAY = 10.0
+_POSITION_SIGMA = 10.0
 """Standard deviation along each axis of the ring's weight around the belief so far [m]."""
-_ANYWHERE = 0.01
+_FAR_WEIGHT = 0.01
 """Weight of the ring far from the belief so far, where that at the belief is 1."""
 
 
@@ -179,7 +179,7 @@ def _nearness(b: Belief, k: int, here: tuple[float, float]) -> float:
     dx, dy = b.state[k, X] - here[0], b.state[k, Y] - here[1]
     if dx != dx:
         return 0.0
-    return math.log(_ANYWHERE + math.exp(-0.5 * (dx * dx + dy * dy) / (_ASTRAY * _ASTRAY)))
+    return math.log(_FAR_WEIGHT + math.exp(-0.5 * (dx * dx + dy * dy) / (_POSITION_SIGMA * _POSITION_SIGMA)))
 
 
 @compiled
@@ -256,4 +256,4 @@ def reinitialise_if_inconsistent(b: Belief, m: Model, signal: Signal) -> bool:
         return True
     b.smoothed_nis = 1.0
     refresh_output(b, m)
-    return add_ring(b, m, signal, _SECOND_THOUGHT)
+    return add_ring(b, m, signal, _RING_WEIGHT)

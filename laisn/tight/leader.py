@@ -93,7 +93,7 @@ _WINDOW = 10.0
 _FIRST_WINDOW = 1.0
 _GROWTH = 0.2
 _TURN = 0.2
-"""A window with more turn than this says nothing: the way between messages is not known well enough [rad]."""
+"""A window with more turn than this is not used: the way between messages is too uncertain [rad]."""
 CURRENT_SIGMA = 0.05
 """Standard deviation of the mean current over a window of 10 s [m/s]."""
 

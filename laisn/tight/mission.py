@@ -130,8 +130,8 @@ def run_mission(
     Args:
         settings: of the navigator.
         measurements: of the mission, n steps.
-        start: x, y at step 0, shape (2,) or more, [m]; None, or settings that say so: unknown.
-        covariance: compute velocities, covariances and what became of messages too, which takes most of the time.
+        start: x, y at step 0, shape (2,) or more, [m]; None, or `known_start` False: unknown.
+        covariance: compute velocities, covariances and results of messages too, which takes most of the time.
 
     Returns:
         What was found; NaN before a start is.
@@ -141,7 +141,7 @@ def run_mission(
         LaisnError: steps differ in length, or transmitters are on no leader's hull; `TightNavigator` takes these.
     """
     if measurements.durations is not None or measurements.transmitters is not None or settings.transmitter_offsets:
-        raise LaisnError("campaigns know steps of equal length, and transmitters on the leader's hull only")
+        raise LaisnError("campaigns take steps of equal length, and transmitters on the leader's hull only")
     model, n = model_of(settings), measurements.speed.size
     outcome = records(OUTCOME, len(measurements.message) if covariance else 0)
     found = Found(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome)
@@ -167,7 +167,7 @@ def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> M
 
 
 _APART = 2.0
-"""Two hypotheses are two places, and not the halves of a wide one, where they are farther apart than so many times the
+"""Two hypotheses are two places, and not the halves of a wide one, where they are farther apart than this times the
 sum of their standard deviations: intervals of 95 % about each do not meet."""
 
 
@@ -269,7 +269,7 @@ class TightSwarm(NamedTuple):
 def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
     """Navigators of followers at their starts, rows of x, y [m] and more, shape (f, 2) or wider.
 
-    The starts are not read if the settings say that they are unknown.
+    Unknown starts are not read.
     """
     model = model_of(settings)
     known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]

@@ -28,7 +28,7 @@ from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.settings import TightSettings
 
 X, Y, LOG, COMPASS, SCALE = range(5)
-"""Indices of the states that are always there; `Model` says where the others are."""
+"""Indices of the states that are always there; `Model` has those of the others."""
 ABSENT = -1
 """Index of a state that is switched off."""
 
@@ -192,7 +192,7 @@ _BELIEF = np.dtype((np.record, np.dtype([
     ("state", np.float64, (_COMPONENTS, MOST_STATES)),  # mean of each component: `hypothesis · modes + mode`
     ("covariance", np.float64, (_COMPONENTS, MOST_STATES, MOST_STATES)),
     ("weight", np.float64, _COMPONENTS),  # sum 1 over those alive
-    ("evidence", np.float64, _COMPONENTS),  # logarithm of what a message says for each component
+    ("evidence", np.float64, _COMPONENTS),  # log likelihood of the message for each component
     ("outcome", _OUTCOME, _COMPONENTS),  # of its last update
     ("turn_excess", np.float64, _COMPONENTS),  # by how much `leader_variance` should be larger [rad²]
     ("alive", np.int64),  # hypotheses

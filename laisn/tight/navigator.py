@@ -98,9 +98,9 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
 
         Args:
             settings: sensors, and what is assumed.
-            start: hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,); None, or settings that say so:
-                unknown, so that estimates are NaN until the first message with two ranges, and both sides of the leader
-                are possible then.
+            start: hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,); None, or `known_start` False:
+                unknown, so that estimates are NaN until the first message with two ranges, after which both sides of
+                the leader are possible.
 
         Raises:
             ValueError: the start is not four finite numbers.

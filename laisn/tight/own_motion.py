@@ -35,7 +35,7 @@ def reckon(b: Belief, m: Model, speed: float, sine: float, cosine: float, dt: fl
 
 @compiled
 def advance(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
-    """One filter step of so many seconds, with the readings of log [m/s] and compass [rad] at its end.
+    """One filter step of duration `dt` [s], with the readings of log [m/s] and compass [rad] at its end.
 
     The way is that of the mean velocity of both ends: a turn would otherwise be a step late.
     """
@@ -45,7 +45,7 @@ def advance(b: Belief, m: Model, speed: float, heading: float, dt: float) -> Non
 
 @inlined
 def begin_interval(b: Belief) -> None:
-    """Forget the way so far: the components have been moved by it."""
+    """Reset the way: the components have been moved by it."""
     o = b.motion
     o.ax = o.ay = o.bx = o.by = o.nxx = o.nxy = o.nyy = o.time = 0.0
 

@@ -263,7 +263,7 @@ def _absorb(b: Belief, m: Model, k: int, count: int) -> None:
 
 @inlined
 def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
-    """What the whitened residuals say of the random error w of the leader's heading: its mean and variance.
+    """Mean and variance of the random error w of the leader's heading, given the whitened residuals.
 
     A priori w has mean 0 and variance v; with g the derivative of the ranges by the heading, it is then
     v gᵀ S⁻¹ e, and v − v² gᵀ S⁻¹ g.

@@ -1,4 +1,4 @@
-"""What the tightly coupled navigator takes its sensors to be, as a data sheet would say it."""
+"""Sensor errors that the tightly coupled navigator assumes, in the terms of a data sheet."""
 
 from dataclasses import dataclass, field
 

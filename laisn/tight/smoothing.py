@@ -105,7 +105,7 @@ class _Leg:
 
 
 class SmoothingNavigator(TightNavigator):
-    """The tightly coupled navigator after the fact: `run` gives what messages up to a lag later say, too."""
+    """The tightly coupled navigator with fixed-lag smoothing: `run` also uses the messages up to a lag later."""
 
     def __init__(self, settings: TightSettings, start: Floats | None, lag: float) -> None:
         """Start at a known state, or anywhere.
