@@ -1,6 +1,7 @@
 """The page of a study: what was asked, how it was flown, what came of it, and the runs to look at."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -39,15 +40,16 @@ def _cell(interval: Interval, tone: str = "") -> Cell:
     return Cell(text=shown(interval), sort=number(interval.value).sort, tone=tone)
 
 
-def _verdicts(plan: Plan, results: Results, arm: str, metric: str) -> tuple[int, int, int]:
-    """Places at which an arm is below the first one, above it, or neither, by whole intervals."""
-    below = above = still = 0
-    for place in results.rows:
-        if place[1] == arm and (place[0], plan.arms[0], place[2]) in results.rows:
-            apart = results.difference(place, plan.arms[0], metric)
-            below, above = below + (apart.high < 0), above + (apart.low > 0)
-            still += not (apart.high < 0 or apart.low > 0)
-    return below, above, still
+def _verdict(apart: Interval) -> str:
+    """Whether an arm is lower or higher than the first one, by the whole interval, or the question is open."""
+    return "lower" if apart.high < 0 else "higher" if apart.low > 0 else "open"
+
+
+def _differing(plan: Plan, results: Results) -> dict[Place, Interval]:
+    """Differences from the first arm at all places that both have."""
+    base, metric = plan.arms[0], plan.study.report.metric
+    others = [place for place in results.rows if place[1] != base and (place[0], base, place[2]) in results.rows]
+    return {place: results.difference(place, base, metric) for place in others}
 
 
 def summary_of(plan: Plan, results: Results) -> str:
@@ -64,9 +66,11 @@ def summary_of(plan: Plan, results: Results) -> str:
         text += f" at best ({place_text(plan, known[0][0])}), {shown(known[-1][1], unit)} at most "
         text += f"({place_text(plan, known[-1][0])})"
     text += "."
+    differing = _differing(plan, results)
     for arm in plan.arms[1:]:
-        below, above, still = _verdicts(plan, results, arm, metric)
-        text += f" {arm} against {plan.arms[0]}: lower at {below}, higher at {above}, undecided at {still} places."
+        count = Counter(_verdict(apart) for place, apart in differing.items() if place[1] == arm)
+        text += f" {arm} against {plan.arms[0]}: lower at {count['lower']}, higher at {count['higher']}, "
+        text += f"undecided at {count['open']} places."
     return text
 
 
@@ -170,13 +174,11 @@ def _differences(plan: Plan, results: Results) -> list[Block]:
         panels, legend = charts.over_factor(plan, trimmed, of_others, f"difference: {label}", "apart", zero=True)
         if panels:
             blocks.append(Figures(panels=panels, caption="Paired differences with 95 % intervals.", legend=legend))
-    rows = []
-    for place in results.rows:
-        if place[1] == base or (place[0], base, place[2]) not in results.rows:
-            continue
-        apart = results.difference(place, base, metric)
-        tone, verdict = ("yes", "lower") if apart.high < 0 else ("no", "higher") if apart.low > 0 else ("maybe", "open")
-        rows.append([*_labels(plan, place), _cell(apart), words(verdict, tone)])
+    tones = {"lower": "yes", "higher": "no", "open": "maybe"}
+    rows = [
+        [*_labels(plan, place), _cell(apart), words(_verdict(apart), tones[_verdict(apart)])]
+        for place, apart in _differing(plan, results).items()
+    ]
     return [*blocks, Table(heads=[*_heads(plan), f"difference: {label}", "verdict"], rows=rows)]
 
 
@@ -234,11 +236,6 @@ def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int]
     return worst[1:], median[1:]
 
 
-def entry_at(plan: Plan, place: Place, sea: int) -> Entry:
-    """The entry of a place and a sea."""
-    return next(e for e in plan.entries if (e.point, e.arm, e.sea) == (place[0], place[1], sea))
-
-
 def worst_entry(plan: Plan, results: Results) -> tuple[Entry, int, str]:
     """The scenario, run and follower of the worst run of the worst place."""
 
@@ -248,18 +245,17 @@ def worst_entry(plan: Plan, results: Results) -> tuple[Entry, int, str]:
 
     place = max(results.rows, key=size)
     (sea, run), _ = notable(plan, results, place)
-    return entry_at(plan, place, sea), run, place[2]
+    return plan.by_place[place[0], place[1], sea], run, place[2]
 
 
 def commands(plan: Plan, results: Results) -> str:
     """For every place the commands that fly its worst and its median run alone."""
-    entries = {(entry.point, entry.arm, entry.sea): entry for entry in plan.entries}
     lines = []
     for place in list(results.rows)[:_MOST_COMMANDS]:
         for which, (sea, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
             told = f" of sea {sea}" if plan.study.seas > 1 else ""
             lines.append(f"# {place_text(plan, place)}: {which} run, {run}{told}")
-            lines.append(entries[place[0], place[1], sea].command(plan.study.scenario, run))
+            lines.append(plan.by_place[place[0], place[1], sea].command(plan.study.scenario, run))
     return "\n".join(lines)
 
 

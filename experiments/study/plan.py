@@ -65,6 +65,11 @@ class Plan:
     entries: list[Entry]
     """Entries ordered by point, arm and sea."""
 
+    @cached_property
+    def by_place(self) -> dict[tuple[int, str, int], Entry]:
+        """Entries by point, arm and sea."""
+        return {entry.place: entry for entry in self.entries}
+
     @property
     def followers(self) -> tuple[str, ...]:
         """Names of the followers; those of the first entry, which has as many as any."""

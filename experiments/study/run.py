@@ -20,6 +20,8 @@ from experiments.study.measure import facts_of, records_of_run
 from experiments.study.plan import Entry, Plan
 from laisn.failure import LaisnError
 
+_MOST_GROWTH = 10.0
+"""By which the number of runs grows at most from one look at their intervals to the next."""
 _OWN = ("key", "mission", "version", "motion")
 """Columns of a cell's row that no table of results has."""
 
@@ -128,13 +130,17 @@ def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> 
 
 
 def _widest(results: Results, metric: str) -> float:
-    """Half of the widest interval of a metric of runs; 0 where the data bound none, as when all runs are alike."""
+    """Half of the widest interval of a metric of runs; infinite where too few runs have it for an interval."""
     widest = 0.0
     for place in results.rows:
-        if results.by_run(place, metric) is None:
+        runs, interval = results.by_run(place, metric), results.estimate(place, metric)
+        if runs is None:
             raise LaisnError(f"runs.until.metric: {metric!r} is not a metric of single runs")
-        interval = results.estimate(place, metric)
-        widest = max(widest, 0.0 if math.isnan(interval.low) else (interval.high - interval.low) / 2)
+        # runs that are all alike have no limits either, and more would not give them any
+        if not math.isnan(interval.low):
+            widest = max(widest, (interval.high - interval.low) / 2)
+        elif np.unique(runs[0][~np.isnan(runs[0])]).size > 1:
+            widest = math.inf
     return widest
 
 
@@ -164,7 +170,7 @@ def fly_until_narrow(plan: Plan, folder: Path, **options: Unpack[ExecutionOption
         widest = _widest(outcomes.results, until.metric)
         if widest <= until.half_width:
             return plan, outcomes
-        batches = math.ceil(runs * (widest / until.half_width) ** 2 / batch)
+        batches = math.ceil(runs * min((widest / until.half_width) ** 2, _MOST_GROWTH) / batch)
         plan = replace(plan, study=replace(plan.study, runs=min(batches * batch, until.most)))
         options |= {"force": False}
 

@@ -1,6 +1,7 @@
 """What a study says of its results: sentences, verdicts, record and the runs to look at, for results made by hand."""
 
 import itertools
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +21,7 @@ from experiments.study.file import of_table
 from experiments.study.metrics import METRICS
 from experiments.study.page import _cell, _design, _differences, _table, commands, notable, summary_of, worst_entry
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import _of_runs
+from experiments.study.run import _of_runs, _widest
 from experiments.study.study import record_of
 
 MEANS = {
@@ -144,6 +145,26 @@ def test_a_run_that_contact_ended_is_the_first_to_look_at(plan: Plan, results: R
     apart = found.difference(place(0, "aware"), "plain", "e_p_mean_m")
     (theirs,) = results.by_run(place(0, "aware"), "e_p_mean_m") or []
     assert apart.value == pytest.approx(np.delete(theirs - values, 7).mean())
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        (np.arange(40.0), "interval"),
+        (np.full(40, 2.0), "none"),
+        (np.where(np.arange(40) < 10, np.arange(40.0), np.nan), "more"),
+    ],
+)
+def test_the_widest_interval_asks_for_more_runs_where_too_few_are_whole(
+    results: Results, values: Any, expected: str
+) -> None:
+    """Runs that are all alike need no more; ten that contact left, which differ, have no interval yet."""
+    at = place(0, "plain")
+    runs = {at: [{"e_p_mean_m": values.tolist()}]}
+    one = Results(rows={at: results.rows[at]}, runs=runs)
+    interval = one.estimate(at, "e_p_mean_m")
+    wanted = {"interval": (interval.high - interval.low) / 2, "none": 0.0, "more": math.inf}[expected]
+    assert _widest(one, "e_p_mean_m") == wanted
 
 
 def test_commands_are_headed_by_the_runs_that_they_fly(plan: Plan, results: Results) -> None:
