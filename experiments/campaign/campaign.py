@@ -7,29 +7,78 @@ results.
 
 import os
 import random
+import sys
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar, Unpack
+
+import numpy as np
+from pydantic import TypeAdapter
+from pydantic_core import to_jsonable_python
 
 from experiments.campaign import missions
 from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import PER_RUN, PER_STEP, Arrays, CampaignError, Record, Store
-from experiments.campaign.tasks import Task, key_of, task_key
+from experiments.campaign.version import code_version, version_of
 from laisn.failure import LaisnError
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
 T = TypeVar("T")
+Row = TypeVar("Row")
 Name = TypeVar("Name", bound=Hashable)
 Facts = Callable[[Scenario, Trajectory], list[Record]]
 """What is measured of a mission besides: a record for each follower."""
 Result = tuple[str, Any, Arrays]
 """Key, record or mission, and arrays of a record."""
+
+Task = partial[Any]
+"""A function of a module with its arguments: data classes, scenarios, numbers and text.
+
+It returns a list of rows, which are records or data classes, or a single row; it raises `CampaignError` if it cannot
+compute them."""
+
+
+def typed(kind: type[Row], rows: Iterable[Record]) -> list[Row]:
+    """Rows as the data classes that they were, if these hold no arrays."""
+    adapter = TypeAdapter(kind)
+    return [adapter.validate_python(row) for row in rows]
+
+
+def with_arrays(row: Record) -> Record:
+    """A row with arrays in place of lists."""
+    return {name: np.array(value) if isinstance(value, list) else value for name, value in row.items()}
+
+
+@cache
+def _source(module: str) -> str:
+    if module == "__main__":
+        module = sys.modules[module].__spec__.name  # type: ignore[union-attr]
+    return version_of((module,))
+
+
+def _plain(value: object) -> object:
+    """JSON value of an argument; TypeError if there is none."""
+    if isinstance(value, range):
+        return [value.start, value.stop, value.step]
+    raise TypeError(f"a task is given {type(value).__name__}, of which no key can be made: {value!r:.60}")
+
+
+def task_key(task: Task) -> str:
+    """Key of a task's rows."""
+    return key_of(task.func, task.args, task.keywords)
+
+
+def key_of(function: Callable[..., object], *arguments: object) -> str:
+    """Hash of a function's name, of every source that it can reach, and of its arguments."""
+    given = to_jsonable_python(arguments, fallback=_plain)
+    return missions.digest([code_version(), _source(function.__module__), function.__qualname__, given])
+
 
 _BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""

@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.testing import assert_allclose
 
-from experiments.campaign import tasks
+from experiments.campaign import campaign
 from experiments.campaign.montecarlo import histories
 from experiments.flight.library import ROUTES, load
 from experiments.studies.asymmetry import study as asymmetry
@@ -190,7 +190,7 @@ def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
     def fail(*_: object) -> None:
         raise RuntimeError("a process that renders frames ended with code 1")
 
-    monkeypatch.setattr(tasks, "_rows", never)
+    monkeypatch.setattr(campaign, "_rows", never)
     report.unlink()
     with pytest.raises(RuntimeError, match="renders frames"):
         asymmetry.run(tmp_path, quick=True, workers=1, quiet=True, film=fail)

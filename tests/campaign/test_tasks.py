@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign import campaign, tasks
-from experiments.campaign.campaign import Design, Flown
+from experiments.campaign import campaign
+from experiments.campaign.campaign import Design, Flown, key_of, typed, with_arrays
 from experiments.campaign.processes import Pool
 from experiments.campaign.store import CampaignError, Store
-from experiments.campaign.tasks import key_of, typed, with_arrays
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
 from sim.scenario.settings import Follower, Scenario
@@ -34,8 +33,10 @@ class Square:
 @pytest.fixture(autouse=True)
 def sources(monkeypatch: pytest.MonkeyPatch) -> None:
     """This file is none of the project's packages."""
-    own = tasks._source
-    monkeypatch.setattr(tasks, "_source", lambda module: own("sim.trajectory") if module == __name__ else own(module))
+    own = campaign._source
+    monkeypatch.setattr(
+        campaign, "_source", lambda module: own("sim.trajectory") if module == __name__ else own(module)
+    )
 
 
 def square(of: int, times: int = 1) -> list[Square]:
@@ -98,7 +99,7 @@ def test_the_key_is_of_the_sources_and_of_all_that_is_given(monkeypatch: pytest.
     assert key_of(square, range(3)) != key_of(square, range(1, 3))
     with pytest.raises(TypeError, match="given object, of which no key"):
         key_of(square, object())
-    monkeypatch.setattr(tasks, "_source", lambda module: f"{module} edited")
+    monkeypatch.setattr(campaign, "_source", lambda module: f"{module} edited")
     assert key_of(square, one, 1) not in keys
 
 

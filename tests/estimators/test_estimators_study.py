@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
-from experiments.campaign.tasks import key_of
+from experiments.campaign.campaign import key_of
 from experiments.command.cli import app
 from experiments.studies.estimators import findings, runs, study
 from experiments.studies.estimators.cases import CASES, OFFSETS_M, SEAS, SIGMAS

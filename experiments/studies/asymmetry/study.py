@@ -13,10 +13,9 @@ from typing import Any, Unpack
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, ExecutionOptions
+from experiments.campaign.campaign import Design, ExecutionOptions, Task, typed
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import columns_of, write_table
-from experiments.campaign.tasks import Task, typed
 from experiments.findings import FILE, Findings
 from experiments.flight.range_budget import Cause
 from experiments.pages.figures import svg

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, ExecutionOptions
+from experiments.campaign.campaign import Design, ExecutionOptions, Task, with_arrays
 from experiments.campaign.store import Record
-from experiments.campaign.tasks import Task, with_arrays
 from experiments.findings import FILE, Findings
 from experiments.flight.library import ROUTES
 from experiments.pages.figures import svg

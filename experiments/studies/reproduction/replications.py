@@ -12,12 +12,12 @@ from functools import partial
 import numpy as np
 from scipy.special import stdtrit
 
+from experiments.campaign.campaign import Task
 from experiments.campaign.cells import Cell
 from experiments.campaign.missions import mission_of, motion_of
 from experiments.campaign.montecarlo import simulate
 from experiments.campaign.plans import steps_of
 from experiments.campaign.store import Arrays, Record
-from experiments.campaign.tasks import Task
 from experiments.flight.library import ROUTES
 from experiments.studies.reproduction import settings
 from experiments.studies.reproduction.settings import METRICS, Motion, Setting
