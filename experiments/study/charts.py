@@ -144,13 +144,7 @@ def over_factor(plan: Plan, layout: Layout, valued: Valued, label: str, name: st
 ]:  # fmt: skip
     """Panels of a value over a factor, and the legend of their lines.
 
-    Args:
-        plan: of the study.
-        layout: what goes where.
-        valued: gives the value of a place.
-        label: of the y axis.
-        name: prefix of ids on the page.
-        zero: draw the line of no difference, else begin at zero.
+    `label` is that of the y axis, `name` the prefix of ids on the page; `zero` draws the line of no difference.
     """
     axis = axis_of(plan, layout.against)
     kinds = levels(plan, layout.lines) if layout.lines else [None]

@@ -260,14 +260,7 @@ def commands(plan: Plan, results: Results) -> str:
 
 
 def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], film: Path | None = None) -> Page:
-    """The page of a study that was flown.
-
-    Args:
-        plan: of the study.
-        results: its rows and runs.
-        failures: entries that could not be flown, by what happened.
-        film: of its worst run; None: there is none.
-    """
+    """The page of a study; `failures` are entries that could not be flown, by what happened, `film` its worst run."""
     study, metric = plan.study, plan.study.report.metric
     asked = study.question or f"How does this metric depend on what is varied: {METRICS[metric].what}?"
     answer = [Text(text=asked), *_failures(plan, failures), *_main(plan, results)]

@@ -83,18 +83,10 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
 
 
 def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> Outcomes:
-    """Fly a study, or what is missing of it.
-
-    Args:
-        plan: of the study.
-        folder: of the results; made if it is not there.
-        options: as of `campaign.fly`.
+    """Fly a study, or what is missing of it; folder, options and errors as of `campaign.fly`.
 
     Returns:
         Rows in the order of the plan: the same whatever the workers and interruptions.
-
-    Raises:
-        LaisnError: as of `campaign.fly`.
     """
     cells = {entry.place: plans_of(entry, plan.study.runs) for entry in plan.entries}
     closed = [entry for entry in plan.entries if entry.closed_loop]
@@ -149,11 +141,6 @@ def fly_until_narrow(plan: Plan, folder: Path, **options: Unpack[ExecutionOption
 
     The number of runs after each look follows from the results alone: intervals narrow with its square root (Stein,
     Ann. Math. Stat. 16, 1945). All places have the same number, so that arms stay paired.
-
-    Args:
-        plan: of the study.
-        folder: of the results.
-        options: as of `campaign.fly`.
 
     Returns:
         The plan with its final number of runs, and its outcomes.

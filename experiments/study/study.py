@@ -46,12 +46,7 @@ class Effort(NamedTuple):
 
 
 def effort_of(plan: Plan, workers: int) -> Effort:
-    """What a study would take if nothing of it were stored, from one mission that is flown and forgotten.
-
-    Args:
-        plan: of the study.
-        workers: processes that share the work.
-    """
+    """What a study would take if nothing of it were stored, from one mission that is flown and not stored."""
     entry, runs = plan.entries[0], plan.study.runs
     cells = sum(len(e.scenario.followers) for e in plan.entries)
     if entry.closed_loop:
