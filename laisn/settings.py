@@ -80,11 +80,11 @@ class NavigationSettings(Settings):
     threshold: float = 0.1
     """T: two intersections closer than this count as one, on the leader's axis [m]."""
     beta: float = 0.1
-    """β: σp = β / distance of the intersections [m²]."""
+    """β: σp = β / distance between the intersections [m²]."""
     sigma_floor: float = 0.0
-    """Smallest σp that the filter is given [m]; the paper has none."""
+    """Minimum σp [m]; paper: none."""
     alpha: float = 8.0
-    """α: process noise from manoeuvres [m/s²]."""
+    """α: process noise in manoeuvres [m/s²]."""
     sigma_a0: float = 60.0
     """σa0: process noise in steady motion [m/s²]."""
     sigma_speed: float = 0.2
@@ -92,22 +92,22 @@ class NavigationSettings(Settings):
     sigma_heading: float = float(np.deg2rad(2.0))
     """σθ of the speed update [rad]."""
     position_sigma0: float = 0.0
-    """p_pos_std: uncertainty of the start along each axis [m]."""
+    """p_pos_std: σ of the initial position along each axis [m]."""
     velocity_sigma0: float = 0.0
-    """p_vel_std: uncertainty of the velocity at the start [m/s]."""
+    """p_vel_std: σ of the initial velocity [m/s]."""
     leader_speed_max: float = 3.0
     """v_max of the leader in γv [m/s]."""
     follower_speed_max: float = 3.0
     """v_max of the follower in γv and in the gate [m/s]."""
     gate: GateRule = "v-max"
-    """Gross-error gate (Section 2.4): travel since the last accepted fix at top or at measured speed, or none."""
+    """Gross-error gate (Section 2.4), by maximum or measured speed since the last accepted fix."""
     side_rule: SideRule = "behind"
-    """Where a fix without two clear intersections goes: always behind (the paper), or to the predicted end."""
+    """Side of a fix without two clear intersections: behind (paper) or at the predicted end."""
     expected_pitch: float = 0.0
-    """Pitch that inflates σp where the leader is taken as level; adds Δz sin(…) in squares [rad] (not in the paper)."""
+    """Pitch that inflates σp of a level leader by Δz sin(…), root sum of squares [rad] (not in the paper)."""
     use_single_range: bool = False
-    """Where one range alone arrived, move the estimate along its line of sight; the paper drops it. A replay of a
-    vehicle's log does so unless this stands in its scenario as false."""
+    """Use a single received range along its line of sight; paper: dropped. Default in the replay of a vehicle's log:
+    true."""
 
     @property
     def transmitters(self) -> int:

@@ -10,20 +10,20 @@ from laisn.settings import Settings
 
 @dataclass(frozen=True, kw_only=True)
 class Assume:
-    """What is taken as given, and what is estimated."""
+    """Model assumptions: what is given, and what is estimated."""
 
     exact_leader: bool = True
-    """The leader's compass has no bias; else that is estimated."""
+    """No bias of the leader's compass; false: estimate it."""
     drift: bool = False
-    """The biases of log and compass drift."""
+    """Biases of log and compass drift."""
     deviation: bool = False
-    """Compasses err by another bias on another heading, by 3 % of a turn; the leader's too, unless it is exact."""
+    """Compass biases depend on heading, by 3 % of a turn; the leader's too, unless exact."""
     current: bool = False
-    """The water moves, alike for leader and follower; the current is estimated."""
+    """Estimate a current common to leader and follower."""
     offsets: bool = False
-    """Each transmitter may be early or late by a constant time."""
+    """Estimate a constant range error of each transmitter."""
     clock: bool = False
-    """The follower's clock has an offset from the leader's, and drifts; the error of all ranges is estimated."""
+    """Estimate offset and drift of the follower's clock."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,31 +36,31 @@ class TightSettings(Settings):
     transmitters: int = 3
     """How many of rear, front and middle transmitter are used: 2 or 3."""
     known_start: bool = True
-    """The start is given. Otherwise the first message with two ranges or more makes the first estimate."""
+    """The start is given; false: initialise from the first message with at least two ranges."""
     start_sigma: float = 0.01
-    """σ of the position at the start, along each axis [m]."""
+    """σ of the initial position along each axis [m]."""
     speed_sigma: float = 0.2
-    """σ of the random error of a reading of the speed log [m/s]."""
+    """Random σ of a speed log reading [m/s]."""
     speed_bias_sigma: float = 0.3
-    """σ of the log's bias before the mission [m/s]."""
+    """Prior σ of the speed log bias [m/s]."""
     heading_sigma: float = float(np.deg2rad(1.2))
-    """σ of the random error of a reading of the compass [rad]."""
+    """Random σ of a compass reading [rad]."""
     heading_bias_sigma: float = float(np.deg2rad(8.0))
-    """σ of the compass's bias before the mission [rad]."""
+    """Prior σ of the compass bias [rad]."""
     range_sigma: float = 0.003
-    """σ of the random error of each range [m]."""
+    """Random σ of each range [m]."""
     range_scale_sigma: float = 0.05
-    """σ of the random error that the ranges of a message share in proportion to their length, at the longest [m]."""
+    """Random σ common to the ranges of a message, proportional to range, at the longest [m]."""
     range_scale_bias_sigma: float = 0.2
-    """σ of the mean of that shared error before the mission [m]."""
+    """Prior σ of the mean of this common error [m]."""
     leader_heading_sigma: float = float(np.deg2rad(1.2))
-    """σ of the random error of the heading in a message, if the leader is not exact [rad]."""
+    """Random σ of a broadcast heading, unless the leader is exact [rad]."""
     leader_heading_bias_sigma: float = float(np.deg2rad(6.0))
-    """σ of the bias of the heading in messages, if the leader is not exact [rad]."""
+    """Prior σ of the broadcast heading bias, unless the leader is exact [rad]."""
     current_sigma: float = 0.4
-    """σ of the current along each axis, if there may be one [m/s]."""
+    """Prior σ of the current along each axis [m/s]."""
     offset_sigma: float = 0.015
-    """σ of a transmitter's constant error beside the first one's, if there may be one [m]."""
+    """Prior σ of a transmitter's constant error, relative to the first [m]."""
     clock_offset_sigma: float = 1.5
     """σ of the clocks' offset at the start, as a range [m]: 1 ms, if there may be one."""
     clock_drift_sigma: float = 1.5e-3
@@ -70,7 +70,7 @@ class TightSettings(Settings):
     outlier_chance: float = 0.05
     """Chance that a range is an echo's."""
     outlier_span: float = 4.5
-    """Largest excess of an echo's range over that of the direct ping [m]."""
+    """Maximum excess of an echo's range over the direct range [m]."""
 
     @property
     def estimated(self) -> frozenset[str]:

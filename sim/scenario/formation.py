@@ -19,31 +19,29 @@ LEAST_LAYER_M = 1.0
 
 
 class Station(Section):
-    """A place in the leader's trail."""
+    """Station in the leader's trail."""
 
-    behind_m: Metres = Field(..., description="behind the leader, along the way that it came")
-    port_m: Metres = Field(0.0, description="to port of that way")
-    depth_m: NonNegative = Field(..., description="depth of the layer that the follower swims in")
+    behind_m: Metres = Field(..., description="distance behind the leader, along its trail")
+    port_m: Metres = Field(0.0, description="offset to port of the trail")
+    depth_m: NonNegative = Field(..., description="depth of the station")
 
 
 class Proximity(Section):
-    """What followers on stations sense of vehicles nearby, and how they give way; without it they do neither."""
+    """Short-range sensing and avoidance of other vehicles by followers on stations; off without this section."""
 
     range_m: Annotated[float, Field(gt=0, le=100)] = Field(
-        5.0, description="vehicles nearer than this are sensed, from middle to middle; giving way begins there"
+        5.0, description="detection range between vehicle centres; avoidance starts here"
     )
-    range_sigma_m: NonNegative = Field(0.1, description="standard deviation of a range")
+    range_sigma_m: NonNegative = Field(0.1, description="σ of a range")
     bearing_sigma_deg: Annotated[float, Field(ge=0, le=180)] = Field(
-        3.0, description="standard deviation of a bearing, which is relative to the hull"
+        3.0, description="σ of a bearing relative to the hull"
     )
-    period_s: Annotated[float, Field(ge=0.1, le=60)] = Field(
-        0.5, description="time from one look to the next; a multiple of 0.1 s"
-    )
+    period_s: Annotated[float, Field(ge=0.1, le=60)] = Field(0.5, description="sampling interval; multiple of 0.1 s")
     aperture_deg: Annotated[float, Field(gt=0, le=180)] = Field(
-        20.0, description="opening of the fan from top to bottom, about the horizontal"
+        20.0, description="vertical opening angle, about the horizontal"
     )
-    full_m: NonNegative = Field(3.0, description="at this range and nearer, a follower gives way at full speed")
-    give_way_m_s: Speed = Field(0.8, description="that speed, added to the one that leads to its station")
+    full_m: NonNegative = Field(3.0, description="range at and below which avoidance speed is maximum")
+    give_way_m_s: Speed = Field(0.8, description="maximum avoidance speed, added to the guidance velocity")
 
 
 Offset = tuple[float, float]
@@ -51,20 +49,20 @@ Offset = tuple[float, float]
 
 
 class Shape(Section):
-    """Followers that a formation is made of, in place of `[[followers]]`."""
+    """Generates the followers, in place of `[[followers]]`."""
 
     kind: Literal["line", "v", "column", "grid", "ring"] = Field(
-        ..., description="line abreast, a V of wings, a column astern, a grid four wide, a ring about a point astern"
+        ..., description="line abreast, V of wings, column, grid four wide, or ring"
     )
     count: Annotated[int, Field(ge=1, le=50)] = Field(..., description="number of followers")
-    spacing_m: Annotated[float, Field(ge=3, le=200)] = Field(10.0, description="distance of neighbours")
-    behind_m: Annotated[float, Field(ge=0, le=500)] = Field(10.0, description="how far astern the formation begins")
-    depth_m: NonNegative = Field(10.0, description="depth of the first follower")
-    layer_m: Annotated[float, Field(ge=0, le=20)] = Field(
-        1.0, description="how much deeper each is than the one before; 0: all in one layer"
+    spacing_m: Annotated[float, Field(ge=3, le=200)] = Field(10.0, description="distance between neighbours")
+    behind_m: Annotated[float, Field(ge=0, le=500)] = Field(
+        10.0, description="distance from the leader to the formation"
     )
+    depth_m: NonNegative = Field(10.0, description="depth of the first follower")
+    layer_m: Annotated[float, Field(ge=0, le=20)] = Field(1.0, description="depth increment per follower; 0: one layer")
     layers: Annotated[int, Field(ge=1, le=50)] | None = Field(
-        None, description="number of layers, taken in turn: a grid of 4 has one for each of its columns; default: count"
+        None, description="number of layers, assigned cyclically; default: count"
     )
 
 
@@ -157,7 +155,7 @@ def scattered_followers(area: Scatter, address: Sequence[int]) -> list[dict[str,
 
 
 class Formation(Section):
-    """How followers on stations find and keep them."""
+    """Guidance of followers on stations."""
 
     ORDERED = (
         ("slowest_m_s", "fastest_m_s"),
@@ -166,48 +164,48 @@ class Formation(Section):
         ("inner_least_m_s", "outer_most_m_s"),
     )
 
-    shape: Shape | None = Field(None, description="makes the followers, in place of [[followers]]")
-    proximity: Proximity | None = Field(None, description="short-range sensor by which followers give way")
+    shape: Shape | None = Field(None, description="generates the followers, in place of [[followers]]")
+    proximity: Proximity | None = Field(None, description="short-range sensor for avoidance")
     law: Literal["constant-bearing", "ilos", "alos"] = Field(
-        "constant-bearing", description="how a follower gets to its station: with the estimated current, or integrals"
+        "constant-bearing", description="guidance to the station, with the estimated current or integral action"
     )
-    approach_speed_m_s: Speed = Field(1.0, description="U: greatest speed towards the station")
+    approach_speed_m_s: Speed = Field(1.0, description="U, maximum speed towards the station")
     lookahead_m: Annotated[float, Field(ge=0.5, le=100)] = Field(
-        5.0, description="Δ: nearer than this to the station, the approach slows down"
+        5.0, description="Δ: below this distance to the station, the approach slows down"
     )
     integral_m_s: Annotated[float, Field(ge=0, le=2)] = Field(0.2, description="σ of ilos; γ Δ² of alos")
-    least_way_m_s: Speed = Field(0.2, description="least speed through the water along the leader's way")
-    slowest_m_s: Speed = Field(0.2, description="least speed through the water")
-    fastest_m_s: Speed = Field(2.5, description="greatest speed through the water")
-    frame_time_s: Positive = Field(12.0, description="time constant with which the formation turns after its trail")
-    frame_lag_s: Positive = Field(4.0, description="time constant of its rate of turn")
-    frame_ahead_m: NonNegative = Field(0.0, description="it turns towards the trail's course so far ahead of a station")
-    frame_acceleration_m_s2: Positive = Field(0.02, description="greatest change of a station's speed in a turn")
+    least_way_m_s: Speed = Field(0.2, description="minimum speed through water along the leader's way")
+    slowest_m_s: Speed = Field(0.2, description="minimum speed through water")
+    fastest_m_s: Speed = Field(2.5, description="maximum speed through water")
+    frame_time_s: Positive = Field(12.0, description="time constant of the formation's heading behind its trail")
+    frame_lag_s: Positive = Field(4.0, description="time constant of its turn rate")
+    frame_ahead_m: NonNegative = Field(0.0, description="lookahead of the trail's course, from a station")
+    frame_acceleration_m_s2: Positive = Field(0.02, description="maximum acceleration of a station in a turn")
     inner_share: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.3, description="share of the leader's speed that inner stations lose at most"
+        0.3, description="maximum slowdown of inner stations, as share of the leader's speed"
     )
     outer_share: Annotated[float, Field(gt=0, le=2)] = Field(
-        0.7, description="share of the leader's speed that outer stations gain at most"
+        0.7, description="maximum speed-up of outer stations, as share of the leader's speed"
     )
-    inner_least_m_s: Speed = Field(0.3, description="least speed through the water that a turn asks of a station")
-    outer_most_m_s: Speed = Field(2.0, description="greatest speed through the water that a turn asks of a station")
+    inner_least_m_s: Speed = Field(0.3, description="minimum speed through water of a station in a turn")
+    outer_most_m_s: Speed = Field(2.0, description="maximum speed through water of a station in a turn")
     preview_s: NonNegative = Field(
-        0.7, description="a follower begins so early to go as its station will, for hull and thrusters lag"
+        0.7, description="lead time of the station reference, for the lag of hull and thrusters"
     )
     unsure_m: Positive = Field(
         5.0,
-        description="with a larger standard deviation of its place in the trail, a follower keeps a parallel course; "
-        "without messages it slows down from there on, until that is twice as large",
+        description="trail position σ above which a follower keeps a parallel course; without messages it slows down "
+        "from this σ to twice this σ",
     )
     leader_velocity_sigma_m_s: NonNegative = Field(
         0.015,
-        description="standard deviation of the leader's mean velocity since its last message about the one that it "
-        "had; times the message's age, it adds to that of the place in the trail",
+        description="σ of the leader's mean velocity since its last message; times the message age, it adds to the "
+        "trail position σ",
     )
-    silent_speed_m_s: Speed = Field(0.5, description="speed through the water to which it then slows down")
-    silence_s: Positive = Field(600.0, description="without messages for so long, it does what when_silent says")
+    silent_speed_m_s: Speed = Field(0.5, description="speed through water after this slowdown")
+    silence_s: Positive = Field(600.0, description="time without messages before when_silent applies")
     when_silent: Literal["go-on", "circle", "surface"] = Field(
-        "circle", description="what a follower does after a long time without messages"
+        "circle", description="action after silence_s without messages"
     )
 
 

@@ -32,18 +32,18 @@ def _made(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
 
 
 class _Assume(Section):
-    """What the tightly coupled navigator takes as given, and how good it takes its sensors to be; LAISN ignores it."""
+    """Model assumptions and sensor errors of the tightly coupled navigator; unused by LAISN."""
 
-    transmitters: Literal[2, 3] = Field(3, description="how many it uses: rear and front, or the middle one too")
-    clock_offset_sigma_s: NonNegative = Field(
-        1e-3, description="σ of the clock's offset at the start, if it may be off"
-    )
-    clock_drift_sigma_ppm: NonNegative = Field(1.0, description="σ of its drift, likewise")
+    transmitters: Literal[2, 3] = Field(3, description="number used: rear and front, or all three")
+    clock_offset_sigma_s: NonNegative = Field(1e-3, description="σ of the clock offset at the start")
+    clock_drift_sigma_ppm: NonNegative = Field(1.0, description="σ of the clock drift")
     slip_m_sqrt_s: NonNegative | None = Field(
-        None, description="motion that the log does not see, in a second; default: that of the vehicles, 0 of points"
+        None,
+        description="random walk of motion that the log does not measure; default: that of the vehicles, 0 for point "
+        "motion",
     )
     outlier_chance: Annotated[float, Field(gt=0, lt=1)] = Field(
-        TightSettings.outlier_chance, description="chance that a range is an echo's"
+        TightSettings.outlier_chance, description="probability that a range is an echo's"
     )
 
     def in_si(self, sound_m_s: float) -> dict[str, Any]:
@@ -69,7 +69,7 @@ else:
 
 
 class Own(Section):
-    """Settings of a navigator of your own, `variant = "module:Class"`: fields of its `Settings`, units may be added."""
+    """Settings of an own navigator, `variant = "module:Class"`: fields of its `Settings`, with or without unit."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -80,24 +80,24 @@ class _Navigation(Section):
     """Navigator of the followers and its settings."""
 
     variant: Annotated[str, WithJsonSchema({"enum": [*NAVIGATORS, "module:Class"]})] = Field(
-        NavigationSettings.variant, description="which LAISN, the tightly coupled navigator, or a class of your own"
+        NavigationSettings.variant, description="LAISN variant, tightly coupled navigator, or own class"
     )
     assume: Assume = Assume()
     own: Own | None = None
     use_attitude: bool = Field(
         NavigationSettings.use_attitude,
-        description="place the transmitters by the broadcast pitch and roll; default where followers are on stations: "
+        description="place transmitters by the broadcast pitch and roll; default with stations: "
         "leader.broadcast_attitude",
     )
     transmitters_m: Annotated[tuple[Offset, ...], LISTED, Field(max_length=3)] = Field(
         (),
-        description="[[forward, port, up], …] of rear, front and perhaps middle transmitter from the leader's "
-        "position, as the navigator assumes; replaces leader.baseline_m and leader.middle_offset_m",
+        description="[[forward, port, up], …], assumed offsets of rear, front and optionally middle transmitter from "
+        "the leader's position; replaces leader.baseline_m and leader.middle_offset_m",
     )
 
     hydrophone_height_m: Annotated[float, Field(ge=-1000, le=1000)] | None = Field(
         None,
-        description="height of the hydrophone above the depth sensor, as the navigator assumes; default: the hull's",
+        description="assumed height of the hydrophone above the depth sensor; default: the hull's",
     )
 
     @property

@@ -21,15 +21,13 @@ class Waves(Section):
 
     kind: Literal["none", "regular", "jonswap"] = "none"
     height_m: Annotated[float, Field(ge=0, le=20)] = Field(
-        0.5, description="height H of regular waves, significant height Hs of a sea"
+        0.5, description="height H of regular waves, significant height Hs of JONSWAP"
     )
     period_s: Annotated[float, Field(gt=0.5, le=30)] = Field(4.0, description="period T, or peak period Tp")
-    direction_deg: Angle = Field(90.0, description="compass direction that the waves run towards")
+    direction_deg: Angle = Field(90.0, description="compass direction of propagation")
     peak_enhancement: Annotated[float, Field(ge=1, le=10)] = Field(3.3, description="γ of JONSWAP")
-    components: Annotated[int, Field(ge=1, le=200)] = Field(100, description="number of components of a sea")
-    spreading_deg: Annotated[float, Field(ge=0, le=60)] = Field(
-        0.0, description="standard deviation of the directions of a sea"
-    )
+    components: Annotated[int, Field(ge=1, le=200)] = Field(100, description="number of JONSWAP components")
+    spreading_deg: Annotated[float, Field(ge=0, le=60)] = Field(0.0, description="σ of JONSWAP directions")
 
 
 class Ocean(Section):
@@ -38,15 +36,15 @@ class Ocean(Section):
     density_kg_m3: Annotated[float, Field(ge=950, le=1100)] = 1026.0
     floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = Field(30.0, description="depth of the sea floor")
     current_speed_m_s: CurrentSpeed = Field(0.0, description="current at the surface")
-    current_direction_deg: Angle = Field(0.0, description="compass direction that the current runs towards")
+    current_direction_deg: Angle = Field(0.0, description="compass direction towards which it flows")
     current_shear_per_s: Annotated[float, Field(ge=-1, le=1)] = Field(
         0.0, description="decrease of the current with depth"
     )
     current_profile: Annotated[tuple[TimedCurrent, ...], LISTED] = Field(
         (),
         max_length=MOST_POINTS,
-        description="[[time_s, speed_m_s, direction_deg], …], current at the surface over time; east and north parts "
-        "linear between, constant after the last; replaces current_speed_m_s and, but for the shear, "
+        description="[[time_s, speed_m_s, direction_deg], …] of the surface current, components interpolated "
+        "linearly, constant after the last; replaces current_speed_m_s and, except for shear, "
         "current_direction_deg",
     )
     waves: Waves = Waves()

@@ -171,10 +171,10 @@ class Timing(Section):
     """Time steps."""
 
     physics_step_s: Annotated[float, Field(ge=1e-4, le=0.1)] = Field(
-        0.02, description="step of the rigid-body solver; must divide 0.1 s"
+        0.02, description="rigid-body solver step; must divide 0.1 s"
     )
-    filter_step_s: Positive = Field(0.1, description="filter step Δt; a multiple of 0.1 s")
-    message_interval_s: Positive = Field(1.0, description="message interval Δt_D; a multiple of the filter step")
+    filter_step_s: Positive = Field(0.1, description="filter step Δt; multiple of 0.1 s")
+    message_interval_s: Positive = Field(1.0, description="message interval Δt_D; multiple of the filter step")
 
     @model_validator(mode="after")
     def _steps_fit(self) -> Self:

@@ -54,8 +54,8 @@ class Video(Section):
     width_px: Annotated[int, Field(ge=160, le=3840, multiple_of=2)] = 1280
     height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
     frame_rate_hz: Annotated[int, Field(ge=1, le=60)] = 30
-    speed_up: Positive = Field(30.0, description="seconds of mission in a second of film")
-    in_log: bool = Field(True, description="a rendered film also goes into the log, as channel /camera")
+    speed_up: Positive = Field(30.0, description="mission seconds per film second")
+    in_log: bool = Field(True, description="also store a film in the log, channel /camera")
 
 
 KEYS_ALONE = {"inconsistencies": "ignored"}
@@ -84,29 +84,29 @@ def _with_default(table: Any, key: str, value: Any) -> Any:
 
 
 class Scenario(Section):
-    """One mission, complete: with the same scenario and version the same bytes come out."""
+    """One mission. The same scenario and version give the same bytes."""
 
     if TYPE_CHECKING:
 
         def __init__(self, **keys: Any) -> None:
             """Take what a file may hold: tables as dictionaries, lists as lists."""
 
-    name: Name = Field("mission", description="of the results; unless it is given, a file's own")
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(1, description="key of all random numbers")
-    run: Annotated[int, Field(ge=0, lt=2**31)] = Field(0, description="run of a campaign whose noise is flown")
+    name: Name = Field("mission", description="name of the results; in a file, default: its name")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(1, description="seed of all random numbers")
+    run: Annotated[int, Field(ge=0, lt=2**31)] = Field(0, description="Monte Carlo run whose noise is used")
     duration_s: Annotated[float, Field(gt=0, le=86400)] = 1000.0
     motion: Literal["physics", "kinematic"] = Field(
         "physics", description="rigid bodies in water, or the paper's point motion"
     )
     contact: Literal["mark", "end"] = Field(
-        "mark", description="what hulls that touch do to the mission: it is marked and flown on, or ends there"
+        "mark", description="on contact of hulls: record it and continue, or end the mission"
     )
-    epoch: str = Field("2026-01-01T00:00:00+00:00", description="date and time of the start, ISO 8601")
+    epoch: str = Field("2026-01-01T00:00:00+00:00", description="start date and time, ISO 8601")
     origin_latitude_deg: Annotated[float, Field(ge=-89, le=89)] = Field(
-        54.52, description="latitude of the world's origin"
+        54.52, description="latitude of the world origin"
     )
     origin_longitude_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
-        18.55, description="longitude of the world's origin"
+        18.55, description="longitude of the world origin"
     )
     timing: Timing = Timing()
     leader: Leader = Leader()

@@ -34,35 +34,35 @@ def is_mjcf(model: str) -> bool:
 
 
 class Vehicle(Section):
-    """What leader and followers have in common."""
+    """Keys of leader and followers."""
 
-    route: Name | None = Field(None, description="a route of the library (L, T2 … T9)")
+    route: Name | None = Field(None, description="library route: L, T2 … T9")
     waypoints: Annotated[tuple[TimedPoint, ...], LISTED] = Field(
         (),
         max_length=MOST_POINTS,
-        description="replaces route: [[time_s, east_m, north_m], …], times increasing from 0; at a place that is given "
-        "twice in succession the vehicle stops until the second time",
+        description="[[time_s, east_m, north_m], …], times increase from 0; replaces route; a position given twice in "
+        "succession is a stop",
     )
     model: Annotated[str, Field(max_length=LONGEST_MODEL)] | None = Field(
         None,
-        description="MJCF file of a hull of your own, named as seen from this file; its text once it is flown. "
-        "Without it the project's leader or follower",
+        description="own MJCF hull, path relative to this file; saved scenarios hold its text; default: the project's "
+        "hull",
     )
-    depth_m: NonNegative = Field(LEADER_DEPTH, description="depth that the autopilot holds")
+    depth_m: NonNegative = Field(LEADER_DEPTH, description="depth held by the autopilot")
     depth_profile: Annotated[tuple[TimedDepth, ...], LISTED] = Field(
-        (), max_length=MOST_POINTS, description="[[time_s, depth_m], …], linear between; replaces depth_m"
+        (), max_length=MOST_POINTS, description="[[time_s, depth_m], …], linear interpolation; replaces depth_m"
     )
-    saw_tooth_amplitude_m: NonNegative = Field(0.0, description="half height of a saw-tooth about the depth")
-    saw_tooth_period_s: Positive = Field(120.0, description="period of that saw-tooth")
-    excess_buoyancy_n: float = Field(0.0, ge=-100, le=100, description="buoyancy less weight; held by trim")
-    cg_offset_x_m: float = Field(0.0, ge=-0.2, le=0.2, description="centre of gravity moved forward")
-    cg_offset_z_m: float = Field(0.0, ge=-0.1, le=0.1, description="centre of gravity moved up")
-    drag_scale: Scale = Field(1.0, description="true drag and damping over the model's, which autopilots go by")
-    added_mass_scale: Scale = Field(1.0, description="true added mass over the model's, likewise")
-    lift_scale: Scale = Field(1.0, description="true lift of hull and fins over the model's, likewise")
-    thrust_scale: Scale = Field(1.0, description="thrust that comes of what is asked for, over that")
+    saw_tooth_amplitude_m: NonNegative = Field(0.0, description="amplitude of a saw-tooth about the depth")
+    saw_tooth_period_s: Positive = Field(120.0, description="period of the saw-tooth")
+    excess_buoyancy_n: float = Field(0.0, ge=-100, le=100, description="buoyancy minus weight; held by trim")
+    cg_offset_x_m: float = Field(0.0, ge=-0.2, le=0.2, description="forward shift of the centre of gravity")
+    cg_offset_z_m: float = Field(0.0, ge=-0.1, le=0.1, description="upward shift of the centre of gravity")
+    drag_scale: Scale = Field(1.0, description="simulated over nominal drag and damping; autopilots use nominal values")
+    added_mass_scale: Scale = Field(1.0, description="simulated over nominal added mass")
+    lift_scale: Scale = Field(1.0, description="simulated over nominal lift of hull and fins")
+    thrust_scale: Scale = Field(1.0, description="actual over commanded thrust")
     depth_control: Literal["pitch", "thrust"] = Field(
-        "pitch", description="depth held by pitching the hull, or level by the vertical thrusters"
+        "pitch", description="depth control by hull pitch, or level by vertical thrusters"
     )
 
     @model_validator(mode="before")
@@ -115,20 +115,20 @@ class Vehicle(Section):
 class Leader(Vehicle):
     """The vehicle with the transmitters."""
 
-    route: Name | None = Field("L", description="a route of the library (L, T2 … T9)")
+    route: Name | None = Field("L", description="library route: L, T2 … T9")
     baseline_m: Annotated[float, Field(ge=0.01, le=2.4)] | None = Field(
-        2.0, description="L, rear to front transmitter; default on a hull of your own: where its sites are"
+        2.0, description="L, rear to front transmitter; default on an own hull: its sites"
     )
     middle_offset_m: Annotated[float, Field(ge=0.001, le=0.5)] | None = Field(
-        0.1, description="H_T, middle transmitter to port of the axis; default likewise"
+        0.1, description="H_T, port offset of the middle transmitter; default on an own hull: its site"
     )
     broadcast_attitude: bool = Field(
-        False, description="messages carry the measured pitch and roll; default where followers are on stations: true"
+        False, description="broadcast measured pitch and roll; default with stations: true"
     )
     broadcast_waypoints: Annotated[int, Field(ge=0, le=20)] = Field(
         0,
-        description="messages carry so many of the leader's next waypoints with their times; followers on stations go "
-        "on along them while they receive nothing",
+        description="number of next waypoints in each message; followers on stations use them while they receive no "
+        "message",
     )
 
     @model_validator(mode="before")
@@ -144,21 +144,20 @@ class Follower(Vehicle):
     """A vehicle with one hydrophone, on a route or on a station."""
 
     name: Name = "follower"
-    depth_m: NonNegative = Field(FOLLOWER_DEPTH, description="depth that the autopilot holds")
+    depth_m: NonNegative = Field(FOLLOWER_DEPTH, description="depth held by the autopilot")
     station: Station | None = Field(
         None, description="{behind_m, port_m, depth_m}: keeps its place in the leader's trail; replaces a route"
     )
     start_m: Annotated[tuple[Coordinate, Coordinate], LISTED] | None = Field(
-        None, description="[east, north] from where it joins its station; default: the station itself"
+        None, description="[east, north] of the start; default: the station"
     )
     steers_by: Literal["truth", "estimate"] | None = Field(
         None,
-        description="position by which it keeps to its route or station: the true one (the default on a route), or "
-        "its own estimate (the default on a station)",
+        description="position used for guidance; default: truth on a route, estimate on a station",
     )
 
     sensors: FollowerSensors = Field(
-        FollowerSensors(), description="errors of this follower's own sensors; an absent key has its value in [sensors]"
+        FollowerSensors(), description="errors of this follower's own sensors; default: those of [sensors]"
     )
 
     @property

@@ -5,76 +5,82 @@ from typing import Any, get_origin
 
 from pydantic import BaseModel
 
-from sim.scenario.section import split_unit
+from sim.scenario.sensors import FollowerSensors
 from sim.scenario.settings import Scenario
+from sim.scenario.vehicles import Vehicle
 
 PATH = Path(__file__).resolve().parents[2] / "docs" / "scenario.md"
 
 _INTRODUCTION = """# Scenario reference
 
-Generated from `sim/scenario/settings.py` by
-`python -m tools.documents.scenario_reference`; a test holds the two together.
+After reading this page you can set every key of a scenario.
 
-A scenario is a TOML file. Only one `[[followers]]` table with a route is needed, all else has defaults;
-`laisn scenarios T5` prints a complete one, `laisn check FILE` validates yours, and `--set KEY=VALUE` changes a key from
-the command line. Units stand in the names of the keys: `_m`, `_s`, `_deg`, `_n` (newton), `_px`.
+A scenario is a TOML file. It needs one `[[followers]]` table with a route; every other key has a default.
+
+- `laisn scenarios T5` prints a complete scenario.
+- `laisn check FILE` validates a file.
+- `--set KEY=VALUE` changes a key from the command line.
+
+A key ends with its unit: `_m`, `_s`, `_m_s` (m/s), `_m_s2` (m/s²), `_deg`, `_deg_s` (°/s), `_n` (newton), `_ppm`
+(10⁻⁶). Values are choices, or an interval: `(` and `)` exclude the limit. Numbers without an upper limit are at
+most 10⁶.
+
+*Generated from `sim/scenario/settings.py` by `python -m tools.documents.scenario_reference`.*
 """
 
+_UNBOUNDED = 1e6
+"""Upper limits from here on only exclude numbers that a computation cannot handle."""
 
-def _resolve(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]:
+
+def _type(schema: dict[str, Any]) -> str:
+    names = {"number": "number", "integer": "integer", "string": "text"}
+    return next((names[p["type"]] for p in (schema, *schema.get("anyOf", [])) if p.get("type") in names), "")
+
+
+def _interval(schema: dict[str, Any]) -> str:
+    bounds = {key: value for part in (schema, *schema.get("anyOf", [])) for key, value in part.items()}
+    low, high = (bounds.get(key, bounds.get(f"exclusive{key.title()}")) for key in ("minimum", "maximum"))
+    if high is None or high >= _UNBOUNDED:
+        return "" if low is None else f"{'≥' if 'minimum' in bounds else '>'} {low:g}"
+    return f"{'[' if 'minimum' in bounds else '('}{low:g}, {high:g}{']' if 'maximum' in bounds else ')'}"
+
+
+def _values(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
+    """Choices or interval; the type of a key that has no default to show it."""
     if "$ref" in schema:
-        return dict(definitions[schema["$ref"].rsplit("/", 1)[1]])
-    return schema
-
-
-def _type(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
-    schema = _resolve(schema, definitions)
-    if "enum" in schema:
-        return " or ".join(f'`"{value}"`' for value in schema["enum"])
-    if "anyOf" in schema:
-        return " or ".join(_type(part, definitions) for part in schema["anyOf"] if part.get("type") != "null")
-    if schema.get("type") == "array":
-        items = schema.get("prefixItems") or [schema.get("items", {})]
-        inner = ", ".join(_type(item, definitions) for item in items)
-        return f"[{inner}]" if "prefixItems" in schema else f"[{inner}, …]"
-    names = {"number": "number", "integer": "integer", "string": "text", "boolean": "true or false"}
-    return names.get(str(schema.get("type", "object")), "table")
-
-
-def _bounds(schema: dict[str, Any]) -> str:
-    parts = [schema, *schema.get("anyOf", [])]
-    signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-    found = []
-    for part in parts:
-        if part.get("maximum", 0) >= 2**31 or part.get("exclusiveMaximum", 0) >= 2**31:
-            part = {key: value for key, value in part.items() if "aximum" not in key}
-        found += [f"{sign} {part[key]:g}" for key, sign in signs.items() if key in part]
-    return ", ".join(found)
+        schema = definitions[schema["$ref"].rsplit("/", 1)[1]]
+    choices: list[Any] = next((p["enum"] for p in (schema, *schema.get("anyOf", [])) if "enum" in p), [])
+    if choices:
+        return ", ".join(f'`"{value}"`' if isinstance(value, str) else f"`{value}`" for value in choices)
+    kind = "" if _default(schema) else _type(schema)
+    return " ".join(part for part in (kind, _interval(schema)) if part)
 
 
 def _default(schema: dict[str, Any]) -> str:
-    if "default" not in schema or schema["default"] is None:
+    value = schema.get("default")
+    if value in (None, []):
         return ""
-    value = schema["default"]
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     return f'`"{value}"`' if isinstance(value, str) else f"`{value}`"
 
 
+def _is_section(field: dict[str, Any]) -> bool:
+    return any("$ref" in part for part in (field, field.get("items", {}), *field.get("anyOf", [])))
+
+
 def _table(title: str, model: type[BaseModel]) -> list[str]:
+    """Heading, text and rows of a section; the common keys of vehicles and sensors have one table."""
     schema = model.model_json_schema()
-    definitions = schema.get("$defs", {})
-    rows = [
-        f"\n## {title}\n",
-        f"{(model.__doc__ or '').strip()}\n",
-        "| key | type | unit | default | bounds | meaning |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
-    for key, field in schema["properties"].items():
-        if any("$ref" in part for part in (field, field.get("items", {}), *field.get("anyOf", []))):
-            continue
-        cells = [f"`{key}`", _type(field, definitions), split_unit(key)[1], _default(field), _bounds(field)]
-        rows.append(f"| {' | '.join(cells)} | {field.get('description', '')} |")
+    rows = [f"\n## {title}\n", f"{(model.__doc__ or '').strip()}"]
+    common = Vehicle.model_json_schema()["properties"] if issubclass(model, Vehicle) and model is not Vehicle else {}
+    fields = {k: f for k, f in schema["properties"].items() if not _is_section(f) and common.get(k) != f}
+    if not fields or model is FollowerSensors:
+        return rows
+    rows += ["", "| key | default | values | meaning |", "| --- | --- | --- | --- |"]
+    for key, field in fields.items():
+        cells = [f"`{key}`", _default(field), _values(field, schema.get("$defs", {})), field.get("description", "")]
+        rows.append("|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|")
     return rows
 
 
@@ -92,7 +98,7 @@ def _sections(model: type[BaseModel], path: str = "") -> list[tuple[str, type[Ba
 
 def text() -> str:
     """The whole reference as Markdown."""
-    lines = [_INTRODUCTION, *_table("Top level", Scenario)]
+    lines = [_INTRODUCTION, *_table("Top level", Scenario), *_table("`[leader]` and `[[followers]]`", Vehicle)]
     for title, model in _sections(Scenario):
         lines += _table(f"`{title}`", model)
     return "\n".join(lines) + "\n"
