@@ -2,11 +2,15 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from itertools import chain
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
+
+_BLOCK = 1 << 14
+"""Steps that `Measurements.steps` converts at a time."""
 
 
 class LeaderMessage(NamedTuple):
@@ -145,7 +149,10 @@ class Measurements(ArrayRecord):
     def steps(self) -> Iterator[tuple[OwnMotion, Reception | None]]:
         """Own motion and, where a message arrived, its reception: one pair a step, k = 1 … n."""
         arrival = dict(zip(self.message_step.tolist(), range(self.message_step.size), strict=True))
-        own = zip(self.speed.tolist(), self.heading.tolist(), self.depth.tolist(), strict=True)
+        columns = self.speed, self.heading, self.depth
+        # numbers of a whole mission as Python objects would take more memory than its arrays
+        blocks = ((c[first : first + _BLOCK].tolist() for c in columns) for first in range(0, self.speed.size, _BLOCK))
+        own = chain.from_iterable(zip(*block, strict=True) for block in blocks)
         for k, motion in enumerate(own, start=1):
             i = arrival.get(k)
             reception = None

@@ -312,6 +312,8 @@ class OnlineNavigator(ABC, Generic[Result]):
         for i, (own, reception) in enumerate(measurements.steps()):
             fixes += self.step(own, reception, durations[i])
             state[i], covariance[i] = self.state, self.covariance
+        # so that the record of estimates need not copy them
+        state.flags.writeable = covariance.flags.writeable = False
         return self._estimates(state, covariance, fixes)
 
     def _estimates(self, state: Floats, covariance: Floats, fixes: Sequence[Any]) -> Result:

@@ -17,7 +17,7 @@ from laisn.settings import Settings
 from sim.assembly import on_axis
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.errors import errors_of
-from sim.sensing.observation import observe
+from sim.sensing.observation import observe, start_of
 from sim.sensing.sensors import measure
 from sim.trajectory import Trajectory
 
@@ -107,7 +107,7 @@ class Flight:
         This is the point that the follower estimates.
         """
         name = self.trajectory.names[follower + 1]
-        return np.asarray(self.trajectory.site_path(f"{name}/hydrophone")[self.step_index()])
+        return self.trajectory.site_path(f"{name}/hydrophone", self.step_index())
 
 
 def _transmitters(scenario: Scenario, trajectory: Trajectory) -> dict[str, Any]:
@@ -180,10 +180,9 @@ def navigate(
     measurements, estimates = [], []
     make = navigator or find(scenario.navigation.variant).make
     for follower in range(len(scenario.followers)):
-        truth = observe(trajectory, scenario, follower)
         settings = navigation_settings(scenario, trajectory, follower)
         measured = measure(
-            truth,
+            observe(trajectory, scenario, follower),
             errors_of(scenario, follower),
             seed=scenario.seed,
             run=scenario.run,
@@ -191,7 +190,7 @@ def navigate(
             transmitters=settings.transmitters,
         )
         measurements.append(measured)
-        estimates.append(make(settings, truth.start).run(measured))
+        estimates.append(make(settings, start_of(trajectory, follower)).run(measured))
     return Flight(
         scenario=scenario,
         trajectory=trajectory,

@@ -155,17 +155,29 @@ def _simulate(
     return last, (FINE, -1)
 
 
-def _trajectory(plant: Plant, truth: Truth, instants: int) -> Trajectory:
-    """What is recorded of the first instants, which are two or more."""
-    # the record copies them, in order
-    pose, twist, water, thrust = (array[:instants] for array in truth)
+def _trajectory(plant: Plant, arrays: list[Floats], instants: int) -> Trajectory:
+    """What is recorded of the first instants, which are two or more.
+
+    Takes the arrays of a `Truth` out of their list one by one, so that a long mission is not held twice.
+    """
+
+    def taken(*columns: slice) -> list[Floats]:
+        whole = arrays.pop(0)[:instants]
+        parts = [whole[..., some].copy() for some in columns]
+        for part in parts:
+            part.flags.writeable = False
+        return parts
+
+    position, quaternion = taken(slice(3), slice(3, None))
+    velocity, angular_velocity = taken(slice(3), slice(3, None))
+    water, thrust = taken(slice(None)) + taken(slice(None))
     return Trajectory(
         names=plant.names,
         time=np.arange(instants, dtype=np.float64) * TICK,
-        position=pose[..., :3],
-        quaternion=pose[..., 3:],
-        velocity=twist[..., :3],
-        angular_velocity=twist[..., 3:],
+        position=position,
+        quaternion=quaternion,
+        velocity=velocity,
+        angular_velocity=angular_velocity,
         water_velocity=water,
         thrust=thrust,
         site_names=plant.site_names,
@@ -181,7 +193,7 @@ def standing(plant: Plant) -> Trajectory:
     truth = Truth.empty(2, *plant.thrust.shape)
     for k in range(2):
         record_state(k, plant.state, plant.ocean.water, truth)
-    return _trajectory(plant, truth, 2)
+    return _trajectory(plant, list(truth), 2)
 
 
 def simulate(
@@ -235,12 +247,15 @@ def simulate(
         except PlantError as error:
             if k < 1:
                 raise
-            raise DivergedError(str(error), _trajectory(plant, truth, k + 1)) from error
+            raise DivergedError(str(error), _trajectory(plant, list(truth), k + 1)) from error
         new = truth.pose[first : last + 1]
         end = None if ending is None else ending(new[..., :3], new[..., 3:])
         if end is not None:
-            return _trajectory(plant, truth, max(first + end, 1) + 1)
+            return _trajectory(plant, list(truth), max(first + end, 1) + 1)
         if progress is not None and last < ticks:
             progress(last // _PROGRESS_TICKS * _PROGRESS_TICKS * TICK)
         first = last + 1
-    return _trajectory(plant, truth, ticks + 1)
+    arrays = list(truth)
+    # nothing else may hold them
+    del truth, new, wanted, along, controller
+    return _trajectory(plant, arrays, ticks + 1)

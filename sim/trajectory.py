@@ -72,6 +72,8 @@ def pose_between(u: Any, dt: float, pose: tuple[Any, Any], velocity: tuple[Any, 
     )
 
 
+_BLOCK = 1 << 16
+"""Instants that are computed at a time, so that intermediate values of a long mission take little memory."""
 OF_VEHICLES = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
 """Arrays of shape (n, v, …)."""
 
@@ -165,29 +167,29 @@ class Trajectory(ArrayRecord):
     @cached_property
     def forward_speed(self) -> Floats:
         """Speed through the water along the hull, as a speed log measures it, shape (n, v), [m/s]."""
-        pose = np.concatenate([self.position, self.quaternion], axis=2)
-        parts = (np.moveaxis(values, 2, 0) for values in (pose, self.velocity, self.water_velocity))
-        return np.asarray(speed_through_water(*parts))
+        speed = np.empty(self.position.shape[:2])
+        for first in range(0, len(speed), _BLOCK):
+            some = slice(first, first + _BLOCK)
+            pose = np.concatenate([self.position[some], self.quaternion[some]], axis=2)
+            parts = (np.moveaxis(values, 2, 0) for values in (pose, self.velocity[some], self.water_velocity[some]))
+            speed[some] = speed_through_water(*parts)
+        return speed
 
-    @cached_property
+    @property
     def site_position(self) -> Floats:
         """All sites in the world, shape (n, s, 3), [m]."""
         return np.stack([self.site_path(name) for name in self.site_names], axis=1)
 
-    @cached_property
-    def _site_paths(self) -> dict[str, Floats]:
-        return {}
-
-    def site_path(self, name: str) -> Floats:
-        """One site in the world, shape (n, 3), not to be written, [m]."""
-        if name not in self._site_paths:
-            s = self.site(name)
-            v = self.site_vehicle[s]
-            pose = (*self.position[:, v].T, *self.quaternion[:, v].T)
-            path = np.column_stack(attitude.carried(pose, self.site_offset[s]))
-            path.flags.writeable = False
-            self._site_paths[name] = path
-        return self._site_paths[name]
+    def site_path(self, name: str, index: Ints | None = None) -> Floats:
+        """One site in the world at instants by their index, shape (m,), or at all of them: shape (m, 3), [m]."""
+        s = self.site(name)
+        v, path = self.site_vehicle[s], np.empty((self.time.size if index is None else len(index), 3))
+        for first in range(0, len(path), _BLOCK):
+            some = slice(first, first + _BLOCK)
+            at = some if index is None else index[some]
+            pose = (*self.position[at, v].T, *self.quaternion[at, v].T)
+            path[some] = np.column_stack(attitude.carried(pose, self.site_offset[s]))
+        return path
 
     def only(self, vehicles: Sequence[int], sites: Collection[str]) -> Self:
         """Some of the vehicles, the leader among them, with those of their sites that have one of these names.

@@ -65,7 +65,7 @@ def geometry_of(
     at = np.arange(1, n + 1) * stride
     sound = propagate(trajectory, scenario, follower)
     arrived, sent = (sound.message_step - first), (sound.emission_step - first) * stride
-    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone")[arrived * stride]
+    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", arrived * stride)
     leader, used = trajectory.position[sent, 0, :2], transmitters or scenario.navigation.transmitters
     arms = sound.transmitter[:, :used].copy()
     arms[..., :2] -= leader[:, None]
@@ -79,7 +79,7 @@ def geometry_of(
         message_step=arrived,
         from_leader=hydrophone[:, :2] - leader,
         arms=arms,
-        leader_velocity=(trajectory.velocity - trajectory.water_velocity)[sent, 0, :2],
+        leader_velocity=trajectory.velocity[sent, 0, :2] - trajectory.water_velocity[sent, 0, :2],
     )
 
 

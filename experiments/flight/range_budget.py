@@ -13,14 +13,15 @@ from enum import IntEnum
 
 import numpy as np
 
-from laisn.arrays import Floats, own_arrays
+from laisn.arrays import Floats, Ints, own_arrays
 from laisn.geometry import horizontal_range
 from laisn.messages import LeaderMessage
 from sim.flight import Flight, navigation_settings
+from sim.geometry import attitude
 from sim.sensing.acoustics import TRANSMITTERS, Path, propagate
 from sim.sensing.errors import errors_of
 from sim.sensing.sensors import locked_path
-from sim.trajectory import leveled
+from sim.trajectory import Trajectory
 
 
 class Cause(IntEnum):
@@ -91,6 +92,13 @@ def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
     return np.array(flat).reshape(slant.shape)
 
 
+def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Floats:
+    """Transmitters at m instants if the leader has these attitudes, shape (m, 4), there; shape (m, 3, 3), [m]."""
+    pose = (*trajectory.position[index, 0].T, *quaternion.T)
+    offsets = [trajectory.site_offset[trajectory.site(name)] for name in TRANSMITTERS]
+    return np.stack([np.column_stack(attitude.carried(pose, offset)) for offset in offsets], axis=1)
+
+
 def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     """The range error budget of one follower.
 
@@ -107,10 +115,10 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     fix, sent = measured.message_step[kept] * flight.stride, (emission - first) * flight.stride
 
     broadcast, level = (
-        np.stack([flown.site_path(name)[sent] for name in TRANSMITTERS], axis=1)
-        for flown in (trajectory, leveled(trajectory))
+        _transmitters(trajectory, sent, quaternion)
+        for quaternion in (trajectory.quaternion[sent, 0], attitude.from_euler(trajectory.heading[sent, 0]))
     )
-    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone")[fix]
+    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fix)
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
     path = locked_path(scenario.seed, scenario.run, follower, emission, errors_of(scenario, follower))

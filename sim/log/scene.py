@@ -1,7 +1,7 @@
 """What Foxglove draws in three dimensions: hulls, trails and uncertainty at 1 Hz, rays and ranges at each ping."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -143,11 +143,12 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
     return draw
 
 
-def _ping(flight: Flight, follower: int, message: int, time_ns: int) -> fg.SceneEntity:
-    """Rays, range discs and fixes of a message, at the true positions of the vehicles."""
+def _ping(
+    flight: Flight, follower: int, message: int, time_ns: int, sites: Mapping[str, Sequence[float]]
+) -> fg.SceneEntity:
+    """Rays, range discs and fixes of a message, at the true positions of the sites [m]."""
     t, m, e = flight.trajectory, flight.measurements[follower], flight.estimates[follower]
     name, step = t.names[follower + 1], m.message_step[message]
-    sites = dict(zip(t.site_names, t.site_position[step * flight.stride].tolist(), strict=True))
     x, y, z = sites[f"{name}/hydrophone"]
     ends, discs, fixes = [], [], []
     for transmitter, slant in zip(Ranges._fields, m.ranges[message].tolist(), strict=True):
@@ -180,11 +181,14 @@ def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
     Args:
         steps: filter steps at which any follower receives a message, shape (n,).
     """
+    truth, index = flight.trajectory, steps * flight.stride
+    ends = [name for name in truth.site_names if name.rpartition("/")[2].startswith(("tx_", "hydrophone"))]
+    paths = {name: truth.site_path(name, index) for name in ends}
     messages = [{step: i for i, step in enumerate(m.message_step.tolist())} for m in flight.measurements]
 
     def draw(i: int, time_ns: int) -> bytes:
-        step = int(steps[i])
-        pings = [_ping(flight, f, own[step], time_ns) for f, own in enumerate(messages) if step in own]
+        step, sites = int(steps[i]), {name: path[i].tolist() for name, path in paths.items()}
+        pings = [_ping(flight, f, own[step], time_ns, sites) for f, own in enumerate(messages) if step in own]
         return fg.SceneUpdate(entities=pings).encode()
 
     return draw

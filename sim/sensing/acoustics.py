@@ -16,7 +16,7 @@ All of this is the same in every run; random errors, echoes and losses come on t
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -231,12 +231,20 @@ class Propagation:
         return np.asarray(self.arrival.length * self.arrival.ratio + self.arrival.clock_range)
 
 
-def motion_of(trajectory: Trajectory, follower: int) -> Motion:
-    """Motion of the leader and of one follower, which are vehicles 0 and 1 of it."""
-    t, pair = trajectory, [0, follower + 1]
-    pose = np.concatenate([t.position[:, pair], t.quaternion[:, pair]], axis=2)
-    twist = np.concatenate([t.velocity[:, pair], t.angular_velocity[:, pair]], axis=2)
-    truth = Truth(pose, twist, t.water_velocity[:, pair], t.thrust[:, pair])
+class _Joined:
+    """Arrays side by side along their last axis, joined at the elements that are asked for."""
+
+    def __init__(self, *arrays: Floats) -> None:
+        self._arrays = arrays
+
+    def __getitem__(self, index: Any) -> Floats:
+        return np.concatenate([array[index] for array in self._arrays], axis=-1)
+
+
+def motion_of(t: Trajectory) -> Motion:
+    """Motion of all vehicles."""
+    pose, twist = _Joined(t.position, t.quaternion), _Joined(t.velocity, t.angular_velocity)
+    truth = Truth(cast(Any, pose), cast(Any, twist), t.water_velocity, t.thrust)
     return Motion(truth, float(t.time[0]), t.time.size - 1)
 
 
@@ -250,7 +258,7 @@ def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> 
             followed.
     """
     dt, every = scenario.timing.filter_step_s, scenario.message_every
-    s, known = sound_of(scenario), motion_of(trajectory, follower)
+    s, known = sound_of(scenario), motion_of(trajectory)
     first = round(known.begin / dt)
     last = first + known.last // round(dt / CONTROL_STEP_S)
     # integers count messages: an accumulated time would drop some
@@ -264,7 +272,7 @@ def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> 
         source = site_at(s, known, 0, offset, sent[:, i])
         transmitter[:, i] = np.column_stack(source)
         for path in np.flatnonzero(s.paths).tolist():
-            arrival = arrival_of(s, known, 1, hydrophone, path, sent[:, i], source)
+            arrival = arrival_of(s, known, follower + 1, hydrophone, path, sent[:, i], source)
             for values, value in zip(by_path, arrival, strict=True):
                 values[:, i, path] = value
     complete = np.nanmax(by_path[0, :, : scenario.navigation.transmitters], axis=(1, 2))

@@ -1,6 +1,7 @@
 """What one follower's sensors see of a mission, before errors: the seam between motion and measurement."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class MissionTruth:
 def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
     """Initial position of a follower's hydrophone [m], and its velocity through the water [m/s], shape (4,)."""
     v, name = follower + 1, trajectory.names[follower + 1]
-    hydrophone = trajectory.site_path(f"{name}/hydrophone")[0]
+    hydrophone = trajectory.site_path(f"{name}/hydrophone", np.zeros(1, dtype=np.int64))[0]
     return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2] - trajectory.water_velocity[0, v, :2]])
 
 
@@ -104,26 +105,30 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     if scenario.leader.broadcast_attitude:
         attitude = measured_attitude(trajectory, scenario.sensors)[sent]
     leader = trajectory.position[:, 0]
-    hydrophone = trajectory.site_path(f"{name}/hydrophone")[grid]
-    source = np.full((n, 3, 3), np.nan)
-    source[sound.message_step - 1] = np.where(np.isnan(received[:, :, [Path.DIRECT]]), np.nan, sound.transmitter)
-    state = FollowerState(
-        time=trajectory.time[grid],
-        position=trajectory.position[grid, v],
-        quaternion=trajectory.quaternion[grid, v],
-        velocity=trajectory.velocity[grid, v],
-        angular_velocity=trajectory.angular_velocity[grid, v],
-        water_velocity=trajectory.water_velocity[grid, v],
-        hydrophone=hydrophone,
-        source=source,
-    )
+    hydrophone = trajectory.site_path(f"{name}/hydrophone", grid)
+
+    @cache
+    def state() -> FollowerState:
+        source = np.full((n, 3, 3), np.nan)
+        source[sound.message_step - 1] = np.where(np.isnan(received[:, :, [Path.DIRECT]]), np.nan, sound.transmitter)
+        return FollowerState(
+            time=trajectory.time[grid],
+            position=trajectory.position[grid, v],
+            quaternion=trajectory.quaternion[grid, v],
+            velocity=trajectory.velocity[grid, v],
+            angular_velocity=trajectory.angular_velocity[grid, v],
+            water_velocity=trajectory.water_velocity[grid, v],
+            hydrophone=hydrophone,
+            source=source,
+        )
+
     timestamp = np.asarray(sound.emission_step * dt, dtype=np.float64)
     return MissionTruth(
         dt=dt,
         start=start_of(trajectory, follower),
         speed=speed,
         heading=heading,
-        depth=-trajectory.site_path(f"{name}/depth_sensor")[grid, 2],
+        depth=-trajectory.site_path(f"{name}/depth_sensor", grid)[:, 2],
         hydrophone=hydrophone[:, :2],
         leader_position=leader[grid, :2],
         leader_heading=trajectory.heading[grid, 0],
@@ -142,5 +147,5 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
         sent_attitude=attitude,
         slant_range=received[:, :, Path.DIRECT],
         echo_range=np.stack([received[:, :, path] for path in (Path.SURFACE, Path.BOTTOM)]),
-        own=tuple((sensor, sensor.true(state)) for sensor in own_sensors(scenario)),
+        own=tuple((sensor, sensor.true(state())) for sensor in own_sensors(scenario)),
     )
