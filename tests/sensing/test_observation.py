@@ -1,5 +1,6 @@
 """What sensors see of a mission before they err: written out for vehicles on circles."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from sim.scenario.settings import Acoustics, Sensors
 from sim.sensing.errors import errors_of
 from sim.sensing.observation import observe, start_of
+from sim.trajectory import OF_VEHICLES
 from tests import synthetic
 
 DEEPER_M = 0.05
@@ -87,3 +89,16 @@ def test_a_motion_is_observed_from_its_start() -> None:
     later = replace(whole, **{name: getattr(whole, name)[80:] for name in over_time})
     with pytest.raises(ValueError, match="begins at 8 s"):
         observe(later, scenario)
+
+
+def test_sensing_a_long_mission_takes_less_memory_than_the_mission_itself() -> None:
+    """Ten hours: values between the trajectory and what is sensed are made in blocks."""
+    scenario = synthetic.make_scenario(36_000.0, 1)
+    flown = synthetic.make_trajectory(scenario)
+    held = sum(getattr(flown, name).nbytes for name in OF_VEHICLES)
+    tracemalloc.start()
+    try:
+        observe(flown, scenario)
+        assert tracemalloc.get_traced_memory()[1] < held
+    finally:
+        tracemalloc.stop()
