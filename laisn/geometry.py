@@ -92,21 +92,6 @@ def turn(angle: float) -> Turn:
     return Turn(math.sin(angle), math.cos(angle))
 
 
-@compiled
-def compass(east: float, north: float) -> float:
-    """Compass direction of a vector, clockwise from north, in [0, 2π) [rad]."""
-    return float(np.arctan2(east, north) % (2.0 * np.pi))
-
-
-@compiled
-def bearing(heading: float, east: float, north: float) -> float:
-    """Bearing B, clockwise from the bow of a hull with that heading, of a point east and north of it [m].
-
-    In [0, 2π) [rad]: 0 is dead ahead, π/2 to starboard, π astern.
-    """
-    return float((compass(east, north) - heading) % (2.0 * np.pi))
-
-
 @formula
 def fore_offset(length: float, heading: Turn, pitch: Turn) -> Triple:
     """Offset (east, north, up) of a point so far forward on a hull's axis [m]."""
@@ -121,18 +106,6 @@ def side_offset(width: float, heading: Turn, pitch: Turn, roll: Turn) -> Triple:
     east = ahead * heading.sine - aside * heading.cosine
     north = ahead * heading.cosine + aside * heading.sine
     return east, north, raised * pitch.cosine
-
-
-@formula
-def hull_to_world(forward: float, port: float, attitude: Triple) -> Triple:
-    """Offset (east, north, up) [m] from the body origin of a point in the hull's forward-port plane.
-
-    `attitude` is (heading, pitch, roll) [rad]: the hull is turned to its heading, then pitched nose up, then rolled
-    starboard down, about its own axes.
-    """
-    heading, pitch, roll = turn(attitude[0]), turn(attitude[1]), turn(attitude[2])
-    fore, side = fore_offset(forward, heading, pitch), side_offset(port, heading, pitch, roll)
-    return fore[0] + side[0], fore[1] + side[1], fore[2] + side[2]
 
 
 @formula
@@ -171,10 +144,12 @@ def transmitter_positions(origin: Triple, attitude: Triple, baseline: float, mid
 def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
     """Rows of (east, north, depth) of points anywhere on a body, shape (n, 3), [m].
 
-    `origin` is the body's (east, north, depth), `attitude` its (heading, pitch, roll), and `offsets` has rows of
-    (forward, port, up), shape (n, 3), [m].
+    `origin` is the body's (east, north, depth), and `offsets` has rows of (forward, port, up), shape (n, 3), [m].
+    `attitude` is (heading, pitch, roll) [rad]: the body is turned to its heading, then pitched nose up, then rolled
+    starboard down, about its own axes.
     """
-    forward, port = (np.array(hull_to_world(*unit, attitude)) for unit in ((1.0, 0.0), (0.0, 1.0)))
+    heading, pitch, roll = map(turn, attitude)
+    forward, port = np.array(fore_offset(1.0, heading, pitch)), np.array(side_offset(1.0, heading, pitch, roll))
     moved = offsets @ np.stack([forward, port, np.cross(forward, port)])
     return np.asarray(np.array(origin) + moved * [1.0, 1.0, -1.0])
 

@@ -86,6 +86,14 @@ def copy_hypothesis(b: Mixture, modes: int, source: int, target: int) -> None:
 
 
 @compiled
+def clear_component(b: Mixture, k: int) -> None:
+    """Set weight, mean and covariance of a component to zero."""
+    b.weight[k] = 0.0
+    b.state[k] = 0.0
+    b.covariance[k] = 0.0
+
+
+@compiled
 def heaviest(b: Mixture, modes: int, h: int) -> int:
     """Component with the most weight of a hypothesis."""
     best: int = h * modes

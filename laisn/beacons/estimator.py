@@ -21,7 +21,7 @@ from laisn import mixture
 from laisn.arrays import Floats, Ints, Records
 from laisn.beacons.settings import BeaconSettings
 from laisn.compiled import compiled
-from laisn.mixture import add_moments, copy_component, heaviest_hypothesis, normalise, place_on_ring
+from laisn.mixture import add_moments, clear_component, copy_component, heaviest_hypothesis, normalise, place_on_ring
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
 """Indices of the states that all beacons share."""
@@ -379,14 +379,15 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
         k = b.alive[0]
         ux, uy = math.sin(2.0 * math.pi * i / BEARINGS), math.cos(2.0 * math.pi * i / BEARINGS)
         x, P = b.state[k], b.covariance[k]
-        for j in range(n):
-            x[j] = b.state[0, j] if lost else 0.0
-            for h in range(n):
-                P[j, h] = b.covariance[0, j, h] if lost and min(j, h) > Y else 0.0
-            if not lost:
-                P[j, j] = b.fresh[j]
         if lost:
+            copy_component(b, 0, k)
+            P[: Y + 1] = 0.0
+            P[:, : Y + 1] = 0.0
             P[HEADING, HEADING] += b.fresh[HEADING]
+        else:
+            clear_component(b, k)
+            for j in range(n):
+                P[j, j] = b.fresh[j]
         place_on_ring(x, P, (z.east, z.north), distance, (ux, uy), (along, BEARINGS))
         b.weight[k] = weight / BEARINGS
         update(b, k, z)

@@ -14,7 +14,15 @@ import math
 from laisn import mixture
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
-from laisn.mixture import copy_component, copy_hypothesis, half_moments, heaviest, normalise, place_on_ring
+from laisn.mixture import (
+    clear_component,
+    copy_component,
+    copy_hypothesis,
+    half_moments,
+    heaviest,
+    normalise,
+    place_on_ring,
+)
 from laisn.tight.estimates import HYPOTHESES
 from laisn.tight.model import ABSENT, CAPACITY, Belief, Model, X, Y, refresh_output
 from laisn.tight.ranging import Signal, update
@@ -116,24 +124,15 @@ _FAR_WEIGHT = 0.01
 
 
 @compiled
-def _reset(b: Belief, m: Model, k: int) -> None:
-    """Give a component no weight, no position, no bias of the leader, and fresh other biases."""
-    b.weight[k] = 0.0
-    for i in range(m.states):
-        b.state[k, i] = 0.0
-        for j in range(m.states):
-            b.covariance[k, i, j] = 0.0
-        if i not in (X, Y, m.leader):
-            b.covariance[k, i, i] = b.fresh[i]
-
-
-@compiled
 def _try_bearing(b: Belief, m: Model, k: int, signal: Signal, nearest: int, distance: float, bearing: float) -> bool:
     """Update component k from a prior at a bearing from north [rad] of the nearest transmitter, about a distance [m].
 
-    False if that failed.
+    Its biases are fresh, but for that of the leader's heading, which is zero. False if the update failed.
     """
-    _reset(b, m, k)
+    clear_component(b, k)
+    for i in range(Y + 1, m.states):
+        if i != m.leader:
+            b.covariance[k, i, i] = b.fresh[i]
     centre = (signal.arms[nearest, 0], signal.arms[nearest, 1])
     place_on_ring(b.state[k], b.covariance[k], centre, distance, sin_cos(bearing), (_RADIAL_VARIANCE, _BEARINGS))
     return update(b, m, k, signal) >= 0
@@ -219,10 +218,7 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
     first = b.alive * m.modes
     here = (b.output.x - signal.east, b.output.y - signal.north)
     for h in range(2):
-        k = first + h * m.modes
-        _reset(b, m, k)
-        for i in range(m.states):
-            b.covariance[k, i, i] = 0.0
+        clear_component(b, first + h * m.modes)
     east, north, variance = signal.east, signal.north, b.leader_variance
     # about the leader, and with its heading as broadcast: both are put right at the end
     signal.east = signal.north = b.leader_variance = 0.0

@@ -23,19 +23,15 @@ _SAME_TIME = 5e-4
 """A message that is later than the lag by less than this is within it: times are sums [s]."""
 
 
+_SUMS = ("ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time")
+"""Fields of a belief's motion that add up over the steps of a way."""
+
+
 @compiled
 def _move_all(b: ScalarRecord, m: ScalarRecord, count: int, log_bias: float, compass_bias: float) -> None:
     """Move the first components by the way in the belief's motion, linearised at some biases."""
     for k in range(count):
         move(b[0], m[0], k, log_bias, compass_bias)
-
-
-@compiled
-def _leave(rest: ScalarRecord, whole: ScalarRecord, part: ScalarRecord) -> None:
-    """Make of a motion what is left of the whole way to the next message after a part of it."""
-    r, w, p = rest[0], whole[0], part[0]
-    r.ax, r.ay, r.bx, r.by = w.ax - p.ax, w.ay - p.ay, w.bx - p.bx, w.by - p.by
-    r.nxx, r.nxy, r.nyy, r.time = w.nxx - p.nxx, w.nxy - p.nxy, w.nyy - p.nyy, w.time - p.time
 
 
 def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
@@ -89,7 +85,8 @@ class _Leg:
         Shapes (4,), (4, 4) and (4, s). Mean and covariance are the filter's but for the biases at which they are
         linearised: those that the end is linearised at. Otherwise a difference of the two could be negative.
         """
-        _leave(self._motion, self._whole, motion)
+        for name in _SUMS:
+            self._motion[name] = self._whole[name] - motion[name]
         rest = self._matrix()
         self._motion[:] = motion
         self._begin()
