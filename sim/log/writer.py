@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from io import BufferedWriter, FileIO
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -84,8 +83,8 @@ class LogFile(NamedTuple):
         streams = [channel.messages(k) for k, channel in enumerate(channels)]
         streams.append((at, len(channels), data) for at, data in frames)
         end = 0
-        # messages of equal times keep the order of channels and of messages within one
-        for at, k, data in heapq.merge(*streams, key=itemgetter(0)):
+        # messages of equal times are in the order of channels
+        for at, k, data in heapq.merge(*streams):
             if at >= end:
                 self.mcap.flush()
                 self.output.check()
