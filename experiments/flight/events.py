@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from laisn import metrics
+from experiments.flight.summary import captured_steps
 from laisn.arrays import Floats
 from sim.assembly import routes_of
 from sim.contact import contacts
@@ -100,13 +100,9 @@ def uncertainty_events(flight: Flight) -> list[Event]:
 
 def capture_events(flight: Flight) -> list[Event]:
     """A line for the log where an estimate is captured at the mirror image of the truth, and where it is released."""
-    steps = flight.step_index()
-    time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
-    heading = flight.trajectory.heading[steps, 0]
-    events = []
+    time, events = flight.trajectory.time[flight.step_index()], []
     for i, name in enumerate(flight.trajectory.names[1:]):
-        estimate, truth = flight.estimates[i].state[:, :2], flight.hydrophone(i)[:, :2]
-        captured = metrics.captured_steps(estimate, truth, leader, heading)
+        captured = captured_steps(flight, i)
         for k in np.flatnonzero(np.diff(captured.astype(np.int64), prepend=0)):
             caught = bool(captured[k])
             text = "mirror capture: the estimate is at the truth's mirror image" if caught else "mirror capture ends"

@@ -8,7 +8,7 @@ import numpy as np
 from experiments.campaign.bound import flight_bound
 from experiments.campaign.version import versions
 from laisn import metrics
-from laisn.arrays import Floats
+from laisn.arrays import Bools, Floats
 from sim.contact import contacts
 from sim.flight import Flight
 from sim.sensing.proximity import sightings
@@ -36,6 +36,17 @@ def true_bearing(flight: Flight, follower: int) -> Floats:
     steps = flight.step_index()
     away = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
     return np.asarray(np.mod(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0], 2 * np.pi))
+
+
+def captured_steps(flight: Flight, follower: int) -> Bools:
+    """Filter steps at which a follower's estimate is captured at the mirror image of the truth, shape (n,)."""
+    steps, truth = flight.step_index(), flight.trajectory
+    return metrics.captured_steps(
+        flight.estimates[follower].state[:, :2],
+        flight.hydrophone(follower)[:, :2],
+        truth.position[steps, 0, :2],
+        truth.heading[steps, 0],
+    )
 
 
 def off_place_rms(flight: Flight) -> list[float]:

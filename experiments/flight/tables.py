@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.campaign.store import arrow_table
-from experiments.flight.summary import position_and_bearing_errors, true_bearing
-from laisn import metrics
+from experiments.flight.summary import captured_steps, position_and_bearing_errors, true_bearing
 from laisn.failure import LaisnError
 from laisn.messages import Ranges
 
@@ -101,7 +100,6 @@ def errors_table(flight: Flight) -> Table:
     """
     steps = flight.step_index()
     time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
-    heading = flight.trajectory.heading[steps, 0]
     parts = []
     for i, (position, bearing) in enumerate(position_and_bearing_errors(flight)):
         truth, estimate = flight.hydrophone(i), flight.estimates[i].state[:, :2]
@@ -118,7 +116,7 @@ def errors_table(flight: Flight) -> Table:
             "estimate_north_m": estimate[:, 1],
             "bearing_deg": np.rad2deg(true_bearing(flight, i)),
             "distance_m": np.hypot(*away.T),
-            "captured": metrics.captured_steps(estimate, truth[:, :2], leader, heading),
+            "captured": captured_steps(flight, i),
         }
         parts.append(pa.table(columns))
     return Table(pa.concat_tables(parts))

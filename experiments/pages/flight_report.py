@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from experiments.flight.summary import flight_bounds
+from experiments.flight.summary import captured_steps, flight_bounds
 from experiments.pages import flight_figures, flight_text, range_budget_page
 from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
@@ -174,13 +174,7 @@ def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
         if not np.all(np.isfinite(position[flight.estimates[i].unknown :])):
             notices.append(Notice(tone="failure", text=f"{name}: the estimate left finite numbers."))
             continue
-        steps = flight.step_index()
-        captured = metrics.captured_steps(
-            flight.estimates[i].state[:, :2],
-            flight.hydrophone(i)[:, :2],
-            flight.trajectory.position[steps, 0, :2],
-            flight.trajectory.heading[steps, 0],
-        )
+        captured = captured_steps(flight, i)
         if np.any(captured):
             share = 100 * float(np.mean(captured))
             text = (

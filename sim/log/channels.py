@@ -175,28 +175,27 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
         yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
 
-def _follower(flight: Flight, clock: Clock, f: int) -> Iterator[Channel]:
-    """What a follower measured and estimated."""
+def _follower(flight: Flight, clock: Clock, f: int, errors: Errors | None) -> Iterator[Channel]:
+    """What a follower measured and estimated, and its errors."""
     m, e, name = flight.measurements[f], flight.estimates[f], flight.trajectory.names[f + 1]
     time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
     for record, types in ((m, schema.MEASURED), (e, schema.estimated(type(e)))):
         for type_ in types:
             at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
             yield numeric(f"/{name}", type_, at, partial(getattr, record))
+    if errors is not None:
+        if any(error.shape != time_ns.shape for error in errors):
+            raise ValueError(
+                f"errors of {name} have shapes {[e.shape for e in errors]}, expected {time_ns.shape} twice"
+            )
+        yield numeric(
+            f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True)).__getitem__
+        )
     position = np.column_stack([e.state[:, :2], -m.depth])
     yield poses(f"/{name}/estimate", time_ns, position, attitude.from_euler(m.heading))
     second = max(1, round(1.0 / m.dt))
     each = slice(second - 1, None, second)
     yield _locations(flight, f"/{name}/estimate/fix", time_ns[each], position[each], e.covariance[each, :2, :2])
-
-
-def _errors(flight: Flight, clock: Clock, errors: Sequence[Errors]) -> Iterator[Channel]:
-    for name, m, histories in zip(flight.trajectory.names[1:], flight.measurements, errors, strict=True):
-        n = m.speed.size
-        if any(error.shape != (n,) for error in histories):
-            raise ValueError(f"errors of {name} have shapes {[e.shape for e in histories]}, expected ({n},) twice")
-        arrays = dict(zip(schema.ERROR.fields, histories, strict=True))
-        yield numeric(f"/{name}", schema.ERROR, clock.ns(m.dt * np.arange(1, n + 1)), arrays.__getitem__)
 
 
 def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
@@ -240,8 +239,7 @@ def channels(flight: Flight, errors: Sequence[Errors], events: Iterable[Event]) 
         raise ValueError(f"errors of {len(errors)} followers given, the flight has {len(followers)}")
     return [
         *_truth(flight, clock),
-        *(channel for f in followers for channel in _follower(flight, clock, f)),
-        *(_errors(flight, clock, errors) if errors else ()),
+        *(channel for f in followers for channel in _follower(flight, clock, f, errors[f] if errors else None)),
         *_scene(flight, clock),
         _events(flight, clock, events),
     ]
