@@ -16,13 +16,12 @@ from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import Settings
 from sim.assembly import on_axis
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.errors import errors_of
 from sim.sensing.observation import observe, start_of
 from sim.sensing.sensors import measure
 from sim.trajectory import Trajectory
 
-TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
-"""Sites of the leader's transmitters, in the order of their ranges."""
 SLIP_M_SQRT_S = 0.007
 """Motion of a physical vehicle that its log does not see, unless the scenario says how much [m/√s].
 
@@ -112,10 +111,8 @@ class Flight:
 
 def _transmitters(scenario: Scenario, trajectory: Trajectory) -> dict[str, Any]:
     """Places of the leader's transmitters for a navigator: those on its hull, unless the scenario has others."""
-    offset = {
-        name: trajectory.site_offset[trajectory.site(f"leader/{name}")] for name in (*TRANSMITTERS, "depth_sensor")
-    }
-    sites = np.array([offset[name] for name in TRANSMITTERS]) - np.array([0.0, 0.0, offset["depth_sensor"][2]])
+    *placed, sensor = (trajectory.site_offset[trajectory.site(name)] for name in (*TRANSMITTERS, "leader/depth_sensor"))
+    sites = np.array(placed) - np.array([0.0, 0.0, sensor[2]])
     chosen = scenario.navigation.transmitters_m
     if on_axis(sites):
         return {

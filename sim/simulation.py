@@ -209,7 +209,7 @@ def simulate(
     """Simulate all vehicles of a plant.
 
     Args:
-        plant: at its start, which is where the vehicles begin, whatever the routes say; moved on to the end.
+        plant: at its start, which is where the vehicles begin, whatever the routes are; moved on to the end.
         routes: one for each vehicle.
         duration: [s]; a multiple of 0.1 s.
         depth_control: of each vehicle; empty: "pitch" for all.

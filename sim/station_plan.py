@@ -128,7 +128,7 @@ def hardest_crossing(scenario: Scenario, reach_m: float) -> Crossing | None:
         outside = np.flatnonzero(apart[:nearest] >= reach_m)
         sensed = int(outside[-1]) if outside.size else 0
         closing = -float(np.diff(apart[sensed : nearest + 1], prepend=apart[sensed]).min()) / _STEP_S
-        # the leader gives way to nobody
+        # the leader does not give way
         able = [n for n in (i, j) if followed.numbers[n] >= 0]
         step = (followed.way[sensed + 1] - followed.way[sensed]) / _STEP_S - followed.drift[sensed]
         way = min(float(np.hypot(*step[n])) for n in able)

@@ -63,8 +63,8 @@ def approach(
 
     Args:
         t: the station.
-        place: where the vehicle takes itself to be [m].
-        current: what it takes the current to be [m/s].
+        place: estimate of the vehicle's place [m].
+        current: estimate of the current [m/s].
         integral: of the cross-track error, where the law has one.
 
     Returns:

@@ -32,7 +32,7 @@ from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, allocate, clip, pseudo_inverse
-from sim.geometry.vectors import rotation, transposed
+from sim.geometry.attitude import rotation, transposed
 from sim.vehicle import coefficients, effectors
 from sim.vehicle.plant import Plant
 
@@ -261,16 +261,16 @@ def control(
     # speed; with the hull pitched, its way over ground is shorter than its way through the water. Drag, here and below,
     # is that of when the thrusters will have followed
     level = max(np.cos(pitch), 0.5)
-    missing = speed_wanted / level - surge
+    speed_error = speed_wanted / level - surge
     soon = speed_wanted / level + lag * reference.acceleration
-    thrust = d.surge_mass * (reference.acceleration + 0.5 * omega * missing) + memory.speed_integral
+    thrust = d.surge_mass * (reference.acceleration + 0.5 * omega * speed_error) + memory.speed_integral
     thrust += (d.drag_linear * np.exp(-d.drag_fade * abs(soon)) + d.drag * abs(soon)) * soon
 
     # heading and sway; moments to port are positive, turns to port are negative
     turn_soon = turn_wanted + lag * reference.turn_acceleration
-    astray = signed_angle(heading_wanted - heading)
+    heading_error = signed_angle(heading_wanted - heading)
     moment = -d.yaw_inertia * (
-        reference.turn_acceleration + omega * omega * astray + 2.0 * omega * (turn_wanted + motion.turning)
+        reference.turn_acceleration + omega * omega * heading_error + 2.0 * omega * (turn_wanted + motion.turning)
     )
     moment += memory.heading_integral - _damping(d.yaw_damping, way, turn_soon)
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
@@ -284,7 +284,7 @@ def control(
     wrench = np.zeros(6)
     wrench[SURGE], wrench[SWAY], wrench[HEAVE], wrench[PITCH], wrench[YAW] = thrust, side, force, -nose_up, moment
     allocate(d.allocation, d.limits, wrench, command)
-    memory.speed_integral += _increment(d.surge_mass * 0.05 * omega * omega * missing * dt, thrust, wrench[SURGE])
-    memory.heading_integral += _increment(-0.1 * d.yaw_inertia * omega**3 * astray * dt, moment, wrench[YAW])
+    memory.speed_integral += _increment(d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE])
+    memory.heading_integral += _increment(-0.1 * d.yaw_inertia * omega**3 * heading_error * dt, moment, wrench[YAW])
     memory.pitch_integral += _increment(0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH])
     memory.depth_integral += _increment(rate, force, wrench[HEAVE])

@@ -14,7 +14,7 @@ twice that. After a long silence it circles or surfaces, until it receives again
 
 Where it may be at either of two places, as with two transmitters on either side of the leader's axis, it steers by the
 likelier one. By their mean it would not steer at all, and both would stay as likely as they are; when it makes for the
-station from one of them, ranges soon tell whether that was the right one.
+station from one of them, ranges soon show whether that was the right one.
 
 Functions take records of `[formation]` and `[formation.proximity]`, of STATION, and of `laisn.swarm.READING` and
 `ESTIMATE`; `trail` and `count` as of `sim.control.trail`; and `memory`, of FOLLOWER_MEMORY, which they bring forward.

@@ -31,7 +31,7 @@ class LeaderPlan(NamedTuple):
     track: Records
     """Of REFERENCE, of which place and course are read, shape (n,)."""
     until: Floats
-    """Time until which a message sent at each step tells the track, shape (n,), [s]; of no length: none does."""
+    """Time until which a message sent at each step gives the track, shape (n,), [s]; of no length: none does."""
 
 
 def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderPlan:

@@ -194,7 +194,7 @@ def _before(trail: Records, count: int, arc: float) -> int:
 
 @compiled
 def _head(trail: Records, count: int) -> int:
-    """The last point whose slope says where the leader goes: too near to the one before, its own does not."""
+    """The last point with a useful slope, which one too near to the point before it does not have."""
     last = count - 1
     return last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
 

@@ -8,7 +8,7 @@ headings are anticlockwise from east. Noise is given as the upper triangle of a 
     EDGE_SE2 time pose pose ahead port turn …   EDGE_RANGE time one other range variance
 
 Times are in s, or in ns where one is too large for s. Vertices of poses are the true path in simulated graphs; in
-others they may be the file's own estimate, which no line says.
+others they may be the file's own estimate, which no line states.
 """
 
 import re
@@ -72,7 +72,7 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
 
 
 def _robot(lines: dict[str, list[_Line]], source: str) -> tuple[str, list[str]]:
-    """The robot with the most poses, and what to say of others."""
+    """The robot with the most poses, and remarks on others."""
     poses = Counter(m[1] for line in lines["VERTEX_SE2"] if (m := _POSE.fullmatch(line.names[0])))
     if not poses:
         raise LaisnError(
@@ -92,7 +92,7 @@ def _times(poses: list[_Line], source: str) -> tuple[Floats, list[str]]:
 
 
 def _odometry(lines: dict[str, list[_Line]], order: dict[str, int], source: str) -> tuple[Floats, Floats, list[str]]:
-    """Steps from each pose to the next, variances of their three numbers, and what to say of other edges."""
+    """Steps from each pose to the next, variances of their three numbers, and remarks on other edges."""
     steps, variances = np.full((2, len(order) - 1, 3), np.nan)
     closures = 0
     for line in lines["EDGE_SE2"]:
@@ -120,7 +120,7 @@ def _walk(rates: Floats) -> float | None:
 
 
 def _path(poses: list[_Line], odometry: Floats) -> tuple[Floats, str]:
-    """East and north of the path to compare with, shape (n + 1, 2) or (0, 2), [m], and what to say of it."""
+    """East and north of the path to compare with, shape (n + 1, 2) or (0, 2), [m], and a remark on it."""
     vertices = np.array([line.values for line in poses])
     composed = [vertices[0]]
     for step in odometry:

@@ -1,6 +1,6 @@
 """A data set from its file to its log, and back from there.
 
-In the log its beacons are transmitters of a leader that lies still, and the vehicle is a follower that hears them.
+In the log its beacons are transmitters of a leader that lies still, and the vehicle is a follower that receives them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -70,10 +70,10 @@ class Replayable(NamedTuple):
 
 
 def _slots(data: RangeData) -> tuple[Floats, Ints]:
-    """When each range is heard [s], and of which transmitter it is.
+    """When each range is received [s], and of which transmitter it is.
 
     Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front and middle in turn,
-    and what finds no free one is heard a microsecond later.
+    and what finds no free one is received a microsecond later.
     """
     times, slots = np.empty(data.ranges.size), np.empty(data.ranges.size, dtype=np.int64)
     own, taken, last = len(data.beacons) <= len(_SLOTS), set[int](), -1.0
@@ -96,7 +96,7 @@ def _channels(data: RangeData) -> Iterator[Channel]:
     motion = {"speed": np.append(0.0, speed), "heading": np.append(heading[0], heading)}
     yield _channel(OWN_MOTION, np.append(data.time[0], end), motion | {"depth": np.zeros(end.size + 1)})
 
-    # what was heard at one time is one reception
+    # what was received at one time is one reception
     time, row = np.unique(times, return_inverse=True)
     message = np.zeros((time.size, len(LeaderMessage._fields)))
     message[:, 0] = time
@@ -153,10 +153,10 @@ def write_vehicle_table(table: VehicleTable, path: Path, name: str) -> None:
     empty = np.full(table.time_ns.size, np.nan)
     own = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
     ranges = [values for field, values in table.columns.items() if field.startswith("range_")]
-    heard = np.any(np.isfinite(ranges), axis=0)
+    received = np.any(np.isfinite(ranges), axis=0)
     reception = PLACED_RECEPTION if set(PLACES.names) & set(table.columns) else RECEPTION
     channels = []
-    for type_, rows in ((OWN_MOTION, own), (reception, heard)):
+    for type_, rows in ((OWN_MOTION, own), (reception, received)):
         arrays = {
             array.attribute: np.column_stack([table.columns.get(field, empty) for field in array.names])[rows]
             for array in type_.columns

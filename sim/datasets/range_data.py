@@ -14,7 +14,7 @@ from sim.files import read_text
 _LARGEST_BYTES = 500_000_000
 """Larger files are refused [bytes]."""
 SLOWEST, FASTEST = 0.01, 50.0
-"""Mean speeds beyond these are not believed of a vehicle [m/s]."""
+"""Mean speeds beyond these are doubtful [m/s]."""
 
 
 def text_of(path: Path) -> str:
@@ -117,23 +117,23 @@ class RangeData:
             time: of each pose, shape (n + 1,), [s]; poses at the time of the one before are joined to it.
             odometry: steps between them, shape (n, 3).
             ranges: rows of time [s], beacon and range [m]; those to beacon −1 are left out.
-            remarks: what to say besides.
+            remarks: further remarks.
             more: other fields.
         """
         kept, steps = _join_equal_times(time, odometry)
         table = np.array(ranges, dtype=np.float64).reshape(-1, 3)
-        heard = table[table[:, 1] >= 0]
-        heard = heard[np.argsort(heard[:, 0], kind="stable")]
+        received = table[table[:, 1] >= 0]
+        received = received[np.argsort(received[:, 0], kind="stable")]
         counts = {
-            "ranges left out that are not to a beacon of known place": len(table) - len(heard),
+            "ranges left out that are not to a beacon of known place": len(table) - len(received),
             "poses at the time of the one before, joined to it": int(np.count_nonzero(~kept)),
         }
         return cls(
             time=time[kept],
             odometry=steps,
-            range_time=heard[:, 0],
-            range_beacon=heard[:, 1].astype(np.int64),
-            ranges=heard[:, 2],
+            range_time=received[:, 0],
+            range_beacon=received[:, 1].astype(np.int64),
+            ranges=received[:, 2],
             remarks=(*remarks, *(f"{what}: {number}" for what, number in counts.items() if number)),
             **more,
         )

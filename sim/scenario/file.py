@@ -1,4 +1,4 @@
-"""Scenario files: TOML in and out, overrides, and messages that say what to mend."""
+"""Scenario files: TOML in and out, overrides, and error messages."""
 
 import json
 import re
@@ -89,7 +89,7 @@ def examined(
 ) -> tuple[Scenario | None, list[str]]:
     """The scenario, None if a key is invalid, and a line for each error; arguments as of `validate`.
 
-    All keys are validated first; then what they say together.
+    All keys are validated first, then their consistency.
     """
     try:
         scenario = Scenario.model_validate_json(json.dumps(table), context=KEYS_ALONE)

@@ -136,7 +136,7 @@ class Scenario(Section):
     @model_validator(mode="before")
     @classmethod
     def _attitude_in_formations(cls, data: Any) -> Any:
-        """Leaders of formations broadcast pitch and roll, and followers use them, where no key says otherwise."""
+        """Leaders of formations broadcast pitch and roll, and followers use them, unless a key sets it."""
         if not isinstance(data, dict) or not _has_stations(data):
             return data
         leader = _with_default(data.get("leader"), "broadcast_attitude", True)

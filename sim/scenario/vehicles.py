@@ -102,7 +102,7 @@ class Vehicle(Section):
 
     @property
     def layer_m(self) -> float:
-        """Depth that the vehicle holds where no profile says otherwise."""
+        """Depth that the vehicle holds where there is no profile."""
         return self.depth_m
 
     @model_validator(mode="after")
@@ -167,7 +167,7 @@ class Follower(Vehicle):
 
     @property
     def layer_m(self) -> float:
-        """Depth that the vehicle holds where no profile says otherwise."""
+        """Depth that the vehicle holds where there is no profile."""
         return self.station.depth_m if self.station else self.depth_m
 
     @model_validator(mode="after")

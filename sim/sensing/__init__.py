@@ -2,7 +2,7 @@
 
 Takes a `Trajectory`; gives `MissionTruth` (what one follower's sensors see without errors, `observation`), and from
 that the `Measurements` of a run (`sensor_errors`). Noise is counter-based (`noise`): a draw is a function of seed, run,
-stream and step. It must not know what is done with measurements: no navigator, no estimate.
+stream and step. It does not depend on the use of measurements: no navigator, no estimate.
 
 Imports: laisn sim.geometry sim.scenario sim.trajectory sim.water
 """

@@ -1,6 +1,6 @@
 """What a follower senses of vehicles nearby: range and bearing of each, ten times a second at most.
 
-The sensor looks all around in a level fan. It hears every vehicle within its range and its fan, whatever lies between,
+The sensor looks all around in a level fan. It senses every vehicle within its range and its fan, whatever lies between,
 and takes hulls for points at their middles. Errors of a range and a bearing are normal, and drawn for each look of one
 follower at one vehicle: how many others there are changes none of them.
 """

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from laisn.compiled import compiled
-from sim.geometry.vectors import Vector
+from sim.geometry.attitude import Vector
 
 
 @compiled

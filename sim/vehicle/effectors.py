@@ -17,7 +17,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from sim.geometry import attitude
-from sim.geometry.vectors import rotation, times
+from sim.geometry.attitude import rotation, times
 from sim.vehicle.mjcf import Vehicle
 
 Layout = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]

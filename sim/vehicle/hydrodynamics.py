@@ -17,7 +17,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
-from sim.geometry.vectors import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
+from sim.geometry.attitude import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
 from sim.vehicle.drag import viscous
 from sim.water.ocean import AMPLITUDE, Water, elevation_at, flow
 

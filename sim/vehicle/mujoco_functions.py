@@ -29,7 +29,7 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
 
 class UnavailableError(LaisnError):
-    """Compiled code cannot call MuJoCo here; the message says why."""
+    """Compiled code cannot call MuJoCo here; the message gives the reason."""
 
 
 @cache

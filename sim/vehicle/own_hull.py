@@ -1,7 +1,7 @@
 """Whether the MJCF of a user's own hull has all that a vehicle needs; what it lacks is named, all at once.
 
 The text is checked before MuJoCo reads it: MuJoCo lays out a height field of a billion points, repeats a part a million
-times, and warns in a file of its own where it leaves out what a hull says of the sea. A hull needs none of that.
+times, and warns in a file of its own where it leaves out a hull's options of the sea. A hull needs none of that.
 """
 
 import math
@@ -26,7 +26,7 @@ _ELEMENTS = {
     "text",
 }  # fmt: skip
 _MOST_VALUES = 1000
-"""Of a numeric; MuJoCo makes room for as many as the file says."""
+"""Of a numeric; MuJoCo makes room for as many as the file asks for."""
 _FINEST = 64
 """Largest parameter of a mesh that MuJoCo builds: facets, or subdivisions."""
 _MOST_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
@@ -56,7 +56,7 @@ def _numbers(text: str) -> Iterator[float]:
             yield float(word)
 
 
-def _told(element: Element, name: str) -> str:
+def _quoted(element: Element, name: str) -> str:
     return f"<{element.tag} {name}={element.get(name, '')[:40]!r}>"
 
 
@@ -69,13 +69,13 @@ def _excesses(root: Element) -> Iterator[str]:
     for element in root.iter():
         for name, value in element.items():
             if not all(abs(number) <= _LARGEST for number in _numbers(value)):
-                yield f"{_told(element, name)} must be finite and within ±{_LARGEST:g}"
+                yield f"{_quoted(element, name)} must be finite and within ±{_LARGEST:g}"
     for element, name, most in chain(
         ((numeric, "size", _MOST_VALUES) for numeric in root.iter("numeric")),
         ((mesh, "params", _FINEST) for mesh in root.iter("mesh")),
     ):
         if max(_numbers(element.get(name, "")), default=0.0) > most:
-            yield f"{_told(element, name)} may be {most} at most"
+            yield f"{_quoted(element, name)} may be {most} at most"
 
 
 def _of_the_sea(root: Element) -> Iterator[str]:
@@ -85,7 +85,7 @@ def _of_the_sea(root: Element) -> Iterator[str]:
     for option in root.iter("option"):
         for name, value in option.items():
             if value.split() != sea.get(name, "").split():
-                yield f"{_told(option, name)} is the sea's to say: {sea.get(name, 'leave it out')}"
+                yield f"{_quoted(option, name)} is the sea's to say: {sea.get(name, 'leave it out')}"
 
 
 def _unexpected(text: str) -> list[str]:

@@ -15,7 +15,7 @@ from sim.vehicle.stepping import LOST, Fault
 from sim.water.ocean import Ocean, water_velocity
 
 NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
-"""Hulls pass through one another and through the floor, whatever their geoms say."""
+"""Hulls pass through one another and through the floor, whatever their geoms are."""
 
 
 _NO_JOINT_FORCES = mujoco.mjtDisableBit.mjDSBL_SPRING.value | mujoco.mjtDisableBit.mjDSBL_DAMPER.value
@@ -27,7 +27,7 @@ class PlantError(LaisnError):
 
 
 class Plant:
-    """Owns the compiled model and its state, and steps it to second order, as `sim.vehicle.stepping` says.
+    """Owns the compiled model and its state, and steps it to second order; see `sim.vehicle.stepping`.
 
     Attributes:
         names: of the vehicles, shape (v,).
@@ -116,7 +116,7 @@ class Plant:
         model, data = self.model, self.data
         self._acceleration[:] = 0.0
         effectors.lay_out(self._layout, self.thrust.shape[1])
-        # what `mj_step1` does, less what free hulls do not have (contacts, tendons, sensors), what nobody looks at
+        # what `mj_step1` does, less what free hulls do not have (contacts, tendons, sensors), what is not used
         # (cameras, lights) and what `effectors` does for less
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)

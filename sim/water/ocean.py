@@ -16,7 +16,7 @@ import numpy.typing as npt
 from laisn.arrays import Floats, own_arrays
 from laisn.compiled import compiled
 from laisn.elementary import exp, sin_cos
-from sim.geometry.vectors import Matrix, Vector
+from sim.geometry.attitude import Matrix, Vector
 from sim.water.waves import FLOOR_DEPTH_M, Waves
 
 Water = tuple[Floats, Floats, Floats]

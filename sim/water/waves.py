@@ -18,7 +18,7 @@ GRAVITY = 9.81
 
 
 FLOOR_DEPTH_M = 40.0
-"""Depth of the floor of a sea that is not told otherwise [m]."""
+"""Depth of the floor of a sea unless it is given [m]."""
 
 
 def wavenumber(omega: npt.ArrayLike, depth_m: float) -> Floats:
