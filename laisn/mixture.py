@@ -11,11 +11,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled, copy_values
+from laisn.compiled import compiled
 
 Mixture: TypeAlias = Any
 """A record or NamedTuple with arrays of c components: `state`, shape (c, n), `covariance`, shape (c, n, n), `weight`,
-shape (c,), and `outcome`, shape (c,), records of the result of the last update, which copies keep."""
+shape (c,), and `outcome`, shape (c,), records of the result of the last update, which copies keep. `states` is the
+number of states in use; arrays may be wider."""
 
 _SQRT_HALF = math.sqrt(0.5)
 _PER_SQRT_TURN = 1.0 / math.sqrt(2.0 * math.pi)
@@ -73,9 +74,10 @@ def blend(mean: Floats, covariance: Floats, one: int, other: int, share: float, 
 def copy_component(b: Mixture, source: int, target: int) -> None:
     """Copy a component."""
     b.weight[target], b.outcome[target] = b.weight[source], b.outcome[source]
-    copy_values(b.state[source], b.state[target])
-    for i in range(b.state.shape[1]):
-        copy_values(b.covariance[source, i], b.covariance[target, i])
+    for i in range(b.states):
+        b.state[target, i] = b.state[source, i]
+        for j in range(b.states):
+            b.covariance[target, i, j] = b.covariance[source, i, j]
 
 
 @compiled
@@ -151,7 +153,7 @@ def _merge(b: Mixture, modes: int, g: int, h: int) -> None:
         if total > 0.0:
             if b.weight[j] > b.weight[i]:
                 b.outcome[i] = b.outcome[j]
-            blend(b.state, b.covariance, i, j, b.weight[j] / total, b.state.shape[1])
+            blend(b.state, b.covariance, i, j, b.weight[j] / total, b.states)
         b.weight[i] = total
 
 

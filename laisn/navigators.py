@@ -220,8 +220,9 @@ def require_readings(step: int, own: OwnMotion, reception: Reception | None, log
     if not -FASTEST <= own.speed <= FASTEST:
         raise LaisnError(f"step {step}: the {log} reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
     ranges = () if reception is None else reception.ranges
-    if any(value < 0.0 or value > FARTHEST for value in ranges):
-        raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
+    for value in ranges:
+        if value < 0.0 or value > FARTHEST:
+            raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
 
 
 Result = TypeVar("Result", bound=Estimates)

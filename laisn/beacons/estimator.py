@@ -51,6 +51,8 @@ class Belief(NamedTuple):
     """Its weight, shape (ROOM,); sum 1 over those alive."""
     outcome: Records
     """Whether it used the last range: field `used`, shape (ROOM,)."""
+    states: int
+    """n."""
     alive: Ints
     """How many components there are, shape (1,)."""
     evidence: Floats
@@ -81,6 +83,7 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
         covariance=np.zeros((ROOM, n, n)),
         weight=np.zeros(ROOM),
         outcome=np.zeros(ROOM, dtype=[("used", np.bool_)]),
+        states=n,
         alive=np.zeros(1, dtype=np.int64),
         evidence=np.zeros(1),
         fresh=_fresh_variances(settings, 0),
@@ -107,6 +110,7 @@ def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
     return belief._replace(
         state=state,
         covariance=covariance,
+        states=fresh.size,
         fresh=fresh,
         variance=np.append(belief.variance, settings.range_sigma**2),
         rejected=np.append(belief.rejected, 0),

@@ -196,6 +196,7 @@ _BELIEF = np.dtype((np.record, np.dtype([
     ("outcome", _OUTCOME, _COMPONENTS),  # of its last update
     ("turn_excess", np.float64, _COMPONENTS),  # by how much `leader_variance` should be larger [rad²]
     ("alive", np.int64),  # hypotheses
+    ("states", np.int64),  # as of `Model`
     ("smoothed_nis", np.float64),  # NIS over some messages
     ("missed_updates", np.float64),  # messages in a row without an accepted range
     ("leader_variance", np.float64),  # estimated, of the random error of the leader's heading [rad²]
@@ -240,7 +241,7 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     None: the start is unknown, and there is no hypothesis before the first message with two ranges.
     """
     # by key, as attributes of a record are slow outside of compiled code
-    modes, leader_variance = m[["modes", "leader_variance"]].item()
+    states, modes, leader_variance = m[["states", "modes", "leader_variance"]].item()
     sigmas = [settings.start_sigma] * 2
     sigmas += [settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma]
     sigmas += [sigma for optional in _optional_states(settings).values() for sigma in optional]
@@ -248,6 +249,7 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     fresh[: len(sigmas)] = np.square(sigmas)
     made = np.zeros(1, dtype=_BELIEF)
     belief: Belief = made[0]
+    made["states"] = states
     made["smoothed_nis"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, fresh
     made["motion"]["speed"] = np.nan
     about = made["leader"]
