@@ -19,7 +19,7 @@ from experiments.pages.figures import Line
 from experiments.pages.flight_figures import error_stack
 from experiments.pages.style import COLOURS, INK, SERIES, Legend
 from experiments.studies import route_keeping
-from experiments.studies.estimators import figures as estimators
+from experiments.studies.estimators import study as estimators
 from sim.film import render
 from sim.flight import Flight, excerpt
 from sim.motion import simulate_motion

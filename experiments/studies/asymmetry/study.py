@@ -112,16 +112,13 @@ def run(
     """Fly the study, or what is missing of it, and write tables and page.
 
     Args:
-        folder: of the results; made if it is not there.
+        folder: as of `campaign.fly`.
         quick: a first look: three conditions, two routes, short missions.
         film: renders the film of the example into the folder; None: there is none.
         options: as of `campaign.fly`.
 
     Returns:
         The page.
-
-    Raises:
-        LaisnError: as of `campaign.fly`.
     """
     plan, causes = (conditions.QUICK, QUICK_CONDITIONS) if quick else (Plan(), conditions.CONDITIONS)
     fleets: dict[Any, Task] = {

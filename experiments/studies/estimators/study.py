@@ -6,16 +6,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from experiments.campaign import campaign
 from experiments.campaign.campaign import Design, ExecutionOptions, Task, with_arrays
 from experiments.campaign.store import Record
 from experiments.findings import FILE, Findings
 from experiments.flight.library import ROUTES
-from experiments.pages.figures import svg
+from experiments.pages.figures import Line, panel, svg
 from experiments.pages.page import Figures, write
+from experiments.pages.style import SERIES, Legend
 from experiments.pages.template import page_of
 from experiments.studies.estimators import cases, findings
-from experiments.studies.estimators.figures import picture
 from experiments.studies.estimators.runs import at_sea, captures, clock_cost, compare, plain_filter
 from laisn.tight.settings import TightSettings
 
@@ -89,6 +92,27 @@ def tasks(size: Size) -> Iterator[tuple[tuple[Any, ...], Task]]:
             yield ("weave", weave, route), partial(both, cases.CASES[1], route, 1.0, weave=weave)
 
 
+def picture(findings: Findings) -> tuple[Figure, Legend]:
+    """Mean position errors of both navigators, case by case, messages every 5 s; a bar is a 95 % interval."""
+    lines = []
+    for name, colour, aside in (("laisn-2", SERIES[1], -0.08), ("error", SERIES[0], 0.08)):
+        for i, case in enumerate(cases.CASES):
+            found = findings[f"{name} {case.name} 5"]
+            place = np.array([i + aside])
+            lines.append(Line(x=place, y=np.array([found.number]), colour=colour, marker="o", size=4.5))
+            if found.low is not None and found.high is not None:
+                lines.append(Line(x=np.repeat(place, 2), y=np.array([found.low, found.high]), colour=colour, width=1.4))
+    figure = panel(lines, x_label="case", y_label="mean E_P over the routes [m]", height=3.0)
+    axes = figure.axes[0]
+    axes.set_yscale("log")
+    # the panel's margin is that of a linear axis, and may reach below zero
+    drawn = np.concatenate([line.y for line in lines])
+    axes.set_ylim(drawn.min() / 1.5, drawn.max() * 1.5)
+    axes.set_xticks(range(len(cases.CASES)), [case.name for case in cases.CASES])
+    axes.set_xlim(-0.5, len(cases.CASES) - 0.5)
+    return figure, [(SERIES[1], "LAISN-2"), (SERIES[0], "tightly coupled")]
+
+
 def write_page(found: Findings, rows: Mapping[tuple[Any, ...], Record], path: Path, *, quick: bool) -> Path:
     """Write the page of a record and of the rows that it was made of; returns its path."""
     figure, legend = picture(found)
@@ -110,15 +134,9 @@ def write_page(found: Findings, rows: Mapping[tuple[Any, ...], Record], path: Pa
 
 
 def run(folder: Path, *, quick: bool = False, **options: Unpack[ExecutionOptions]) -> Path:
-    """Fly the study, or what is missing of it, and write its record and page.
+    """Fly the study, or what is missing of it, write its record and page, and return the page.
 
-    Args:
-        folder: of the results; made if it is not there.
-        quick: a first look, of few runs and routes.
-        options: as of `campaign.fly`.
-
-    Returns:
-        The page.
+    `quick` is a trial run of few runs and routes; folder, options and errors as of `campaign.fly`.
     """
     design = Design(tasks=dict(tasks(QUICK if quick else Size())), what="missions", ahead=_compile)
     flown = campaign.fly(design, folder, **options).tasks

@@ -90,16 +90,9 @@ def picture(findings: Findings) -> tuple[Figure, Legend]:
 
 
 def write_page(findings: Findings, path: Path, *, quick: bool = False) -> Path:
-    """Write the page of a record; returns its path.
+    """Write the page of a record, of a trial run if `quick`; returns its path.
 
-    Args:
-        findings: the study's record.
-        path: of the HTML file.
-        quick: the record is that of a trial run.
-
-    Raises:
-        LaisnError: the record lacks a condition.
-        OSError: the file cannot be written.
+    Raises LaisnError if the record lacks a condition.
     """
     figure, legend = picture(findings)
     runs = findings["runs"].value
@@ -126,11 +119,8 @@ def write_page(findings: Findings, path: Path, *, quick: bool = False) -> Path:
 def run(folder: Path, *, quick: bool = False, runs: int | None = None, **options: Unpack[ExecutionOptions]) -> Path:
     """Fly the study, or what is missing of it, write its record and page, and return the page.
 
-    Args:
-        folder: of the results; made if it is not there.
-        quick: a trial run of two short runs of each condition.
-        runs: of each condition; None: the study's own number.
-        options: as of `campaign.fly`.
+    `quick` is a trial run of two short runs of each condition, `runs` their number in place of the study's own; folder,
+    options and errors as of `campaign.fly`.
     """
     fly(folder, runs or (2 if quick else RUNS), 100.0 if quick else DURATION_S, **options)
     return write_page(read(folder / FILE), folder / "report.html", quick=quick)

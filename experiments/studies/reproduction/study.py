@@ -139,11 +139,7 @@ def judge_with_seeds(
 ) -> None:
     """Judge the claims on physical missions with every seed, and write the record of their verdicts.
 
-    Args:
-        folder: for the record; made if it is not there.
-        seeds: to judge with.
-        runs: of each replication.
-        options: as of `campaign.fly`.
+    `runs` are those of each replication; folder and options as of `campaign.fly`.
     """
     work = {
         (seed, name): task
