@@ -133,6 +133,20 @@ def _add_in_order(total: Floats, runs: Floats) -> None:
             total[j] += runs[j, i]
 
 
+_OF_RUNS = [
+    number // LANES
+    for number in (
+        metric.MAX_P,
+        metric.SUM_P,
+        metric.MAX_B,
+        metric.SUM_B,
+        metric.LONGEST_ASTRAY,
+        metric.KINDS + FixKind.GATED * LANES,
+    )
+]
+"""Rows of a tally that a `RunTable` is made of."""
+
+
 class CellSums:
     """Adds up the blocks of a cell, which come in the order of runs."""
 
@@ -143,7 +157,7 @@ class CellSums:
         self._histograms = np.zeros((2, metric.BINS), dtype=np.int64)
         self._captured = 0
         self._worst_run = cell.runs[0]
-        self._kept: list[Floats] | None = [] if keep_runs else None
+        self._kept = np.empty((len(_OF_RUNS), len(cell.runs))) if keep_runs else None
         gaps = np.diff(cell.truth.message_step)
         self._interval = float(np.median(gaps)) if gaps.size else float(cell.truth.speed.size)
 
@@ -159,12 +173,10 @@ class CellSums:
             self._worst_run = runs[worst]
         self._largest = np.maximum(self._largest, table.max(axis=1))
         self._histograms += histograms
-        self._captured += int(np.count_nonzero(self._is_captured(table)))
+        self._captured += int(np.count_nonzero(table[metric.LONGEST_ASTRAY // LANES] >= self._interval))
         if self._kept is not None:
-            self._kept.append(table)
-
-    def _is_captured(self, table: Floats) -> Bools:
-        return np.asarray(table[metric.LONGEST_ASTRAY // LANES] >= self._interval)
+            first = runs[0] - self._cell.runs[0]
+            self._kept[:, first : first + len(runs)] = table[_OF_RUNS]
 
     def _summary(self) -> Summary:
         values = self._cell.truth.speed.size * len(self._cell.runs)
@@ -190,15 +202,16 @@ class CellSums:
     def _table(self) -> RunTable | None:
         if self._kept is None:
             return None
-        table, steps = np.concatenate(self._kept, axis=1), self._cell.truth.speed.size
+        largest_p, sum_p, largest_b, sum_b, astray, gated = self._kept
+        steps = self._cell.truth.speed.size
         return RunTable(
             run=np.array(self._cell.runs, dtype=np.int64),
-            e_p_max_m=table[metric.MAX_P // LANES],
-            e_p_mean_m=table[metric.SUM_P // LANES] / steps,
-            e_b_max_deg=np.rad2deg(table[metric.MAX_B // LANES]),
-            e_b_mean_deg=np.rad2deg(table[metric.SUM_B // LANES] / steps),
-            captured=self._is_captured(table),
-            gated=table[metric.KINDS // LANES + FixKind.GATED].astype(np.int64),
+            e_p_max_m=largest_p,
+            e_p_mean_m=sum_p / steps,
+            e_b_max_deg=np.rad2deg(largest_b),
+            e_b_mean_deg=np.rad2deg(sum_b / steps),
+            captured=astray >= self._interval,
+            gated=gated.astype(np.int64),
         )
 
     def result(self) -> CellResult:
