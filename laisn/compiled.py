@@ -56,21 +56,35 @@ def _version() -> str:
     return digest.hexdigest()[:16]
 
 
+def _lock(folder: Path) -> int | None:
+    """A descriptor that holds the lock of a folder, which is made if it does not exist; None: another process does."""
+    folder.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def _remove_unused(version: Path) -> None:
+    """Remove the code of a version, unless a running process uses it."""
+    locks = [_lock(lock.parent) for lock in version.glob("*/lock")]
+    if None not in locks:
+        shutil.rmtree(version, ignore_errors=True)
+    for lock in locks:
+        if lock is not None:
+            os.close(lock)
+
+
 def _own_folder(place: Path) -> Path:
     """The first numbered folder that no running process uses, with links to the code in the others.
 
     Two processes that store different signatures of a function in one folder would give both files one name.
     """
-    for number in itertools.count():
-        own = place / str(number)
-        own.mkdir(parents=True, exist_ok=True)
-        lock = os.open(own / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            # held until the process ends
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            break
-        except BlockingIOError:
-            os.close(lock)
+    # the lock is held until the process ends
+    own = next(folder for n in itertools.count() if _lock(folder := place / str(n)) is not None)
     for index in place.glob("*/*/*.nbi"):
         target = own / index.relative_to(place).relative_to(index.parents[1].name)
         if not target.exists():
@@ -94,7 +108,7 @@ def find_folder() -> Path | None:
         own = _own_folder(versioned)
         os.utime(versioned)
         for old in sorted(place.iterdir(), key=lambda folder: folder.stat().st_mtime)[:-_KEPT_VERSIONS]:
-            shutil.rmtree(old, ignore_errors=True)
+            _remove_unused(old)
     except (OSError, RuntimeError):
         # RuntimeError: this user has no home
         return None

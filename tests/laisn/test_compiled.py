@@ -1,5 +1,6 @@
 """Compiled code from the cache: never of other sources, never somebody else's."""
 
+import fcntl
 import os
 import re
 import shutil
@@ -182,8 +183,16 @@ def test_old_versions_make_room(folder: Path) -> None:
         old = present.with_name(f"{i:016x}")
         old.mkdir()
         os.utime(old, (i, i))
-    assert compilation.find_folder() is not None
-    assert {path.name for path in present.parent.iterdir()} == {present.name, *(f"{i:016x}" for i in range(13, 20))}
+    # the fixture's folder is the oldest by now, but in use by this process
+    os.utime(present, (0, 0))
+    used = present.with_name(f"{0:016x}") / "0" / "lock"
+    used.parent.mkdir()
+    with used.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        os.utime(used.parents[1], (0, 0))
+        assert compilation.find_folder() is not None
+    names = {path.name for path in present.parent.iterdir()}
+    assert names == {present.name, used.parents[1].name, *(f"{i:016x}" for i in range(13, 20))}
 
 
 def test_processes_side_by_side_store_code_apart_and_a_later_one_finds_what_each_has_stored(tmp_path: Path) -> None:
