@@ -117,27 +117,27 @@ def dead_reckoning(recorded: Replayable) -> Estimates:
     return BeaconNavigator(MEDIA["air"], recorded.start).run(silent)
 
 
-def by_laisn(recorded: Replayable, told: NavigationSettings) -> Estimates:
+def by_laisn(recorded: Replayable, given: NavigationSettings) -> Estimates:
     """What LAISN makes of it: ranges that come alone move the estimate along their line of sight."""
-    settings = replace(told, dt=recorded.measurements.dt, hydrophone_height=0.0)
+    settings = replace(given, dt=recorded.measurements.dt, hydrophone_height=0.0)
     return Navigator(settings, recorded.start).run(recorded.measurements)
 
 
-def _settings(recorded: Replayable, told: Beacons, medium: str) -> BeaconSettings:
+def _settings(recorded: Replayable, given: Beacons, medium: str) -> BeaconSettings:
     base = replace(MEDIA[medium], dt=recorded.measurements.dt)
     stated = {name: getattr(recorded, name) for name in ("range_sigma", "slip", "heading_walk")}
     base = replace(base, **{name: value for name, value in stated.items() if value is not None})
-    return told.over(base)
+    return given.over(base)
 
 
-def among_beacons(recorded: Replayable, told: Beacons) -> tuple[Estimates, str]:
+def among_beacons(recorded: Replayable, given: Beacons) -> tuple[Estimates, str]:
     """What the navigator among beacons makes of it, and the medium that it was believed in.
 
     Where that is open, every medium is tried: the one in which the ranges are the likeliest is believed.
     """
     best: tuple[float, Estimates, str] | None = None
-    for medium in MEDIA if told.medium == "auto" else (told.medium,):
-        navigator = BeaconNavigator(_settings(recorded, told, medium), recorded.start)
+    for medium in MEDIA if given.medium == "auto" else (given.medium,):
+        navigator = BeaconNavigator(_settings(recorded, given, medium), recorded.start)
         estimates = navigator.run(recorded.measurements)
         if best is None or navigator.evidence > best[0]:
             best = navigator.evidence, estimates, medium

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from typer.testing import CliRunner
 
-from experiments.campaign.progress import literal, tell
+from experiments.campaign.progress import literal, print_line
 from experiments.command import replaying
 from experiments.command.cli import app
 from sim.screen import plain, screenful
@@ -45,7 +45,7 @@ def test_a_name_is_shown_as_it_is_and_steers_nothing(name: str) -> None:
     assert not set(as_it_is) & set("\x00\x1b\x07\r\n\t\x9b\u202e\u2028\ud800")
     as_it_is.encode()
     console = terminal()
-    tell(console, name, "note:", "red")
+    print_line(console, name, "note:", "red")
     assert shown(console) == f"\x1b[31mnote: \x1b[0m{as_it_is}\n"
     console = terminal()
     table = Table("x", box=None, pad_edge=False, show_header=False)

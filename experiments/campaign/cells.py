@@ -140,7 +140,7 @@ _OF_RUNS = [
         metric.SUM_P,
         metric.MAX_B,
         metric.SUM_B,
-        metric.LONGEST_ASTRAY,
+        metric.LONGEST_CAPTURE,
         metric.KINDS + FixKind.GATED * LANES,
     )
 ]
@@ -173,7 +173,7 @@ class CellSums:
             self._worst_run = runs[worst]
         self._largest = np.maximum(self._largest, table.max(axis=1))
         self._histograms += histograms
-        self._captured += int(np.count_nonzero(table[metric.LONGEST_ASTRAY // LANES] >= self._interval))
+        self._captured += int(np.count_nonzero(table[metric.LONGEST_CAPTURE // LANES] >= self._interval))
         if self._kept is not None:
             first = runs[0] - self._cell.runs[0]
             self._kept[:, first : first + len(runs)] = table[_OF_RUNS]
@@ -202,7 +202,7 @@ class CellSums:
     def _table(self) -> RunTable | None:
         if self._kept is None:
             return None
-        largest_p, sum_p, largest_b, sum_b, astray, gated = self._kept
+        largest_p, sum_p, largest_b, sum_b, longest_capture, gated = self._kept
         steps = self._cell.truth.speed.size
         return RunTable(
             run=np.array(self._cell.runs, dtype=np.int64),
@@ -210,7 +210,7 @@ class CellSums:
             e_p_mean_m=sum_p / steps,
             e_b_max_deg=np.rad2deg(largest_b),
             e_b_mean_deg=np.rad2deg(sum_b / steps),
-            captured=astray >= self._interval,
+            captured=longest_capture >= self._interval,
             gated=gated.astype(np.int64),
         )
 

@@ -20,7 +20,7 @@ _row = count(0, LANES)
 SUM_P, SQUARES_P, MAX_P, SUM_B, SQUARES_B, MAX_B = (next(_row) for _ in range(6))
 SUM_NEES, COUNT_NEES, SUM_NIS, COUNT_NIS = (next(_row) for _ in range(4))
 # Steps that the estimate has been at the mirror image without a break, and the most of them.
-ASTRAY, LONGEST_ASTRAY = (next(_row) for _ in range(2))
+CAPTURE, LONGEST_CAPTURE = (next(_row) for _ in range(2))
 KINDS = next(_row)
 SIZE = KINDS + len(FixKind) * LANES
 """Numbers of a tally."""
@@ -82,10 +82,10 @@ def tally_step(
         bins[lane] = _bin(error, _FIRST_P)
         bins[LANES + lane] = _bin(bearing, _FIRST_B)
 
-        astray = tally[ASTRAY + lane] + 1.0 if is_captured(estimate, truth, origin, axis) else 0.0
-        tally[ASTRAY + lane] = astray
-        longest = tally[LONGEST_ASTRAY + lane]
-        tally[LONGEST_ASTRAY + lane] = astray if astray > longest else longest
+        capture = tally[CAPTURE + lane] + 1.0 if is_captured(estimate, truth, origin, axis) else 0.0
+        tally[CAPTURE + lane] = capture
+        longest = tally[LONGEST_CAPTURE + lane]
+        tally[LONGEST_CAPTURE + lane] = capture if capture > longest else longest
 
         pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
         nees = normalised_square(estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy)
@@ -101,17 +101,17 @@ def tally_fixes(block: Floats, tally: Floats, fixes: tuple[int, int, int]) -> No
     A pair of which nothing was received is no fix; a message without any fix counts as one LOST.
     """
     for lane in range(LANES):
-        heard = False
+        received = False
         for fix in fixes:
             if fix >= 0:
                 kind, nis = int(block[fix + 3 * LANES + lane]), block[fix + 5 * LANES + lane]
                 if kind != _LOST:
-                    heard = True
+                    received = True
                     tally[KINDS + kind * LANES + lane] += 1.0
                 if nis == nis:
                     tally[SUM_NIS + lane] += nis
                     tally[COUNT_NIS + lane] += 1.0
-        if not heard:
+        if not received:
             tally[KINDS + _LOST * LANES + lane] += 1.0
 
 

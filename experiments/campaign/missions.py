@@ -61,7 +61,7 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
     """
     sensors, acoustics = scenario.sensors_of(follower), scenario.acoustics
     random = [key for key in type(scenario.sensors).model_fields if "sigma" in key or "bias" in key or "walk" in key]
-    heard = {name: float(getattr(acoustics, name) > 0.0) / 2 for name in ("surface_echo_chance", "bottom_echo_chance")}
+    echoes = {name: float(getattr(acoustics, name) > 0.0) / 2 for name in ("surface_echo_chance", "bottom_echo_chance")}
     own = {
         "name": "mission",
         "seed": 1,
@@ -71,7 +71,7 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
             acoustics,
             "range_tau_m", "range_error_centred", "range_scale_mean_m", "range_scale_sigma_m", "common_echoes",
             "loss_chance", "burst_chance", "burst_mean_messages", "burst_loss_chance",
-        ).model_copy(update=heard),
+        ).model_copy(update=echoes),
         "navigation": Navigation(variant="tight", assume={"transmitters": scenario.navigation.transmitters}),
     }  # fmt: skip
     return content_of(scenario).model_copy(update=own)

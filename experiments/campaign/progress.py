@@ -38,7 +38,7 @@ def literal(text: object, style: str = "") -> Text:
     return Text(plain(text), style=style)
 
 
-def tell(console: Console, text: object, label: str = "", style: str = "yellow") -> None:
+def print_line(console: Console, text: object, label: str = "", style: str = "yellow") -> None:
     """Print a line of literal text, after a styled label if there is one."""
     console.print(Text.assemble((f"{label} ", style) if label else "", literal(text)), soft_wrap=True)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from experiments.campaign.progress import compiling_shown, show_table, tell
+from experiments.campaign.progress import compiling_shown, print_line, show_table
 from experiments.campaign.store import Record, columns_of, write_csv, write_table
 from experiments.command.errors import require_output
 from experiments.flight.files import flight_of
@@ -56,7 +56,7 @@ def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | N
     show_table(console, heads, lines, "least RMS position error [m]")
     if out is not None:
         write_csv(out, rows)
-        tell(console, out)
+        print_line(console, out)
 
 
 def records(flight: Flight) -> Iterator[Record]:
@@ -93,4 +93,4 @@ def show_range_budget(source: str, assignments: Sequence[str], out: Path | None)
             write_csv(out, rows)
         else:
             write_table(out, columns_of(rows))
-        tell(console, out)
+        print_line(console, out)

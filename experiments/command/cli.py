@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from experiments.command import studies
-from experiments.command.errors import report_errors, run, say
+from experiments.command.errors import echo, report_errors, run
 from experiments.command.studies import OutOption, SetOption, folder_option
 from laisn.failure import LaisnError
 
@@ -93,9 +93,9 @@ def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
 
     checked = load_flyable(scenario, set_ or ())
     for caution in cautions(checked):
-        say(f"warning: {caution}")
+        echo(f"warning: {caution}")
     number = len(checked.followers)
-    say(f"{scenario}: valid: {checked.duration_s:g} s, {number} follower{'s' if number > 1 else ''}")
+    echo(f"{scenario}: valid: {checked.duration_s:g} s, {number} follower{'s' if number > 1 else ''}")
 
 
 @app.command()
@@ -145,7 +145,7 @@ def render(
     flight = flight_of(source, set_ or ())
     path = out or Path(f"{flight.scenario.name}.{'mp4' if still is None else 'png'}")
     with phases(Console()) as phase, phase("video") if still is None else nullcontext() as update:
-        say(picture(flight, path, still, follower, changes, update))
+        echo(picture(flight, path, still, follower, changes, update))
 
 
 @app.command()
@@ -238,10 +238,10 @@ def log_export(
 
     if rerun:
         out.mkdir(parents=True, exist_ok=True)
-        say(write_recording(log, out / f"{log.stem}.rrd"))
+        echo(write_recording(log, out / f"{log.stem}.rrd"))
         return
     for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
-        say(file)
+        echo(file)
 
 
 @log_app.command("import")
@@ -267,7 +267,7 @@ def log_recover(log: LogArgument) -> None:
     """Recover a log that a crash, a full disk or Ctrl-C left unfinished."""
     from sim.log.recovery import recover
 
-    say(recover(log, lambda remark: say(f"note: {remark}")))
+    echo(recover(log, lambda remark: echo(f"note: {remark}")))
 
 
 for _study in (

@@ -93,7 +93,7 @@ def report_errors(command: Callable[P, T]) -> Callable[P, T]:
     return wrapped
 
 
-def say(text: object) -> None:
+def echo(text: object) -> None:
     """Print a line of text from a file or a user without control characters."""
     typer.echo(plain(text))
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.console import Console
 
-from experiments.campaign.progress import Update, phases, show_table, tell
+from experiments.campaign.progress import Update, phases, print_line, show_table
 from experiments.flight.events import flight_events, stray_events
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import (
@@ -53,10 +53,12 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
     one, other = (positions[truth.names.index(name), :2] for name in pair)
     level = float(np.hypot(*(one - other)))
     text = f"{' and '.join(pair)}, {summary['closest_approach_m']:.1f} m ({level:.1f} m horizontally)"
-    tell(console, f"{text} at {summary['closest_approach_s']:.0f} s", "closest approach:", "")
+    print_line(console, f"{text} at {summary['closest_approach_s']:.0f} s", "closest approach:", "")
     if summary["closest_in_layer_m"] is not None:
         text = f"{' and '.join(summary['closest_in_layer_pair'])}, {summary['closest_in_layer_m']:.1f} m horizontally"
-        tell(console, f"{text} at {summary['closest_in_layer_s']:.0f} s", "closest approach in one depth layer:", "")
+        print_line(
+            console, f"{text} at {summary['closest_in_layer_s']:.0f} s", "closest approach in one depth layer:", ""
+        )
 
 
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
@@ -79,10 +81,10 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     if gave_way:
         longest = max(gave_way, key=gave_way.__getitem__)
         number = f"{len(gave_way)} of {len(summary['followers'])} followers gave way"
-        tell(console, f"{number}, {longest} longest ({gave_way[longest]:.0f} s)", "avoidance:", "")
+        print_line(console, f"{number}, {longest} longest ({gave_way[longest]:.0f} s)", "avoidance:", "")
     if flight.outcome is not Outcome.COMPLETED:
         colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
-        tell(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
+        print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
 
 
 class Written(NamedTuple):
@@ -201,13 +203,13 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
         renamed = earlier_film(folder).name if written.no_film and (folder / FILM).exists() else None
     show(console, written.flight, written.summary)
     for caution in cautions(scenario):
-        tell(console, caution, "warning:")
+        print_line(console, caution, "warning:")
     for event in stray_events(written.flight):
-        tell(console, f"at {event.time_s:g} s {event.text}", "warning:")
+        print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
     if with_video and written.no_film:
-        tell(console, written.no_film, "no film:")
+        print_line(console, written.no_film, "no film:")
     if renamed:
-        tell(console, f"the film of the earlier flight is now {folder / renamed}", "note:")
-    tell(console, f"results in {folder}")
+        print_line(console, f"the film of the earlier flight is now {folder / renamed}", "note:")
+    print_line(console, f"results in {folder}")
     if written.fault:
         raise written.fault

@@ -12,7 +12,7 @@ from pkgutil import resolve_name
 from rich.console import Console
 
 from experiments.campaign.bound import flight_bound
-from experiments.campaign.progress import literal, show_table, tell
+from experiments.campaign.progress import literal, print_line, show_table
 from experiments.command.errors import require_output
 from experiments.flight.summary import consistency, position_and_bearing_errors, summarise
 from experiments.pages.replay_page import Replayed, write_replay_page
@@ -55,7 +55,7 @@ def replay(
     if out is not None:
         errors = position_and_bearing_errors(smoothed)
         writer.write(smoothed, out, summary=json.dumps(summarise(smoothed, errors), indent=2) + "\n", errors=errors)
-        tell(console, f"log in {out}")
+        print_line(console, f"log in {out}")
 
 
 def replay_measurements(
@@ -109,7 +109,7 @@ def _write_replay(
     """Print the remarks on a log, and write the estimates into a CSV file and the page into out/replay."""
     console = Console()
     for remark in remarks:
-        tell(console, remark, "note:")
+        print_line(console, remark, "note:")
     if out is not None:
         from experiments.campaign.store import write_csv
 
@@ -120,10 +120,10 @@ def _write_replay(
             for time_s, state in zip(one.measured.time.tolist(), one.estimates.state.tolist(), strict=True)
         ]
         write_csv(out, rows)
-        tell(console, out)
+        print_line(console, out)
     page = Path("out") / "replay" / f"{log.stem}.html"
     write_replay_page(vehicles, log, navigator, remarks, page)
-    tell(console, f"report in {page}")
+    print_line(console, f"report in {page}")
 
 
 def show_info(path: Path) -> None:
@@ -134,16 +134,18 @@ def show_info(path: Path) -> None:
     times = [int(at) for t in log.topics.values() if t.count for at in (t.time_ns.min(), t.time_ns.max())]
     begin, end = min(times, default=0), max(times, default=0)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
-    tell(console, f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from {start.isoformat()}")
+    print_line(
+        console, f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from {start.isoformat()}"
+    )
     topics = sorted(log.topics.items())
     rows = [(topic, found.schema.name if found.schema else "", str(found.count)) for topic, found in topics]
     show_table(console, ("channel", "schema", "messages"), rows)
     for name, data in log.attachments.items():
-        tell(console, f"attachment {name}: {len(data)} bytes")
+        print_line(console, f"attachment {name}: {len(data)} bytes")
     for name, record in log.metadata.items():
-        tell(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")
+        print_line(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")
     for what in log.unverified:
-        tell(console, f"{what}: no checksum, damage cannot be noticed", "note:")
+        print_line(console, f"{what}: no checksum, damage cannot be noticed", "note:")
 
 
 def smoothing_factory(variant: str, lag_s: float | None) -> NavigatorFactory | None:
@@ -191,21 +193,21 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
         table = read_vehicle_table(source)
         write_vehicle_table(table, out, "follower")
         for remark in table.remarks:
-            tell(console, remark)
-        tell(console, f"log in {out}; navigate on it with: laisn replay {out} --scenario FILE")
+            print_line(console, remark)
+        print_line(console, f"log in {out}; navigate on it with: laisn replay {out} --scenario FILE")
         return
     data = read_data_set(source)
     if beacons is not None:
         data = data.among([name.strip() for name in beacons.split(",") if name.strip()])
     write_data_set(data, out)
-    tell(console, f"{VEHICLE}: {len(data.odometry)} steps of odometry in {data.time[-1] - data.time[0]:.1f} s")
+    print_line(console, f"{VEHICLE}: {len(data.odometry)} steps of odometry in {data.time[-1] - data.time[0]:.1f} s")
     for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
         ranges = (data.range_beacon == i).sum()
-        tell(console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges")
-    tell(console, f"path to compare with: {len(data.truth)} places")
+        print_line(console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges")
+    print_line(console, f"path to compare with: {len(data.truth)} places")
     for remark in data.remarks:
-        tell(console, remark, "note:")
-    tell(console, f"log in {out}")
+        print_line(console, remark, "note:")
+    print_line(console, f"log in {out}")
 
 
 def replay_data_set(

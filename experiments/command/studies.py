@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from experiments.command.errors import say
+from experiments.command.errors import echo
 from laisn.failure import LaisnError
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def _print_effort(study: "Study", workers: int | None) -> None:
 
     plan = plan_of(study)
     effort = effort_of(plan, workers or len(os.sched_getaffinity(0)))
-    say(
+    echo(
         f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, {many(study.seas, 'sea')}, "
         f"{many(study.runs, 'run')} of noise{' at first' if study.until else ''}; "
         f"{many(effort.flights, 'flight')}, {many(effort.cells, 'cell')}, "
@@ -136,7 +136,7 @@ def study(
         return
     folder, film_of = out or Path("out") / asked.name, _film_worst if film else None
     report = run_study(asked, folder, workers=workers, cluster=cluster, force=force, film=film_of)
-    say(f"report in {report}")
+    echo(f"report in {report}")
 
 
 def _run_own(name: str, options: dict[str, Any]) -> None:
@@ -158,7 +158,7 @@ def compare(
     from experiments.study.compare import page_of
 
     write(page_of(sources), out)
-    say(f"page in {out}")
+    echo(f"page in {out}")
 
 
 def reproduce(
@@ -180,7 +180,7 @@ def reproduce(
         stage, motion=motion,  # type: ignore[arg-type]  # reproduce refuses other motions
         runs=runs, seed=seed, workers=workers, out=out, force=force, cluster=cluster,
     )  # fmt: skip
-    say(f"report in {report}")
+    echo(f"report in {report}")
 
 
 def asymmetry(
@@ -201,7 +201,7 @@ def asymmetry(
     film_of = asymmetry_film.film if wanted else None
     folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
     report = study.run(folder, quick=quick, workers=workers, cluster=cluster, force=force, film=film_of)
-    say(f"report in {report}")
+    echo(f"report in {report}")
 
 
 def estimators(
@@ -215,7 +215,7 @@ def estimators(
     from experiments.studies.estimators import study
 
     folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
-    say(f"report in {study.run(folder, quick=quick, workers=workers, force=force, cluster=cluster)}")
+    echo(f"report in {study.run(folder, quick=quick, workers=workers, force=force, cluster=cluster)}")
 
 
 def formation(
@@ -233,4 +233,4 @@ def formation(
 
     folder = out or Path("out") / ("formation-quick" if quick else "formation")
     page = study.run(folder, quick=quick, runs=runs, workers=workers, force=force, cluster=cluster)
-    say(f"report in {page}")
+    echo(f"report in {page}")

@@ -91,9 +91,9 @@ def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float
     squares = np.sum((estimates.state[:, :2] - truth) ** 2, axis=1)
     normalised, known = metrics.nees(estimates, truth), np.isfinite(squares)
     least = float(np.mean(bound[known] ** 2)) if known.any() else 0.0
-    told = np.isfinite(normalised)
+    finite = np.isfinite(normalised)
     return {
-        "nees": float(normalised[told].mean()) if told.any() else None,
+        "nees": float(normalised[finite].mean()) if finite.any() else None,
         "bound_rms_m": least**0.5,
         "rms_over_bound": float(np.mean(squares[known]) / least) ** 0.5 if least > 0.0 else None,
     }

@@ -63,11 +63,11 @@ def findings_of(found: Mapping[tuple[str, str], Sequence[Sequence[Record]]]) -> 
     for name in NAVIGATORS:
         ends = []
         for i, route in enumerate(ROUTES):
-            told, own = ([rows[i] for rows in found[name, by]] for by in ("truth", "estimate"))
+            by_truth, own = ([rows[i] for rows in found[name, by]] for by in ("truth", "estimate"))
             far = [row["off_place_end_m"] for row in own]
             lost = sum(end > LOST_M for end in far)
             ends += far
-            error, off = median(row["e_p_mean_m"] for row in told), median(row["off_place_rms_m"] for row in own)
+            error, off = median(row["e_p_mean_m"] for row in by_truth), median(row["off_place_rms_m"] for row in own)
             named[f"error {name} {route}"] = plain(error, "mean E_P, steering by the truth; median of runs", "m")
             named[f"off {name} {route}"] = plain(off, "RMS off its place, by its estimate; median of runs", "m")
             named[f"lost {name} {route}"] = of(proportion(lost, len(own)), "share of runs lost, 95 %")

@@ -52,11 +52,11 @@ HULL = TightSettings(
     outlier_span=20.0,
     slip=0.05,
 )
-"""The tightly coupled navigator of a leader's hull, told how good these sensors are in the words that it has."""
+"""The tightly coupled navigator of a leader's hull, settings how good these sensors are in the words that it has."""
 
 
-def _among(told: Beacons) -> Callable[[Replayable], Estimates]:
-    return lambda recorded: among_beacons(recorded, told)[0]
+def _among(settings: Beacons) -> Callable[[Replayable], Estimates]:
+    return lambda recorded: among_beacons(recorded, settings)[0]
 
 
 NAVIGATORS: dict[str, Callable[[Replayable], Estimates]] = {
@@ -65,7 +65,7 @@ NAVIGATORS: dict[str, Callable[[Replayable], Estimates]] = {
     "hull": lambda recorded: TightNavigator(replace(HULL, dt=recorded.measurements.dt), recorded.start).run(
         recorded.measurements
     ),
-    **{name: _among(told) for name, told in AMONG.items()},
+    **{name: _among(settings) for name, settings in AMONG.items()},
 }
 """What makes estimates of a recording, by its name in the record."""
 

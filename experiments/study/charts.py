@@ -43,7 +43,7 @@ def label_of(name: str) -> str:
 def setting_text(name: str, value: object) -> str:
     """A key and its value in words: "leader's excess buoyancy 12 N"."""
     words, unit = _words(name)
-    return f"{words} {said(value)} {unit}".rstrip().replace(" °", "°")
+    return f"{words} {value_text(value)} {unit}".rstrip().replace(" °", "°")
 
 
 class Axis(NamedTuple):
@@ -101,7 +101,7 @@ def layout_of(plan: Plan) -> Layout:
     return Layout(against, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
 
 
-def said(value: object) -> str:
+def value_text(value: object) -> str:
     """A value of a factor as text."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -122,7 +122,7 @@ def _dress(figure: Figure, axis: Axis) -> None:
     if axes.dataLim.y0 >= 0:
         axes.set_ylim(bottom=0.0)
     if not axis.numeric:
-        axes.set_xticks(axis.places, [said(v)[:18] for v in axis.values])
+        axes.set_xticks(axis.places, [value_text(v)[:18] for v in axis.values])
         axes.set_xlim(-0.6, len(axis.values) - 0.4)
 
 
@@ -167,8 +167,8 @@ def over_factor(plan: Plan, layout: Layout, valued: Valued, label: str, name: st
                 lines.append(Line(x=x, y=y, colour=SERIES[i]))
             lines.append(Line(x=x, y=y, colour=SERIES[i], marker="o"))
             marks += [(p, v, SERIES[i]) for p, v in known]
-            if (SERIES[i], said(kind)) not in legend and layout.lines:
-                legend.append((SERIES[i], said(kind)))
+            if (SERIES[i], value_text(kind)) not in legend and layout.lines:
+                legend.append((SERIES[i], value_text(kind)))
         if not marks:
             continue
         title = ", ".join(setting_text(key, value) for key, value in chosen.items())
@@ -239,8 +239,8 @@ def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequen
             axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=SERIES[1].placeholder, alpha=shade))
             if len(across.values) <= 12:
                 axes.text(j, i, digits(value), ha="center", va="center", fontsize=7, color=INK.placeholder)
-        axes.set_xticks(range(len(across.values)), [said(v) for v in across.values])
-        axes.set_yticks(range(len(up.values)), [said(v) for v in up.values])
+        axes.set_xticks(range(len(across.values)), [value_text(v) for v in across.values])
+        axes.set_yticks(range(len(up.values)), [value_text(v) for v in up.values])
         axes.set_xlim(-0.5, len(across.values) - 0.5)
         axes.set_ylim(-0.5, len(up.values) - 0.5)
         panels.append(svg(figure, f"map{k}", f"map over {label_of(across.name)} and {label_of(up.name)} {title}"))
@@ -286,7 +286,7 @@ def over_seas(plan: Plan, results: Results, metric: str) -> tuple[list[str], Leg
                 if (SERIES[i], arm) not in legend and len(plan.arms) > 1:
                     legend.append((SERIES[i], arm))
             if lines and number < MOST_PANELS:
-                title = fill(", ".join(f"{key} = {said(v)}" for key, v in plan.points[point].items()), _TITLE)
+                title = fill(", ".join(f"{key} = {value_text(v)}" for key, v in plan.points[point].items()), _TITLE)
                 figure = panel(lines, x_label=label, y_label="share of seas", title=title, y_limits=(0.0, 1.02))
                 figure.axes[0].margins(x=0.04)
                 panels.append(svg(figure, f"seas{number}", f"distribution of {label} over seas {title}"))

@@ -50,8 +50,8 @@ def _settings(names: Sequence[str], changed: Mapping[str, list[Any]]) -> Section
         [words(key), *(words("–" if v is None else shortened(str(v), 120)) for v in values)]
         for key, values in changed.items()
     ]
-    told: Block = Table(heads=("key", *names), rows=settings) if settings else Text(text="All settings are the same.")
-    return Section(title="Settings that differ", blocks=[told])
+    table: Block = Table(heads=("key", *names), rows=settings) if settings else Text(text="All settings are the same.")
+    return Section(title="Settings that differ", blocks=[table])
 
 
 def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:

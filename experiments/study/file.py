@@ -286,11 +286,11 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
         StudyError: there is no such study, or nothing varies.
     """
     given = {key: value for key, value in keys.items() if value is not None}
-    folder, name, told = Path(), "study", "study"
+    folder, name, source_name = Path(), "study", "study"
     if isinstance(source, Mapping):
         table = dict(source)
     else:
-        path, told = path_of(source), source
+        path, source_name = path_of(source), source
         table = {} if source in names() else _table_at(path, source)
         if "scenario" in table:
             folder, name = path.parent, name_of(path)
@@ -302,7 +302,7 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
     for part in _BY_KEY:
         if isinstance(own := table.get(part, {}), dict) and isinstance(more := given.get(part, {}), dict):
             given[part] = own | more
-    return of_table(table | given, told, name, folder)
+    return of_table(table | given, source_name, name, folder)
 
 
 def table_in(study: Study, folder: Path) -> dict[str, Any]:

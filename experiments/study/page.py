@@ -77,12 +77,12 @@ def summary_of(plan: Plan, results: Results) -> str:
 def _design(plan: Plan) -> list[Block]:
     study, rows = plan.study, []
     for factor in study.factors:
-        values = ", ".join(map(charts.said, factor.values)) or f"{factor.low:g} to {factor.high:g}"
+        values = ", ".join(map(charts.value_text, factor.values)) or f"{factor.low:g} to {factor.high:g}"
         rows.append([words(factor.key), words("varied"), words(values + (", logarithmic" if factor.log else ""))])
     rows += [[words(draw.key), words("drawn for each sea"), words(draw.law)] for draw in study.draws]
-    rows += [[words(key), words("set"), words(charts.said(value))] for key, value in study.settings.items()]
+    rows += [[words(key), words("set"), words(charts.value_text(value))] for key, value in study.settings.items()]
     for arm in study.arms:
-        changes = ", ".join(f"{key} = {charts.said(value)}" for key, value in arm.settings.items())
+        changes = ", ".join(f"{key} = {charts.value_text(value)}" for key, value in arm.settings.items())
         rows.append([words(arm.name), words("arm"), words(changes or "as the scenario has it")])
     cells = sum(len(entry.scenario.followers) for entry in plan.entries)
     how = "every combination" if study.design == "factorial" else study.design
@@ -192,7 +192,7 @@ def _labels(plan: Plan, place: Place) -> list[Cell]:
     cells = [number(place[0])]
     for value in plan.points[place[0]].values():
         numeric = isinstance(value, int | float) and not isinstance(value, bool)
-        cells.append(Cell(text=charts.said(value), sort=value if numeric else ""))
+        cells.append(Cell(text=charts.value_text(value), sort=value if numeric else ""))
     cells += [words(place[1])] if len(plan.arms) > 1 else []
     return cells + ([words(place[2])] if len(plan.followers) > 1 else [])
 
@@ -253,8 +253,8 @@ def commands(plan: Plan, results: Results) -> str:
     lines = []
     for place in list(results.rows)[:_MOST_COMMANDS]:
         for which, (sea, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
-            told = f" of sea {sea}" if plan.study.seas > 1 else ""
-            lines.append(f"# {place_text(plan, place)}: {which} run, {run}{told}")
+            sea_text = f" of sea {sea}" if plan.study.seas > 1 else ""
+            lines.append(f"# {place_text(plan, place)}: {which} run, {run}{sea_text}")
             lines.append(plan.by_place[place[0], place[1], sea].command(plan.study.scenario, run))
     return "\n".join(lines)
 

@@ -54,8 +54,8 @@ def plans_of(entry: Entry, runs: int) -> list[CellPlan]:
 def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tuple[Record, Record]:
     """Row and lists over runs of a follower of a closed loop."""
     lists = columns_of([records[follower] for records in found])
-    told = entry.scenario
-    row: Record = {"variant": told.navigation.variant, "seed": told.seed, "runs": len(found)}
+    scenario = entry.scenario
+    row: Record = {"variant": scenario.navigation.variant, "seed": scenario.seed, "runs": len(found)}
     for name, values in lists.items():
         whole = np.array(values, dtype=np.float64)
         whole = whole[np.isfinite(whole)]

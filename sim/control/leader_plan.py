@@ -104,7 +104,7 @@ def correct_planned(trail: Records, count: Ints, received: int, message: tuple[f
     for i in range(received, last + 1):
         when = trail[i].time
         share = (when - begin) / (time - begin)
-        said = trail[i].through, trail[i].heading
+        motion = trail[i].through, trail[i].heading
         # a point is written where it was read, or before
         extend(
             trail,
@@ -112,5 +112,5 @@ def correct_planned(trail: Records, count: Ints, received: int, message: tuple[f
             trail[i].east + share * off_east,
             trail[i].north + share * off_north,
             when,
-            said,
+            motion,
         )

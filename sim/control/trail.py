@@ -53,7 +53,7 @@ def _chord(trail: Records, a: int, b: int) -> tuple[float, float]:
 
 @compiled
 def _tail(trail: Records, count: int) -> tuple[float, float]:
-    """Direction of the first stretch of a trail; the shorter it is yet, the more that of the heading said there."""
+    """Direction of the first stretch of a trail; the shorter it is yet, the more that of the heading motion there."""
     course = trail[0].heading
     i = 1
     while i < count - 1 and trail[i].arc < TAIL:
@@ -104,17 +104,17 @@ def _mean_speed(trail: Records, last: int) -> float:
 
 
 @compiled
-def extend(trail: Records, count: Ints, east: float, north: float, time: float, said: tuple[float, float]) -> None:
+def extend(trail: Records, count: Ints, east: float, north: float, time: float, motion: tuple[float, float]) -> None:
     """Add where the leader was to its trail.
 
     Args:
         east: [m].
         north: [m].
         time: [s], later than before.
-        said: speed through the water [m/s] and heading [rad].
+        motion: speed through the water [m/s] and heading [rad].
     """
     n = count[0]
-    through, heading = said
+    through, heading = motion
     if n == 0:
         trail[0].east, trail[0].north, trail[0].arc, trail[0].time = east, north, 0.0, time
         trail[0].through, trail[0].heading = through, heading

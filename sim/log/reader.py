@@ -185,12 +185,12 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
         LogError: the log is damaged, lacks a channel or a field, has fewer than two own measurements, or too long a
             gap.
     """
-    topic, heard = f"/{follower}/motion", f"/{follower}/reception"
-    log = Contents(Path(path), lambda channel, _: channel in (topic, heard))
+    topic, received = f"/{follower}/motion", f"/{follower}/reception"
+    log = Contents(Path(path), lambda channel, _: channel in (topic, received))
     with faults(log.path):
         motion = log.require(topic, _OWN.fields)
         needed = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
-        reception = log.require(heard, needed, _RECEIVED.schema if FLIGHT in log.metadata else None)
+        reception = log.require(received, needed, _RECEIVED.schema if FLIGHT in log.metadata else None)
         time_ns, own, heard_ns = motion.time_ns, motion.table(_OWN.fields).T, reception.time_ns
         message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
         places = _optional(reception, PLACES.names).reshape(-1, *PLACES.shape)
@@ -222,15 +222,15 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     left_out = (
         (~finite, topic, "not finite"),
         (~last, topic, "at the very time of another"),
-        (~within, heard, "before the first or after the last filter step"),
-        (within & ~heeded, heard, "without a finite pose of the leader"),
-        (~_last_of_equals(step[heeded]), heard, "followed by another in the same filter step"),
+        (~within, received, "before the first or after the last filter step"),
+        (within & ~heeded, received, "without a finite pose of the leader"),
+        (~_last_of_equals(step[heeded]), received, "followed by another in the same filter step"),
     )
     for which, where, why in left_out:
         number = int(np.count_nonzero(which))
         remarks += [f"{_count(number, 'message')} of {where} left out: {why}"] if number else []
     if absurd.any():
-        remarks.append(f"{_count(int(absurd.sum()), 'range')} of {heard} taken as not received: no positive number")
+        remarks.append(f"{_count(int(absurd.sum()), 'range')} of {received} taken as not received: no positive number")
     remarks += [f"{what}: no checksum, damage cannot be noticed" for what in log.unverified if "chunks" in what]
     measurements = Measurements(
         dt=dt_ns / 1e9,

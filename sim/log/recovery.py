@@ -79,7 +79,7 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
     return problem
 
 
-def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Path:
+def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> Path:
     """Finish a log with everything before its first broken record, and give it its name.
 
     A flight that was cut off ends with its last complete instant, with the outcome "interrupted". A damaged attachment
@@ -87,7 +87,7 @@ def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Pat
 
     Args:
         path: the unfinished log, "NAME.partial", which becomes NAME; or a damaged one, which stays.
-        say: takes a sentence for what was kept, was left out, or could not be checked for damage.
+        report: takes a sentence for what was kept, was left out, or could not be checked for damage.
 
     Returns:
         The finished log: NAME, or "NAME.recovered" + suffix.
@@ -111,5 +111,5 @@ def recover(path: Path, say: Callable[[str], None] = lambda remark: None) -> Pat
     if unfinished:
         path.unlink(missing_ok=True)
     for text in remarks if problem else ():
-        say(text)
+        report(text)
     return target

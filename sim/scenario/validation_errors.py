@@ -47,18 +47,6 @@ def _unknown(location: Location) -> str:
     return f"  {shortened(plain(key_of(location)), 100)}: unknown key; {hint}"
 
 
-def unknown_key(key: str) -> str | None:
-    """A line if no scenario has a dotted key, such as `followers.0.depth_m`, whatever its value may be."""
-    location = tuple(int(part) if part.isdecimal() else part for part in key.split("."))
-    for n, part in enumerate(location):
-        section = _section(location[:n])
-        if section is not None and section.model_config["extra"] == "allow":
-            return None
-        if isinstance(part, str) and section is not None and part not in section.model_fields:
-            return _unknown(location[: n + 1])
-    return None
-
-
 def _line(error: Mapping[str, Any]) -> str:
     """An error in a line: key, what is expected, what was given."""
     if error["type"] == "extra_forbidden":

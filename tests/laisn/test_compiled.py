@@ -32,7 +32,7 @@ block, tally, bins = np.zeros(row.SIZE), np.zeros(metric.SIZE), np.zeros(2 * row
 block[row.X : row.X + row.LANES] = -1.0
 metric.tally_step(block, tally, bins, (1.0, 0.0), (0.0, 0.0, 0.0))
 hits = sum(metric.tally_step.stats.cache_hits.values())
-runs = np.count_nonzero(tally[metric.LONGEST_ASTRAY : metric.LONGEST_ASTRAY + row.LANES])
+runs = np.count_nonzero(tally[metric.LONGEST_CAPTURE : metric.LONGEST_CAPTURE + row.LANES])
 print(runs, hits)
 """
 

@@ -6,7 +6,6 @@ from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
 from experiments.studies.coverage import LAWS, RUNS
 from experiments.studies.estimators.cases import CASES, SEAS
-from experiments.studies.formation.conditions import CONDITIONS
 
 Records = Mapping[str, Findings]
 
@@ -45,9 +44,6 @@ AMONG_BEACONS = {
     "exact-beacons": "the same without beacons' own errors",
 }
 """Rows of the table of real ranges: navigators of the record, and words."""
-KEPT_STATIONS = {"median": ".2f", "worst": ".2f", "max": ".1f", "error": ".2f i", "lost": ".1% i", "closest": ".1f",
-                 "within": ".1f"}  # fmt: skip
-"""Columns of the table of formations, and their formats."""
 
 
 def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -208,21 +204,6 @@ def estimators_at_sea(records: Records) -> str:
     return _cases(records, [(sea["title"], f"sea {name}") for name, sea in SEAS.items()])
 
 
-def formation(records: Records) -> str:
-    """Followers on stations, condition by condition."""
-    found, rows = records["formation"], []
-    for condition in CONDITIONS:
-        name = condition.name
-        if f"median {name}" not in found.findings:
-            continue  # newer than the record
-        known = {f"{what} {name}": form for what, form in KEPT_STATIONS.items()}
-        shown = [f"{found[key]:{form}}" if key in found.findings else "–" for key, form in known.items()]
-        rows.append([condition.title, *shown])
-    heads = ["", "off the station, RMS [m]: median follower", "worst", "most [m]", "E_P [m]", "lost", "closest [m]",
-             "of one layer"]  # fmt: skip
-    return markdown(heads, rows)
-
-
 def coverage(records: Records) -> str:
     """How often a 95 % interval of a mean holds it, law by law."""
     found = records["coverage"]
@@ -240,6 +221,5 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "speed": speed,
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,
-    "formation": formation,
 }
 """Tables by their names in documents."""

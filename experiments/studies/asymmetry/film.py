@@ -65,9 +65,9 @@ def fly_example(condition: Condition, duration: float) -> Example:
 def pitch_errors(flight: Flight) -> Floats:
     """What pitch and roll of the leader alone add to the horizontal ranges of each message, shape (m, 3), [m]."""
     budget = range_error_budget(flight)
-    heard = flight.measurements[0].message_step
-    errors = np.full((heard.size, 3), np.nan)
-    at = np.searchsorted(flight.trajectory.time[heard * flight.stride], budget.time)
+    received = flight.measurements[0].message_step
+    errors = np.full((received.size, 3), np.nan)
+    at = np.searchsorted(flight.trajectory.time[received * flight.stride], budget.time)
     errors[at] = budget.share[..., Cause.FORESHORTENING] + budget.share[..., Cause.LEVER_ARM]
     return errors
 
@@ -83,8 +83,8 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     start, end = max(float(time[0]), message - _BEFORE_S), min(float(time[-1]), message + _AFTER_S)
     shown = excerpt(level, start, end)
     shown = replace(shown, scenario=level.scenario.model_copy(update={"name": example.condition.key}))
-    heard, (first, *_, last) = time[level.measurements[0].message_step * level.stride], shown.trajectory.time
-    errors = pitch_errors(level)[(heard > first) & (heard <= last)]
+    received, (first, *_, last) = time[level.measurements[0].message_step * level.stride], shown.trajectory.time
+    errors = pitch_errors(level)[(received > first) & (received <= last)]
     largest = float(np.nanmax(np.abs(errors), initial=1e-3))
     digit = 10.0 ** np.floor(np.log10(largest))
     other = OtherEstimate(

@@ -180,7 +180,7 @@ def fly_gates(plan: Plan) -> list[GateRow]:
         settings = settings_as(NavigationSettings, one, motion, 0)
         runs, used = flown.runs(0, _GATE_RUNS), settings.transmitters
         silent = errors._replace(surface_echo_chance=0.0, bottom_echo_chance=0.0)
-        heard, quiet = (
+        received, quiet = (
             [measure(truth, these, seed=SEED, run=run, transmitters=used) for run in runs] for these in (errors, silent)
         )
         paths = np.stack([locked_path(SEED, run, 0, truth.emission_step, errors) for run in runs], -1)
@@ -191,7 +191,7 @@ def fly_gates(plan: Plan) -> list[GateRow]:
 
         for rule in RULES:
             ruled = replace(settings, gate=rule)
-            result = lanes.run(heard, truth.start, ruled)
+            result = lanes.run(received, truth.start, ruled)
             detected, false_alarms = rates(result.fix_kind[:, 0] == FixKind.GATED, echoed)
             rows.append(
                 GateRow(

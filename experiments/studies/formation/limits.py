@@ -34,7 +34,7 @@ def _bits(span: float, step: float) -> int:
 def message_bits(scenario: Scenario) -> int:
     """Length of a message: its number within a day, the leader's state, its next waypoints if asked for, a checksum."""
     place = 2 * _bits(_AREA_M, _STEP_M)
-    told = [
+    bits = [
         _bits(_DAY_S, scenario.timing.message_interval_s),
         place,
         _bits(2.0 * math.pi, _STEP_RAD),
@@ -43,9 +43,9 @@ def message_bits(scenario: Scenario) -> int:
         CHECK_BITS,
     ]
     if scenario.leader.broadcast_attitude:
-        told.append(2 * _bits(_TILT_RAD, _STEP_RAD))
-    told.append(scenario.leader.broadcast_waypoints * (_bits(_DAY_S, 1.0) + place))
-    return sum(told)
+        bits.append(2 * _bits(_TILT_RAD, _STEP_RAD))
+    bits.append(scenario.leader.broadcast_waypoints * (_bits(_DAY_S, 1.0) + place))
+    return sum(bits)
 
 
 def reach_m(scenario: Scenario) -> float:
