@@ -27,7 +27,7 @@ from sim.motion import simulate_motion
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
-from sim.sensing.proximity import look
+from sim.sensing.proximity import SIGHTING, look
 from sim.station_keeping import (
     off_station,
     true_stations,
@@ -151,7 +151,7 @@ def test_followers_that_sense_each_other_give_way() -> None:
     proximity, seen = Proximity().record(), np.empty_like(controller.state.seen[0])
     for i in range(2):
         look((controller.state.sensors.seed, controller.state.sensors.run), proximity, 600, i, look_at, seen)
-        np.testing.assert_array_equal(controller.state.seen[i], seen)
+        np.testing.assert_array_equal(controller.state.seen[i].tolist(), seen.tolist())
 
 
 def test_a_sensor_that_shows_nobody_changes_nothing() -> None:
@@ -180,7 +180,9 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
     told = set(inspect.signature(keep_station).parameters)
     assert told == {"formation", "station", "senses", "known", "clock", "memory", "reference"}
     # nor does it give way by anything but what its sensor shows, here somebody 2 m ahead
-    update_avoidance(Proximity().record(), np.array([[np.nan, np.nan], [2.0, -0.2]]), estimate, memory)
+    seen = records(SIGHTING, 2)
+    seen.range, seen.bearing = (np.nan, 2.0), (np.nan, -0.2)
+    update_avoidance(Proximity().record(), seen, estimate, memory)
     assert set(inspect.signature(update_avoidance).parameters) == {"proximity", "seen", "estimate", "memory"}
     steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
     assert steering.wanted[2] < 1.0

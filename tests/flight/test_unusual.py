@@ -19,7 +19,7 @@ def placed(position):
     truth = flight.trajectory
     there = truth.position.copy()
     for v, route in enumerate(routes_of(flight.scenario)):
-        planned = plan(route, None).at(truth.time)
+        planned = plan(route).at(truth.time)
         there[:, v, :2] = np.column_stack([planned.east, planned.north])
     return replace(flight, trajectory=replace(truth, position=position(there)))
 
