@@ -100,6 +100,25 @@ class Flight:
         about = escape(f"{self!r}"[1:-1])
         return f"<table><caption>{about}</caption><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
 
+    def plot(self) -> Any:
+        """Draw routes with estimates, and position errors over time, by matplotlib's pyplot; gives the two axes."""
+        # loading it takes a third of a second, which flights without pictures need not spend
+        from matplotlib import pyplot
+
+        _, (routes, errors) = pyplot.subplots(1, 2, figsize=(11.0, 4.2), layout="constrained")
+        time, position = self.trajectory.time[self.step_index()], self.trajectory.position
+        routes.plot(*position[:, 0, :2].T, label=self.trajectory.names[0])
+        for i, name in enumerate(self.trajectory.names[1:]):
+            truth, estimate = self.hydrophone(i)[:, :2], self.estimates[i].state[:, :2]
+            (line,) = routes.plot(*truth.T, label=name)
+            routes.plot(*estimate.T, ":", color=line.get_color(), label=f"estimate of {name}")
+            errors.plot(time, metrics.position_errors(estimate, truth), color=line.get_color(), label=name)
+        routes.set(xlabel="east [m]", ylabel="north [m]", aspect="equal")
+        errors.set(xlabel="time [s]", ylabel="position error [m]", ylim=(0.0, None))
+        for axes in (routes, errors):
+            axes.legend()
+        return np.array([routes, errors])
+
     def hydrophone(self, follower: int) -> Floats:
         """True position of a follower's hydrophone at filter steps k = 1 … n, shape (n, 3), [m].
 

@@ -195,6 +195,14 @@ def test_a_scenario_is_written_as_what_differs_from_the_defaults() -> None:
     assert repr(laisn_sim.load("T3")) == "Scenario(name='T3', followers=(Follower(route='T3'),))"
 
 
+def test_a_flight_is_drawn_with_its_estimates_and_errors(flight: laisn_sim.Flight) -> None:
+    routes, errors = flight.plot()
+    assert routes.get_legend_handles_labels()[1] == ["leader", "follower", "estimate of follower"]
+    estimate, table = routes.lines[2].get_xydata(), laisn_sim.errors(flight)
+    np.testing.assert_array_equal(estimate, np.column_stack([table["estimate_east_m"], table["estimate_north_m"]]))
+    np.testing.assert_array_equal(errors.lines[0].get_xydata(), np.column_stack([table["time_s"], table["e_p_m"]]))
+
+
 def test_what_is_printed_is_short_and_html_in_notebooks(flight: laisn_sim.Flight) -> None:
     assert repr(flight) == "<Flight 'T5': 20 s, 1 follower, laisn-2, completed>"
     mean = laisn_sim.errors(flight)["e_p_m"].mean()
@@ -225,6 +233,11 @@ def test_a_study_by_keywords_is_that_of_a_file(tmp_path: Path) -> None:
     # records hold six digits
     assert a.findings["e_p_mean_m: point 0, arm all, follower"].value == float(f"{a.table['e_p_mean_m'][0]:.6g}")
     assert laisn_sim.StudyFolder(tmp_path / "a").table.arrow == a.table.arrow
+    (line,) = a.plot("followers.0.depth_m").lines
+    drawn = np.column_stack([a.table["followers.0.depth_m"], a.table["e_p_mean_m"]])
+    np.testing.assert_array_equal(line.get_xydata(), drawn)
+    with pytest.raises(laisn_sim.LaisnError, match="unknown column 'speed'"):
+        a.plot("speed")
     assert a.report.is_file()
     with pytest.raises(laisn_sim.LaisnError, match="holds no results of a study"):
         laisn_sim.StudyFolder(tmp_path)

@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, NamedTuple, Unpack
 
+import numpy as np
 import tomli_w
 
 from experiments.campaign import missions
@@ -181,6 +182,27 @@ class StudyFolder:
     def findings(self) -> Mapping[str, Finding]:
         """The metric of the report at every point with its interval, and the differences of arms (`results.json`)."""
         return read(self.folder / RECORD).findings
+
+    def plot(self, x: str, y: str = "e_p_mean_m") -> Any:
+        """Draw a column over a factor by matplotlib's pyplot: a line for each arm, the mean of all else.
+
+        Args:
+            x: column of a numeric factor, such as "sensors.heading_sigma_deg".
+            y: column of a metric.
+
+        Raises:
+            LaisnError: there is no such column.
+        """
+        from matplotlib import pyplot
+
+        _, axes = pyplot.subplots(layout="constrained")
+        arm, across, metric = (self.table[name] for name in ("arm", x, y))
+        for name in dict.fromkeys(arm):
+            places = np.unique(across[arm == name])
+            axes.plot(places, [np.nanmean(metric[(arm == name) & (across == at)]) for at in places], "o-", label=name)
+        axes.set(xlabel=x, ylabel=y)
+        axes.legend()
+        return axes
 
     def __repr__(self) -> str:
         return f"<StudyFolder in {self.folder}: {len(self.table)} rows, {len(self.runs)} runs>"
