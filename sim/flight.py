@@ -113,7 +113,8 @@ class Flight:
             (line,) = routes.plot(*truth.T, label=name)
             routes.plot(*estimate.T, ":", color=line.get_color(), label=f"estimate of {name}")
             errors.plot(time, metrics.position_errors(estimate, truth), color=line.get_color(), label=name)
-        routes.set(xlabel="east [m]", ylabel="north [m]", aspect="equal")
+        routes.set(xlabel="east [m]", ylabel="north [m]")
+        routes.set_aspect("equal", adjustable="datalim")
         errors.set(xlabel="time [s]", ylabel="position error [m]", ylim=(0.0, None))
         for axes in (routes, errors):
             axes.legend()
