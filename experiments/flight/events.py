@@ -62,11 +62,14 @@ def giving_way_events(flight: Flight) -> list[Event]:
     ]
 
 
-def _spread(covariance: Floats) -> Floats:
-    """Largest standard deviation of covariances of shape (n, 2, 2), shape (n,), [m]."""
-    half = 0.5 * (covariance[:, 0, 0] + covariance[:, 1, 1])
-    across = 0.5 * (covariance[:, 0, 0] - covariance[:, 1, 1])
-    return np.sqrt(np.maximum(half + np.hypot(across, covariance[:, 0, 1]), 0.0))
+def largest_sigma(covariance: Floats) -> Floats:
+    """Standard deviation along the larger axis of position ellipses, [m].
+
+    Covariances of shape (n, 2, 2) or larger, east and north first, give shape (n,).
+    """
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    largest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
+    return np.asarray(np.sqrt(np.maximum(largest, 0.0)))
 
 
 def uncertainty_events(flight: Flight) -> list[Event]:
@@ -83,7 +86,7 @@ def uncertainty_events(flight: Flight) -> list[Event]:
                 continue
             apart = np.hypot(places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j])
             together = flight.estimates[i].covariance[:, :2, :2] + flight.estimates[j].covariance[:, :2, :2]
-            near = apart < SIGMAS * _spread(together)
+            near = apart < SIGMAS * largest_sigma(together)
             if near.any():
                 k = int(np.argmax(near))
                 text = f"stations of {followers[i].name} and {followers[j].name}, {apart[k]:.1f} m apart, are nearer"

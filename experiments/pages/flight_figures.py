@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.flight.events import largest_sigma
 from experiments.flight.summary import true_bearing
 from experiments.pages.figures import Line, Part, panel, stack
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, SERIES, TRANSMITTERS
@@ -47,13 +48,6 @@ def bearing_part(time: Floats, bearing: Floats) -> Part:
     )
 
 
-def own_sigma(covariance: Floats) -> Floats:
-    """Larger half axis of the filter's own 2σ ellipse; covariance of shape (n, 4, 4) gives shape (n,), [m]."""
-    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    largest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
-    return np.asarray(SIGMAS * np.sqrt(np.maximum(largest, 0.0)))
-
-
 def error_stack(flight: Flight, follower: int, errors: tuple[Floats, Floats], width: float = STACK_WIDTH) -> Figure:
     """E_P with the filter's own 2σ, E_B, and the bearing B, over time, each on its own axis.
 
@@ -61,7 +55,7 @@ def error_stack(flight: Flight, follower: int, errors: tuple[Floats, Floats], wi
     """
     time = flight.trajectory.time[flight.step_index()]
     position, bearing = errors
-    two_sigma = own_sigma(flight.estimates[follower].covariance)
+    two_sigma = SIGMAS * largest_sigma(flight.estimates[follower].covariance)
     # beside a very large uncertainty the errors would be a flat line
     largest, widest = (float(np.nanmax(values, initial=0.0)) for values in (position, two_sigma))
     top = max(1.1 * largest, min(1.1 * widest, 3.0 * largest), 1e-3)

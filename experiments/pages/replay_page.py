@@ -4,16 +4,20 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from experiments.flight.events import largest_sigma
 from experiments.pages.figures import Line, panel, svg
-from experiments.pages.page import Block, Figures, Notice, Page, Section, Table, Text, number, words, write
+from experiments.pages.page import Figures, number, write
 from experiments.pages.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS
+from experiments.pages.template import page_of
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
+from sim.screen import plain
 
 _ELLIPSES = 24
 """Ellipses along the path of a vehicle."""
@@ -46,8 +50,8 @@ class Replayed:
 
     @property
     def sigma(self) -> Floats:
-        """Root of the larger eigenvalue of the position's covariance after each step, shape (n,), [m]."""
-        return np.sqrt(np.linalg.eigvalsh(np.nan_to_num(self.estimates.covariance[:, :2, :2]))[:, 1])
+        """Standard deviation along the larger axis of the position ellipse after each step, shape (n,), [m]."""
+        return largest_sigma(np.nan_to_num(self.estimates.covariance))
 
     @property
     def nis(self) -> Floats:
@@ -117,68 +121,53 @@ def _map(one: Replayed) -> Figures:
     return Figures(panels=[svg(figure, f"map-{one.name}", f"Map of {one.name}")], legend=legend)
 
 
-def _curves(one: Replayed) -> list[Block]:
-    time = one.measured.time
-    curve = Line(x=time, y=2.0 * one.sigma, colour=ESTIMATE)
-    sigma = panel([curve], x_label="time [s]", y_label="2σ of the position [m]", width=FULL)
-    at, residuals = time[one.measured.message_step - 1], one.residuals
+def _residuals(one: Replayed) -> Figures:
+    """Range residuals of each transmitter, and NIS, where there are any."""
+    at, residuals, squared = one.measured.time[one.measured.message_step - 1], one.residuals, one.nis
     seen = np.isfinite(residuals)
     lines = [
         Line(x=at[seen[:, i]], y=residuals[seen[:, i], i], colour=colour, marker="o")
-        for i, colour in enumerate(TRANSMITTERS) if seen[:, i].any()
-    ]  # fmt: skip
+        for i, colour in enumerate(TRANSMITTERS)
+        if seen[:, i].any()
+    ]
     panels = [panel(lines, x_label="time [s]", y_label="range residual [m]")] if lines else []
-    squared = one.nis
     if np.isfinite(squared).any():
         top = max(2.0, float(np.nanpercentile(squared, 99)))
-        marks = Line(x=time[one.estimates.fix_step - 1], y=squared, colour=SERIES[2], marker="o")
+        marks = Line(x=one.measured.time[one.estimates.fix_step - 1], y=squared, colour=SERIES[2], marker="o")
         panels.append(panel([marks], x_label="time [s]", y_label="NIS per quantity", y_limits=(0.0, top)))
-    return [
-        Figures(panels=[svg(sigma, f"sigma-{one.name}", "Standard deviation over time")],
-                caption="2σ along the larger axis of the covariance ellipse."),
-        Figures(panels=[svg(each, f"residual{i}-{one.name}", "Residuals") for i, each in enumerate(panels)],
-                caption="Measured range less the distance to the estimate after the update, by transmitter: it holds "
-                "scale errors that the navigator estimates. NIS, where the navigator has one, is the squared "
-                "innovation in units of its covariance, 1 on average for a consistent filter.",
-                legend=[(colour, name) for colour, name in zip(TRANSMITTERS, _NAMES, strict=True)]),
-    ]  # fmt: skip
-
-
-def _table(replayed: Sequence[Replayed]) -> Table:
-    heads = ["vehicle", "steps", "messages", "fixes", "2σ, median [m]", "2σ, largest [m]", "mean NIS", "mean error [m]"]
-    rows = []
-    for one in replayed:
-        squared, errors, sigma = one.nis, one.errors, one.sigma
-        rows.append([
-            words(one.name), number(len(one.estimates.state)), number(len(one.measured.message)), words(one.fixes),
-            number(2.0 * float(np.median(sigma))), number(2.0 * float(sigma.max())),
-            number(float(np.nanmean(squared)) if np.isfinite(squared).any() else None),
-            number(float(errors.mean()) if errors.size else None),
-        ])  # fmt: skip
-    return Table(heads=heads, rows=rows, caption="Mean error: to the surveyed path, where the log has one.")
-
-
-def _answer(one: Replayed) -> str:
-    sigma, errors = one.sigma, one.errors
-    worst = int(np.argmax(sigma))
-    return (
-        f"{one.name}: the position is known to {2.0 * float(np.median(sigma)):.2f} m (2σ, median), and at worst to "
-        f"{2.0 * float(sigma[worst]):.2f} m, at {one.measured.time[worst]:.0f} s."
-        + (f" Its mean error is {errors.mean():.2f} m." if errors.size else "")
+    return Figures(
+        panels=[svg(each, f"residual{i}-{one.name}", "Residuals") for i, each in enumerate(panels)],
+        legend=list(zip(TRANSMITTERS, _NAMES, strict=True)),
     )
+
+
+def _values(one: Replayed) -> dict[str, Any]:
+    """Numbers and figures of one vehicle for the template."""
+    two_sigma, squared, errors = 2.0 * one.sigma, one.nis, one.errors
+    worst = int(two_sigma.argmax())
+    curve = Line(x=one.measured.time, y=two_sigma, colour=ESTIMATE)
+    sigma = panel([curve], x_label="time [s]", y_label="2σ of the position [m]", width=FULL)
+    return {
+        "name": one.name,
+        "steps": len(one.estimates.state),
+        "messages": len(one.measured.message),
+        "fixes": one.fixes,
+        "median": number(float(np.median(two_sigma))).text,
+        "largest": number(float(two_sigma[worst])).text,
+        "largest_s": number(float(one.measured.time[worst]), 0).text,
+        "mean_nis": number(float(np.nanmean(squared)) if np.isfinite(squared).any() else None).text,
+        "mean_error": number(float(errors.mean()) if errors.size else None).text,
+        "map": _map(one),
+        "sigma": Figures(panels=[svg(sigma, f"sigma-{one.name}", "Standard deviation over time")]),
+        "residuals": _residuals(one),
+    }
 
 
 def write_replay_page(
     replayed: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str], path: Path
 ) -> None:
     """Write the page of a replay, with remarks on the log as notes; OSError if the file cannot be written."""
-    notes: list[Block] = [Notice(text=remark) for remark in remarks]
-    first = Section(title="Result", blocks=[_map(replayed[0]), _table(replayed), *notes])
-    sections = [first, *(Section(title=f"Map of {one.name}", blocks=[_map(one)]) for one in replayed[1:])]
-    for one in replayed:
-        heading = Text(text="Standard deviation, range residuals and NIS.")
-        sections.append(Section(title=f"Consistency of {one.name}", blocks=[heading, *_curves(one)]))
-    summary = " ".join(_answer(one) for one in replayed)
     path.parent.mkdir(parents=True, exist_ok=True)
+    values = {"log": plain(log.name), "vehicles": [_values(one) for one in replayed], "remarks": remarks}
     facts = [("Log", str(log)), ("Navigator", navigator)]
-    write(Page(title=f"Replay of {log.name}", summary=summary, facts=facts, sections=sections), path)
+    write(page_of("experiments.pages", facts, values, name="replay_page.md.j2"), path)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.flight import events as flight_events
-from experiments.flight.events import _spread, contact_events, giving_way_events, uncertainty_events
+from experiments.flight.events import contact_events, giving_way_events, largest_sigma, uncertainty_events
 from experiments.flight.fly import fly
 from laisn.arrays import records
 from sim import feasibility
@@ -32,7 +32,7 @@ def test_vehicles_that_meet_on_their_routes_touch_once() -> None:
 
 def test_an_ellipse_is_as_wide_as_its_larger_half_axis() -> None:
     turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
-    assert _spread((turn @ np.diag([9.0, 4.0]) @ turn.T)[None]) == pytest.approx([3.0])
+    assert largest_sigma((turn @ np.diag([9.0, 4.0]) @ turn.T)[None]) == pytest.approx([3.0])
 
 
 @pytest.mark.parametrize(("apart", "near"), [(8.4, True), (8.6, False)])

@@ -73,7 +73,7 @@ def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:
     path = tmp_path / "page" / "report.html"
     write_replay_page([vehicle()], Path("auv.mcap"), "laisn-2", ["a gap of 3 s"], path)
     text = path.read_text(encoding="utf-8")
-    assert "auv: the position is known to 4.00 m (2σ, median)" in text
+    assert "auv: the 2σ position uncertainty is 4.00 m (median) and at most 4.00 m, at 1 s." in text
     assert "Its mean error is 3.00 m." in text
     for words in ("a gap of 3 s", "4 two points", "Replay of auv.mcap", "surveyed path", "range residual [m]"):
         assert words in text
