@@ -135,17 +135,17 @@ def render(
     from rich.console import Console
 
     from experiments.campaign.progress import phases
-    from experiments.flight.files import flight_of, picture, video_of
+    from experiments.flight import files
     from sim.scenario.settings import Video
 
     given = {"camera": camera, "speed_up": speed_up}
     changes = {name: value for name, value in given.items() if value is not None} | (size or {})
     # before the mission is simulated
-    video_of(Video(), changes)
-    flight = flight_of(source, set_ or ())
+    files.video_of(Video(), changes)
+    flight = files.flight_of(source, set_ or ())
     path = out or Path(f"{flight.scenario.name}.{'mp4' if still is None else 'png'}")
     with phases(Console()) as phase, phase("video") if still is None else nullcontext() as update:
-        echo(picture(flight, path, still, follower, changes, update))
+        echo(files.render(flight, path, time_s=still, follower=follower, progress=update, **changes))
 
 
 @app.command()

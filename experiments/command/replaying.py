@@ -1,6 +1,5 @@
 """Navigation on measurements of logs and data sets, fixed-lag smoothing, and the contents of a log."""
 
-import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -13,8 +12,10 @@ from rich.console import Console
 
 from experiments.campaign.bound import flight_bound
 from experiments.campaign.progress import literal, print_line, show_table
+from experiments.campaign.store import write_csv
 from experiments.command.errors import require_output
-from experiments.flight.summary import consistency, position_and_bearing_errors, summarise
+from experiments.flight.files import flight_summary, log_flight
+from experiments.flight.summary import consistency
 from experiments.pages.replay_page import Replayed, write_replay_page
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
@@ -38,7 +39,7 @@ def replay(
     """
     from experiments.command.fly import show
     from experiments.flight.fly import navigate_again
-    from sim.log import reader, writer
+    from sim.log import reader
 
     require_output(out, ".mcap", source=path)
     smoothing = smoothing_factory(variant, smooth_s)
@@ -49,13 +50,11 @@ def replay(
     console = Console()
     for title, flight in ((f"as flown, {flown.scenario.navigation.variant}", flown), (f"replayed, {variant}", again)):
         console.print(literal(title, "bold"))
-        show(console, flight, summarise(flight, position_and_bearing_errors(flight)))
+        show(console, flight, flight_summary(flight))
     if smooth_s is not None:
         show_smoothing(console, again, smoothed, smooth_s)
     if out is not None:
-        errors = position_and_bearing_errors(smoothed)
-        writer.write(smoothed, out, summary=json.dumps(summarise(smoothed, errors), indent=2) + "\n", errors=errors)
-        print_line(console, f"log in {out}")
+        print_line(console, f"log in {log_flight(smoothed, out)}")
 
 
 def replay_measurements(
@@ -63,9 +62,9 @@ def replay_measurements(
 ) -> None:
     """Navigate on the log of a real vehicle, without a true path; print the last estimates and write a page.
 
-    The log has `/NAME/motion` and `/NAME/reception` of every follower of the scenario `source`, of which followers'
-    names and starts, the leader's baseline and the navigation are used; the filter steps are the log's. A single range
-    of a message is used, unless the scenario sets `use_single_range = false`.
+    The log has `/NAME/motion` and `/NAME/reception` of every follower of the scenario `source`. Of the scenario, names
+    and starts of the followers, the leader's baseline and the navigation are used; the filter steps are those of the
+    log. A single range of a message is used, unless the scenario sets `use_single_range = false`.
 
     Raises:
         LaisnError: as of `replay`; the scenario is invalid, or the log has too long a gap or lacks a channel.
@@ -86,16 +85,14 @@ def replay_measurements(
     short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
     begin = simulate_motion(scenario.model_copy(update=short))
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
-    rows: list[list[str]] = []
-    remarks: list[str] = []
-    vehicles: list[Replayed] = []
+    rows, remarks, vehicles = list[list[str]](), list[str](), list[Replayed]()
     for i, name in enumerate(begin.names[1:]):
         measured, found = reader.read_recording(path, name, longest_gap_s)
         remarks += found
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
         estimates = make(settings, start_of(begin, i)).run(measured)
         baseline = scenario.leader.baseline_m or math.nan
-        vehicle = Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline)
+        vehicle = Replayed(name, measured, estimates, baseline=baseline)
         x, y = estimates.state[-1, :2]
         rows.append([name, f"{len(estimates.state)}", f"{measured.dt:g}", vehicle.fixes, f"{x:.2f}", f"{y:.2f}"])
         vehicles.append(vehicle)
@@ -107,19 +104,15 @@ def _write_replay(
     vehicles: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str], out: Path | None
 ) -> None:
     """Print the remarks on a log, and write the estimates into a CSV file and the page into out/replay."""
-    console = Console()
+    console, columns = Console(), ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s")
     for remark in remarks:
         print_line(console, remark, "note:")
     if out is not None:
-        from experiments.campaign.store import write_csv
-
-        columns = ("x_m", "y_m", "vx_m_s", "vy_m_s")
-        rows = [
-            {"follower": one.name, "time_s": time_s, **dict(zip(columns, state, strict=True))}
+        write_csv(out, [
+            dict(zip(columns, (one.name, time_s, *state), strict=True))
             for one in vehicles
             for time_s, state in zip(one.measured.time.tolist(), one.estimates.state.tolist(), strict=True)
-        ]
-        write_csv(out, rows)
+        ])  # fmt: skip
         print_line(console, out)
     page = Path("out") / "replay" / f"{log.stem}.html"
     write_replay_page(vehicles, log, navigator, remarks, page)
@@ -145,11 +138,11 @@ def show_info(path: Path) -> None:
     for name, record in log.metadata.items():
         print_line(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")
     for what in log.unverified:
-        print_line(console, f"{what}: no checksum, damage cannot be noticed", "note:")
+        print_line(console, f"{what}: no checksum, damage is not detected", "note:")
 
 
 def smoothing_factory(variant: str, lag_s: float | None) -> NavigatorFactory | None:
-    """Makes navigators that smooth with messages of up to a lag later [s], None without one; LaisnError if invalid."""
+    """Factory of navigators that smooth with messages of up to `lag_s` later, None for None; LaisnError if invalid."""
     if lag_s is None:
         return None
     if not math.isfinite(lag_s):
@@ -157,7 +150,7 @@ def smoothing_factory(variant: str, lag_s: float | None) -> NavigatorFactory | N
     smoother = find(variant).smoother
     if not smoother:
         able = " or ".join(f"--variant {name}" for name, spec in NAVIGATORS.items() if spec.smoother)
-        raise LaisnError(f"--smooth: {variant} cannot be smoothed; add {able}")
+        raise LaisnError(f"--smooth: {variant} has no smoother; add {able}")
     return partial(resolve_name(smoother), lag=lag_s)
 
 
@@ -189,12 +182,12 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     console = Console()
     if source.suffix in (".csv", ".tsv") and not source.stem.endswith("_DR"):
         if beacons is not None:
-            raise LaisnError(f"--beacons {beacons}: {source} holds a vehicle's own table, whose ranges have no beacons")
+            raise LaisnError(f"--beacons {beacons}: {source} is the table of a vehicle, whose ranges have no beacons")
         table = read_vehicle_table(source)
         write_vehicle_table(table, out, "follower")
         for remark in table.remarks:
             print_line(console, remark)
-        print_line(console, f"log in {out}; navigate on it with: laisn replay {out} --scenario FILE")
+        print_line(console, f"log in {out}; to navigate on it: laisn replay {out} --scenario FILE")
         return
     data = read_data_set(source)
     if beacons is not None:
@@ -204,7 +197,7 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
         ranges = (data.range_beacon == i).sum()
         print_line(console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges")
-    print_line(console, f"path to compare with: {len(data.truth)} places")
+    print_line(console, f"reference path: {len(data.truth)} positions")
     for remark in data.remarks:
         print_line(console, remark, "note:")
     print_line(console, f"log in {out}")
@@ -252,5 +245,5 @@ def replay_data_set(
         x, y = found.state[-1, :2]
         rows.append([name, *figures, f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
-    vehicle = Replayed(name=VEHICLE, measured=measured, estimates=estimates, path=recorded.truth)
+    vehicle = Replayed(VEHICLE, measured, estimates, path=recorded.truth, mean_error=errors.mean)
     _write_replay([vehicle], path, title, recorded.remarks, out)

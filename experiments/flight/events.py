@@ -14,11 +14,9 @@ from sim.station_keeping import closest_approaches, true_stations
 from sim.tracking import off_place
 
 SIGMAS = 3.0
-"""Stations are to be farther apart than so many standard deviations of their followers' relative place."""
-
-
+"""Least distance of two stations, in standard deviations of their followers' relative position error."""
 OFF_ROUTE_M, NEAR_M = 10.0, 1.0
-"""A distance from the route, and one between two vehicles' origins, from which on a flight is reported as unusual."""
+"""Largest usual distance from the route, and least usual one between two vehicles' origins [m]."""
 
 
 def route_events(flight: Flight) -> list[Event]:
@@ -40,21 +38,18 @@ def approach_events(flight: Flight) -> list[Event]:
     nearest, _ = closest_approaches(flight.trajectory)
     if nearest.distance_m >= NEAR_M or contacts(flight.trajectory):
         return []
-    one, other = nearest.pair
-    text = f"{one} and {other} pass within {nearest.distance_m:.2f} m"
-    return [Event(nearest.time_s, "warning", text, other)]
+    text = f"{' and '.join(nearest.pair)} pass within {nearest.distance_m:.2f} m"
+    return [Event(nearest.time_s, "warning", text, nearest.pair[1])]
 
 
 def contact_events(flight: Flight) -> list[Event]:
-    """A line for the log where two hulls first touch; unless that ends the mission, they pass through each other."""
-    return [
-        Event(contact.time_s, "warning", f"{contact.pair[1]} and {contact.pair[0]} touch", contact.pair[1])
-        for contact in contacts(flight.trajectory)
-    ]
+    """An event where two hulls first touch; unless that ends the mission, they pass through each other."""
+    found = contacts(flight.trajectory)
+    return [Event(time, "warning", f"{other} and {one} touch", other) for time, (one, other) in found]
 
 
 def giving_way_events(flight: Flight) -> list[Event]:
-    """A line for the log where a follower first gives way to a vehicle that its sensor shows."""
+    """An event where a follower first gives way to a vehicle that its sensor shows."""
     names, first = flight.trajectory.names, sightings(flight.scenario, flight.trajectory).first_s
     return [
         Event(float(first[i, j]), "info", f"{names[i + 1]} gives way to {names[j]}", names[i + 1])
@@ -73,36 +68,31 @@ def largest_sigma(covariance: Floats) -> Floats:
 
 
 def uncertainty_events(flight: Flight) -> list[Event]:
-    """A line for the log where two stations of one layer are first nearer than three sigma of their relative error."""
-    followers = flight.scenario.followers
+    """An event where two stations of one layer are first nearer than `SIGMAS` σ of their followers' relative error."""
+    followers, steps, events = flight.scenario.followers, flight.step_index(), []
     kept = [i for i, follower in enumerate(followers) if follower.station]
-    if len(kept) < 2:
+    layered = [
+        (i, j) for a, i in enumerate(kept) for j in kept[:a]
+        if abs(followers[i].layer_m - followers[j].layer_m) < LEAST_LAYER_M
+    ]  # fmt: skip
+    if not layered:
         return []
-    steps, events = flight.step_index(), []
     places = true_stations(flight.scenario, flight.trajectory)[steps]
-    for a, i in enumerate(kept):
-        for j in kept[:a]:
-            if abs(followers[i].layer_m - followers[j].layer_m) >= LEAST_LAYER_M:
-                continue
-            apart = np.hypot(places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j])
-            together = flight.estimates[i].covariance[:, :2, :2] + flight.estimates[j].covariance[:, :2, :2]
-            near = apart < SIGMAS * largest_sigma(together)
-            if near.any():
-                k = int(np.argmax(near))
-                text = f"stations of {followers[i].name} and {followers[j].name}, {apart[k]:.1f} m apart, are nearer"
-                events.append(
-                    Event(
-                        float(flight.trajectory.time[steps[k]]),
-                        "warning",
-                        f"{text} than {SIGMAS:g} sigma of their relative place",
-                        followers[i].name,
-                    )
-                )
+    for i, j in layered:
+        apart = np.hypot(places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j])
+        relative = flight.estimates[i].covariance + flight.estimates[j].covariance
+        near = apart < SIGMAS * largest_sigma(relative)
+        if near.any():
+            k = int(np.argmax(near))
+            one, other = followers[i].name, followers[j].name
+            text = f"stations of {one} and {other}, {apart[k]:.1f} m apart, are nearer"
+            text += f" than {SIGMAS:g} sigma of their relative position error"
+            events.append(Event(float(flight.trajectory.time[steps[k]]), "warning", text, one))
     return events
 
 
 def capture_events(flight: Flight) -> list[Event]:
-    """A line for the log where an estimate is captured at the mirror image of the truth, and where it is released."""
+    """An event where an estimate is captured at the mirror image of the truth, and where it is released."""
     time, events = flight.trajectory.time[flight.step_index()], []
     for i, name in enumerate(flight.trajectory.names[1:]):
         captured = captured_steps(flight, i)
@@ -114,18 +104,15 @@ def capture_events(flight: Flight) -> list[Event]:
 
 
 def stray_events(flight: Flight) -> list[Event]:
-    """Events for the log: a vehicle leaves the water or its route, touches or nearly touches another, or its station is
-    too near another one."""
+    """Warnings: a vehicle leaves the water or its route, touches or nearly touches another, or stations are close."""
     events = [*route_events(flight), *approach_events(flight), *contact_events(flight), *uncertainty_events(flight)]
-    floor = flight.scenario.ocean.floor_depth_m
+    floor, time = flight.scenario.ocean.floor_depth_m, flight.trajectory.time
     planned = (flight.scenario.leader, *flight.scenario.followers)
-    for v, name in enumerate(flight.trajectory.names):
-        depth = flight.trajectory.depth[:, v]
-        surfaced = depth < 0 if planned[v].layer_m > 1 else np.zeros(depth.size, dtype=bool)
-        for strayed, text in ((depth > floor, "goes below the sea floor"), (surfaced, "breaks the surface")):
-            if strayed.any():
-                first = float(flight.trajectory.time[np.argmax(strayed)])
-                events.append(Event(first, "warning", f"{name} {text}", name))
+    for name, depth, plan in zip(flight.trajectory.names, flight.trajectory.depth.T, planned, strict=True):
+        surfaced = (depth < 0) & (plan.layer_m > 1)
+        for outside, text in ((depth > floor, "goes below the sea floor"), (surfaced, "breaks the surface")):
+            if outside.any():
+                events.append(Event(float(time[np.argmax(outside)]), "warning", f"{name} {text}", name))
     return sorted(events, key=lambda event: event.time_s)
 
 

@@ -1,33 +1,31 @@
-"""A flight from a scenario or a log, and its log, films and pictures."""
+"""A flight from a scenario or a log, and its summary, log, films and pictures."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
 from experiments.campaign.progress import compiling_shown
 from experiments.flight.events import flight_events
 from experiments.flight.fly import fly
-from experiments.flight.library import load_flyable
+from experiments.flight.library import load_flyable, loaded
 from experiments.flight.summary import position_and_bearing_errors, summarise
 from laisn.failure import LaisnError
 from sim.feasibility import film_errors
 from sim.flight import Flight
 from sim.log import reader, writer
-from sim.scenario.settings import Video
+from sim.scenario.settings import Scenario, Video
+from sim.scenario.validation_errors import lines_of
+from sim.simulation import ControllerFactory
 
 
 def flight_of(source: str, assignments: Iterable[str] = ()) -> Flight:
-    """Fly a scenario, or read the log of a flight.
-
-    Args:
-        source: scenario name, TOML file or `.mcap` log.
-        assignments: overrides of a scenario, "key=value".
+    """Fly a scenario (name or TOML file) with overrides "key=value", or read the log of a flight (`.mcap`).
 
     Raises:
-        LaisnError: overrides were given for a log.
-        LogError, ScenarioError: the source is at fault.
+        LaisnError: overrides were given for a log, or the source is invalid.
     """
     path = Path(source)
     if path.suffix != ".mcap":
@@ -35,8 +33,30 @@ def flight_of(source: str, assignments: Iterable[str] = ()) -> Flight:
         with compiling_shown():
             return fly(scenario)[0]
     if list(assignments):
-        raise LaisnError(f"{path}: --set changes a scenario; a log was flown already")
+        raise LaisnError(f"{path}: --set changes a scenario; a log is of a finished flight")
     return reader.read(path)
+
+
+def fly_mission(
+    source: str | Path | Mapping[str, Any] | Scenario,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    controller: ControllerFactory | None = None,
+) -> Flight:
+    """Fly a mission: its vehicles move, sense and navigate.
+
+    The same scenario gives the same flight, to the bit; {"run": 7} among the changes selects the noise of run 7.
+
+    Args:
+        source: as of `load`.
+        changes: as of `load`.
+        controller: makes a user's own controller from the plant and the control of routes; see docs/extending.md.
+            None: the scenario's.
+
+    Raises:
+        LaisnError: as of `load`.
+    """
+    return fly(loaded(source, changes), make_controller=controller)[0]
 
 
 def video_of(video: Video, changes: Mapping[str, object]) -> Video:
@@ -47,44 +67,53 @@ def video_of(video: Video, changes: Mapping[str, object]) -> Video:
     try:
         return Video.model_validate(video.model_dump() | dict(changes))
     except ValidationError as error:
-        found = (
-            f"{one['loc'][0]}: {one['msg'].removeprefix('Value error, ')} (given: {one['input']})"
-            for one in error.errors()
-        )
-        raise RenderError("; ".join(found)) from None
+        raise RenderError("; ".join(line.strip() for line in lines_of(error))) from None
 
 
-def picture(
+def render(
     flight: Flight,
     path: str | Path,
-    time_s: float | None,
-    follower: int,
-    changes: Mapping[str, object],
+    *,
+    time_s: float | None = None,
+    follower: int = 0,
     progress: Callable[[float], None] | None = None,
+    **video: object,
 ) -> Path:
-    """Film a flight, or picture it at a time; arguments and errors as of `laisn_sim.render`.
+    """Film a flight, or take a picture of it; returns the path of the file.
 
     Args:
+        flight: as flown, or as read from a log.
+        path: ends in .mp4 for a film, in .png for a picture.
+        time_s: mission time of the picture [s]; None: film the whole mission.
+        follower: index of the follower that the camera follows.
         progress: called with the rendered share of a film, 0 … 1.
-    """
-    from sim.film import render
+        video: settings of the film by their names in a scenario's [video]: camera, width_px, height_px, speed_up, …
 
-    file, video = Path(path), video_of(flight.scenario.video, changes)
-    if not 0 <= follower < len(flight.scenario.followers):
-        raise render.RenderError(f"follower {follower}: there are followers 0 … {len(flight.scenario.followers) - 1}")
+    Raises:
+        LaisnError: a setting is invalid, or rendering does not work here (`laisn doctor` reports why).
+    """
+    from sim.film import render as film
+
+    file, settings, number = Path(path), video_of(flight.scenario.video, video), len(flight.scenario.followers)
+    if not 0 <= follower < number:
+        raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
     errors = position_and_bearing_errors(flight)
     if time_s is not None:
-        render.still(flight, time_s, file, errors=errors, video=video, follower=follower)
+        film.still(flight, time_s, file, errors=errors, video=settings, follower=follower)
         return file
-    too_much = film_errors(flight.scenario.duration_s, video)
-    if too_much:
-        raise render.RenderError(too_much[0])
-    render.render(flight, file, errors=errors, video=video, follower=follower, progress=progress)
+    if too_large := film_errors(flight.scenario.duration_s, settings):
+        raise film.RenderError(too_large[0])
+    film.render(flight, file, errors=errors, video=settings, follower=follower, progress=progress)
     return file
 
 
+def flight_summary(flight: Flight) -> dict[str, Any]:
+    """Mean, largest and σ of a flight's errors, of all followers and of each, as in `summary.json`."""
+    return summarise(flight, position_and_bearing_errors(flight))
+
+
 def log_flight(flight: Flight, path: str | Path) -> Path:
-    """Write a flight as an MCAP log, which `read_log`, `laisn replay`, Foxglove and Rerun read; gives its path.
+    """Write a flight as an MCAP log for `read_log`, `laisn replay`, Foxglove and Rerun; returns its path.
 
     Raises:
         LaisnError: the file cannot be written.

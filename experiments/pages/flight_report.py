@@ -1,8 +1,8 @@
-"""The report of one flight: where everyone went, how far estimates were off, and why."""
+"""The report of one flight: routes, errors of the estimates, and their causes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +25,7 @@ Errors = Sequence[tuple[Floats, Floats]]
 """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
 
 DRAWN_FOLLOWERS = 12
-"""Followers with a row of their own; tables and the map have all of them."""
+"""Followers with figures of their own; tables and the map have all of them."""
 _IN_DEGREES = {"compass_bias_rad": "compass_bias_deg", "leader_compass_bias_rad": "leader_compass_bias_deg"}
 VEHICLES = ((LEADER, "leader"), (FOLLOWER, "follower"), (ESTIMATE, "estimate"))
 
@@ -43,18 +43,11 @@ def _overview(flight: Flight, errors: Errors) -> Figures:
     return Figures(panels=[svg(figure, "overview", "Position errors over time")], legend=legend)
 
 
-def _error_rows(flight: Flight) -> list[list[Cell]]:
-    """Position error and consistency of each follower; nothing where estimates are not finite."""
-    if not all(np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates):
-        return []
-    rows = list[list[Cell]]()
-    for i, name in enumerate(flight.trajectory.names[1:]):
-        one = flight_text.estimate_errors(flight, i)
-        k = int(one.error.argmax())
-        numbers = [float(one.error.mean()), float(np.percentile(one.error, 95)), float(one.error[k])]
-        cells = [*map(number, numbers), number(float(one.time[k]), 0), number(100 * float(one.outside.mean()), 1)]
-        rows.append([words(name), *cells])
-    return rows
+def _error_row(name: str, one: flight_text.EstimateErrors) -> list[Cell]:
+    """Position error and consistency of a follower."""
+    k = int(one.error.argmax())
+    numbers = [float(one.error.mean()), float(np.percentile(one.error, 95)), float(one.error[k])]
+    return [words(name), *map(number, numbers), number(float(one.time[k]), 0), number(100 * one.outside.mean(), 1)]
 
 
 def _follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) -> Figures:
@@ -72,22 +65,27 @@ def _follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) 
     )
 
 
-def _figures(flight: Flight) -> dict[str, Figures | None]:
-    """Map of several followers, distances from stations, and motion; None for what there is none of."""
-    names, followers = flight.trajectory.names[1:], range(len(flight.estimates))
-    on_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
-    shown: dict[str, Figures | None] = {"map": None, "stations": None}
-    if len(followers) > 1:
-        figure = flight_figures.track_map(flight, followers, width=FULL, height=6.0)
-        panel = svg(figure, "map", "Routes of leader and followers, and the estimates")
-        shown["map"] = Figures(panels=[panel], legend=VEHICLES)
-    if on_station:
-        figures = zip(on_station, flight_figures.station_errors(flight, on_station), strict=True)
-        panels = [svg(f, f"station{i}", f"Distance from the station over time: {names[i]}") for i, f in figures]
-        shown["stations"] = Figures(panels=panels)
+def _map(flight: Flight) -> Figures | None:
+    """Map of several followers."""
+    if len(flight.estimates) == 1:
+        return None
+    figure = flight_figures.track_map(flight, range(len(flight.estimates)), width=FULL, height=6.0)
+    return Figures(panels=[svg(figure, "map", "Routes of leader and followers, and the estimates")], legend=VEHICLES)
+
+
+def _stations(flight: Flight) -> Figures | None:
+    """Distances from stations; None without stations."""
+    kept = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
+    figures = zip(kept, flight_figures.station_errors(flight, kept), strict=True) if kept else ()
+    names = flight.trajectory.names[1:]
+    panels = [svg(f, f"station{i}", f"Distance from the station over time: {names[i]}") for i, f in figures]
+    return Figures(panels=panels) if panels else None
+
+
+def _motion(flight: Flight) -> Figures:
     moved = flight_figures.motion(flight)
     panels = [svg(figure, f"motion-{title.lower()}", f"{title} of all vehicles over time") for title, figure in moved]
-    return shown | {"motion": Figures(panels=panels, legend=VEHICLES[:2])}
+    return Figures(panels=panels, legend=VEHICLES[:2])
 
 
 def final_states(flight: Flight) -> list[list[Cell]]:
@@ -132,31 +130,31 @@ def _ranges(flight: Flight) -> list[Figures]:
 
 
 def _results(summary: Mapping[str, Any]) -> Table:
-    """Errors of every follower, how far it was off its place, and how often each kind of fix occurred."""
+    """Errors of every follower, its distances from its place, and how often each kind of fix occurred."""
     rows = summary["followers"]
     kinds = [k for k in FixKind if any(row.get("fixes", {}).get(k.name.lower(), 0) for row in rows.values())]
     on_station = any("station_rms_m" in row for row in rows.values())
-    heads = ["follower", "max [m]", "mean", "σ", "max [°]", "mean", "σ", "RMS [m]"]
-    heads += ["RMS [m]", "95 %", "max", "joined [s]", "lost"] if on_station else []
+    columns = [f"e_p_{what}_m" for what in ("max", "mean", "std")] + [
+        f"e_b_{what}_deg" for what in ("max", "mean", "std")
+    ]
+    columns += ["off_place_rms_m"] + [f"station_{what}_m" for what in ("rms", "p95", "max") if on_station]
     table = []
     for name, row in rows.items():
-        cells: list[Cell] = [words(name)]
-        cells += [number(row.get(f"e_p_{what}_m")) for what in ("max", "mean", "std")]
-        cells += [number(row.get(f"e_b_{what}_deg")) for what in ("max", "mean", "std")]
-        cells.append(number(row.get("off_place_rms_m")))
+        cells = [words(name), *(number(row.get(column)) for column in columns)]
         if on_station:
-            cells += [number(row.get(f"station_{what}_m")) for what in ("rms", "p95", "max")]
             cells += [number(row.get("joined_s"), 0), words("yes" if row.get("lost") else "")]
-        cells += [number(int(row.get("fixes", {}).get(kind.name.lower(), 0))) for kind in kinds]
-        table.append(cells)
+        table.append([*cells, *(number(int(row.get("fixes", {}).get(kind.name.lower(), 0))) for kind in kinds)])
+    heads = ["follower", "max [m]", "mean", "σ", "max [°]", "mean", "σ", "RMS [m]"]
+    heads += ["RMS [m]", "95 %", "max", "joined [s]", "lost"] if on_station else []
     groups = [("", 1), ("position error", 3), ("bearing error", 3), ("track error", 1)]
     groups += [("station error, since it joined", 5)] if on_station else []
+    joined = "from joining on, when it first was within 2 m of its station; " if on_station else ""
     return Table(
         heads=[*heads, *(FIX_WORDS[kind] for kind in kinds)],
         rows=table,
         groups=groups + ([("fixes", len(kinds))] if kinds else []),
         caption="Errors of the estimate over all filter steps; distance of the follower from its place on its route or "
-        f"station; {'from joining on, when it first was within 2 m of its station; ' * on_station}kinds of fix.",
+        f"station; {joined}kinds of fix.",
     )
 
 
@@ -164,19 +162,16 @@ def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
     notices = []
     if flight.outcome is not Outcome.COMPLETED:
         flown = f"{flight.trajectory.time[-1]:g} s of {flight.scenario.duration_s:g} s"
-        tone: Literal["failure", "warning"] = "warning" if flight.outcome is Outcome.CONTACT else "failure"
-        notices.append(Notice(tone=tone, text=f"After {flown}: {flight.outcome.value}."))
+        text = f"After {flown}: {flight.outcome.value}."
+        notices.append(Notice(tone="warning" if flight.outcome is Outcome.CONTACT else "failure", text=text))
     if met := contacts(flight.trajectory):
         (time, pair), others = met[0], f", the first of {len(met)} pairs" if len(met) > 1 else ""
         notices.append(Notice(tone="warning", text=f"At {time:g} s {' and '.join(pair)} touched{others}."))
     for i, (position, _) in enumerate(errors):
         name = flight.trajectory.names[i + 1]
         if not np.all(np.isfinite(position[flight.estimates[i].unknown :])):
-            notices.append(Notice(tone="failure", text=f"{name}: the estimate left finite numbers."))
-            continue
-        captured = captured_steps(flight, i)
-        if np.any(captured):
-            share = 100 * float(np.mean(captured))
+            notices.append(Notice(tone="failure", text=f"{name}: the estimate is not finite."))
+        elif share := 100 * float(np.mean(captured_steps(flight, i))):
             text = (
                 f"{name}: the estimate was more than {metrics.CAPTURE_ERROR:g} m off, at the mirror image of the truth "
                 f"in the leader's axis, for {share:.1f} % of the mission (mirror capture)."
@@ -216,22 +211,22 @@ def flight_report(
         flight: as flown.
         errors: E_P and E_B of every follower.
         summary: as `summary.json` holds it; `followers` has a row each.
-        path: of the HTML file; the film and the log lie beside it.
+        path: of the HTML file, in the folder of film and log.
         film: MP4, embedded if it is small; None: there is none.
-        bounds: `flight_bounds` of the flight, which take a while; None: they are computed here.
+        bounds: `flight_bounds` of the flight; None: they are computed here.
 
     Raises:
         OSError: the file cannot be written.
     """
-    sentences = flight_text.sentences(flight) or [f"{flight.outcome.value.capitalize()}."]
+    by_name = flight_text.errors_by_name(flight)
     values = {
         "name": flight.scenario.name,
         "followers": len(flight.estimates),
         "drawn": len(_drawn(flight)),
-        "sentences": sentences,
+        "sentences": flight_text.sentences(flight, by_name) or [f"{flight.outcome.value.capitalize()}."],
         "notices": _troubles(flight, errors),
         "overview": _overview(flight, errors),
-        "errors": _error_rows(flight),
+        "errors": [_error_row(name, one) for name, one in by_name.items()],
         "consistent": flight_text.percent(flight_text.CONSISTENT_SHARE),
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
         "results": _results(summary),
@@ -242,7 +237,9 @@ def flight_report(
         "ranges": _ranges(flight),
         "use_attitude": flight.scenario.navigation.use_attitude,
         "budget": range_budget_page.values(flight),
+        "map": _map(flight),
+        "stations": _stations(flight),
+        "motion": _motion(flight),
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }
-    page = page_of("experiments.pages", _facts(flight, summary), values | _figures(flight), name="flight_report.md.j2")
-    write(page, path)
+    write(page_of("experiments.pages", _facts(flight, summary), values, name="flight_report.md.j2"), path)

@@ -1,6 +1,6 @@
 """The results of a flight in sentences: numbers computed here, prose in `flight_text.md.j2`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,11 +18,11 @@ from sim.sensing.proximity import sightings
 from sim.station_keeping import closest_approaches, off_station, station_keeping
 
 SIDE_M = 1.0
-"""The side is wrong where estimate and truth are at least this far from the leader's axis, on opposite sides [m]."""
+"""Least distance of estimate and truth from the leader's axis, on opposite sides, at which the side is wrong [m]."""
 CONSISTENT_SHARE = float(np.exp(-(SIGMAS**2) / 2))
 """Share of errors outside the 2σ ellipse of a consistent filter (Rayleigh distribution)."""
 _RARE = 0.02
-"""Below this share of the time, no mean error is reported of it."""
+"""Mean errors are reported of shares of the time from this on."""
 _FIXES = {
     FixKind.TWO_POINTS: "chose between two points",
     FixKind.TANGENT: "lay where the circles touch",
@@ -32,28 +32,31 @@ _FIXES = {
     FixKind.SINGULAR: "were skipped",
     FixKind.LOST: "failed because ranges were lost",
     FixKind.ONE_RANGE: "used one range alone",
-    FixKind.RANGES: "used all ranges themselves",
-    FixKind.PARTLY: "left out ranges that looked like echoes",
+    FixKind.RANGES: "used all ranges directly",
+    FixKind.PARTLY: "excluded ranges identified as echoes",
 }
 
 
 class EstimateErrors(NamedTuple):
-    """One follower's estimate compared with the truth, at the n filter steps with an estimate; arrays of shape (n,)."""
+    """One follower's estimate compared with the truth, at the n filter steps with an estimate; arrays of shape (n,).
+
+    Attributes:
+        time: [s].
+        error: E_P [m].
+        bearing: B, in [0, 2π) [rad].
+        distance: horizontal distance from the leader [m].
+        wrong_side: whether the estimate is on the wrong side of the leader's axis.
+        outside: whether the truth is outside the filter's own 2σ ellipse.
+        kind: kind of each fix, shape (f,).
+    """
 
     time: Floats
-    """[s]."""
     error: Floats
-    """E_P [m]."""
     bearing: Floats
-    """B, in [0, 2π) [rad]."""
     distance: Floats
-    """From the leader, horizontally [m]."""
     wrong_side: Bools
-    """Whether the estimate is on the wrong side of the leader's axis."""
     outside: Bools
-    """Whether the truth is outside the filter's own 2σ ellipse."""
     kind: Floats
-    """Kind of each fix, shape (f,)."""
 
     @property
     def on_axis(self) -> Bools:
@@ -86,8 +89,15 @@ def estimate_errors(flight: Flight, follower: int) -> EstimateErrors:
     )
 
 
+def errors_by_name(flight: Flight) -> dict[str, EstimateErrors]:
+    """Errors of all followers; none if an estimate is not finite."""
+    if not all(np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates):
+        return {}
+    return {name: estimate_errors(flight, i) for i, name in enumerate(flight.trajectory.names[1:])}
+
+
 def percent(share: float) -> str:
-    """A share in per cent: whole ones from 10 % on, and never 0 % or 100 % of what is not."""
+    """A share in per cent, without decimals from 10 % on; only exact shares are 0 % or 100 %."""
     if 0 < share < 0.001:
         return "less than 0.1\N{NO-BREAK SPACE}%"
     if 0.999 < share < 1:
@@ -99,7 +109,7 @@ def _metres(value: float) -> str:
     return f"{value:.{2 if value < 9.995 else 1}f}\N{NO-BREAK SPACE}m"
 
 
-def size_numbers(errors: dict[str, EstimateErrors]) -> dict[str, Any]:
+def size_numbers(errors: Mapping[str, EstimateErrors]) -> dict[str, Any]:
     """Mean errors of the best and the worst follower, and the largest error with its time and place."""
     means = {name: float(one.error.mean()) for name, one in errors.items()}
     best, worst = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
@@ -165,14 +175,16 @@ def cause_numbers(budgets: Sequence[RangeErrorBudget]) -> dict[str, Any]:
     return {"asymmetry_cm": 100 * whole, "cause": LABELS[most], "cause_cm": 100 * float(rms[most])}
 
 
-def sentences(flight: Flight) -> list[str]:
-    """Size of the errors, unusual events, stations, geometry, fixes, side, consistency, and cause of range errors.
+def sentences(flight: Flight, errors: Mapping[str, EstimateErrors] | None = None) -> list[str]:
+    """Paragraphs on errors, events, stations, geometry, fixes, side, consistency and range errors of all followers.
 
-    Several followers are treated together. There are none for a flight whose estimates are not finite.
+    Args:
+        flight: as flown.
+        errors: as of `errors_by_name`; None: they are computed here. Without errors there is no paragraph.
     """
-    if not all(np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates):
+    errors = errors_by_name(flight) if errors is None else errors
+    if not errors:
         return []
-    errors = {name: estimate_errors(flight, i) for i, name in enumerate(flight.trajectory.names[1:])}
     together = EstimateErrors(*(np.concatenate(parts) for parts in zip(*errors.values(), strict=True)))
     budgets = [range_error_budget(flight, i) for i in range(len(errors))]
     numbers = size_numbers(errors) | motion_numbers(flight) | error_numbers(together) | cause_numbers(budgets)

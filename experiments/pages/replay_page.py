@@ -30,7 +30,7 @@ def _poses(measured: Measurements) -> list[Floats]:
     return [measured.message[:, LeaderMessage._fields.index(field)] for field in ("east", "north", "heading", "depth")]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Replayed:
     """One vehicle's replay."""
 
@@ -40,7 +40,9 @@ class Replayed:
     baseline: float = np.nan
     """From the rear to the front transmitter, where messages do not hold their positions [m]."""
     path: Floats | None = None
-    """Surveyed path to compare with: time [s], east, north [m], shape (t, 3); None: there is none."""
+    """Surveyed reference path: time [s], east, north [m], shape (t, 3); None: there is none."""
+    mean_error: float = np.nan
+    """Mean distance from that path [m]."""
 
     @property
     def fixes(self) -> str:
@@ -55,10 +57,7 @@ class Replayed:
 
     @property
     def nis(self) -> Floats:
-        """Squared innovation of each message in units of its covariance, per measured quantity, shape (f,).
-
-        1 on average for a consistent filter; NaN where there is no innovation.
-        """
+        """Normalised squared innovation of each message per measured quantity, shape (f,); NaN if it has none."""
         squared = getattr(self.estimates, "nis", None)
         if squared is not None:
             return np.asarray(squared / np.maximum(getattr(self.estimates, "used", 1), 1))
@@ -77,16 +76,6 @@ class Replayed:
             middle = np.column_stack([east, north, depth])
             places = np.stack([middle - arm, middle + arm, np.full_like(middle, np.nan)], axis=1)
         return np.asarray(measured.ranges - np.linalg.norm(places - own[:, None], axis=2))
-
-    @property
-    def errors(self) -> Floats:
-        """Distance from the surveyed path at its times within the mission, shape (t,), [m]."""
-        time, known = self.measured.time, np.isfinite(self.estimates.state[:, 0])
-        if self.path is None or not known.any():
-            return np.empty(0)
-        path = self.path[(self.path[:, 0] >= time[known][0]) & (self.path[:, 0] <= time[known][-1])]
-        off = [np.interp(path[:, 0], time[known], self.estimates.state[known, k]) - path[:, 1 + k] for k in (0, 1)]
-        return np.asarray(np.hypot(*off))
 
 
 def ellipse(centre: Floats, covariance: Floats) -> Floats:
@@ -143,7 +132,7 @@ def _residuals(one: Replayed) -> Figures:
 
 def _values(one: Replayed) -> dict[str, Any]:
     """Numbers and figures of one vehicle for the template."""
-    two_sigma, squared, errors = 2.0 * one.sigma, one.nis, one.errors
+    two_sigma, squared = 2.0 * one.sigma, one.nis
     worst = int(two_sigma.argmax())
     curve = Line(x=one.measured.time, y=two_sigma, colour=ESTIMATE)
     sigma = panel([curve], x_label="time [s]", y_label="2σ of the position [m]", width=FULL)
@@ -156,7 +145,7 @@ def _values(one: Replayed) -> dict[str, Any]:
         "largest": number(float(two_sigma[worst])).text,
         "largest_s": number(float(one.measured.time[worst]), 0).text,
         "mean_nis": number(float(np.nanmean(squared)) if np.isfinite(squared).any() else None).text,
-        "mean_error": number(float(errors.mean()) if errors.size else None).text,
+        "mean_error": number(one.mean_error).text,
         "map": _map(one),
         "sigma": Figures(panels=[svg(sigma, f"sigma-{one.name}", "Standard deviation over time")]),
         "residuals": _residuals(one),

@@ -32,7 +32,7 @@ from sim.vehicle.plant import PlantError
         (["render", "T5", "--set", "duration_s=20", "--size", f"{'9' * 5000}x480"], "expected WIDTHxHEIGHT"),
         (["render", "T5", "--set", "duration_s=20", "--speed-up", "-3"], "speed_up"),
         (["render", "T5", "--set", "duration_s=20", "--still", "99", "--out", "x.png"], "outside the mission"),
-        (["render", "T5", "--set", "duration_s=20", "--follower", "3"], "there are followers 0 … 0"),
+        (["render", "T5", "--set", "duration_s=20", "--follower", "3"], "follower 3: expected 0 … 0"),
         (["render", "missing.mcap"], "missing.mcap"),
         (["log", "info", __file__], "no MCAP file"),
         (["log", "recover", __file__], "test_messages.py"),

@@ -123,7 +123,7 @@ def test_consistency_is_reported_by_the_filters_own_ellipse(flight):
     one = flight_text.estimate_errors(moved(flight, offsets), 0)
     assert one.outside.mean() == pytest.approx(0.2)
     said = plain(flight_text.sentences(moved(flight, offsets)))
-    assert "ellipse for 20 % of the time. A consistent filter would be outside for 14 % of the time" in said
+    assert "ellipse for 20 % of the time; the expected share for a consistent filter is 14 %" in said
     random = np.random.default_rng(5).normal(0.0, 1.0, (600, 2))
     # binomial: a standard deviation of 1.4 %
     assert flight_text.estimate_errors(moved(flight, random), 0).outside.mean() == pytest.approx(

@@ -88,7 +88,7 @@ def test_who_gave_way_is_named_with_the_time_that_it_took() -> None:
         flight, scenario=wary, trajectory=dataclasses.replace(flight.trajectory, position=position)
     )
     # looks every half second from 40.5 to 60 s; each sees the other
-    assert "Followers that gave way to others: 2; follower1 for longest, 20 s." in text_of(near)
+    assert "Followers that gave way to others: 2; follower1 for the longest time, 20 s." in text_of(near)
     assert "gave way" not in text_of(flight)
 
 
