@@ -39,7 +39,7 @@ NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"
 
 
 def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
-    """Print errors of followers on stations, and the closest approaches of two vehicles, of all and of one layer."""
+    """Print station errors, and the closest approaches of two vehicles, of all and of one layer."""
     rows = []
     for name, row in summary["followers"].items():
         if "station_rms_m" in row:
@@ -56,9 +56,8 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
     print_line(console, f"{text} at {summary['closest_approach_s']:.0f} s", "closest approach:", "")
     if summary["closest_in_layer_m"] is not None:
         text = f"{' and '.join(summary['closest_in_layer_pair'])}, {summary['closest_in_layer_m']:.1f} m horizontally"
-        print_line(
-            console, f"{text} at {summary['closest_in_layer_s']:.0f} s", "closest approach in one depth layer:", ""
-        )
+        text += f" at {summary['closest_in_layer_s']:.0f} s"
+        print_line(console, text, "closest approach in one depth layer:", "")
 
 
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
@@ -129,13 +128,13 @@ def _draw_report(*arguments: Any) -> None:
 
 
 def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
-    """Simulate a scenario and write its files into an empty folder; OSError or LogError if it cannot be written."""
+    """Simulate a scenario and write its files into an empty folder; OSError or LogError if that fails."""
     from sim.log import writer
     from sim.log.layout import layout
 
     watch = Stopwatch()
-    # a report without a film is drawn beside the log, by a process that imports libraries while the mission is flown;
-    # that of a long mission is not, for the process would hold the flight once more
+    # a report without a film is drawn beside the log, by a process that imports libraries during the simulation;
+    # not that of a long mission: the process would need the memory of a second flight
     beside = not with_video and scenario.duration_s <= _LONG_S
     imports = partial(import_module, "experiments.pages.flight_report") if beside else None
     with background_process(imports) as background, phases(console) as shown:
@@ -158,9 +157,9 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         summary = summarise(flight, errors, bounds)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, errors=errors, events=events)
-        film, no_film, fault = folder / FILM, "not asked for", None
+        film, no_film, fault = folder / FILM, "not requested", None
 
-        # the log comes first, so that it is kept if the film fails
+        # the log first, so that it is kept if the film fails
         report = partial(_draw_report, flight, errors, summary, folder / REPORT)
         if beside:
             with phase("report"):
@@ -185,15 +184,13 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
 
 
 def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
-    """Simulate a scenario, print a summary, and write every result into a folder.
+    """Simulate a scenario, print a summary, and write every result into a folder, as of `folder.one_flight`.
 
-    The results of an earlier flight there are replaced together, once all of the new ones are written;
-    `experiments.flight.folder` describes what an interrupt leaves. `source` is the file that the scenario was read
-    from, which a changed scenario does not replace.
+    `source` is the file of the scenario, which a changed scenario does not replace.
 
     Raises:
-        LaisnError: the folder has files of the same names that no flight has written.
-        OSError, LogError: the folder cannot be written; no partial file has a final name.
+        LaisnError: the folder has files of the same names, but no flight.
+        OSError, LogError: the folder cannot be written.
         Exception: a bug prevented the film; all else is written.
     """
     console = Console()

@@ -1,6 +1,7 @@
-"""Subcommands that run studies: `laisn study` for study files, the studies that ship, and `laisn compare`."""
+"""Subcommands of studies: `laisn study` for study files, the built-in studies, and `laisn compare`."""
 
 import os
+from collections.abc import Callable
 from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,17 +22,15 @@ SetOption = Annotated[
 
 
 def folder_option(text: str) -> Path:
-    """The folder that an option names; refuses an empty name."""
+    """The folder of an option; refuses an empty name."""
     if not text.strip():
-        raise typer.BadParameter("the name of the folder is empty; '.' is the current one")
+        raise typer.BadParameter("expected a folder; '.' is the current one")
     return Path(text)
 
 
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        parser=folder_option, metavar="FOLDER", help="folder for the results (default: one of its own in out/)"
-    ),
+    typer.Option(parser=folder_option, metavar="FOLDER", help="folder for the results (default: out/NAME)"),
 ]
 
 WorkersOption = Annotated[
@@ -43,7 +42,7 @@ ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", he
 
 
 def _factors(assignments: list[str]) -> dict[str, Any]:
-    """Lists of values by key; a list is TOML, or values with commas between them."""
+    """Lists of values by key; a list is TOML, or values separated by commas."""
     from sim.scenario.file import value_of, values_of
 
     def listed(value: Any) -> Any:
@@ -81,22 +80,20 @@ def _can_film() -> bool:
 
 def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path | None:
     """Film the worst run of the worst point into the folder."""
+    from experiments.flight.files import render
     from experiments.flight.fly import fly
-    from experiments.flight.summary import position_and_bearing_errors
     from experiments.study.page import worst_entry
-    from sim.film.render import render
 
     if not _can_film():
         return None
     entry, run, _ = worst_entry(plan, results)
-    flight, _ = fly(entry.scenario.model_copy(update={"run": run}))
-    path = folder / "worst.mp4"
-    render(flight, path, errors=position_and_bearing_errors(flight), video=entry.scenario.video)
-    return path
+    return render(fly(entry.scenario.model_copy(update={"run": run}))[0], folder / "worst.mp4")
 
 
 def study(
-    source: Annotated[str, typer.Argument(metavar="STUDY", help="a study file, one that ships, or a scenario to vary")],
+    source: Annotated[
+        str, typer.Argument(metavar="STUDY", help="a study file, a built-in study, or a scenario to vary")
+    ],
     vary: Annotated[
         list[str] | None, typer.Option("--vary", metavar="KEY=A,B,…", help="a factor: these values of a scenario's key")
     ] = None,
@@ -126,7 +123,7 @@ def study(
         _run_own(source, given)
         return
     if quick:
-        raise LaisnError("--quick: a study file names its runs; change them with --runs")
+        raise LaisnError("--quick: a study file sets its runs; change them with --runs")
     if film not in (None, "worst"):
         raise LaisnError(f"--film {film}: expected --film worst")
     keys = {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
@@ -140,12 +137,12 @@ def study(
 
 
 def _run_own(name: str, options: dict[str, Any]) -> None:
-    """Run a study with a design of its own, as its own command does; LaisnError names an option that it lacks."""
+    """Run the command of a study with a design of its own; LaisnError names an option that it lacks."""
     run = {command.__name__: command for command in (asymmetry, estimators, formation, reproduce)}[name]
     foreign = options.keys() - signature(run).parameters.keys()
     if foreign:
         option = min(foreign).strip("_").replace("_", "-")
-        raise LaisnError(f"--{option}: no option of the study {name}; `laisn {name} --help` lists its options")
+        raise LaisnError(f"--{option}: unknown option of the study {name}; `laisn {name} --help` lists its options")
     run(**options)
 
 
@@ -173,7 +170,7 @@ def reproduce(
     force: ForceOption = False,
     cluster: ClusterOption = None,
 ) -> None:
-    """Run the paper's five stages; write tables beside the published ones, figures, and verdicts on its claims."""
+    """Run the paper's five stages; write tables beside the published ones, figures, and checks of its claims."""
     from experiments.studies.reproduction import study as reproduction
 
     report = reproduction.reproduce(
@@ -181,6 +178,12 @@ def reproduce(
         runs=runs, seed=seed, workers=workers, out=out, force=force, cluster=cluster,
     )  # fmt: skip
     echo(f"report in {report}")
+
+
+def _run_design(name: str, run: Callable[..., Path], quick: bool, out: Path | None, **options: Any) -> None:
+    """Run a study with a design of its own into a folder of its name, unless another one is given."""
+    folder = out or Path("out") / f"{name}{'-quick' if quick else ''}"
+    echo(f"report in {run(folder, quick=quick, **options)}")
 
 
 def asymmetry(
@@ -193,15 +196,12 @@ def asymmetry(
         bool | None, typer.Option("--film/--no-film", help="film one condition (default: unless --quick)")
     ] = None,
 ) -> None:
-    """Run the study of range errors from a pitching leader, and of remedies."""
+    """Study range errors from a pitching leader, and remedies."""
     from experiments.studies.asymmetry import film as asymmetry_film
-    from experiments.studies.asymmetry import study
+    from experiments.studies.asymmetry.study import run
 
-    wanted = (not quick if film is None else film) and _can_film()
-    film_of = asymmetry_film.film if wanted else None
-    folder = out or Path("out") / ("asymmetry-quick" if quick else "asymmetry")
-    report = study.run(folder, quick=quick, workers=workers, cluster=cluster, force=force, film=film_of)
-    echo(f"report in {report}")
+    film_of = asymmetry_film.film if (not quick if film is None else film) and _can_film() else None
+    _run_design("asymmetry", run, quick, out, workers=workers, cluster=cluster, force=force, film=film_of)
 
 
 def estimators(
@@ -211,11 +211,10 @@ def estimators(
     force: ForceOption = False,
     cluster: ClusterOption = None,
 ) -> None:
-    """Run the comparison of LAISN-2, the tightly coupled navigator and the Cramér–Rao bound."""
-    from experiments.studies.estimators import study
+    """Compare LAISN-2, the tightly coupled navigator and the Cramér–Rao bound."""
+    from experiments.studies.estimators.study import run
 
-    folder = out or Path("out") / ("estimators-quick" if quick else "estimators")
-    echo(f"report in {study.run(folder, quick=quick, workers=workers, force=force, cluster=cluster)}")
+    _run_design("estimators", run, quick, out, workers=workers, force=force, cluster=cluster)
 
 
 def formation(
@@ -228,9 +227,7 @@ def formation(
     force: ForceOption = False,
     cluster: ClusterOption = None,
 ) -> None:
-    """Run the study of ten followers in formation: currents, waves, losses and navigators."""
-    from experiments.studies.formation import study
+    """Study ten followers in formation: currents, waves, losses and navigators."""
+    from experiments.studies.formation.study import run
 
-    folder = out or Path("out") / ("formation-quick" if quick else "formation")
-    page = study.run(folder, quick=quick, runs=runs, workers=workers, force=force, cluster=cluster)
-    echo(f"report in {page}")
+    _run_design("formation", run, quick, out, runs=runs, workers=workers, force=force, cluster=cluster)

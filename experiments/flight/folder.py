@@ -15,23 +15,23 @@ from sim.log.contents import partial_path
 LOG, FILM, REPORT = "flight.mcap", "flight.mp4", "report.html"
 SUMMARY, SCENARIO, TIMING, LAYOUT = FLIGHT_FILE, "scenario.toml", "timing.json", "foxglove.json"
 FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)
-"""What a flight may leave in its folder; other files there are the user's."""
+"""Files of a flight; others in its folder are the user's."""
 
 UNFINISHED = "unfinished"
-"""Folder within it that a flight is written into."""
+"""Subfolder into which a flight is written."""
 _ELSEWHERE = "choose another folder with --out"
 
 
 def require_safe(folder: Path, source: Path | None = None, again: Callable[[], str] = str) -> None:
-    """Refuse a folder in which a flight would replace what no flight has written.
+    """Refuse a folder in which a flight would replace other files than those of a flight.
 
     Args:
         folder: for the results of a flight; it need not exist.
-        source: scenario file that is flown, if there is one.
-        again: gives the text of the scenario that the flight will write; a source of this text may be replaced.
+        source: scenario file of the flight, if there is one.
+        again: returns the text of the scenario that the flight will write; a source of this text may be replaced.
 
     Raises:
-        LaisnError: names what would be lost, and what to do instead.
+        LaisnError: names the files and a remedy.
     """
     if not folder.is_dir():
         if folder.exists() or folder.is_symlink():
@@ -41,31 +41,31 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
     present = [folder / name for name in FILES if os.path.lexists(folder / name)]
     for path in present:
         if path.is_symlink() or not path.is_file():
-            what = "a folder" if path.is_dir() and not path.is_symlink() else "no plain file"
-            raise LaisnError(f"{path}: is {what}, and a flight writes a file of that name; move it, or {_ELSEWHERE}")
+            raise LaisnError(
+                f"{path}: expected a regular file, which the flight would replace; move it, or {_ELSEWHERE}"
+            )
         if source is not None and source.exists() and path.samefile(source) and path.read_bytes() != again().encode():
             raise LaisnError(
-                f"{path}: is the scenario to be flown, and the flight would replace it with a copy of its own; "
-                f"rename it, or {_ELSEWHERE}"
+                f"{path}: is the scenario of this flight and would be replaced by a copy; rename it, or {_ELSEWHERE}"
             )
     # a flight that was killed while it replaced files has left its folder
     flown = ((folder / SUMMARY).exists() and (folder / SCENARIO).exists()) or (folder / UNFINISHED).exists()
     if present and not flown:
         names = ", ".join(path.name for path in present)
         raise LaisnError(
-            f"{folder}: holds {names}, but no flight ({SUMMARY} and {SCENARIO}) that has written this; a new flight "
-            f"would replace it: move it, or {_ELSEWHERE}"
+            f"{folder}: holds {names}, but no flight ({SUMMARY} and {SCENARIO}); a new flight would replace these "
+            f"files: move them, or {_ELSEWHERE}"
         )
 
 
 def earlier_film(folder: Path) -> Path:
-    """A free name for the film of an earlier flight, which a flight without a film does not replace."""
+    """An unused name for the film of an earlier flight, which a flight without a film does not replace."""
     names = (f"earlier{f'-{n}' if n else ''}.mp4" for n in count())
     return next(path for name in names if not os.path.lexists(path := folder / name))
 
 
 def _exchange(folder: Path, work: Path) -> None:
-    """Replace the files of the earlier flight by those in `work`; if that fails, all are as they were before."""
+    """Replace the files of the earlier flight by those in `work`; if that fails, restore them."""
     earlier = work / "earlier"
     earlier.mkdir()
     new = [name for name in FILES if (work / name).exists()]
@@ -78,7 +78,7 @@ def _exchange(folder: Path, work: Path) -> None:
         if (earlier / FILM).exists() and FILM not in new:
             os.replace(earlier / FILM, earlier_film(folder))
     except BaseException:
-        # by what lies where: an interrupt may come just after a move
+        # the present places count: an interrupt may occur just after a move
         for name in new:
             if not (work / name).exists():
                 os.replace(folder / name, work / name)
@@ -94,30 +94,23 @@ def _remove_empty(folder: Path) -> None:
 
 
 def _outcome(folder: Path, work: Path) -> str:
-    """Remove what a failed flight left unless it holds a log, and report what is kept."""
+    """Remove the files of a failed flight unless there is a log, and report what is kept."""
     kept = (work / LOG).exists() or partial_path(work / LOG).exists()
     if not kept:
         shutil.rmtree(work, ignore_errors=True)
-    text = f"what there is of this flight is in {work}" if kept else "nothing of this flight is kept"
+    text = f"the unfinished flight is in {work}" if kept else "nothing of this flight is kept"
     earlier = any((folder / name).exists() for name in FILES)
-    return f"{text}; the earlier flight in {folder} is as it was" if earlier else text
+    return f"{text}; the earlier flight in {folder} is unchanged" if earlier else text
 
 
 @contextmanager
 def one_flight(folder: Path) -> Iterator[Path]:
-    """A folder to write a flight into; when the block ends, its files replace those of an earlier flight together.
+    """A new folder to write a flight into; when the block ends, its files replace those of an earlier flight together.
 
-    Until then the earlier flight stays as it was, and files of two flights never lie beside each other: those of the
-    earlier one are removed before the first of the new one is moved, and its film is renamed (`earlier_film`) if the
-    new one has none. If the block fails or is interrupted, a note of the exception says what is kept: the log in
-    `FOLDER/unfinished`, if one was begun, or nothing; an empty folder is removed. The next flight removes what the one
-    before left there.
-
-    Args:
-        folder: for the results; made if it does not exist.
-
-    Yields:
-        An empty folder within it.
+    The folder never has files of two flights: those of the earlier one are removed before the first new one is moved,
+    and its film is renamed (`earlier_film`) if the new flight has none. If the block fails or is interrupted, the
+    earlier flight is unchanged, and a note of the exception reports what is kept: the log in `FOLDER/unfinished`, until
+    the next flight, or nothing; an empty folder is removed.
 
     Raises:
         LaisnError: another process writes a flight into this folder.

@@ -1,11 +1,10 @@
 """Range error budget: each range error split into its causes, exactly and additively.
 
-A follower turns the slant range R_i into a horizontal one, D_i = √(R_i² − Δz²), and draws its circle about the place
-where transmitter i of a level leader would be. The circle has the right radius if D_i is the horizontal distance D°_i
-between that place and the hydrophone at the moment of the fix. The error D_i − D°_i is split by adding one
-cause after another, from the level leader to the number that the follower uses; a cause's share is what D changes
-by when it joins. The shares telescope, so that they add up to the error whatever its size; where two causes act
-together, their (second-order) interaction goes to the later one.
+A follower converts the slant range R_i to a horizontal one, D_i = √(R_i² − Δz²), the radius of a circle about
+transmitter i of a level leader. Its true value D°_i is the horizontal distance of that transmitter from the hydrophone
+at the time of the fix. The error D_i − D°_i is split by adding one cause after another, from the level leader to the
+range that the follower uses; the share of a cause is the change of D when it is added. The shares telescope: their sum
+is exactly the error. The (second-order) interaction of two causes is part of the later one's share.
 """
 
 from dataclasses import dataclass
@@ -30,19 +29,19 @@ class Cause(IntEnum):
     FORESHORTENING = 0
     """Pitch and roll move the transmitter horizontally."""
     LEVER_ARM = 1
-    """Pitch and roll move it up or down, off the depth that the leader measures."""
+    """Pitch and roll move it vertically, away from the depth that the leader measures."""
     MOTION = 2
     """Leader and follower move between broadcast pose, ping, arrival and fix."""
     ECHO = 3
-    """The receiver took an echo for the ping."""
+    """The receiver detected an echo instead of the ping."""
     SOUND_SPEED = 4
-    """The follower believes in another speed of sound."""
+    """The follower assumes another speed of sound."""
     CLOCK = 5
     """The follower's clock is not the leader's."""
     RANDOM = 6
     """Random error of the range (paper, Eq. 28)."""
     DEPTH = 7
-    """Depths are measured with errors, and the hydrophone is not where the follower's depth puts it."""
+    """Depths have errors, and the hydrophone is not at the follower's depth sensor."""
 
 
 LABELS = {
@@ -64,9 +63,9 @@ class RangeErrorBudget:
     time: Floats
     """Time of each fix, shape (m,), [s]."""
     level_range: Floats
-    """D°: the horizontal range that would be right for a level leader, shape (m, 3), [m]."""
+    """D°: the true horizontal range to a level leader, shape (m, 3), [m]."""
     used_range: Floats
-    """D: the one that the follower uses, shape (m, 3), [m]; NaN where no ping was received."""
+    """D: the horizontal range that the follower uses, shape (m, 3), [m]; NaN where no ping was received."""
     share: Floats
     """Share of each cause in D − D°, shape (m, 3, causes), [m]."""
 
@@ -80,15 +79,14 @@ class RangeErrorBudget:
 
     @property
     def asymmetry(self) -> Floats:
-        """What each cause does to D_front − D_rear, shape (m, causes), [m]."""
+        """Share of each cause in the error of D_front − D_rear, shape (m, causes), [m]."""
         return np.asarray(self.share[:, 1] - self.share[:, 0])
 
 
 def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
-    """Horizontal ranges as the follower computes them; shapes (m, 3) and (m,) or (m, 3)."""
-    column = depth_difference if depth_difference.ndim == 2 else depth_difference[:, None]
-    slant, depth_difference = np.broadcast_arrays(slant, column)
-    flat = [horizontal_range(r, dz) for r, dz in zip(slant.ravel().tolist(), depth_difference.ravel(), strict=True)]
+    """Horizontal ranges as the follower computes them; shapes (m, 3) and (m,)."""
+    differences = np.repeat(depth_difference, slant.shape[1]).tolist()
+    flat = [horizontal_range(r, dz) for r, dz in zip(slant.ravel().tolist(), differences, strict=True)]
     return np.array(flat).reshape(slant.shape)
 
 
@@ -100,12 +98,7 @@ def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Fl
 
 
 def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
-    """The range error budget of one follower.
-
-    Args:
-        flight: any flight; its scenario says which causes were at work.
-        follower: its index, 0 for the first.
-    """
+    """The range error budget of one follower, by its index."""
     scenario, trajectory, measured = flight.scenario, flight.trajectory, flight.measurements[follower]
     sound = propagate(trajectory, scenario, follower)
     # sound counts steps from the start of the mission, a flight from its own
@@ -114,10 +107,8 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     emission = sound.emission_step[row]
     fix, sent = measured.message_step[kept] * flight.stride, (emission - first) * flight.stride
 
-    broadcast, level = (
-        _transmitters(trajectory, sent, quaternion)
-        for quaternion in (trajectory.quaternion[sent, 0], attitude.from_euler(trajectory.heading[sent, 0]))
-    )
+    broadcast = _transmitters(trajectory, sent, trajectory.quaternion[sent, 0])
+    level = _transmitters(trajectory, sent, attitude.from_euler(trajectory.heading[sent, 0]))
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fix)
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
@@ -142,9 +133,5 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
         Cause.DEPTH: _on_plane(measured.ranges[kept], measured_difference),
     }
     chain = np.stack([d_level, *(steps[cause] for cause in Cause)], axis=2)
-    return RangeErrorBudget(
-        time=trajectory.time[fix],
-        level_range=d_level,
-        used_range=chain[..., -1],
-        share=np.diff(chain, axis=2),
-    )
+    share = np.diff(chain, axis=2)
+    return RangeErrorBudget(time=trajectory.time[fix], level_range=d_level, used_range=chain[..., -1], share=share)

@@ -19,24 +19,17 @@ if TYPE_CHECKING:
 
     from sim.flight import Flight
 
-_SHOWN = 5
-"""Rows of a table in a notebook."""
-_NAMED = 12
-"""Columns that a table names when it is printed."""
-
-
-def _text(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+_SHOWN, _NAMED = 5, 12
+"""Rows of a table in a notebook, and columns that its `repr` names."""
 
 
 class Table:
     """Columns of a result by name.
 
-    `table["e_p_m"]` is a NumPy array; `polars.DataFrame(table)` and `pandas.DataFrame.from_arrow(table)` take it as it
-    is.
+    `table["e_p_m"]` is a NumPy array; `polars.DataFrame(table)` and `pandas.DataFrame.from_arrow(table)` accept it.
 
     Attributes:
-        arrow: the table as pyarrow has it.
+        arrow: the `pyarrow.Table`.
     """
 
     def __init__(self, arrow: Any) -> None:
@@ -45,12 +38,12 @@ class Table:
 
     @classmethod
     def read(cls, path: Path) -> Table:
-        """The table in a Parquet file that a study wrote; LaisnError if it is not what was written."""
+        """The table in a Parquet file of a study; LaisnError if the file is damaged."""
         return cls(arrow_table(path))
 
     @property
     def columns(self) -> list[str]:
-        """Names of the columns, in their order."""
+        """Names of the columns."""
         return list(self.arrow.column_names)
 
     def __len__(self) -> int:
@@ -67,14 +60,14 @@ class Table:
         return list(self.arrow.to_pylist())
 
     def to_pandas(self) -> Any:
-        """A `pandas.DataFrame` of it; LaisnError if there is no pandas."""
+        """A `pandas.DataFrame`; LaisnError if pandas is not installed."""
         try:
             return self.arrow.to_pandas()
         except ModuleNotFoundError:
             raise LaisnError("to_pandas needs pandas: pip install pandas") from None
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """Arrow's protocol, by which other libraries take a table without a copy."""
+        """Arrow's protocol, with which other libraries read a table without a copy."""
         return self.arrow.__arrow_c_stream__(requested_schema)
 
     def __repr__(self) -> str:
@@ -83,12 +76,12 @@ class Table:
 
     def _repr_html_(self) -> str:
         heads = "".join(f"<th>{html.escape(name)}</th>" for name in self.columns)
-        shown = self.arrow.slice(0, _SHOWN).to_pylist()
-        rows = "".join(
-            f"<tr>{''.join(f'<td>{html.escape(_text(v))}</td>' for v in row.values())}</tr>" for row in shown
-        )
-        more = f"<caption>{len(self)} rows</caption>"
-        return f"<table>{more}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+        rows = ""
+        for row in self.arrow.slice(0, _SHOWN).to_pylist():
+            texts = (f"{v:.6g}" if isinstance(v, float) else str(v) for v in row.values())
+            rows += f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in texts)}</tr>"
+        caption = f"<caption>{len(self)} rows</caption>"
+        return f"<table>{caption}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
 
 
 def errors_table(flight: Flight) -> Table:
@@ -102,8 +95,7 @@ def errors_table(flight: Flight) -> Table:
     time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
     parts = []
     for i, (position, bearing) in enumerate(position_and_bearing_errors(flight)):
-        truth, estimate = flight.hydrophone(i), flight.estimates[i].state[:, :2]
-        away = truth[:, :2] - leader
+        truth, estimate = flight.hydrophone(i), flight.estimates[i].state
         columns = {
             "follower": [flight.trajectory.names[i + 1]] * time.size,
             "time_s": time,
@@ -115,7 +107,7 @@ def errors_table(flight: Flight) -> Table:
             "estimate_east_m": estimate[:, 0],
             "estimate_north_m": estimate[:, 1],
             "bearing_deg": np.rad2deg(true_bearing(flight, i)),
-            "distance_m": np.hypot(*away.T),
+            "distance_m": np.hypot(*(truth[:, :2] - leader).T),
             "captured": captured_steps(flight, i),
         }
         parts.append(pa.table(columns))
@@ -163,9 +155,8 @@ def measurements_table(flight: Flight) -> Table:
     """
     parts = []
     for name, measured in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
-        n = measured.speed.size
         columns = {
-            "follower": pa.array([name] * n),
+            "follower": pa.array([name] * measured.speed.size),
             "time_s": pa.array(measured.time),
             "speed_m_s": pa.array(measured.speed),
             "heading_deg": pa.array(np.rad2deg(measured.heading) % 360.0),
@@ -174,7 +165,7 @@ def measurements_table(flight: Flight) -> Table:
         received = {f"leader_{column}": measured.message[:, i] for i, column in enumerate(_LEADER)}
         received |= {f"range_{which}_m": measured.ranges[:, i] for i, which in enumerate(Ranges._fields)}
         for column, values in received.items():
-            whole = np.full(n, np.nan)
+            whole = np.full(measured.speed.size, np.nan)
             whole[measured.message_step - 1] = np.rad2deg(values) if column.endswith("_deg") else values
             columns[column] = pa.array(whole, from_pandas=True)
         parts.append(pa.table(columns))

@@ -15,14 +15,11 @@ from sim.flight import Flight
 from sim.station_keeping import LOST_M, off_station
 
 SIGMAS = 2.0
-"""Standard deviations of the filter's own uncertainty that are drawn."""
+"""Size of the drawn uncertainty in standard deviations of the filter."""
 ON_AXIS_DEG = 15.0
-"""Nearer than that to the leader's axis, ahead or astern, ranges say little about the direction."""
-ROW_HEIGHT = 4.1
-"""Height of the panels of a follower's row [inch]."""
-STACK_WIDTH = 5.6
-MAP_WIDTH = 3.3
-"""Width of the panels of a follower's row [inch]: errors over time, map, difference."""
+"""Within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction."""
+ROW_HEIGHT, STACK_WIDTH, MAP_WIDTH = 4.1, 5.6, 3.3
+"""Height of the panels of a follower's row, and widths of its errors over time and of its maps [inch]."""
 _TRACK_POINTS = 1500
 _DOTS = 1200
 _LEAST_WEIGHT = 1e-3
@@ -39,13 +36,8 @@ def bearing_part(time: Floats, bearing: Floats) -> Part:
     """B, shape (n,), [rad], over time [s]; darker ground where the follower is near the leader's axis."""
     shaded = [(0.0, ON_AXIS_DEG), (180.0 - ON_AXIS_DEG, 180.0 + ON_AXIS_DEG), (360.0 - ON_AXIS_DEG, 360.0)]
     angle = without_wraps(np.rad2deg(np.mod(bearing, 2 * np.pi)))
-    return Part(
-        lines=[Line(x=time, y=angle, colour=FOLLOWER, width=1.2)],
-        y_label="B [°]",
-        y_limits=(0.0, 360.0),
-        ticks=(0, 90, 180, 270, 360),
-        shaded=shaded,
-    )
+    lines, ticks = [Line(x=time, y=angle, colour=FOLLOWER, width=1.2)], (0, 90, 180, 270, 360)
+    return Part(lines=lines, y_label="B [°]", y_limits=(0.0, 360.0), ticks=ticks, shaded=shaded)
 
 
 def error_stack(flight: Flight, follower: int, errors: tuple[Floats, Floats], width: float = STACK_WIDTH) -> Figure:
@@ -93,7 +85,7 @@ def track_map(flight: Flight, followers: Sequence[int], width: float = MAP_WIDTH
 
 
 def difference(flight: Flight, follower: int) -> Figure:
-    """Estimate less truth, east and north, a dot for each of many steps; the truth is the cross in the middle."""
+    """Estimate minus truth, east and north, as dots; the cross in the middle is the truth."""
     away = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
     some = away[:: max(1, len(away) // _DOTS)]
     origin = np.zeros(1)
@@ -110,7 +102,7 @@ def difference(flight: Flight, follower: int) -> Figure:
 def station_errors(flight: Flight, followers: Sequence[int]) -> list[Figure]:
     """Distance from the station over time, a panel for each of some followers on stations, all to one scale.
 
-    A panel ends where a follower would be lost; of one that was, the line leaves it.
+    A panel ends at the distance from which on a follower is lost.
     """
     truth = flight.trajectory
     off = off_station(flight.scenario, truth)[:, list(followers)]
@@ -134,12 +126,10 @@ def motion(flight: Flight) -> list[tuple[str, Figure]]:
         ("Speed", truth.forward_speed, "through the water [m/s]", (None, None)),
     )
     colours = [LEADER, *[FOLLOWER] * (len(truth.names) - 1)]
-    # the leader last, above the crowd
-    order = [*range(1, len(truth.names)), 0]
-    figures = []
+    # the leader last, above the followers
+    order, width, figures = [*range(1, len(truth.names)), 0], (FULL - 0.5) / 3, []
     for title, values, label, limits in quantities:
         lines = [Line(x=truth.time, y=values[:, v], colour=colours[v], width=0.9) for v in order]
-        width = (FULL - 0.5) / 3
         figure = panel(lines, x_label="time [s]", y_label=label, title=title, y_limits=limits, width=width)
         figures.append((title, figure))
     return figures
@@ -149,8 +139,8 @@ def ranges(flight: Flight, follower: int) -> Figure:
     """Measured slant ranges over time, of the transmitters that the variant uses."""
     measured = flight.measurements[follower]
     time = np.asarray(flight.trajectory.time[0] + measured.message_step * measured.dt, dtype=np.float64)
-    used = range(flight.scenario.navigation.transmitters)
-    lines = [Line(x=time, y=measured.ranges[:, j], colour=TRANSMITTERS[j], width=0.9) for j in reversed(used)]
+    used = reversed(range(flight.scenario.navigation.transmitters))
+    lines = [Line(x=time, y=measured.ranges[:, j], colour=TRANSMITTERS[j], width=0.9) for j in used]
     return panel(lines, x_label="time [s]", y_label="slant range [m]", width=HALF)
 
 
@@ -159,15 +149,11 @@ def fixes(flight: Flight, follower: int) -> Figure:
     found, dt = flight.estimates[follower], flight.measurements[follower].dt
     kinds = sorted(set(found.fix_kind.tolist()))
     at = np.asarray(flight.trajectory.time[0] + found.fix_step * dt, dtype=np.float64)
-    marks = [
-        Line(
-            x=at[found.fix_kind == kind],
-            y=np.full(int(np.sum(found.fix_kind == kind)), float(row)),
-            colour=MUTED if kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST) else SERIES[row % len(SERIES)],
-            marker="|",
-        )
-        for row, kind in enumerate(kinds)
-    ]
+    marks = []
+    for row, kind in enumerate(kinds):
+        failed, times = kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST), at[found.fix_kind == kind]
+        colour = MUTED if failed else SERIES[row % len(SERIES)]
+        marks.append(Line(x=times, y=np.full(times.size, float(row)), colour=colour, marker="|"))
     height, limits = 1.1 + 0.2 * len(kinds), (-0.6, len(kinds) - 0.4)
     figure = panel(marks, x_label="time [s]", y_label="", width=HALF, height=height, y_limits=limits)
     axes = figure.axes[0]
@@ -193,7 +179,7 @@ def error_and_bound(flight: Flight, follower: int, error: Floats, bound: Floats,
 
 
 def hypothesis_weights(flight: Flight, follower: int, width: float) -> Figure | None:
-    """Weights of a follower's hypotheses over time; None if a second one never weighed more than 0.001."""
+    """Weights of a follower's hypotheses over time; None if no second one has a weight of at least 0.001."""
     estimates = flight.estimates[follower]
     weight = estimates.hypotheses.weight
     if np.all(weight[:, 1:] < _LEAST_WEIGHT):

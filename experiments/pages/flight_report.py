@@ -47,7 +47,12 @@ def _error_row(name: str, one: flight_text.EstimateErrors) -> list[Cell]:
     """Position error and consistency of a follower."""
     k = int(one.error.argmax())
     numbers = [float(one.error.mean()), float(np.percentile(one.error, 95)), float(one.error[k])]
-    return [words(name), *map(number, numbers), number(float(one.time[k]), 0), number(100 * one.outside.mean(), 1)]
+    return [
+        words(name),
+        *map(number, numbers),
+        number(float(one.time[k]), 0),
+        number(100 * float(one.outside.mean()), 1),
+    ]
 
 
 def _follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) -> Figures:

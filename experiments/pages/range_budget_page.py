@@ -16,15 +16,15 @@ from sim.flight import Flight
 TRANSMITTERS = ("rear", "front", "middle")
 _CAUSES = (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO)
 COLOUR = dict(zip(_CAUSES, SERIES, strict=True))
-"""Colours of causes that can tell bow from stern; clock and sound speed are the same for both, or nearly."""
+"""Colours of causes that affect bow and stern differently; clock and sound speed affect both (nearly) alike."""
 _NOTICEABLE_M = 1e-6
 _DRAWN_FOLLOWERS = 3
 
 
 def _rms(values: Floats) -> float:
-    """Root mean square of what is there, shape (n,); NaN if nothing is."""
-    there = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(there**2))) if there.size else np.nan
+    """Root mean square of finite values, shape (n,); NaN without any."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else np.nan
 
 
 def _largest(values: Floats) -> float:
@@ -34,7 +34,7 @@ def _largest(values: Floats) -> float:
 def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int = 3) -> Table:
     """Root mean square of each cause's share in the range errors, and in the asymmetry of bow and stern.
 
-    The table's own caption follows `caption`; so many transmitters have a column, rear and front first.
+    `caption` precedes the table's own one; `transmitters` is the number of columns, rear and front first.
     """
     at_work = [cause for cause in Cause if _largest(budget.share[..., cause]) > _NOTICEABLE_M]
     rows = [
@@ -52,12 +52,12 @@ def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int =
         rows=rows,
         groups=(("", 1), ("share of the range error, rms [cm]", transmitters), ("front less rear [cm]", 2)),
         caption=f"{caption}Each range error is the exact sum of these shares."
-        + (f" Not at work here: {idle}." if idle else ""),
+        + (f" Without effect here: {idle}." if idle else ""),
     )
 
 
 def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str, width: float = WIDTH) -> Figure:
-    """What causes do to D_front − D_rear over time; shares of shape (m,), [m]; width in [inch]."""
+    """Shares of causes in D_front − D_rear over time, of shape (m,), [m]; width in [inch]."""
     lines = [Line(x=time, y=100.0 * share, colour=COLOUR[cause], width=0.8) for cause, share in shares.items()]
     return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title, width=width)
 
@@ -68,7 +68,7 @@ def legend_of(causes: Sequence[Cause]) -> list[tuple[Colour, str]]:
 
 
 def values(flight: Flight) -> dict[str, Any]:
-    """What the flight's report shows of it: followers without a ping, figure and tables."""
+    """Values for the report of a flight: followers without a ping, figure and tables."""
     names, used = flight.trajectory.names[1:], flight.scenario.navigation.transmitters
     silent, drawn, panels, tables = list[str](), set[Cause](), list[str](), list[Table]()
     width = FULL if len(names) == 1 else HALF

@@ -1,4 +1,4 @@
-"""A layout for Foxglove: what to draw of a log, and where on the screen, for the log's own vehicles."""
+"""A layout for Foxglove: panels and their topics, for the vehicles of a log."""
 
 from collections.abc import Iterable, Sequence
 from typing import Literal
@@ -10,27 +10,22 @@ LEADER, FOLLOWER, ESTIMATE = "#ffad33", "#fff240", "#ff40d9"
 
 
 def _scene(leader: str, followers: Sequence[str]) -> fl.ThreeDeePanel:
-    topics: dict[str, fl.BaseRendererTopicSettings] = {
-        topic: fl.BaseRendererSceneUpdateTopicSettings(visible=True)
-        for topic in ("/scene/vehicles", "/scene/acoustics")
-    }
-    for name in followers:
-        topics[f"/{name}/estimate"] = fl.BaseRendererPoseTopicSettings(visible=True, type="axis", axis_scale=1.5)
+    scenes = ("/scene/vehicles", "/scene/acoustics")
+    axis = fl.BaseRendererPoseTopicSettings(visible=True, type="axis", axis_scale=1.5)
+    shown = fl.BaseRendererSceneUpdateTopicSettings(visible=True)
+    topics: dict[str, fl.BaseRendererTopicSettings] = dict.fromkeys(scenes, shown)
+    topics |= {f"/{name}/estimate": axis for name in followers}
     grid = fl.BaseRendererGridLayerSettings(
         visible=True, label="Grid", size=1000, divisions=100, line_width=1, color="#ffffff22"
     )
-    config = fl.ThreeDeeConfig(
-        follow_tf=leader,
-        follow_mode="follow-position",
-        camera_state=fl.ThreeDeeCameraState(
-            perspective=True, distance=120, phi=55, theta_offset=45, fovy=45, near=0.1, far=5000
-        ),
-        scene=fl.BaseRendererSceneSettings(
-            background_color="#0b2a3a", transforms=fl.BaseRendererTransforms(show_label=False, axis_size=1)
-        ),
-        topics=topics,
-        layers={"grid": grid},
+    camera = fl.ThreeDeeCameraState(
+        perspective=True, distance=120, phi=55, theta_offset=45, fovy=45, near=0.1, far=5000
     )
+    transforms = fl.BaseRendererTransforms(show_label=False, axis_size=1)
+    config = fl.ThreeDeeConfig(
+        follow_tf=leader, follow_mode="follow-position", camera_state=camera, topics=topics, layers={"grid": grid},
+        scene=fl.BaseRendererSceneSettings(background_color="#0b2a3a", transforms=transforms),
+    )  # fmt: skip
     return fl.ThreeDeePanel(title="Scene", config=config)
 
 
@@ -59,11 +54,7 @@ def _split(direction: Literal["row", "column"], *parts: tuple[float, fl.Content]
 
 
 def layout(names: Sequence[str]) -> str:
-    """A layout to be imported into Foxglove, as JSON.
-
-    Args:
-        names: of the vehicles in the log, the leader first.
-    """
+    """A layout for Foxglove, as JSON, for vehicles of these names, the leader first."""
     leader, *followers = names
     ranges = [
         (f"/{name}/reception.range_{transmitter}", f"{name}, {transmitter}" if len(followers) > 1 else transmitter)

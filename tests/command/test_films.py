@@ -73,7 +73,7 @@ def test_a_study_with_a_design_of_its_own_runs_as_its_command_does(
     assert given[0] == given[1]
     refused = CliRunner().invoke(app, ["study", "asymmetry", "--set", "duration_s=3"])
     assert refused.exit_code != 0
-    assert "--set: no option of the study asymmetry" in refused.stderr
+    assert "--set: unknown option of the study asymmetry" in refused.stderr
     refused = CliRunner().invoke(app, ["study", "loss", "--quick"])
     assert "--quick: a study file names its runs" in refused.stderr
 

@@ -41,7 +41,7 @@ def test_ctrl_c_in_the_log_leaves_the_earlier_flight(flown: Path, tmp_path: Path
     folder = tmp_path / "stopped"
     shutil.copytree(flown / "first", folder)
     told = interrupted(folder, "unfinished/flight.mcap.partial", "--no-video")
-    assert f"the earlier flight in {folder} is as it was" in told
+    assert f"the earlier flight in {folder} is unchanged" in told
     left = files(folder)
     assert {name: left.pop(name) for name in files(flown / "first")} == files(flown / "first")
     assert all(name.startswith("unfinished/") for name in left)
@@ -53,7 +53,7 @@ def test_ctrl_c_in_the_film_leaves_the_earlier_flight_and_the_new_log(flown: Pat
     shutil.copytree(flown / "first", folder)
     told = interrupted(folder, "unfinished/flight.mcap", "--set", "duration_s=200")
     [log] = folder.glob("unfinished/*")
-    assert f"what there is of this flight is in {log.parent}; the earlier flight in {folder} is as it was" in told
+    assert f"the unfinished flight is in {log.parent}; the earlier flight in {folder} is unchanged" in told
     left = files(folder)
     assert reader.read(log).trajectory.time[-1] == 200
     assert left.pop(log.relative_to(folder).as_posix())

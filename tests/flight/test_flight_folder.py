@@ -67,7 +67,7 @@ def test_a_flight_that_fails_leaves_the_earlier_one_and_nothing_else(folder: Pat
         fly(folder, "new", (REPORT,), error)
     assert contents(folder) == before
     assert sorted(p.name for p in folder.iterdir()) == sorted(before)
-    assert raised.value.__notes__ == [f"nothing of this flight is kept; the earlier flight in {folder} is as it was"]
+    assert raised.value.__notes__ == [f"nothing of this flight is kept; the earlier flight in {folder} is unchanged"]
 
 
 @pytest.mark.parametrize("log", [LOG, partial_path(Path(LOG)).name])
@@ -78,7 +78,7 @@ def test_a_log_that_was_begun_is_kept_and_named(folder: Path, log: str) -> None:
     work = folder / UNFINISHED
     assert contents(folder) == before | {f"{work.name}/{log}": "new"}
     assert raised.value.__notes__ == [
-        f"what there is of this flight is in {work}; the earlier flight in {folder} is as it was"
+        f"the unfinished flight is in {work}; the earlier flight in {folder} is unchanged"
     ]
     fly(folder, "whole")
     assert contents(folder) == dict.fromkeys(FILES, "whole") | {"notes.txt": "mine"}
@@ -191,12 +191,12 @@ def test_a_file_that_no_flight_wrote_is_not_replaced(tmp_path: Path, name: str) 
 def test_a_folder_or_a_link_with_the_name_of_a_result_is_not_replaced(folder: Path, tmp_path: Path, name: str) -> None:
     (folder / name).rename(tmp_path / "target")
     (folder / name).mkdir()
-    with pytest.raises(LaisnError, match=rf"{name}: is a folder, .* move it, or choose another folder with --out"):
+    with pytest.raises(LaisnError, match=rf"{name}: expected a regular file, .* or choose another folder with --out"):
         require_safe(folder)
     (folder / name).rmdir()
     for target in ("target", "missing"):
         (folder / name).symlink_to(tmp_path / target)
-        with pytest.raises(LaisnError, match=rf"{name}: is no plain file"):
+        with pytest.raises(LaisnError, match=rf"{name}: expected a regular file"):
             require_safe(folder)
         (folder / name).unlink()
 
@@ -206,7 +206,7 @@ def test_a_scenario_is_not_replaced_by_its_own_flight(folder: Path, tmp_path: Pa
     link.hardlink_to(folder / SCENARIO)
     for source in (folder / SCENARIO, folder / ".." / folder.name / SCENARIO, link):
         require_safe(folder, source, lambda: "earlier")
-        with pytest.raises(LaisnError, match="is the scenario to be flown"):
+        with pytest.raises(LaisnError, match="is the scenario of this flight"):
             require_safe(folder, source, lambda: "a copy with every default written out")
 
 

@@ -161,8 +161,8 @@ def test_the_page_names_the_cause_of_the_asymmetry():
     assert middle == pytest.approx(0.0, abs=1e-9)
     assert set(shown) == {"foreshortening"}
     assert shown["foreshortening"][3] < 0.02 * expected
-    assert table.caption.endswith("Not at work here: travel time and motion, echo, sound speed, clock, random error, "
-                                  "depth measurement.")  # fmt: skip
+    assert table.caption.endswith("Without effect here: travel time and motion, echo, sound speed, clock, random "
+                                  "error, depth measurement.")  # fmt: skip
 
 
 def test_a_follower_that_hears_nothing_has_no_budget():
